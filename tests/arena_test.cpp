@@ -1,0 +1,201 @@
+#include "engine/arena.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <limits>
+#include <random>
+#include <vector>
+
+#include "error.h"
+
+namespace raymeld {
+namespace {
+
+using Requests = std::vector<ArenaRequest>;
+
+bool apart(const ArenaPlan& plan, const Requests& requests, size_t i, size_t j) {
+  const ArenaRequest &a = requests[i], &b = requests[j];
+  const bool apart_in_time = a.last_use < b.first_use || b.last_use < a.first_use;
+  const bool apart_in_space = plan.offset_bytes[i] + a.size_bytes <= plan.offset_bytes[j] ||
+                              plan.offset_bytes[j] + b.size_bytes <= plan.offset_bytes[i];
+  return a.size_bytes == 0 || b.size_bytes == 0 || apart_in_time || apart_in_space;
+}
+
+void expect_sound(const ArenaPlan& plan, const Requests& requests, uint64_t alignment_bytes) {
+  ASSERT_EQ(plan.offset_bytes.size(), requests.size());
+  for (size_t i = 0; i < requests.size(); ++i) {
+    EXPECT_EQ(plan.offset_bytes[i] % alignment_bytes, 0u) << "buffer " << i;
+    EXPECT_LE(plan.offset_bytes[i] + requests[i].size_bytes, plan.size_bytes) << "buffer " << i;
+    for (size_t j = 0; j < i; ++j)
+      EXPECT_TRUE(apart(plan, requests, i, j)) << "buffers " << j << " and " << i;
+  }
+  EXPECT_GE(plan.size_bytes, peak_live_bytes(requests, alignment_bytes));
+}
+
+int uniform(std::mt19937& random, int low, int high) {
+  return std::uniform_int_distribution<int>(low, high)(random);
+}
+
+Requests random_requests(std::mt19937& random) {
+  Requests requests(uniform(random, 0, 40));
+  const int dispatches = uniform(random, 1, 60), longest = uniform(random, 0, dispatches);
+  const int largest_bytes = uniform(random, 0, 3) == 0 ? 4 : 100000;
+  for (ArenaRequest& r : requests) {
+    r.first_use = uniform(random, 0, dispatches - 1);
+    r.last_use = r.first_use + uniform(random, 0, longest);
+    r.size_bytes = uniform(random, 0, largest_bytes);
+  }
+  return requests;
+}
+
+// The buffers of network.md's graph, one dispatch per convolution, LRHS of `pixels`, scale 2^steps.
+// A block's wide buffer holds its input and all that its dense convolutions append.
+Requests network_requests(uint64_t pixels, int steps, int groups, int blocks, int dense_layers,
+                          uint64_t features, uint64_t growth) {
+  Requests requests;
+  int now = 0;
+  const auto make = [&](uint64_t floats_per_pixel, int first_use) {
+    requests.push_back({pixels * floats_per_pixel * 4, first_use, first_use});
+    return requests.size() - 1;
+  };
+  const auto use = [&](size_t i) { requests[i].last_use = now; };
+  const size_t fusion_input = make(2 * features, now);  // F_LRHS is its first slice: the long skip
+  size_t x = make(features << (2 * steps), ++now);      // HRLS encoder
+  for (int i = 1; i <= steps; ++i) {
+    ++now;
+    use(x);
+    if (i == steps) break;  // the last deshuffle writes the second slice of fusion_input
+    x = make(features << (2 * (steps - i)), now);
+  }
+  const uint64_t wide = features + dense_layers * growth;
+  x = make(wide, ++now);
+  use(fusion_input);
+  for (int g = 0; g < groups; ++g) {
+    const size_t group_input = x;
+    for (int b = 0; b < blocks; ++b) {
+      now += dense_layers + 1;
+      const size_t merged = make(wide, now);
+      use(x);
+      x = merged;
+    }
+    use(group_input);
+  }
+  use(fusion_input);
+  for (int i = 1; i <= steps + 1; ++i) {
+    const size_t upscaled = make(i <= steps ? features << (2 * i) : uint64_t{3} << (2 * steps), ++now);
+    use(x);
+    x = upscaled;
+  }
+  return requests;
+}
+
+TEST(Arena, NothingNeedsNothing) {
+  const ArenaPlan plan = plan_arena({}, 256);
+  EXPECT_EQ(plan.size_bytes, 0u);
+  EXPECT_TRUE(plan.offset_bytes.empty());
+  EXPECT_EQ(peak_live_bytes({}, 256), 0u);
+}
+
+TEST(Arena, SingleIsRoundedUp) {
+  const Requests requests = {{1000, 3, 7}};
+  const ArenaPlan plan = plan_arena(requests, 256);
+  EXPECT_EQ(plan.offset_bytes[0], 0u);
+  EXPECT_EQ(plan.size_bytes, 1024u);
+  EXPECT_EQ(peak_live_bytes(requests, 256), 1024u);
+}
+
+TEST(Arena, ZeroSizeTakesNoRoom) {
+  const Requests requests = {{0, 0, 9}, {512, 0, 9}, {0, 4, 4}};
+  const ArenaPlan plan = plan_arena(requests, 256);
+  expect_sound(plan, requests, 256);
+  EXPECT_EQ(plan.size_bytes, 512u);
+}
+
+TEST(Arena, AllOverlappingAddUp) {
+  const Requests requests = {{100, 0, 5}, {200, 5, 9}, {300, 1, 8}, {1, 5, 5}};
+  const ArenaPlan plan = plan_arena(requests, 4);
+  expect_sound(plan, requests, 4);
+  EXPECT_EQ(plan.size_bytes, 100u + 200u + 300u + 4u);
+}
+
+TEST(Arena, DisjointShareOnePlace) {
+  const Requests requests = {{100, 0, 1}, {300, 2, 3}, {200, 4, 4}};
+  const ArenaPlan plan = plan_arena(requests, 4);
+  EXPECT_EQ(plan.size_bytes, 300u);
+  EXPECT_EQ(plan.offset_bytes, (std::vector<uint64_t>{0, 0, 0}));
+}
+
+// Written at the dispatch where another is read for the last time: they must not share.
+TEST(Arena, LifetimesAreInclusive) {
+  const Requests requests = {{64, 0, 1}, {64, 1, 2}};
+  EXPECT_EQ(plan_arena(requests, 64).size_bytes, 128u);
+}
+
+// Largest first alone would put 3 above 4 and need 13.
+TEST(Arena, ChainThatDefeatsLargestFirst) {
+  const Requests requests = {{6, 0, 1}, {4, 1, 2}, {3, 2, 3}, {5, 3, 4}};
+  const ArenaPlan plan = plan_arena(requests, 1);
+  expect_sound(plan, requests, 1);
+  EXPECT_EQ(plan.size_bytes, 10u);
+}
+
+TEST(Arena, RandomPlansAreSoundAndSmall) {
+  std::mt19937 random(20211);
+  double worst_factor = 1, sum_of_factors = 0;
+  const int cases = 4000;
+  for (int i = 0; i < cases; ++i) {
+    const Requests requests = random_requests(random);
+    const uint64_t alignment_bytes = std::vector<uint64_t>{1, 4, 48, 256}[uniform(random, 0, 3)];
+    const ArenaPlan plan = plan_arena(requests, alignment_bytes);
+    ASSERT_NO_FATAL_FAILURE(expect_sound(plan, requests, alignment_bytes)) << "case " << i;
+    ASSERT_FALSE(HasFailure()) << "case " << i;
+    const uint64_t peak_bytes = peak_live_bytes(requests, alignment_bytes);
+    const double factor = peak_bytes == 0 ? 1 : double(plan.size_bytes) / double(peak_bytes);
+    worst_factor = std::max(worst_factor, factor);
+    sum_of_factors += factor;
+  }
+  RecordProperty("worst_factor", std::to_string(worst_factor));
+  EXPECT_LE(worst_factor, 1.25);
+  EXPECT_LE(sum_of_factors / cases, 1.01);
+}
+
+TEST(Arena, RandomChainsReachTheBound) {
+  std::mt19937 random(7);
+  for (int i = 0; i < 2000; ++i) {
+    Requests requests(uniform(random, 1, 30));
+    for (size_t t = 0; t < requests.size(); ++t) {
+      requests[t] = {uint64_t(uniform(random, 1, 1000)), int(t), int(t) + 1};
+    }
+    const ArenaPlan plan = plan_arena(requests, 16);
+    expect_sound(plan, requests, 16);
+    ASSERT_EQ(plan.size_bytes, peak_live_bytes(requests, 16)) << "case " << i;
+  }
+}
+
+TEST(Arena, NetworksReachTheBound) {
+  for (int steps = 1; steps <= 3; ++steps) {
+    for (const int growth : {4, 16, 64}) {
+      for (const int groups : {1, 2, 3}) {
+        const Requests requests = network_requests(97 * 61, steps, groups, 5, 4, 64, growth);
+        const ArenaPlan plan = plan_arena(requests, 256);
+        expect_sound(plan, requests, 256);
+        EXPECT_EQ(plan.size_bytes, peak_live_bytes(requests, 256))
+            << "scale " << (1 << steps) << ", growth " << growth << ", groups " << groups;
+      }
+    }
+  }
+}
+
+TEST(Arena, RefusesWhatHasNoPlan) {
+  const uint64_t most = std::numeric_limits<uint64_t>::max();
+  EXPECT_THROW(plan_arena(Requests{{1, 0, 0}}, 0), Error);
+  EXPECT_THROW(plan_arena(Requests{{1, 2, 1}}, 4), Error);
+  EXPECT_THROW(plan_arena(Requests{{most, 0, 0}}, 256), Error);
+  EXPECT_THROW(plan_arena(Requests{{most / 2 + 1, 0, 0}, {most / 2 + 1, 0, 0}}, 1), Error);
+  EXPECT_THROW(peak_live_bytes(Requests{{most, 0, 0}, {1, 0, 0}}, 1), Error);
+  EXPECT_EQ(plan_arena(Requests{{most, 0, 0}}, 1).size_bytes, most);
+}
+
+}  // namespace
+}  // namespace raymeld
