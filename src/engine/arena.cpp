@@ -71,15 +71,15 @@ ArenaPlan plan_arena(std::span<const ArenaRequest> requests, uint64_t alignment_
   std::iota(order.begin(), order.end(), size_t{0});
   std::stable_sort(order.begin(), order.end(),
                    [&](size_t a, size_t b) { return all[a].size_bytes > all[b].size_bytes; });
-  ArenaPlan best{{}, kMax};
+  ArenaPlan best = place(all, order), plan = best;
   for (int round = 0; round < kRounds && best.size_bytes > peak_bytes; ++round) {
-    ArenaPlan plan = place(all, order);
     const auto sticks_out = [&](size_t i) {
       return all[i].size_bytes > 0 && plan.offset_bytes[i] + all[i].size_bytes == plan.size_bytes;
     };
     const auto squeaky = std::find_if(order.begin(), order.end(), sticks_out);
-    if (squeaky != order.end()) std::rotate(order.begin(), squeaky, squeaky + 1);
-    if (plan.size_bytes < best.size_bytes || round == 0) best = std::move(plan);
+    std::rotate(order.begin(), squeaky, squeaky + 1);
+    plan = place(all, order);
+    if (plan.size_bytes < best.size_bytes) best = plan;
   }
   return best;
 }
