@@ -1,0 +1,15 @@
+#pragma once
+
+#include <span>
+#include <string>
+
+#include "io/exr.h"
+#include "io/layer_map.h"
+
+namespace raymeld {
+
+// (3 * wanted.size(), H, W), the layers in the order of `wanted`, values as they stand in the file (NaN and
+// Inf included; see sanitize()). Throws Error as require_layers() and ExrFile::read() do.
+Image load_layers(ExrFile& file, const LayerMap& map, std::span<const std::string> wanted);
+
+}  // namespace raymeld

@@ -1,0 +1,35 @@
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raymeld {
+
+enum class TensorType { kF32, kF16 };
+
+struct TensorData {
+  TensorType type = TensorType::kF32;  // as stored
+  std::vector<size_t> shape;
+  std::vector<float> values;  // row-major, widened to 32 bits
+};
+
+struct SafeTensors {
+  std::map<std::string, std::string> metadata;
+  std::map<std::string, TensorData> tensors;
+};
+
+// Checks every length, offset, type and name before use: the tensors must fill the data section without gap
+// or overlap. Throws Error naming `name` (the file) and the tensor. Format:
+// https://huggingface.co/docs/safetensors
+SafeTensors parse_safetensors(std::string_view bytes, const std::string& name);
+
+SafeTensors read_safetensors(const std::filesystem::path& path);
+
+// Whole or not at all; values are rounded to the tensor's type. Throws Error.
+void write_safetensors(const std::filesystem::path& path, const SafeTensors& content);
+
+}  // namespace raymeld

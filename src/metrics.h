@@ -1,0 +1,26 @@
+#pragma once
+
+#include "io/image.h"
+
+namespace raymeld {
+
+// All three compare two (3, H, W) scene-linear images; they throw Error when a size differs. Hou et al. 2021.
+
+// In dB with peak 1, both images in sRGB by Eq. 3 (the BCR convention); +Inf for equal images.
+double psnr_srgb(const Image& image, const Image& reference);
+
+// In dB with peak 1, both images clamped to [0, 1] by Eq. 12 (the Gharbi convention); +Inf for equal images.
+double psnr_clamp(const Image& image, const Image& reference);
+
+// Eq. 11: lambda1 (image - reference)^2 / (reference^2 + lambda2).
+struct RelMseLambdas {
+  double lambda1;
+  double lambda2;
+};
+inline constexpr RelMseLambdas kRelMseBcr = {0.5, 0.01};
+inline constexpr RelMseLambdas kRelMseGharbi = {1.0, 1e-4};
+
+// The mean of Eq. 11 over all pixels and channels.
+double relmse(const Image& image, const Image& reference, RelMseLambdas lambdas = kRelMseBcr);
+
+}  // namespace raymeld
