@@ -1,0 +1,107 @@
+#include "bounds.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cfloat>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <stdexcept>
+#include <utility>
+
+namespace raymeld::reference {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kFirstHalfOverflow = 65520;  // halfway from the largest half, 65504, to 2^16
+
+double ratio_of(double actual, double expected, double bound) {
+  if (actual == expected || (std::isnan(actual) && std::isnan(expected))) return 0;
+  const double ratio = std::abs(actual - expected) / bound;
+  return std::isfinite(bound) && !std::isnan(ratio) ? ratio : kInfinity;
+}
+
+// Keeps the largest ratio of each test and layer.
+void record(std::string_view layer, double ratio) {
+  static std::map<std::pair<const testing::TestInfo*, std::string>, double> largest;
+  double& kept = largest[{testing::UnitTest::GetInstance()->current_test_info(), std::string(layer)}];
+  kept = std::max(kept, ratio);
+  testing::Test::RecordProperty(fmt::format("worst_ratio_{}", layer), fmt::format("{:.3g}", kept));
+}
+
+}  // namespace
+
+Planes::Planes(int c, int h, int w, std::vector<double> values) : c(c), h(h), w(w), data(std::move(values)) {
+  if (data.size() != size_t(c) * h * w) {
+    throw std::invalid_argument(fmt::format("{} values for {} x {} x {} planes", data.size(), c, h, w));
+  }
+}
+
+double round_to_half(double value) {
+  if (value == 0 || !std::isfinite(value)) return value;
+  if (std::abs(value) >= kFirstHalfOverflow) return std::copysign(kInfinity, value);
+  const int exponent = std::max(std::ilogb(value), -14);  // all subnormals share the smallest normals' step
+  const double step = std::ldexp(1.0, exponent - 10);
+  return std::nearbyint(value / step) * step;
+}
+
+double round_to(double value, Precision precision) {
+  return precision == Precision::kFp16 ? round_to_half(value) : double(float(value));
+}
+
+Planes round_to(Planes planes, Precision precision) {
+  for (double& v : planes.data) v = round_to(v, precision);
+  return planes;
+}
+
+Bounded exact(Planes value) {
+  Planes bound(value.c, value.h, value.w);
+  return {std::move(value), std::move(bound)};
+}
+
+double gamma(int roundings) { return roundings * kUnit / (1 - roundings * kUnit); }
+
+double stored_bound(double value, double bound, Precision precision) {
+  const double reach = std::abs(value) + bound;
+  if (reach == 0) return 0;
+  if (precision == Precision::kFp32) return reach <= FLT_MAX ? bound : kInfinity;
+  return reach < kFirstHalfOverflow ? bound + kHalfUnit * reach + 0x1p-24 : kInfinity;
+}
+
+Worst worst(const Planes& actual, const Bounded& expected) {
+  const Planes& value = expected.value;
+  if (actual.c != value.c || actual.h != value.h || actual.w != value.w) {
+    throw std::invalid_argument(fmt::format("comparing {} x {} x {} planes with expected {} x {} x {}",
+                                            actual.c, actual.h, actual.w, value.c, value.h, value.w));
+  }
+  Worst result;
+  for (int c = 0; c < value.c; ++c) {
+    for (int y = 0; y < value.h; ++y) {
+      for (int x = 0; x < value.w; ++x) {
+        const double bound = expected.bound.at(c, y, x);
+        const double ratio = ratio_of(actual.at(c, y, x), value.at(c, y, x), bound);
+        result.failures += ratio > 1;
+        if (ratio > result.ratio) {
+          result = {ratio, c, y, x, actual.at(c, y, x), value.at(c, y, x), bound, result.failures};
+        }
+      }
+    }
+  }
+  return result;
+}
+
+testing::AssertionResult within_bounds(std::string_view layer, const Planes& actual,
+                                       const Bounded& expected) {
+  const Worst at = worst(actual, expected);
+  const bool passed = at.ratio <= 1;
+  testing::AssertionResult result = passed ? testing::AssertionSuccess() : testing::AssertionFailure();
+  record(layer, at.ratio);
+  return result << fmt::format(
+             "{} ({} x {} x {}): worst error / bound {:.3g} at c {}, y {}, x {}: {:.9g}, expected {:.9g} "
+             "within {:.3g}; {} of {} values are outside",
+             layer, actual.c, actual.h, actual.w, at.ratio, at.c, at.y, at.x, at.actual, at.expected,
+             at.bound, at.failures, actual.data.size());
+}
+
+}  // namespace raymeld::reference

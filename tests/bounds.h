@@ -1,0 +1,61 @@
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raymeld::reference {
+
+// (c, h, w), planar: rows from top to bottom within a plane.
+struct Planes {
+  int c = 0, h = 0, w = 0;
+  std::vector<double> data;
+
+  Planes() = default;
+  Planes(int c, int h, int w) : c(c), h(h), w(w), data(size_t(c) * h * w, 0.0) {}
+  Planes(int c, int h, int w, std::vector<double> values);  // throws std::invalid_argument on a wrong count
+  size_t index(int ci, int y, int x) const { return (size_t(ci) * h + y) * w + x; }
+  double& at(int ci, int y, int x) { return data[index(ci, y, x)]; }
+  double at(int ci, int y, int x) const { return data[index(ci, y, x)]; }
+};
+
+// What a device stores between layers; it accumulates in fp32 either way.
+enum class Precision { kFp32, kFp16 };
+
+// To nearest, ties to even, subnormals kept; from 65520 on +-Inf.
+double round_to_half(double value);
+double round_to(double value, Precision precision);
+Planes round_to(Planes planes, Precision precision);
+
+// A right device's value lies in value +- bound; an infinite bound says that it may overflow.
+struct Bounded {
+  Planes value;
+  Planes bound;
+};
+Bounded exact(Planes value);
+
+inline constexpr double kUnit = 0x1p-24;      // u: relative error of one rounding to fp32
+inline constexpr double kHalfUnit = 0x1p-11;  // h: of one to fp16
+inline constexpr double kFlush = 0x1p-126;    // what flushing one subnormal fp32 result loses
+double gamma(int roundings);                  // n u / (1 - n u)
+
+// The bound after storing a value that has `bound` already: fp16 adds h |y| + 2^-24.
+double stored_bound(double value, double bound, Precision precision);
+
+// The place where error / bound is largest. The ratio is infinite where a value is off although none may be,
+// or where the bound is; equal infinities and a NaN where one is expected are no error.
+struct Worst {
+  double ratio = 0;
+  int c = 0, y = 0, x = 0;
+  double actual = 0, expected = 0, bound = 0;
+  size_t failures = 0;  // values with a ratio above 1
+};
+Worst worst(const Planes& actual, const Bounded& expected);
+
+// For EXPECT_TRUE; both outcomes name the worst place, and the test's XML records the largest ratio of each
+// layer.
+testing::AssertionResult within_bounds(std::string_view layer, const Planes& actual, const Bounded& expected);
+
+}  // namespace raymeld::reference

@@ -1,0 +1,218 @@
+#include "reference.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+namespace raymeld::reference {
+namespace {
+
+constexpr double kUlp = 2 * kUnit;  // one fp32 ULP is at most this, relative
+
+struct Sum {
+  double value, magnitude, input_error;  // sum wx + b, S = sum |w||x| + |b|, sum |w| bound(x)
+};
+
+Sum convolve_at(const Bounded& x, const Conv& conv, int o, int row, int column) {
+  const int pad = conv.kernel / 2;
+  Sum sum{conv.bias[o], std::abs(conv.bias[o]), 0};
+  for (int i = 0; i < conv.in; ++i) {
+    for (int ky = 0; ky < conv.kernel; ++ky) {
+      for (int kx = 0; kx < conv.kernel; ++kx) {
+        const int y = row + ky - pad, x_ = column + kx - pad;
+        if (y < 0 || y >= x.value.h || x_ < 0 || x_ >= x.value.w) continue;
+        const double w = conv.at(o, i, ky, kx), v = x.value.at(i, y, x_), e = x.bound.at(i, y, x_);
+        sum.value += w * v;
+        sum.magnitude += std::abs(w) * (std::abs(v) + e);
+        sum.input_error += std::abs(w) * e;
+      }
+    }
+  }
+  return sum;
+}
+
+void relu_in_place(double& value, double& bound) {
+  bound = value + bound <= 0 ? 0 : value < 0 ? value + bound : bound;
+  if (value < 0) value = 0;
+}
+
+double added_bound(double a, double a_bound, double b, double b_bound) {
+  const double bound = a_bound + b_bound;
+  return bound + kUnit * (std::abs(a + b) + bound);
+}
+
+void expect(bool condition, const char* what) {
+  if (!condition) throw std::invalid_argument(what);
+}
+
+void expect_same_shape(const Planes& a, const Planes& b) {
+  expect(a.c == b.c && a.h == b.h && a.w == b.w, "reference: shapes differ");
+}
+
+}  // namespace
+
+Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precision, const Bounded* residual) {
+  expect(conv.kernel == 1 || conv.kernel == 3, "conv2d: the kernel is neither 1 nor 3");
+  expect(conv.in == x.value.c, "conv2d: the input has another number of channels");
+  expect(conv.weight.size() == size_t(conv.out) * conv.in * conv.kernel * conv.kernel, "conv2d: weights");
+  expect(conv.bias.size() == size_t(conv.out), "conv2d: bias");
+  const int n = conv.in * conv.kernel * conv.kernel + 1;
+  Bounded result = exact(Planes(conv.out, x.value.h, x.value.w));
+  if (residual) expect_same_shape(residual->value, result.value);
+  for (int o = 0; o < conv.out; ++o) {
+    for (int y = 0; y < x.value.h; ++y) {
+      for (int column = 0; column < x.value.w; ++column) {
+        const Sum sum = convolve_at(x, conv, o, y, column);
+        double value = sum.value, bound = sum.input_error + gamma(n) * sum.magnitude + n * kFlush;
+        if (relu) relu_in_place(value, bound);
+        if (residual) {
+          const double r = residual->value.at(o, y, column);
+          bound = added_bound(value, bound, r, residual->bound.at(o, y, column));
+          value += r;
+        }
+        result.value.at(o, y, column) = value;
+        result.bound.at(o, y, column) = stored_bound(value, bound, precision);
+      }
+    }
+  }
+  return result;
+}
+
+Bounded add(const Bounded& a, const Bounded& b, Precision precision) {
+  expect_same_shape(a.value, b.value);
+  Bounded result = a;
+  for (size_t i = 0; i < a.value.data.size(); ++i) {
+    double &value = result.value.data[i], &bound = result.bound.data[i];
+    bound = added_bound(value, bound, b.value.data[i], b.bound.data[i]);
+    value += b.value.data[i];
+    bound = stored_bound(value, bound, precision);
+  }
+  return result;
+}
+
+Bounded concat(const Bounded& a, const Bounded& b) {
+  expect(a.value.h == b.value.h && a.value.w == b.value.w, "concat: sizes differ");
+  const auto join = [](Planes x, const Planes& y) {
+    x.c += y.c;
+    x.data.insert(x.data.end(), y.data.begin(), y.data.end());
+    return x;
+  };
+  return {join(a.value, b.value), join(a.bound, b.bound)};
+}
+
+Bounded space_to_depth(const Bounded& x) {
+  expect(x.value.h % 2 == 0 && x.value.w % 2 == 0, "space_to_depth: odd size");
+  const auto move = [](const Planes& from) {
+    Planes to(from.c * 4, from.h / 2, from.w / 2);
+    for (int c = 0; c < from.c; ++c) {
+      for (int y = 0; y < from.h; ++y) {
+        for (int x = 0; x < from.w; ++x) to.at(c * 4 + 2 * (y % 2) + x % 2, y / 2, x / 2) = from.at(c, y, x);
+      }
+    }
+    return to;
+  };
+  return {move(x.value), move(x.bound)};
+}
+
+Bounded pixel_shuffle(const Bounded& x) {
+  expect(x.value.c % 4 == 0, "pixel_shuffle: the channels are no multiple of 4");
+  const auto move = [](const Planes& from) {
+    Planes to(from.c / 4, from.h * 2, from.w * 2);
+    for (int c = 0; c < to.c; ++c) {
+      for (int y = 0; y < to.h; ++y) {
+        for (int x = 0; x < to.w; ++x) to.at(c, y, x) = from.at(c * 4 + 2 * (y % 2) + x % 2, y / 2, x / 2);
+      }
+    }
+    return to;
+  };
+  return {move(x.value), move(x.bound)};
+}
+
+// The device's log is within 3 ULP, or 2^-21 absolute in [0.5, 2] (Vulkan 1.3, "Precision and Operation of
+// SPIR-V Instructions"); 1 + 8x rounds once and is at least 1; the division takes 2.5 ULP.
+Bounded encode(const Planes& image, LayerKind kind, Transfer transfer, double clip, Precision precision) {
+  const double low = kind == LayerKind::kNormal ? -1 : 0, high = kind == LayerKind::kRadiance ? clip : 1;
+  Bounded result = exact(image);
+  for (size_t i = 0; i < image.data.size(); ++i) {
+    double &value = result.value.data[i], &bound = result.bound.data[i];
+    value = std::isnan(value) ? 0 : std::clamp(value, low, high);
+    if (kind == LayerKind::kRadiance && transfer == Transfer::kLog) {
+      const double log = std::log1p(8 * value);
+      const double log_bound = gamma(1) + std::max(3 * kUlp * log, 0x1p-21);
+      value = log / 3;
+      bound = log_bound / 3 + 2.5 * kUlp * (value + log_bound);
+    }
+    bound = stored_bound(value, bound, precision);
+  }
+  return result;
+}
+
+// Factors are multiples of 1 / 2s and exact. Each of three interpolations rounds at most three times, on
+// values that no neighbour exceeds.
+Bounded bilinear(const Bounded& x, int scale, double phase) {
+  const int h = x.value.h, w = x.value.w;
+  Bounded result = exact(Planes(x.value.c, h * scale, w * scale));
+  for (int c = 0; c < x.value.c; ++c) {
+    for (int out_y = 0; out_y < h * scale; ++out_y) {
+      for (int out_x = 0; out_x < w * scale; ++out_x) {
+        const double v = std::clamp((out_y - phase) / scale, 0.0, h - 1.0);
+        const double u = std::clamp((out_x - phase) / scale, 0.0, w - 1.0);
+        const int y0 = int(v), x0 = int(u);
+        double value = 0, bound = 0, largest = 0;
+        for (const int dy : {0, 1}) {
+          for (const int dx : {0, 1}) {
+            const double factor = (dy ? v - y0 : 1 - (v - y0)) * (dx ? u - x0 : 1 - (u - x0));
+            const int y = std::min(y0 + dy, h - 1), xx = std::min(x0 + dx, w - 1);
+            value += factor * x.value.at(c, y, xx);
+            bound += factor * x.bound.at(c, y, xx);
+            largest = std::max(largest, std::abs(x.value.at(c, y, xx)) + x.bound.at(c, y, xx));
+          }
+        }
+        result.value.at(c, out_y, out_x) = value;
+        result.bound.at(c, out_y, out_x) = bound + gamma(9) * largest;
+      }
+    }
+  }
+  return result;
+}
+
+namespace {
+
+constexpr double kLargestOutput = 65504;
+
+// Beyond this exponent the output is clamped whatever the roundings; exp stays finite in fp32.
+constexpr double kLargestExponent = 80;
+
+// (exp(3y) - 1) / 8 clamped, with every rounding pushed up (direction 1), down (-1) or left out (0). The
+// device's exp(x) is within 3 + 2|x| ULP (source as for log).
+double decode_log(double y, int direction) {
+  const double x = std::min(3 * y + direction * kUnit * std::abs(3 * y), kLargestExponent);
+  const double e = std::exp(x) * std::max(0.0, 1 + direction * (3 + 2 * std::abs(x)) * kUlp);
+  const double minus_1 =
+      direction == 0 ? std::expm1(x) : e - 1 + direction * (kUnit * std::abs(e - 1) + kFlush);
+  return std::clamp(minus_1 / 8, 0.0, kLargestOutput);
+}
+
+}  // namespace
+
+Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Precision precision) {
+  Bounded result = rec;
+  if (base) expect_same_shape(base->value, rec.value);
+  for (size_t i = 0; i < rec.value.data.size(); ++i) {
+    double &value = result.value.data[i], &bound = result.bound.data[i];
+    if (base) {
+      bound = added_bound(value, bound, base->value.data[i], base->bound.data[i]);
+      value += base->value.data[i];
+    }
+    if (!std::isfinite(bound)) continue;
+    const auto curve = [&](double y, int direction) {
+      return transfer == Transfer::kLog ? decode_log(y, direction) : std::clamp(y, 0.0, kLargestOutput);
+    };
+    const double low = curve(value - bound, -1), high = curve(value + bound, 1);
+    value = curve(value, 0);
+    bound = stored_bound(value, std::max(high - value, value - low), precision);
+  }
+  return result;
+}
+
+}  // namespace raymeld::reference

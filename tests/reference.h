@@ -1,0 +1,71 @@
+#pragma once
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include "bounds.h"
+
+// The scalar truth: every layer as its equation, in double, with the bound that any right device keeps
+// (fp32 accumulation in any order, fp32 or fp16 storage). Shares nothing with the engine. Weights and input
+// images are what the device reads: the caller rounds them to the storage type (round_to).
+namespace raymeld::reference {
+
+// A convolution's weights [out][in][kernel][kernel] and bias [out]; the kernel is 1 or 3.
+struct Conv {
+  int out = 0, in = 0, kernel = 0;
+  std::vector<double> weight, bias;
+
+  double at(int o, int i, int ky, int kx) const {
+    return weight[((size_t(o) * in + i) * kernel + ky) * kernel + kx];
+  }
+};
+
+// (in, h, w) -> (out, h, w), stride 1, zero padding: sum + bias, then ReLU if asked, then + residual.
+// ReLU turns what is below 0 into 0 and keeps NaN.
+Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precision,
+               const Bounded* residual = nullptr);
+
+Bounded add(const Bounded& a, const Bounded& b, Precision precision);
+Bounded concat(const Bounded& a, const Bounded& b);  // along c
+
+// (c, 2h, 2w) -> (4c, h, w) and back: channel c*4 + 2*dy + dx, as PyTorch's pixel_unshuffle and
+// pixel_shuffle.
+Bounded space_to_depth(const Bounded& x);
+Bounded pixel_shuffle(const Bounded& x);
+
+enum class LayerKind { kRadiance, kAlbedo, kNormal };
+enum class Transfer { kLinear, kLog };
+
+// One image layer as the network reads it: NaN -> 0; radiance clamped to [0, clip] and transferred
+// (linear x, log ln(1 + 8x) / 3), albedo clamped to [0, 1], normal to [-1, 1].
+Bounded encode(const Planes& image, LayerKind kind, Transfer transfer, double clip, Precision precision);
+
+// (c, h, w) -> (c, s*h, s*w): output X reads u = (X - phase) / s clamped to [0, w - 1], likewise y. Unstored.
+Bounded bilinear(const Bounded& x, int scale, double phase);
+
+// y = rec (+ base), then linear y or log (exp(3y) - 1) / 8, clamped to [0, 65504]. base may be null.
+Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Precision precision);
+
+// What the model file's metadata says.
+struct Architecture {
+  int scale = 0, features = 0, growth = 0, dense_layers = 0, blocks = 0, groups = 0;
+  std::vector<LayerKind> hrls_layers;  // 3 channels each, in the order of the HRLS input
+  bool long_skip_fused = false, merge_relu = false, bilinear_base = false;
+  Transfer transfer = Transfer::kLinear;
+  double clip = 0;
+};
+
+using Weights = std::map<std::string, Conv>;  // by the layer's name: "groups.0.blocks.1.merge"
+using Outputs =
+    std::map<std::string, Bounded>;  // by the same, and input.lrhs, input.hrls, groups.0, trunk, output
+
+// Every layer's output. lrhs (3, h, w) and hrls (3 * layers, s*h, s*w) are raw images; `up.i` is after the
+// shuffle, `merge` with the block's input added, `groups.g` with the group's; `output` (3, s*h, s*w) is fp32.
+// Layers named in `given` are computed and then replaced by the given values as exact: with a device's own
+// outputs each layer is checked against what the device itself fed it, and bounds do not pile up.
+Outputs network(const Architecture& architecture, const Weights& weights, const Planes& lrhs,
+                const Planes& hrls, double phase, Precision precision,
+                const std::map<std::string, Planes>& given = {});
+
+}  // namespace raymeld::reference

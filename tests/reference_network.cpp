@@ -1,0 +1,100 @@
+#include <bit>
+#include <stdexcept>
+
+#include "reference.h"
+
+namespace raymeld::reference {
+namespace {
+
+class Run {
+ public:
+  Run(const Weights& weights, Precision precision, const std::map<std::string, Planes>& given)
+      : weights_(weights), precision_(precision), given_(given) {}
+
+  Bounded keep(const std::string& name, Bounded output) {
+    const auto replacement = given_.find(name);
+    Bounded next = replacement == given_.end() ? output : exact(replacement->second);
+    outputs_.insert_or_assign(name, std::move(output));
+    return next;
+  }
+
+  Bounded conv(const std::string& name, const Bounded& x, bool relu = true,
+               const Bounded* residual = nullptr) {
+    return keep(name, conv2d(x, weights(name), relu, precision_, residual));
+  }
+
+  Bounded conv_and_shuffle(const std::string& name, const Bounded& x) {
+    return keep(name, pixel_shuffle(conv2d(x, weights(name), true, precision_)));
+  }
+
+  Bounded add(const std::string& name, const Bounded& a, const Bounded& b) {
+    return keep(name, reference::add(a, b, precision_));
+  }
+
+  Outputs take() { return std::move(outputs_); }
+
+ private:
+  const Conv& weights(const std::string& name) const {
+    const auto found = weights_.find(name);
+    if (found == weights_.end()) throw std::invalid_argument("reference: no weights for " + name);
+    return found->second;
+  }
+
+  const Weights& weights_;
+  const Precision precision_;
+  const std::map<std::string, Planes>& given_;
+  Outputs outputs_;
+};
+
+Bounded encode_all(const Architecture& a, const Planes& hrls, Precision precision) {
+  if (hrls.c != 3 * int(a.hrls_layers.size())) throw std::invalid_argument("reference: HRLS channels");
+  Bounded result;
+  for (size_t i = 0; i < a.hrls_layers.size(); ++i) {
+    const auto first = hrls.data.begin() + hrls.index(3 * int(i), 0, 0);
+    const Planes layer(3, hrls.h, hrls.w, {first, first + 3 * size_t(hrls.h) * hrls.w});
+    const Bounded encoded = encode(layer, a.hrls_layers[i], a.transfer, a.clip, precision);
+    result = i == 0 ? encoded : concat(result, encoded);
+  }
+  return result;
+}
+
+Bounded block(Run& run, const Architecture& a, const std::string& name, const Bounded& input) {
+  Bounded wide = input;
+  for (int d = 0; d < a.dense_layers; ++d) {
+    wide = concat(wide, run.conv(name + ".dense." + std::to_string(d), wide));
+  }
+  return run.conv(name + ".merge", wide, a.merge_relu, &input);
+}
+
+Bounded trunk(Run& run, const Architecture& a, const Bounded& fused, const Bounded& long_skip) {
+  Bounded x = fused;
+  for (int g = 0; g < a.groups; ++g) {
+    const Bounded group_input = x;
+    const std::string name = "groups." + std::to_string(g);
+    for (int b = 0; b < a.blocks; ++b) x = block(run, a, name + ".blocks." + std::to_string(b), x);
+    x = run.add(name, x, group_input);
+  }
+  return run.add("trunk", x, long_skip);
+}
+
+}  // namespace
+
+Outputs network(const Architecture& a, const Weights& weights, const Planes& lrhs, const Planes& hrls,
+                double phase, Precision precision, const std::map<std::string, Planes>& given) {
+  const int steps = std::countr_zero(unsigned(a.scale));
+  Run run(weights, precision, given);
+  const Bounded low =
+      run.keep("input.lrhs", encode(lrhs, LayerKind::kRadiance, a.transfer, a.clip, precision));
+  const Bounded f_lrhs = run.conv("lrhs", low);
+  Bounded x = run.conv("hrls", run.keep("input.hrls", encode_all(a, hrls, precision)));
+  for (int i = 0; i < steps; ++i) x = run.conv("down." + std::to_string(i), space_to_depth(x));
+  const Bounded fused = run.conv("fuse", concat(f_lrhs, x));
+  x = trunk(run, a, fused, a.long_skip_fused ? fused : f_lrhs);
+  for (int i = 0; i < steps; ++i) x = run.conv_and_shuffle("up." + std::to_string(i), x);
+  const Bounded rec = run.conv("rec", x, false);
+  const Bounded base = bilinear(low, a.scale, phase);
+  run.keep("output", decode(rec, a.bilinear_base ? &base : nullptr, a.transfer, Precision::kFp32));
+  return run.take();
+}
+
+}  // namespace raymeld::reference

@@ -1,0 +1,136 @@
+#include "support.h"
+
+#include <fmt/format.h>
+
+#include <bit>
+#include <cerrno>
+#include <cfloat>
+#include <cmath>
+#include <cstdlib>
+#include <fstream>
+#include <iterator>
+#include <limits>
+#include <random>
+#include <stdexcept>
+#include <system_error>
+
+namespace raymeld::test {
+namespace {
+
+using reference::Architecture;
+using reference::Conv;
+using reference::Planes;
+using reference::Precision;
+
+// The standard distributions differ between libraries; the engine does not.
+double uniform(std::mt19937_64& random) { return double(random() >> 11) * 0x1p-53; }
+
+float draw(std::mt19937_64& random, Fill fill) {
+  const double u = uniform(random);
+  if (fill == Fill::kIntegers) return float(std::floor(u * 5) - 2);
+  if (fill == Fill::kSpecials && uniform(random) < 0.5)
+    return special_values()[size_t(u * special_values().size())];
+  return float(2 * u - 1);
+}
+
+}  // namespace
+
+const std::vector<float>& special_values() {
+  constexpr float kInf = std::numeric_limits<float>::infinity(),
+                  kNaN = std::numeric_limits<float>::quiet_NaN();
+  static const std::vector<float> values = {
+      0.0f,        -0.0f,    FLT_TRUE_MIN, -1e-40f,  FLT_MIN, 0x1p-25f, 0x1p-24f,
+      -0x1.8p-15f, 65504.0f, -65504.0f,    65519.0f, 65520.f, 6e4f,     1e8f,
+      -1e8f,       1e30f,    FLT_MAX,      -FLT_MAX, kInf,    -kInf,    kNaN};
+  return values;
+}
+
+Planes random_planes(int c, int h, int w, Fill fill, uint64_t seed) {
+  std::mt19937_64 random(seed);
+  Planes result(c, h, w);
+  for (double& v : result.data) v = draw(random, fill);
+  return result;
+}
+
+Conv random_conv(int out, int in, int kernel, Fill fill, uint64_t seed) {
+  std::mt19937_64 random(seed);
+  const size_t fan_in = size_t(in) * kernel * kernel;
+  const double scale = fill == Fill::kUniform ? std::sqrt(3.0 / double(fan_in)) : 1;
+  Conv conv{out, in, kernel, std::vector<double>(out * fan_in), std::vector<double>(out)};
+  for (double& v : conv.weight) v = float(scale * draw(random, fill));
+  for (double& v : conv.bias) v = draw(random, fill);
+  return conv;
+}
+
+Conv round_to(Conv conv, Precision precision) {
+  for (double& v : conv.weight) v = reference::round_to(v, precision);
+  for (double& v : conv.bias) v = reference::round_to(v, precision);
+  return conv;
+}
+
+reference::Weights random_weights(const Architecture& a, Precision precision, uint64_t seed) {
+  reference::Weights weights;
+  const auto make = [&](const std::string& name, int out, int in, int kernel) {
+    weights[name] = round_to(random_conv(out, in, kernel, Fill::kUniform, seed + weights.size()), precision);
+  };
+  const int features = a.features, steps = std::countr_zero(unsigned(a.scale));
+  make("lrhs", features, 3, 3);
+  make("hrls", features, 3 * int(a.hrls_layers.size()), 3);
+  for (int i = 0; i < steps; ++i) make(fmt::format("down.{}", i), features, 4 * features, 3);
+  make("fuse", features, 2 * features, 1);
+  for (int g = 0; g < a.groups; ++g) {
+    for (int b = 0; b < a.blocks; ++b) {
+      const std::string block = fmt::format("groups.{}.blocks.{}", g, b);
+      for (int d = 0; d < a.dense_layers; ++d) {
+        make(fmt::format("{}.dense.{}", block, d), a.growth, features + d * a.growth, 3);
+      }
+      make(block + ".merge", features, features + a.dense_layers * a.growth, 1);
+    }
+  }
+  for (int i = 0; i < steps; ++i) make(fmt::format("up.{}", i), 4 * features, features, 3);
+  make("rec", 3, features, 3);
+  return weights;
+}
+
+const std::vector<Size>& awkward_sizes() {
+  static const std::vector<Size> sizes = {{1, 1},  {1, 2},  {1, 19}, {23, 1},  {2, 3},   {7, 8},
+                                          {8, 8},  {9, 7},  {15, 9}, {16, 16}, {17, 15}, {13, 33},
+                                          {31, 6}, {5, 64}, {3, 65}, {40, 24}};
+  return sizes;
+}
+
+std::vector<float> floats(const Planes& planes) { return {planes.data.begin(), planes.data.end()}; }
+
+Planes planes(int c, int h, int w, std::span<const float> values) {
+  return {c, h, w, {values.begin(), values.end()}};
+}
+
+TemporaryDirectory::TemporaryDirectory() {
+  std::string name = (std::filesystem::temp_directory_path() / "raymeld-test-XXXXXX").string();
+  if (!mkdtemp(name.data())) throw std::system_error(errno, std::generic_category(), name);
+  path_ = name;
+}
+
+TemporaryDirectory::~TemporaryDirectory() {
+  std::error_code ignored;
+  std::filesystem::remove_all(path_, ignored);
+}
+
+std::string read_file(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::string content{std::istreambuf_iterator<char>(file), {}};
+  if (!file.good() && !file.eof()) throw std::runtime_error("cannot read " + path.string());
+  return content;
+}
+
+void write_file(const std::filesystem::path& path, std::string_view content) {
+  std::ofstream file(path, std::ios::binary);
+  file << content << std::flush;
+  if (!file) throw std::runtime_error("cannot write " + path.string());
+}
+
+std::filesystem::path source_path(const std::filesystem::path& relative) {
+  return std::filesystem::path(RAYMELD_SOURCE_DIR) / relative;
+}
+
+}  // namespace raymeld::test
