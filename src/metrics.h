@@ -4,7 +4,7 @@
 
 namespace raymeld {
 
-// All three compare two (3, H, W) scene-linear images; they throw Error when a size differs. Hou et al. 2021.
+// All compare two (3, H, W) scene-linear images; they throw Error when a size differs. Hou et al. 2021.
 
 // In dB with peak 1, both images in sRGB by Eq. 3 (the BCR convention); +Inf for equal images.
 double psnr_srgb(const Image& image, const Image& reference);
@@ -22,5 +22,8 @@ inline constexpr RelMseLambdas kRelMseGharbi = {1.0, 1e-4};
 
 // The mean of Eq. 11 over all pixels and channels.
 double relmse(const Image& image, const Image& reference, RelMseLambdas lambdas = kRelMseBcr);
+
+// (1, H, W): each pixel's mean of Eq. 11 over its channels.
+Image relmse_map(const Image& image, const Image& reference, RelMseLambdas lambdas = kRelMseBcr);
 
 }  // namespace raymeld

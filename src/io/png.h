@@ -22,10 +22,9 @@ Picture to_srgb(const Image& linear, float exposure_stops = 0);
 // Left to right, with a white bar of `separator` pixels between. Throws Error unless all heights are equal.
 Picture side_by_side(std::span<const Picture> pictures, int separator = 4);
 
-// Per-pixel RelMSE (lambda 0.5, 0.01; mean of the channels) of two (3, H, W) images, coloured on a
-// logarithmic scale: black at 1e-4 and below, through violet, red and orange to pale yellow at 1 and above;
-// NaN is cyan.
-Picture error_map(const Image& image, const Image& reference);
+// (1, H, W) of errors, such as relmse_map() gives, coloured on a logarithmic scale: black at 1e-4 and below,
+// through violet (1e-3), red (1e-2) and orange (1e-1) to pale yellow at 1 and above; NaN is cyan.
+Picture heat_map(const Image& errors);
 
 // Whole or not at all. Throws Error, naming the file.
 void write_png(const std::filesystem::path& path, const Picture& picture);

@@ -1,0 +1,34 @@
+#pragma once
+
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "io/layer_map.h"
+
+namespace raymeld {
+
+// The channels of a file by prefix, which is all before the last dot: names of layers hold dots and spaces.
+class ChannelGroups {
+ public:
+  explicit ChannelGroups(std::span<const std::string> names);
+
+  // In the order of the file.
+  const std::vector<std::string>& prefixes() const { return prefixes_; }
+  bool has_channel(const std::string& name) const;
+  // R, G, B or X, Y, Z in either case, or a lone Y three times.
+  std::optional<ChannelTriple> triple(const std::string& prefix) const;
+  std::optional<std::string> alpha(const std::string& prefix) const;
+  // Y with RY or BY, which is no grey picture.
+  bool is_luminance_chroma(const std::string& prefix) const;
+
+ private:
+  std::optional<std::string> find(const std::string& prefix, const std::string& channel) const;
+
+  std::vector<std::string> prefixes_;
+  std::map<std::string, std::map<std::string, std::string>> names_;  // prefix, channel -> full name
+};
+
+}  // namespace raymeld

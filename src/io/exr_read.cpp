@@ -1,0 +1,183 @@
+#include <OpenEXR/ImfChannelList.h>
+#include <OpenEXR/ImfFrameBuffer.h>
+#include <OpenEXR/ImfInputPart.h>
+#include <OpenEXR/ImfMultiPartInputFile.h>
+#include <OpenEXR/ImfPartType.h>
+#include <OpenEXR/ImfTestFile.h>
+
+#include <algorithm>
+#include <map>
+#include <new>
+
+#include "error.h"
+#include "io/exr.h"
+#include "io/exr_window.h"
+#include "io/input_file.h"
+
+namespace raymeld {
+namespace {
+
+// OpenEXR opens its messages with the file's name, which ours name already.
+std::string reason(const std::exception& error) {
+  if (dynamic_cast<const std::bad_alloc*>(&error)) return "there is not enough memory";
+  const std::string text = error.what();
+  const size_t end_of_name = text.rfind("\". ");
+  return end_of_name == std::string::npos ? text : text.substr(end_of_name + 3);
+}
+
+// Whatever OpenEXR throws, as an Error that names the file.
+template <typename Work>
+auto translated(const std::filesystem::path& path, Work&& work) {
+  try {
+    return work();
+  } catch (const Error&) {
+    throw;
+  } catch (const std::exception& error) {
+    throw Error("cannot read '{}': {}", path.string(), reason(error));
+  }
+}
+
+std::string full_name(const std::string& part, const std::string& channel) {
+  return part.empty() || channel.starts_with(part + ".") ? channel : part + "." + channel;
+}
+
+std::string part_label(const Imf::Header& header, int part) {
+  return header.hasName() ? fmt::format("part '{}'", header.name()) : fmt::format("part {}", part);
+}
+
+void check_part(const std::filesystem::path& path, const Imf::MultiPartInputFile& file, int part) {
+  const Imf::Header& header = file.header(part);
+  if (header.hasType() && Imf::isDeepData(header.type()))
+    throw Error("cannot read '{}': {} is a deep image, and only flat images can be fused; flatten it first",
+                path.string(), part_label(header, part));
+  if (!file.partComplete(part))
+    throw Error("cannot read '{}': {} is truncated, or was never finished", path.string(),
+                part_label(header, part));
+}
+
+std::vector<ExrChannel> list_channels(const Imf::MultiPartInputFile& file) {
+  std::vector<ExrChannel> channels;
+  for (int part = 0; part < file.parts(); ++part) {
+    const Imf::Header& header = file.header(part);
+    const std::string part_name = file.parts() > 1 && header.hasName() ? header.name() : "";
+    for (auto i = header.channels().begin(); i != header.channels().end(); ++i) {
+      const Imf::Channel& channel = i.channel();
+      channels.push_back({full_name(part_name, i.name()), i.name(), part, channel.type, channel.xSampling,
+                          channel.ySampling});
+    }
+  }
+  return channels;
+}
+
+// OpenEXR demands that windows start at and span a multiple of the sampling.
+size_t sample_count(const ExrChannel& channel, const Imath::Box2i& window) {
+  return size_t(width_of(window) / channel.x_sampling) * size_t(height_of(window) / channel.y_sampling);
+}
+
+Imf::Slice slice(const ExrChannel& channel, Imf::PixelType type, char* pixels, const Imath::Box2i& window) {
+  const size_t row = size_t(width_of(window) / channel.x_sampling);
+  return Imf::Slice::Make(type, pixels, window, size_bytes_of(type), size_bytes_of(type) * row,
+                          channel.x_sampling, channel.y_sampling);
+}
+
+void repeat_samples(const ExrChannel& channel, const std::vector<float>& samples, Image& image, int c) {
+  const size_t row = size_t(image.width / channel.x_sampling);
+  for (int y = 0; y < image.height; ++y)
+    for (int x = 0; x < image.width; ++x)
+      image.at(c, y, x) = samples[size_t(y / channel.y_sampling) * row + size_t(x / channel.x_sampling)];
+}
+
+// Reads the channels of one part into the planes of `image` that `planes` says.
+void read_part(Imf::MultiPartInputFile& file, const std::map<const ExrChannel*, int>& planes, int part,
+               Image& image) {
+  const Imath::Box2i window = file.header(part).dataWindow();
+  Imf::FrameBuffer frame;
+  std::map<const ExrChannel*, std::vector<float>> subsampled;
+  for (const auto& [channel, c] : planes) {
+    if (channel->part != part) continue;
+    float* pixels = image.plane(c);
+    if (channel->x_sampling != 1 || channel->y_sampling != 1) {
+      subsampled[channel].resize(sample_count(*channel, window));
+      pixels = subsampled[channel].data();
+    }
+    frame.insert(channel->name_in_part, slice(*channel, Imf::FLOAT, reinterpret_cast<char*>(pixels), window));
+  }
+  Imf::InputPart input(file, part);
+  input.setFrameBuffer(frame);
+  input.readPixels(window.min.y, window.max.y);
+  for (const auto& [channel, samples] : subsampled)
+    repeat_samples(*channel, samples, image, planes.at(channel));
+}
+
+}  // namespace
+
+ExrFile::ExrFile(std::filesystem::path path) : path_(std::move(path)) {
+  check_input_file(path_);
+  if (!Imf::isOpenExrFile(path_.c_str()))
+    throw Error("cannot read '{}': it is not an OpenEXR file", path_.string());
+  translated(path_, [&] {
+    // A file whose chunk table is unfinished is refused, so there is no need to rebuild the table.
+    file_ = std::make_unique<Imf::MultiPartInputFile>(path_.c_str(), Imf::globalThreadCount(), false);
+    for (int part = 0; part < file_->parts(); ++part) check_part(path_, *file_, part);
+    channels_ = list_channels(*file_);
+  });
+}
+
+ExrFile::~ExrFile() = default;
+ExrFile::ExrFile(ExrFile&&) noexcept = default;
+ExrFile& ExrFile::operator=(ExrFile&&) noexcept = default;
+
+std::vector<std::string> ExrFile::channel_names() const {
+  std::vector<std::string> names;
+  for (const ExrChannel& channel : channels_) names.push_back(channel.name);
+  return names;
+}
+
+const ExrChannel& ExrFile::channel(const std::string& name) const {
+  const auto found = std::ranges::find(channels_, name, &ExrChannel::name);
+  if (found == channels_.end()) throw Error("cannot read '{}': it has no channel '{}'", path_.string(), name);
+  return *found;
+}
+
+const Imf::Header& ExrFile::header(int part) const { return file_->header(part); }
+
+Image ExrFile::read(std::span<const std::string> names) {
+  if (names.empty()) throw Error("cannot read '{}': no channel was asked for", path_.string());
+  const ExrChannel& first = channel(names.front());
+  const Imath::Box2i window = header(first.part).dataWindow();
+  std::map<const ExrChannel*, int> planes;
+  std::map<int, int> parts;
+  for (size_t c = 0; c < names.size(); ++c) {
+    const ExrChannel& wanted = channel(names[c]);
+    if (header(wanted.part).dataWindow() != window)
+      throw Error("cannot read '{}': the data windows of '{}' and '{}' differ", path_.string(), first.name,
+                  wanted.name);
+    planes.try_emplace(&wanted, int(c));
+    ++parts[wanted.part];
+  }
+  return translated(path_, [&] {
+    Image image(width_of(window), height_of(window), int(names.size()));
+    for (const auto& [part, count] : parts) read_part(*file_, planes, part, image);
+    for (size_t c = 0; c < names.size(); ++c)
+      if (const int from = planes.at(&channel(names[c])); from != int(c))
+        std::copy_n(image.plane(from), image.plane_size(), image.plane(int(c)));
+    return image;
+  });
+}
+
+ExrRawChannel ExrFile::read_raw(const std::string& name) {
+  const ExrChannel& wanted = channel(name);
+  const Imath::Box2i window = header(wanted.part).dataWindow();
+  return translated(path_, [&] {
+    ExrRawChannel raw{wanted.name, wanted.type, wanted.x_sampling, wanted.y_sampling, window, {}};
+    raw.bytes.resize(sample_count(wanted, window) * size_bytes_of(wanted.type));
+    Imf::FrameBuffer frame;
+    frame.insert(wanted.name_in_part, slice(wanted, wanted.type, raw.bytes.data(), window));
+    Imf::InputPart input(*file_, wanted.part);
+    input.setFrameBuffer(frame);
+    input.readPixels(window.min.y, window.max.y);
+    return raw;
+  });
+}
+
+}  // namespace raymeld

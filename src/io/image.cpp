@@ -1,0 +1,139 @@
+#include "io/image.h"
+
+#include <algorithm>
+#include <array>
+#include <cfloat>
+#include <cmath>
+
+#include "error.h"
+
+namespace raymeld {
+namespace {
+
+constexpr float kLargestHalf = 65504.0f;
+
+// Which four samples of a row of `size` one output reads, and their weights.
+struct CubicTaps {
+  std::array<int, 4> index;
+  std::array<float, 4> weight;
+};
+
+CubicTaps cubic_taps(float position, int size) {
+  const float base = std::floor(position);
+  const float t = position - base;
+  CubicTaps taps;
+  taps.weight = {((-0.5f * t + 1.0f) * t - 0.5f) * t, (1.5f * t - 2.5f) * t * t + 1.0f,
+                 ((-1.5f * t + 2.0f) * t + 0.5f) * t, (0.5f * t - 0.5f) * t * t};
+  for (int i = 0; i < 4; ++i) taps.index[i] = std::clamp(int(base) - 1 + i, 0, size - 1);
+  return taps;
+}
+
+std::vector<CubicTaps> all_taps(int size, int scale, float phase) {
+  std::vector<CubicTaps> taps;
+  taps.reserve(size_t(size) * size_t(scale));
+  for (int i = 0; i < size * scale; ++i) taps.push_back(cubic_taps((float(i) - phase) / float(scale), size));
+  return taps;
+}
+
+template <typename Row>
+float blend(const CubicTaps& taps, Row&& row) {
+  float sum = 0;
+  for (int i = 0; i < 4; ++i) sum += taps.weight[i] * row(taps.index[i]);
+  return sum;
+}
+
+double finite_or_zero(float value) { return std::isfinite(value) ? double(value) : 0.0; }
+
+float variance_at(const Image& image, int c, int y, int x) {
+  std::array<double, 9> values;
+  double sum = 0;
+  for (int i = 0; i < 9; ++i) {
+    const int near_y = std::clamp(y + i / 3 - 1, 0, image.height - 1);
+    const int near_x = std::clamp(x + i % 3 - 1, 0, image.width - 1);
+    values[i] = finite_or_zero(image.at(c, near_y, near_x));
+    sum += values[i];
+  }
+  const double mean = sum / 9;
+  double squares = 0;
+  for (double value : values) squares += (value - mean) * (value - mean);
+  return float(std::min(squares / 9, double(FLT_MAX)));
+}
+
+}  // namespace
+
+Image::Image(int width, int height, int channels) : width(width), height(height), channels(channels) {
+  if (width <= 0 || height <= 0 || channels <= 0)
+    throw Error("an image of {} x {} with {} channels cannot be: each must be at least 1", width, height,
+                channels);
+  data.resize(plane_size() * size_t(channels));
+}
+
+Image crop(const Image& image, int x, int y, int width, int height) {
+  if (x < 0 || y < 0 || width <= 0 || height <= 0 || width > image.width - x || height > image.height - y)
+    throw Error("cannot crop {} x {} at ({}, {}) out of an image of {} x {}", width, height, x, y,
+                image.width, image.height);
+  Image part(width, height, image.channels);
+  for (int c = 0; c < image.channels; ++c)
+    for (int row = 0; row < height; ++row)
+      std::copy_n(image.plane(c) + size_t(y + row) * size_t(image.width) + size_t(x), width,
+                  part.plane(c) + size_t(row) * size_t(width));
+  return part;
+}
+
+Image upsample_bicubic(const Image& image, int scale, float phase) {
+  if (scale < 1) throw Error("cannot upsample by {}: the scale must be at least 1", scale);
+  const std::vector<CubicTaps> columns = all_taps(image.width, scale, phase);
+  const std::vector<CubicTaps> rows = all_taps(image.height, scale, phase);
+  Image wide(image.width * scale, image.height, image.channels);
+  Image result(image.width * scale, image.height * scale, image.channels);
+  for (int c = 0; c < image.channels; ++c) {
+    for (int y = 0; y < wide.height; ++y)
+      for (int x = 0; x < wide.width; ++x)
+        wide.at(c, y, x) = blend(columns[x], [&](int from) { return image.at(c, y, from); });
+    for (int y = 0; y < result.height; ++y)
+      for (int x = 0; x < result.width; ++x)
+        result.at(c, y, x) = blend(rows[y], [&](int from) { return wide.at(c, from, x); });
+  }
+  return result;
+}
+
+Image degrade_nearest(const Image& image, int scale) {
+  if (scale < 1 || image.width % scale != 0 || image.height % scale != 0)
+    throw Error("cannot degrade {} x {} by {}: the size must be a multiple of the scale", image.width,
+                image.height, scale);
+  Image low(image.width / scale, image.height / scale, image.channels);
+  for (int c = 0; c < low.channels; ++c)
+    for (int y = 0; y < low.height; ++y)
+      for (int x = 0; x < low.width; ++x) low.at(c, y, x) = image.at(c, y * scale, x * scale);
+  return low;
+}
+
+float linear_to_srgb(float linear) {
+  if (!(linear > 0)) return 0;
+  if (linear >= 1) return 1;
+  return linear <= 0.0031308f ? 12.92f * linear : 1.055f * std::pow(linear, 1 / 2.4f) - 0.055f;
+}
+
+NonFinite sanitize(Image& image) {
+  NonFinite found;
+  for (float& value : image.data) {
+    if (std::isnan(value)) {
+      value = 0;
+      ++found.nan;
+    } else if (std::isinf(value)) {
+      value = std::copysign(kLargestHalf, value);
+      ++found.inf;
+    }
+  }
+  return found;
+}
+
+Image variance_3x3(const Image& image) {
+  Image variance(image.width, image.height, image.channels);
+  for (int c = 0; c < image.channels; ++c)
+    for (int y = 0; y < image.height; ++y)
+      for (int x = 0; x < image.width; ++x) variance.at(c, y, x) = variance_at(image, c, y, x);
+  return variance;
+}
+
+}  // namespace raymeld

@@ -1,0 +1,173 @@
+#include "io/layer_map.h"
+
+#include <fmt/ranges.h>
+
+#include <algorithm>
+
+#include "error.h"
+#include "io/channel_groups.h"
+#include "io/layer_presets.h"
+#include "io/layer_scope.h"
+
+namespace raymeld {
+namespace {
+
+// The unnamed R, G, B belong to no view layer.
+bool may_hold(const Scope& scope, std::string_view pass) { return !pass.empty() || scope == Scope{}; }
+
+std::optional<LayerSource> follow(const LayerRecipe& recipe, const Scope& scope,
+                                  const ChannelGroups& groups) {
+  LayerSource source{recipe.rule, {}, std::string(recipe.note)};
+  for (const auto& passes : recipe.terms) {
+    std::optional<ChannelTriple> term;
+    for (std::string_view pass : passes)
+      if (!term && may_hold(scope, pass)) term = groups.triple(prefix_of(scope, pass));
+    if (!term) return std::nullopt;
+    source.terms.push_back(*term);
+  }
+  return source;
+}
+
+std::optional<std::string> find_alpha(const LayerPreset& preset, const Scope& scope,
+                                      const ChannelGroups& groups) {
+  for (const LayerRecipe& recipe : preset.recipes) {
+    if (recipe.layer != "color") continue;
+    for (std::string_view pass : recipe.terms.front())
+      if (const auto alpha = may_hold(scope, pass) ? groups.alpha(prefix_of(scope, pass)) : std::nullopt)
+        return alpha;
+  }
+  return std::nullopt;
+}
+
+LayerMap apply(const LayerPreset& preset, const Scope& scope, const ChannelGroups& groups) {
+  LayerMap map{std::string(preset.name),         scope.view_layer, scope.view, {}, {},
+               find_alpha(preset, scope, groups)};
+  for (const LayerRecipe& recipe : preset.recipes) {
+    const std::string layer(recipe.layer);
+    if (map.layers.contains(layer)) continue;
+    if (auto source = follow(recipe, scope, groups)) map.layers[layer] = *source;
+  }
+  return map;
+}
+
+// A part or a layer of any name is the beauty when no other has three colours.
+void take_only_rgb(const ChannelGroups& groups, LayerMap& map) {
+  std::vector<std::string> prefixes;
+  for (const std::string& prefix : groups.prefixes())
+    if (groups.triple(prefix)) prefixes.push_back(prefix);
+  if (prefixes.size() != 1) return;
+  map.layers["color"] = {
+      LayerRule::kRead, {*groups.triple(prefixes.front())}, "the only colours in the file"};
+  map.alpha = groups.alpha(prefixes.front());
+}
+
+std::vector<const LayerPreset*> chosen_presets(const LayerChoice& choice) {
+  std::vector<const LayerPreset*> presets;
+  std::vector<std::string_view> names;
+  for (const LayerPreset& preset : layer_presets()) {
+    if (choice.preset.empty() || choice.preset == preset.name) presets.push_back(&preset);
+    names.push_back(preset.name);
+  }
+  if (presets.empty())
+    throw Error("there is no preset '{}' for layers; there are {}", choice.preset, fmt::join(names, ", "));
+  return presets;
+}
+
+[[noreturn]] void throw_no_scope(const LayerChoice& choice, const std::vector<Scope>& scopes) {
+  std::vector<std::string> names;
+  for (const Scope& scope : scopes)
+    if (scope != Scope{}) names.push_back(fmt::format("'{}' (view '{}')", scope.view_layer, scope.view));
+  throw Error("there is no view layer '{}' with the view '{}'; there are {}", choice.view_layer, choice.view,
+              names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", ")));
+}
+
+LayerMap best_map(const ChannelGroups& groups, const LayerChoice& choice) {
+  std::optional<LayerMap> best;
+  std::vector<Scope> refused;
+  for (const LayerPreset* preset : chosen_presets(choice)) {
+    for (const Scope& scope : scopes_of(*preset, groups)) {
+      const bool is_wanted = (choice.view_layer.empty() || choice.view_layer == scope.view_layer) &&
+                             (choice.view.empty() || choice.view == scope.view);
+      if (!is_wanted) {
+        refused.push_back(scope);
+        continue;
+      }
+      LayerMap map = apply(*preset, scope, groups);
+      if (!best || map.layers.size() > best->layers.size()) best = std::move(map);
+    }
+  }
+  if (!best) throw_no_scope(choice, refused);
+  return *best;
+}
+
+std::vector<std::string> split(const std::string& text, char separator) {
+  std::vector<std::string> parts;
+  size_t begin = 0;
+  for (size_t end; (end = text.find(separator, begin)) != std::string::npos; begin = end + 1)
+    parts.push_back(text.substr(begin, end - begin));
+  parts.push_back(text.substr(begin));
+  return parts;
+}
+
+ChannelTriple overridden(const std::string& layer, const std::string& value, const ChannelGroups& groups) {
+  if (const auto triple = groups.triple(value)) return *triple;
+  if (groups.has_channel(value)) return {value, value, value};
+  const std::vector<std::string> names = split(value, ',');
+  if (names.size() != 3)
+    throw Error(
+        "cannot map layer '{}' to '{}': there are no channels {}.R, .G, .B or {}.X, .Y, .Z, and three "
+        "channels "
+        "have commas between",
+        layer, value, value, value);
+  for (const std::string& name : names)
+    if (!groups.has_channel(name))
+      throw Error("cannot map layer '{}': there is no channel '{}'", layer, name);
+  return {names[0], names[1], names[2]};
+}
+
+void apply_overrides(const LayerChoice& choice, const ChannelGroups& groups, LayerMap& map) {
+  for (const auto& [layer, value] : choice.overrides) {
+    if (layer != "alpha") {
+      map.layers[layer] = {LayerRule::kRead, {overridden(layer, value, groups)}, ""};
+      if (layer == "color") map.alpha = groups.alpha(value);
+    }
+  }
+  const auto alpha = choice.overrides.find("alpha");
+  if (alpha == choice.overrides.end()) return;
+  if (!groups.has_channel(alpha->second))
+    throw Error("cannot map alpha: there is no channel '{}'", alpha->second);
+  map.alpha = alpha->second;
+}
+
+std::map<std::string, std::string> looked_for(const LayerChoice& choice, const ChannelGroups& groups) {
+  std::map<std::string, std::vector<std::string>> texts;
+  for (const LayerPreset* preset : chosen_presets(choice))
+    for (const LayerRecipe& recipe : preset->recipes) {
+      auto& of_layer = texts[std::string(recipe.layer)];
+      const std::string text = recipe_text(recipe);
+      if (std::ranges::find(of_layer, text) == of_layer.end()) of_layer.push_back(text);
+    }
+  std::map<std::string, std::string> joined;
+  for (const auto& [layer, of_layer] : texts) joined[layer] = fmt::format("{}", fmt::join(of_layer, " | "));
+  if (groups.is_luminance_chroma(""))
+    joined["color"] +=
+        "; the file's luminance and chroma, Y, RY and BY, must be converted to R, G and B first";
+  return joined;
+}
+
+}  // namespace
+
+LayerMap map_layers(std::span<const std::string> channel_names, const LayerChoice& choice) {
+  const ChannelGroups groups(channel_names);
+  LayerMap map = best_map(groups, choice);
+  if (!map.layers.contains("color") && choice.view_layer.empty() && choice.view.empty())
+    take_only_rgb(groups, map);
+  apply_overrides(choice, groups, map);
+  const auto color = map.layers.find("color");
+  if (color != map.layers.end() && !map.layers.contains("variance"))
+    map.layers["variance"] = {LayerRule::kVariance, color->second.terms, "the file has no variance"};
+  map.looked_for = looked_for(choice, groups);
+  return map;
+}
+
+}  // namespace raymeld

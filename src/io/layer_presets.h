@@ -1,0 +1,34 @@
+#pragma once
+
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "io/layer_map.h"
+
+namespace raymeld {
+
+// One way to get a layer. Each term lists the pass names that will do, best first; "" is the file's unnamed
+// R, G, B.
+struct LayerRecipe {
+  std::string_view layer;
+  LayerRule rule;
+  std::vector<std::vector<std::string_view>> terms;
+  std::string_view note = {};  // why it is second best
+};
+
+// For messages: `DiffCol | Diffuse Color`, the terms joined as the rule says.
+std::string recipe_text(const LayerRecipe& recipe);
+
+// How one renderer names its passes. Of several recipes for a layer the first that the file can fulfil
+// counts.
+struct LayerPreset {
+  std::string_view name;
+  std::vector<LayerRecipe> recipes;
+};
+
+// Every preset, in the order in which ties are decided.
+std::span<const LayerPreset> layer_presets();
+
+}  // namespace raymeld
