@@ -8,8 +8,8 @@
 
 namespace raymeld {
 
-// The one exception of raymeld: bad input or a failing device. The message says what was being done, names the
-// file or layer, and what was expected. Anything else that is thrown is an internal error.
+// The one exception of raymeld: bad input or a failing device. The message says what was being done, names
+// the file or layer, and what was expected. Anything else that is thrown is an internal error.
 class Error : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;

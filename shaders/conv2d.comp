@@ -1,0 +1,81 @@
+// 2D convolution (cross-correlation), kernel 1 or 3, stride 1, zero padding to the same size:
+//   out(o, y, x) = act(bias(o) + sum over i, kx, ky of weight(o, i, ky, kx) in(i, y + ky - r, x + kx - r)) + residuals
+// with r = kernel / 2; act is ReLU or nothing; residuals are added in their order, after the activation.
+//
+// Each invocation computes kVectors * 4 output channels of kRows pixels in one column, so that a weight serves
+// kRows pixels and an input value all channels of the block. Neighbouring invocations are neighbours in x.
+// Weights: [channels_out / (4 kVectors)][channels_in][kx][ky][kVectors] vec4, zero where channels_out ends early.
+#version 450
+#extension GL_GOOGLE_include_directive : require
+#include "params.h"
+#include "tensor.glsl"
+
+layout(local_size_x = 32, local_size_y = 2) in;
+layout(constant_id = 0) const uint kKernel = 3;
+layout(constant_id = 1) const uint kVectors = 2;
+layout(constant_id = 2) const uint kRows = 4;
+layout(constant_id = 3) const uint kRelu = 0;
+layout(constant_id = 4) const uint kResiduals = 0;
+
+layout(push_constant) uniform Push { Conv2d p; };
+layout(std430, binding = 1) readonly buffer Weights { STORAGE4 weights[]; };
+layout(std430, binding = 2) readonly buffer Bias { vec4 bias[]; };
+layout(std430, binding = 3) readonly buffer Input { STORAGE in_data[]; };
+layout(std430, binding = 4) writeonly buffer Output { STORAGE out_data[]; };
+// Bound to the input where there are fewer residuals.
+layout(std430, binding = 5) readonly buffer Residual0 { STORAGE residual0[]; };
+layout(std430, binding = 6) readonly buffer Residual1 { STORAGE residual1[]; };
+layout(std430, binding = 7) readonly buffer Residual2 { STORAGE residual2[]; };
+
+const uint kRadius = kKernel / 2;
+const uint kColumn = kRows + kKernel - 1;
+
+// Outside the image lies zero; unsigned wrap-around makes one comparison serve both edges.
+float load(uint i, uint y, uint x) {
+  bool inside = y < p.height && x < p.width;
+  float value = float(in_data[inside ? address(i, y, x, p.plane, p.width) : 0]);
+  return inside ? value : 0.0;
+}
+
+void store(uint o, uint y, uint x, float value) {
+  uint at = address(o, y, x, p.plane, p.width);
+  if (kRelu != 0) value = value > 0.0 ? value : 0.0;
+  if (kResiduals > 0) value += float(residual0[at]);
+  if (kResiduals > 1) value += float(residual1[at]);
+  if (kResiduals > 2) value += float(residual2[at]);
+  out_data[at] = to_storage(value);
+}
+
+void main() {
+  uint x = gl_GlobalInvocationID.x;
+  uint y0 = gl_GlobalInvocationID.y * kRows;
+  uint block = gl_GlobalInvocationID.z;
+  if (x >= p.width || y0 >= p.height) return;
+
+  vec4 sum[kRows][kVectors];
+  [[unroll]] for (uint r = 0; r < kRows; ++r) {
+    [[unroll]] for (uint v = 0; v < kVectors; ++v) sum[r][v] = bias[block * kVectors + v];
+  }
+  uint weight = block * p.channels_in * kKernel * kKernel * kVectors;
+  for (uint i = 0; i < p.channels_in; ++i) {
+    [[unroll]] for (uint kx = 0; kx < kKernel; ++kx) {
+      float column[kColumn];
+      [[unroll]] for (uint r = 0; r < kColumn; ++r) column[r] = load(i, y0 + r - kRadius, x + kx - kRadius);
+      [[unroll]] for (uint ky = 0; ky < kKernel; ++ky) {
+        [[unroll]] for (uint v = 0; v < kVectors; ++v) {
+          vec4 w = vec4(weights[weight++]);
+          [[unroll]] for (uint r = 0; r < kRows; ++r) sum[r][v] = fma(w, vec4(column[r + ky]), sum[r][v]);
+        }
+      }
+    }
+  }
+  [[unroll]] for (uint r = 0; r < kRows; ++r) {
+    if (y0 + r >= p.height) break;
+    [[unroll]] for (uint v = 0; v < kVectors; ++v) {
+      [[unroll]] for (uint k = 0; k < 4; ++k) {
+        uint o = (block * kVectors + v) * 4 + k;
+        if (o < p.channels_out) store(o, y0 + r, x, sum[r][v][k]);
+      }
+    }
+  }
+}

@@ -1,0 +1,69 @@
+// Push constants, read by the shaders and by C++. Sizes count elements; a plane is the number of elements from
+// one channel to the next.
+#ifndef RAYMELD_PARAMS_H
+#define RAYMELD_PARAMS_H
+
+#ifdef __cplusplus
+#include <cstdint>
+namespace raymeld::params {
+using uint = uint32_t;
+#endif
+
+// Where an image of floats lies in its binding: element (c, y, x) is at
+// offset + c * channel_stride + y * row_stride + x * pixel_stride.
+struct FrameView {
+  uint offset;
+  uint pixel_stride;
+  uint row_stride;
+  uint channel_stride;
+};
+
+struct Conv2d {
+  uint height;
+  uint width;
+  uint plane;
+  uint channels_in;
+  uint channels_out;
+};
+
+// Of the smaller image and of the larger one, whose sides are twice as long.
+struct Shuffle {
+  uint height;
+  uint width;
+  uint plane;
+  uint plane_large;
+};
+
+struct Encode {
+  FrameView frame;
+  uint height;
+  uint width;
+  uint plane;
+  uint log_transfer;  // 0: linear
+  float clip;
+};
+
+struct Decode {
+  FrameView frame;
+  uint height;
+  uint width;
+  uint plane;
+  uint lrhs_height;
+  uint lrhs_width;
+  uint lrhs_plane;
+  uint log_transfer;   // 0: linear
+  uint bilinear_base;  // 0: none
+  float scale;
+  float phase;
+};
+
+#ifdef __cplusplus
+}  // namespace raymeld::params
+#endif
+
+// How an input channel is encoded.
+#define RAYMELD_RADIANCE 0  // clamped to [0, clip], then the transfer function
+#define RAYMELD_ALBEDO 1    // clamped to [0, 1]
+#define RAYMELD_NORMAL 2    // clamped to [-1, 1]
+
+#endif

@@ -1,0 +1,30 @@
+// The only addressing and the only storing of tensors. A tensor is planar: element (c, y, x) is at
+// c * plane + y * width + x. Storage is 16 or 32 bits wide, arithmetic always 32.
+#extension GL_EXT_control_flow_attributes : require
+
+#ifdef STORAGE_F16
+#extension GL_EXT_shader_16bit_storage : require
+#define STORAGE float16_t
+#define STORAGE4 f16vec4
+#else
+#define STORAGE float
+#define STORAGE4 vec4
+#endif
+
+layout(std430, set = 0, binding = 0) buffer Status {
+  uint saturated;
+  uint not_finite;
+} status;
+
+uint address(uint c, uint y, uint x, uint plane, uint width) { return c * plane + y * width + x; }
+
+// Beyond what 16 bits hold, values saturate and are counted; never passed on as infinity.
+STORAGE to_storage(float value) {
+#ifdef STORAGE_F16
+  if (abs(value) > 65504.0) {
+    atomicAdd(status.saturated, 1u);
+    value = clamp(value, -65504.0, 65504.0);
+  }
+#endif
+  return STORAGE(value);
+}

@@ -1,0 +1,100 @@
+#include "engine/buffer.h"
+
+#include <utility>
+
+#include "error.h"
+
+namespace raymeld {
+namespace {
+
+// The first memory type that has `required` and as many of `preferred` as there are to be had.
+uint32_t find_memory_type(const Device& device, uint32_t allowed, VkMemoryPropertyFlags required,
+                          VkMemoryPropertyFlags preferred, const std::string& name) {
+  const VkPhysicalDeviceMemoryProperties& memory = device.memory();
+  for (VkMemoryPropertyFlags wanted : {required | preferred, required}) {
+    for (uint32_t i = 0; i < memory.memoryTypeCount; ++i) {
+      if ((allowed & (1u << i)) && (memory.memoryTypes[i].propertyFlags & wanted) == wanted) return i;
+    }
+  }
+  throw Error("device {} has no memory type for {}", device.info().name, name);
+}
+
+uint32_t memory_type_for(const Device& device, uint32_t allowed, Memory memory, const std::string& name) {
+  constexpr VkMemoryPropertyFlags kHost =
+      VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
+  switch (memory) {
+    case Memory::kDevice:
+      return find_memory_type(device, allowed, VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT, 0, name);
+    case Memory::kUpload:
+      return find_memory_type(device, allowed, kHost, 0, name);
+    case Memory::kReadback:
+      return find_memory_type(device, allowed, VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT,
+                              VK_MEMORY_PROPERTY_HOST_CACHED_BIT, name);
+  }
+  throw Error("unknown memory kind for {}", name);
+}
+
+}  // namespace
+
+Buffer::Buffer(const Device& device, uint64_t size_bytes, Memory memory, const std::string& name)
+    : size_bytes_(size_bytes) {
+  const VulkanFunctions& vk = device.vk();
+  const std::string what =
+      fmt::format("allocating {:.1f} MiB for {} on {}", size_bytes / 1048576.0, name, device.info().name);
+  if (size_bytes > device.info().max_allocation_bytes) {
+    throw Error("{}: the device allocates at most {:.1f} MiB at once", what,
+                device.info().max_allocation_bytes / 1048576.0);
+  }
+  device_ = &device;
+  try {
+    auto info = vk_struct<VkBufferCreateInfo>(VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO);
+    info.size = size_bytes;
+    info.usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_SRC_BIT |
+                 VK_BUFFER_USAGE_TRANSFER_DST_BIT;
+    check(vk.CreateBuffer(device.handle(), &info, nullptr, &buffer_), what);
+    device.name(VK_OBJECT_TYPE_BUFFER, buffer_, name);
+    VkMemoryRequirements needs;
+    vk.GetBufferMemoryRequirements(device.handle(), buffer_, &needs);
+    auto allocation = vk_struct<VkMemoryAllocateInfo>(VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO);
+    allocation.allocationSize = needs.size;
+    allocation.memoryTypeIndex = memory_type_for(device, needs.memoryTypeBits, memory, name);
+    check(vk.AllocateMemory(device.handle(), &allocation, nullptr, &memory_), what);
+    device.name(VK_OBJECT_TYPE_DEVICE_MEMORY, memory_, name);
+    check(vk.BindBufferMemory(device.handle(), buffer_, memory_, 0), what);
+    const VkMemoryPropertyFlags flags = device.memory().memoryTypes[allocation.memoryTypeIndex].propertyFlags;
+    coherent_ = flags & VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
+    if (flags & VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT) {
+      check(vk.MapMemory(device.handle(), memory_, 0, VK_WHOLE_SIZE, 0, &mapped_), what);
+    }
+  } catch (...) {
+    *this = Buffer();
+    throw;
+  }
+}
+
+Buffer::~Buffer() {
+  if (!device_) return;
+  const VulkanFunctions& vk = device_->vk();
+  if (buffer_) vk.DestroyBuffer(device_->handle(), buffer_, nullptr);
+  if (memory_) vk.FreeMemory(device_->handle(), memory_, nullptr);
+}
+
+Buffer& Buffer::operator=(Buffer&& other) noexcept {
+  std::swap(device_, other.device_);
+  std::swap(buffer_, other.buffer_);
+  std::swap(memory_, other.memory_);
+  std::swap(mapped_, other.mapped_);
+  std::swap(size_bytes_, other.size_bytes_);
+  std::swap(coherent_, other.coherent_);
+  return *this;
+}
+
+void Buffer::invalidate() const {
+  if (coherent_) return;
+  auto range = vk_struct<VkMappedMemoryRange>(VK_STRUCTURE_TYPE_MAPPED_MEMORY_RANGE);
+  range.memory = memory_;
+  range.size = VK_WHOLE_SIZE;
+  check(device_->vk().InvalidateMappedMemoryRanges(device_->handle(), 1, &range), "reading back");
+}
+
+}  // namespace raymeld

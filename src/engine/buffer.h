@@ -1,0 +1,41 @@
+#pragma once
+
+#include <string>
+
+#include "engine/device.h"
+
+namespace raymeld {
+
+enum class Memory {
+  kDevice,    // fastest for the device; the host may not see it
+  kUpload,    // the host writes, the device reads
+  kReadback,  // the device writes, the host reads
+};
+
+// A storage buffer with memory of its own. Move-only.
+class Buffer {
+ public:
+  Buffer() = default;
+  // Throws Error, naming the buffer and its size, when the device has no such memory left.
+  Buffer(const Device& device, uint64_t size_bytes, Memory memory, const std::string& name);
+  ~Buffer();
+  Buffer(Buffer&& other) noexcept { *this = std::move(other); }
+  Buffer& operator=(Buffer&& other) noexcept;
+
+  VkBuffer handle() const { return buffer_; }
+  uint64_t size_bytes() const { return size_bytes_; }
+  // The host's view for the buffer's whole life; null when the host does not see the memory.
+  void* mapped() const { return mapped_; }
+  // Makes the device's writes visible to the host; needed before reading mapped() of a kReadback buffer.
+  void invalidate() const;
+
+ private:
+  const Device* device_ = nullptr;
+  VkBuffer buffer_ = VK_NULL_HANDLE;
+  VkDeviceMemory memory_ = VK_NULL_HANDLE;
+  void* mapped_ = nullptr;
+  uint64_t size_bytes_ = 0;
+  bool coherent_ = true;
+};
+
+}  // namespace raymeld

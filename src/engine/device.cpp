@@ -1,0 +1,140 @@
+#include "engine/device.h"
+
+#include "engine/instance.h"
+#include "error.h"
+
+namespace raymeld {
+namespace {
+
+VKAPI_ATTR VkBool32 VKAPI_CALL collect_message(VkDebugUtilsMessageSeverityFlagBitsEXT,
+                                               VkDebugUtilsMessageTypeFlagsEXT,
+                                               const VkDebugUtilsMessengerCallbackDataEXT* data,
+                                               void* messages) {
+  static_cast<std::vector<std::string>*>(messages)->push_back(data->pMessage);
+  return VK_FALSE;
+}
+
+}  // namespace
+
+std::unique_ptr<Device> Device::create(const DeviceRequest& request) {
+  std::unique_ptr<Device> device(new Device);
+  device->owns_ = true;
+  device->vk_ = VulkanFunctions::load();
+  device->create_instance(request.validation);
+  const auto candidates = physical_devices(device->vk_, device->instance_);
+  std::vector<DeviceInfo> infos;
+  for (VkPhysicalDevice candidate : candidates) {
+    infos.push_back(describe(device->vk_, candidate, static_cast<uint32_t>(infos.size())));
+  }
+  const size_t chosen = select_device(infos, request.selector);
+  device->adopt(candidates[chosen], static_cast<uint32_t>(chosen));
+  device->find_queue_family();
+  device->create_device();
+  return device;
+}
+
+std::unique_ptr<Device> Device::wrap(const ExternalDevice& external) {
+  if (!external.get_instance_proc_addr || !external.instance || !external.physical_device ||
+      !external.device || !external.queue) {
+    throw Error("wrapping a Vulkan device: a handle or get_instance_proc_addr is null");
+  }
+  std::unique_ptr<Device> device(new Device);
+  device->vk_.GetInstanceProcAddr = external.get_instance_proc_addr;
+  device->vk_.load_instance(external.instance);
+  device->vk_.load_device(external.device);
+  device->instance_ = external.instance;
+  device->device_ = external.device;
+  device->queue_ = external.queue;
+  device->queue_family_ = external.queue_family;
+  device->adopt(external.physical_device, 0);
+  device->info_.storage_16bit = device->info_.storage_16bit && external.storage_16bit;
+  const auto fence = vk_struct<VkFenceCreateInfo>(VK_STRUCTURE_TYPE_FENCE_CREATE_INFO);
+  check(device->vk_.CreateFence(device->device_, &fence, nullptr, &device->fence_), "creating a fence");
+  return device;
+}
+
+Device::~Device() {
+  if (device_ && fence_) vk_.DestroyFence(device_, fence_, nullptr);
+  if (!owns_) return;
+  if (device_) vk_.DestroyDevice(device_, nullptr);
+  if (messenger_) vk_.DestroyDebugUtilsMessengerEXT(instance_, messenger_, nullptr);
+  if (instance_) vk_.DestroyInstance(instance_, nullptr);
+}
+
+void Device::create_instance(bool validation) {
+  instance_ = make_instance(vk_, validation);
+  if (!validation) return;
+  auto info =
+      vk_struct<VkDebugUtilsMessengerCreateInfoEXT>(VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT);
+  info.messageSeverity =
+      VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT | VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT;
+  info.messageType = VK_DEBUG_UTILS_MESSAGE_TYPE_GENERAL_BIT_EXT |
+                     VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT |
+                     VK_DEBUG_UTILS_MESSAGE_TYPE_PERFORMANCE_BIT_EXT;
+  info.pfnUserCallback = collect_message;
+  info.pUserData = &messages_;
+  check(vk_.CreateDebugUtilsMessengerEXT(instance_, &info, nullptr, &messenger_),
+        "creating the validation messenger");
+}
+
+void Device::adopt(VkPhysicalDevice physical_device, uint32_t index) {
+  physical_device_ = physical_device;
+  info_ = describe(vk_, physical_device, index);
+  vk_.GetPhysicalDeviceProperties(physical_device, &properties_);
+  vk_.GetPhysicalDeviceMemoryProperties(physical_device, &memory_);
+}
+
+// A compute family without graphics runs beside a desktop's rendering, so it comes first.
+void Device::find_queue_family() {
+  uint32_t count = 0;
+  vk_.GetPhysicalDeviceQueueFamilyProperties(physical_device_, &count, nullptr);
+  std::vector<VkQueueFamilyProperties> families(count);
+  vk_.GetPhysicalDeviceQueueFamilyProperties(physical_device_, &count, families.data());
+  uint32_t found = count;
+  for (uint32_t i = 0; i < count; ++i) {
+    if (!(families[i].queueFlags & VK_QUEUE_COMPUTE_BIT)) continue;
+    if (found == count || !(families[i].queueFlags & VK_QUEUE_GRAPHICS_BIT)) found = i;
+  }
+  if (found == count) throw Error("device {} has no compute queue", info_.name);
+  queue_family_ = found;
+  if (families[found].timestampValidBits == 0) info_.timestamp_period_ns = 0;
+}
+
+void Device::create_device() {
+  const float priority = 1.0f;
+  auto queue = vk_struct<VkDeviceQueueCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO);
+  queue.queueFamilyIndex = queue_family_;
+  queue.queueCount = 1;
+  queue.pQueuePriorities = &priority;
+  auto storage = vk_struct<VkPhysicalDevice16BitStorageFeatures>(
+      VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_16BIT_STORAGE_FEATURES);
+  storage.storageBuffer16BitAccess = info_.storage_16bit;
+  auto info = vk_struct<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO, &storage);
+  info.queueCreateInfoCount = 1;
+  info.pQueueCreateInfos = &queue;
+  check(vk_.CreateDevice(physical_device_, &info, nullptr, &device_), "creating device " + info_.name);
+  vk_.load_device(device_);
+  vk_.GetDeviceQueue(device_, queue_family_, 0, &queue_);
+  const auto fence = vk_struct<VkFenceCreateInfo>(VK_STRUCTURE_TYPE_FENCE_CREATE_INFO);
+  check(vk_.CreateFence(device_, &fence, nullptr, &fence_), "creating a fence");
+}
+
+void Device::name_object(VkObjectType type, uint64_t handle, const std::string& text) const {
+  if (!vk_.SetDebugUtilsObjectNameEXT) return;
+  auto info = vk_struct<VkDebugUtilsObjectNameInfoEXT>(VK_STRUCTURE_TYPE_DEBUG_UTILS_OBJECT_NAME_INFO_EXT);
+  info.objectType = type;
+  info.objectHandle = handle;
+  info.pObjectName = text.c_str();
+  check(vk_.SetDebugUtilsObjectNameEXT(device_, &info), "naming " + text);
+}
+
+void Device::submit_and_wait(VkCommandBuffer commands) const {
+  auto submit = vk_struct<VkSubmitInfo>(VK_STRUCTURE_TYPE_SUBMIT_INFO);
+  submit.commandBufferCount = 1;
+  submit.pCommandBuffers = &commands;
+  check(vk_.ResetFences(device_, 1, &fence_), "resetting a fence");
+  check(vk_.QueueSubmit(queue_, 1, &submit, fence_), "submitting to " + info_.name);
+  check(vk_.WaitForFences(device_, 1, &fence_, VK_TRUE, UINT64_MAX), "waiting for " + info_.name);
+}
+
+}  // namespace raymeld

@@ -1,0 +1,110 @@
+// All that has the device's lifetime: made by raymeld, or wrapped around the caller's own.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "engine/vulkan.h"
+
+namespace raymeld {
+
+// What `raymeld devices` shows: facts of a physical device that decide how, and whether, raymeld runs on it.
+struct DeviceInfo {
+  uint32_t index = 0;
+  std::string name;
+  std::string type;  // "discrete GPU", "integrated GPU", "virtual GPU", "CPU", "other"
+  std::string uuid;  // 8-4-4-4-12 hexadecimal digits
+  std::string driver;
+  uint32_t api_version = 0;
+  uint64_t memory_bytes = 0;             // device-local heap, or its current budget where the driver tells it
+  uint64_t max_storage_range_bytes = 0;  // of one binding
+  uint64_t max_allocation_bytes = 0;
+  uint32_t storage_alignment_bytes = 0;  // of a binding's offset
+  uint32_t subgroup_size = 0;
+  double timestamp_period_ns = 0;  // 0: no timestamps on compute queues
+  bool is_cpu = false;
+  bool storage_16bit = false;
+  bool float16_arithmetic = false;
+  bool buffer_device_address = false;
+  bool cooperative_matrix = false;
+};
+
+// All devices of the system, in the driver's order. Throws Error without a loader or without a device.
+std::vector<DeviceInfo> list_devices();
+
+struct DeviceRequest {
+  // An index, a UUID or a part of the name, any case; empty: the first discrete, integrated, virtual GPU or
+  // CPU.
+  std::string selector;
+  // Turns on the validation and synchronization-validation layer; its messages collect in Device::messages().
+  bool validation = false;
+};
+
+// A device that the caller made and keeps: all handles must outlive the Device.
+struct ExternalDevice {
+  PFN_vkGetInstanceProcAddr get_instance_proc_addr = nullptr;
+  VkInstance instance = VK_NULL_HANDLE;
+  VkPhysicalDevice physical_device = VK_NULL_HANDLE;
+  VkDevice device = VK_NULL_HANDLE;
+  VkQueue queue = VK_NULL_HANDLE;  // must do compute
+  uint32_t queue_family = 0;
+  bool storage_16bit = false;  // whether storageBuffer16BitAccess was enabled
+};
+
+// Externally synchronised: one thread at a time may use a Device and what was made from it.
+class Device {
+ public:
+  static std::unique_ptr<Device> create(const DeviceRequest& request = {});
+  static std::unique_ptr<Device> wrap(const ExternalDevice& external);
+  ~Device();
+  Device(const Device&) = delete;
+  Device& operator=(const Device&) = delete;
+
+  const VulkanFunctions& vk() const { return vk_; }
+  VkDevice handle() const { return device_; }
+  VkQueue queue() const { return queue_; }
+  uint32_t queue_family() const { return queue_family_; }
+  const DeviceInfo& info() const { return info_; }
+  const VkPhysicalDeviceProperties& properties() const { return properties_; }
+  const VkPhysicalDeviceMemoryProperties& memory() const { return memory_; }
+
+  // Warnings and errors of the validation layers since creation, oldest first.
+  const std::vector<std::string>& messages() const { return messages_; }
+
+  // Names an object for debuggers and validation messages; does nothing without VK_EXT_debug_utils.
+  template <typename Handle>
+  void name(VkObjectType type, Handle handle, const std::string& text) const {
+    name_object(type, reinterpret_cast<uint64_t>(handle), text);
+  }
+
+  // Submits one command buffer and waits until the device has done it.
+  void submit_and_wait(VkCommandBuffer commands) const;
+
+ private:
+  Device() = default;
+  void create_instance(bool validation);
+  void create_device();
+  void find_queue_family();
+  void adopt(VkPhysicalDevice physical_device, uint32_t index);
+  void name_object(VkObjectType type, uint64_t handle, const std::string& text) const;
+
+  VulkanFunctions vk_;
+  bool owns_ = false;
+  VkInstance instance_ = VK_NULL_HANDLE;
+  VkDebugUtilsMessengerEXT messenger_ = VK_NULL_HANDLE;
+  VkPhysicalDevice physical_device_ = VK_NULL_HANDLE;
+  VkDevice device_ = VK_NULL_HANDLE;
+  VkQueue queue_ = VK_NULL_HANDLE;
+  uint32_t queue_family_ = 0;
+  VkFence fence_ = VK_NULL_HANDLE;
+  DeviceInfo info_;
+  VkPhysicalDeviceProperties properties_{};
+  VkPhysicalDeviceMemoryProperties memory_{};
+  std::vector<std::string> messages_;
+};
+
+}  // namespace raymeld

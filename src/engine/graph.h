@@ -1,0 +1,126 @@
+// The network as data: what is dispatched, on which tensors, and where these live. Knows no device.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstring>
+#include <functional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "engine/arena.h"
+#include "engine/kernel.h"
+#include "engine/tensor.h"
+
+namespace raymeld {
+
+// The images that a frame brings and takes, bound anew for each recording.
+enum class FrameSlot : uint32_t { kLrhs, kHrls, kFused };
+inline constexpr uint32_t kFrameSlots = 3;
+
+enum class Access { kRead, kWrite };
+
+// One storage buffer binding of a pass.
+struct Binding {
+  enum class Kind { kTensor, kConstant, kFrame };
+  Kind kind = Kind::kTensor;
+  Access access = Access::kRead;
+  Tensor tensor = {};                 // kTensor
+  uint32_t constant = 0;              // kConstant: index of the graph's constant
+  FrameSlot slot = FrameSlot::kLrhs;  // kFrame
+};
+
+// One dispatch.
+struct Pass {
+  static constexpr uint32_t kMaxPushBytes = 128;  // what every Vulkan device offers
+
+  std::string name;  // the layer's name; of a layer's only or last pass: the key of its weights
+  const Shader* shader = nullptr;
+  std::vector<uint32_t> constants;  // specialization constants, by id
+  std::vector<Binding> bindings;    // bindings 1, 2, ...; binding 0 is the graph's status
+  alignas(4) std::array<std::byte, kMaxPushBytes> push{};
+  uint32_t push_bytes = 0;
+  std::array<uint32_t, 3> groups{1, 1, 1};
+  double flop = 0;   // multiply-adds count as two
+  double bytes = 0;  // every operand once: the least traffic
+
+  // Copies a structure of shaders/params.h into the push constants.
+  template <typename Params>
+  void set_push(const Params& params) {
+    static_assert(sizeof(Params) <= kMaxPushBytes && sizeof(Params) % 4 == 0);
+    std::memcpy(push.data(), &params, sizeof(Params));
+    push_bytes = sizeof(Params);
+  }
+  // The frame image this pass reads or writes, if any.
+  const Binding* frame() const;
+  // The tensor this pass writes, if any.
+  const Tensor* output() const;
+};
+
+struct TensorRecord {
+  std::string name;
+  Shape shape;
+  uint64_t size_bytes = 0;
+  uint64_t offset_bytes = 0;  // in the activation block, after plan()
+  int first_use = -1;         // pass indices, inclusive
+  int last_use = -1;
+};
+
+// Weights, biases and tables: packed only when a device wants them.
+struct ConstantRecord {
+  std::string name;
+  uint64_t size_bytes = 0;
+  uint64_t offset_bytes = 0;  // in the constant block
+  std::function<void(std::byte*)> fill;
+};
+
+class Graph {
+ public:
+  explicit Graph(Storage storage) : storage_(storage) {}
+
+  Storage storage() const { return storage_; }
+
+  // A new activation; its memory lives from the first pass that touches it to the last.
+  Tensor tensor(const std::string& name, Shape shape);
+  // `fill` writes size_bytes bytes; called once for each device.
+  uint32_t constant(const std::string& name, uint64_t size_bytes, std::function<void(std::byte*)> fill);
+  // Passes run in the order in which they were added.
+  void add(Pass pass);
+
+  // Gives every tensor its place. With `alias`, tensors whose lifetimes do not meet share memory; without it,
+  // all of them can still be read when the frame is done.
+  void plan(bool alias = true);
+
+  std::span<const Pass> passes() const { return passes_; }
+  std::span<const TensorRecord> tensors() const { return tensors_; }
+  std::span<const ConstantRecord> constants() const { return constants_; }
+  // Whether a barrier must come before pass i: it touches what a pass since the last barrier wrote, or writes
+  // what one read. Arena reuse makes write-after-read and write-after-write hazards as real as
+  // read-after-write.
+  bool barrier_before(size_t i) const { return barriers_.at(i); }
+  size_t barrier_count() const;
+
+  uint64_t activation_bytes() const { return activation_bytes_; }
+  uint64_t unaliased_bytes() const;
+  uint64_t constant_bytes() const { return constant_bytes_; }
+  // The largest range that one binding of a tensor or constant spans.
+  uint64_t largest_binding_bytes() const;
+
+  // Where a run of channels lies in the activation block, after plan().
+  uint64_t offset_bytes(const Tensor& tensor) const;
+  uint64_t size_bytes(const Tensor& tensor) const;
+
+ private:
+  void place_barriers();
+
+  Storage storage_;
+  std::vector<Pass> passes_;
+  std::vector<TensorRecord> tensors_;
+  std::vector<ConstantRecord> constants_;
+  std::vector<bool> barriers_;
+  uint64_t activation_bytes_ = 0;
+  uint64_t constant_bytes_ = 0;
+};
+
+}  // namespace raymeld

@@ -1,0 +1,82 @@
+#include "engine/kernel.h"
+
+#include <utility>
+#include <vector>
+
+#include "error.h"
+
+namespace raymeld {
+
+Kernel::Kernel(const Device& device, VkPipelineCache cache, std::span<const uint32_t> spirv,
+               const std::string& name, std::span<const uint32_t> constants, uint32_t binding_count,
+               uint32_t push_bytes)
+    : Kernel() {
+  device_ = &device;
+  binding_count_ = binding_count;
+  create_layout(name, push_bytes);
+
+  const VulkanFunctions& vk = device.vk();
+  auto code = vk_struct<VkShaderModuleCreateInfo>(VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO);
+  code.codeSize = spirv.size_bytes();
+  code.pCode = spirv.data();
+  VkShaderModule module = VK_NULL_HANDLE;
+  check(vk.CreateShaderModule(device.handle(), &code, nullptr, &module), "loading shader " + name);
+
+  std::vector<VkSpecializationMapEntry> entries;
+  for (uint32_t id = 0; id < constants.size(); ++id) entries.push_back({id, id * 4, 4});
+  const VkSpecializationInfo specialization{static_cast<uint32_t>(entries.size()), entries.data(),
+                                            constants.size_bytes(), constants.data()};
+  auto info = vk_struct<VkComputePipelineCreateInfo>(VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO);
+  info.flags = VK_PIPELINE_CREATE_DISPATCH_BASE_BIT;
+  info.stage = {VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
+                nullptr,
+                0,
+                VK_SHADER_STAGE_COMPUTE_BIT,
+                module,
+                "main",
+                &specialization};
+  info.layout = layout_;
+  const VkResult result = vk.CreateComputePipelines(device.handle(), cache, 1, &info, nullptr, &pipeline_);
+  vk.DestroyShaderModule(device.handle(), module, nullptr);
+  check(result, "compiling shader " + name);
+  device.name(VK_OBJECT_TYPE_PIPELINE, pipeline_, name);
+}
+
+Kernel::~Kernel() {
+  if (!device_) return;
+  const VulkanFunctions& vk = device_->vk();
+  vk.DestroyPipeline(device_->handle(), pipeline_, nullptr);
+  vk.DestroyPipelineLayout(device_->handle(), layout_, nullptr);
+  vk.DestroyDescriptorSetLayout(device_->handle(), set_layout_, nullptr);
+}
+
+Kernel& Kernel::operator=(Kernel&& other) noexcept {
+  std::swap(device_, other.device_);
+  std::swap(set_layout_, other.set_layout_);
+  std::swap(layout_, other.layout_);
+  std::swap(pipeline_, other.pipeline_);
+  std::swap(binding_count_, other.binding_count_);
+  return *this;
+}
+
+void Kernel::create_layout(const std::string& name, uint32_t push_bytes) {
+  const VulkanFunctions& vk = device_->vk();
+  std::vector<VkDescriptorSetLayoutBinding> bindings;
+  for (uint32_t i = 0; i < binding_count_; ++i) {
+    bindings.push_back({i, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_COMPUTE_BIT, nullptr});
+  }
+  auto set = vk_struct<VkDescriptorSetLayoutCreateInfo>(VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO);
+  set.bindingCount = binding_count_;
+  set.pBindings = bindings.data();
+  check(vk.CreateDescriptorSetLayout(device_->handle(), &set, nullptr, &set_layout_), "describing " + name);
+
+  const VkPushConstantRange push{VK_SHADER_STAGE_COMPUTE_BIT, 0, push_bytes};
+  auto layout = vk_struct<VkPipelineLayoutCreateInfo>(VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO);
+  layout.setLayoutCount = 1;
+  layout.pSetLayouts = &set_layout_;
+  layout.pushConstantRangeCount = 1;
+  layout.pPushConstantRanges = &push;
+  check(vk.CreatePipelineLayout(device_->handle(), &layout, nullptr, &layout_), "describing " + name);
+}
+
+}  // namespace raymeld

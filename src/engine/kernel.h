@@ -1,0 +1,46 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+
+#include "engine/device.h"
+
+namespace raymeld {
+
+// SPIR-V of one shader, for tensors stored in 32 and in 16 bits.
+struct Shader {
+  const char* name;
+  std::span<const uint32_t> f32;
+  std::span<const uint32_t> f16;
+};
+
+// A compute pipeline: a shader with its specialization constants (ids 0, 1, 2, ...). Bindings 0 to
+// binding_count - 1 are storage buffers; push constants fill push_bytes. Move-only.
+class Kernel {
+ public:
+  Kernel(const Device& device, VkPipelineCache cache, std::span<const uint32_t> spirv,
+         const std::string& name, std::span<const uint32_t> constants, uint32_t binding_count,
+         uint32_t push_bytes);
+  ~Kernel();
+  Kernel(Kernel&& other) noexcept { *this = std::move(other); }
+  Kernel& operator=(Kernel&& other) noexcept;
+
+  VkPipeline pipeline() const { return pipeline_; }
+  VkPipelineLayout layout() const { return layout_; }
+  VkDescriptorSetLayout set_layout() const { return set_layout_; }
+  uint32_t binding_count() const { return binding_count_; }
+
+ private:
+  Kernel() = default;
+  void create_layout(const std::string& name, uint32_t push_bytes);
+
+  const Device* device_ = nullptr;
+  VkDescriptorSetLayout set_layout_ = VK_NULL_HANDLE;
+  VkPipelineLayout layout_ = VK_NULL_HANDLE;
+  VkPipeline pipeline_ = VK_NULL_HANDLE;
+  uint32_t binding_count_ = 0;
+};
+
+}  // namespace raymeld

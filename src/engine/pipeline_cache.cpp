@@ -1,0 +1,110 @@
+#include "engine/pipeline_cache.h"
+
+#include <unistd.h>
+
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+
+#include "error.h"
+
+namespace raymeld {
+namespace {
+
+constexpr uint64_t kMagic = 0x3165686361436d52;  // "RmCache1"
+
+struct FileHeader {
+  uint64_t magic;
+  uint64_t size_bytes;
+  uint64_t checksum;
+};
+
+// FNV-1a, 64 bits: finds truncation and bit rot, which is all that is asked of it.
+uint64_t checksum_of(const std::vector<char>& data) {
+  uint64_t hash = 0xcbf29ce484222325;
+  for (unsigned char byte : data) hash = (hash ^ byte) * 0x100000001b3;
+  return hash;
+}
+
+// Vulkan's own header (section 10.7.3 of the specification) must be this device's.
+bool fits_device(const std::vector<char>& data, const VkPhysicalDeviceProperties& properties) {
+  VkPipelineCacheHeaderVersionOne header;
+  if (data.size() < sizeof(header)) return false;
+  std::memcpy(&header, data.data(), sizeof(header));
+  return header.headerVersion == VK_PIPELINE_CACHE_HEADER_VERSION_ONE &&
+         header.vendorID == properties.vendorID && header.deviceID == properties.deviceID &&
+         std::memcmp(header.pipelineCacheUUID, properties.pipelineCacheUUID, VK_UUID_SIZE) == 0;
+}
+
+std::vector<char> read_cache(const std::filesystem::path& file,
+                             const VkPhysicalDeviceProperties& properties) {
+  std::error_code error;
+  const uint64_t file_bytes = std::filesystem::file_size(file, error);
+  if (error || file_bytes < sizeof(FileHeader)) return {};
+  std::ifstream stream(file, std::ios::binary);
+  FileHeader header{};
+  stream.read(reinterpret_cast<char*>(&header), sizeof(header));
+  if (!stream || header.magic != kMagic || header.size_bytes != file_bytes - sizeof(header)) return {};
+  std::vector<char> data(header.size_bytes);
+  stream.read(data.data(), static_cast<std::streamsize>(data.size()));
+  if (!stream || checksum_of(data) != header.checksum || !fits_device(data, properties)) return {};
+  return data;
+}
+
+}  // namespace
+
+PipelineCache::PipelineCache(const Device& device, const std::filesystem::path& folder) : device_(device) {
+  const VkPhysicalDeviceProperties& properties = device.properties();
+  if (!folder.empty()) {
+    std::string uuid;
+    for (uint8_t byte : properties.pipelineCacheUUID) uuid += fmt::format("{:02x}", byte);
+    file_ = folder / fmt::format("pipelines-{:04x}-{:04x}-{:08x}-{}.bin", properties.vendorID,
+                                 properties.deviceID, properties.driverVersion, uuid);
+    loaded_data_ = read_cache(file_, properties);
+  }
+  auto info = vk_struct<VkPipelineCacheCreateInfo>(VK_STRUCTURE_TYPE_PIPELINE_CACHE_CREATE_INFO);
+  info.initialDataSize = loaded_data_.size();
+  info.pInitialData = loaded_data_.data();
+  check(device.vk().CreatePipelineCache(device.handle(), &info, nullptr, &cache_),
+        "creating a pipeline cache");
+}
+
+PipelineCache::~PipelineCache() { device_.vk().DestroyPipelineCache(device_.handle(), cache_, nullptr); }
+
+bool PipelineCache::save() const {
+  if (file_.empty()) return false;
+  size_t size_bytes = 0;
+  const VulkanFunctions& vk = device_.vk();
+  if (vk.GetPipelineCacheData(device_.handle(), cache_, &size_bytes, nullptr) != VK_SUCCESS) return false;
+  std::vector<char> data(size_bytes);
+  if (vk.GetPipelineCacheData(device_.handle(), cache_, &size_bytes, data.data()) != VK_SUCCESS) return false;
+  data.resize(size_bytes);
+  if (data == loaded_data_) return true;
+
+  std::error_code error;
+  std::filesystem::create_directories(file_.parent_path(), error);
+  const std::filesystem::path temporary = fmt::format("{}.{}.tmp", file_.string(), getpid());
+  const FileHeader header{kMagic, data.size(), checksum_of(data)};
+  std::ofstream stream(temporary, std::ios::binary);
+  stream.write(reinterpret_cast<const char*>(&header), sizeof(header));
+  stream.write(data.data(), static_cast<std::streamsize>(data.size()));
+  stream.close();
+  if (stream) std::filesystem::rename(temporary, file_, error);
+  if (!stream || error) {
+    std::filesystem::remove(temporary, error);
+    return false;
+  }
+  return true;
+}
+
+std::filesystem::path PipelineCache::default_folder() {
+  if (const char* cache = std::getenv("XDG_CACHE_HOME"); cache && cache[0] == '/') {
+    return std::filesystem::path(cache) / "raymeld";
+  }
+  if (const char* home = std::getenv("HOME"); home && home[0] == '/') {
+    return std::filesystem::path(home) / ".cache" / "raymeld";
+  }
+  return {};
+}
+
+}  // namespace raymeld

@@ -1,0 +1,277 @@
+#include "engine/program.h"
+
+#include <Imath/half.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "engine/commands.h"
+
+namespace raymeld {
+namespace {
+
+// A watchdog fires after about two seconds; these keep one dispatch near a tenth of one on slow devices of
+// their kind (measured or typical: a few GFLOP/s on CPU drivers, tens on old integrated GPUs).
+double dispatch_limit_flop(const DeviceInfo& info) {
+  if (info.is_cpu) return 5e8;
+  return info.type == "discrete GPU" ? 4e10 : 4e9;
+}
+
+void full_barrier(const VulkanFunctions& vk, VkCommandBuffer commands, VkPipelineStageFlags source,
+                  VkAccessFlags source_access) {
+  auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
+  barrier.srcAccessMask = source_access;
+  barrier.dstAccessMask = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT;
+  vk.CmdPipelineBarrier(commands, source, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, 0, 1, &barrier, 0, nullptr, 0,
+                        nullptr);
+}
+
+// One-time copy between two buffers of which the host fills or reads one.
+void copy_now(const Device& device, VkBuffer from, uint64_t from_offset, VkBuffer to, uint64_t size_bytes,
+              const std::string& name) {
+  Commands pool(device);
+  VkCommandBuffer commands = pool.begin(name);
+  const VkBufferCopy region{from_offset, 0, size_bytes};
+  device.vk().CmdCopyBuffer(commands, from, to, 1, &region);
+  auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
+  barrier.srcAccessMask = VK_ACCESS_TRANSFER_WRITE_BIT;
+  barrier.dstAccessMask = VK_ACCESS_HOST_READ_BIT | VK_ACCESS_SHADER_READ_BIT;
+  device.vk().CmdPipelineBarrier(commands, VK_PIPELINE_STAGE_TRANSFER_BIT,
+                                 VK_PIPELINE_STAGE_HOST_BIT | VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, 0, 1,
+                                 &barrier, 0, nullptr, 0, nullptr);
+  pool.end(commands);
+  device.submit_and_wait(commands);
+}
+
+}  // namespace
+
+Program::Program(const Device& device, const Graph& graph, PipelineCache& cache, uint32_t sets)
+    : device_(device), graph_(graph), max_dispatch_flop_(dispatch_limit_flop(device.info())) {
+  if (graph.storage() == Storage::kFloat16 && !device.info().storage_16bit) {
+    throw Error("device {} has no 16-bit storage (storageBuffer16BitAccess); use --precision fp32",
+                device.info().name);
+  }
+  constants_ = Buffer(device, graph.constant_bytes(), Memory::kDevice, "constants");
+  activations_ = Buffer(device, graph.activation_bytes(), Memory::kDevice, "activations");
+  status_ = Buffer(device, sizeof(Status), Memory::kUpload, "status");
+  reset_status();
+  upload_constants();
+  create_kernels(cache);
+  try {
+    create_sets(sets);
+  } catch (...) {
+    device.vk().DestroyDescriptorPool(device.handle(), pool_, nullptr);
+    throw;
+  }
+}
+
+Program::~Program() { device_.vk().DestroyDescriptorPool(device_.handle(), pool_, nullptr); }
+
+void Program::upload_constants() {
+  Buffer staging;
+  const bool direct = constants_.mapped() != nullptr;
+  if (!direct) staging = Buffer(device_, graph_.constant_bytes(), Memory::kUpload, "constants staging");
+  auto* bytes = static_cast<std::byte*>(direct ? constants_.mapped() : staging.mapped());
+  for (const ConstantRecord& constant : graph_.constants()) constant.fill(bytes + constant.offset_bytes);
+  if (direct) return;
+  copy_now(device_, staging.handle(), 0, constants_.handle(), graph_.constant_bytes(), "upload constants");
+}
+
+// Passes with the same shader, constants and bindings share a pipeline.
+void Program::create_kernels(PipelineCache& cache) {
+  std::map<std::string, uint32_t> shader_ids;
+  for (const Pass& pass : graph_.passes()) {
+    const auto id = shader_ids.try_emplace(pass.shader->name, static_cast<uint32_t>(shader_ids.size()));
+    std::vector<uint32_t> key{id.first->second, static_cast<uint32_t>(pass.bindings.size()), pass.push_bytes};
+    key.insert(key.end(), pass.constants.begin(), pass.constants.end());
+    auto found = kernels_.find(key);
+    if (found == kernels_.end()) {
+      const auto spirv = graph_.storage() == Storage::kFloat16 ? pass.shader->f16 : pass.shader->f32;
+      found = kernels_
+                  .emplace(key, Kernel(device_, cache.handle(), spirv, pass.shader->name, pass.constants,
+                                       static_cast<uint32_t>(pass.bindings.size()) + 1, pass.push_bytes))
+                  .first;
+    }
+    pass_kernels_.push_back(&found->second);
+  }
+}
+
+// Passes that touch no frame image need one descriptor set, the others one for each pending recording.
+void Program::create_sets(uint32_t sets) {
+  const VulkanFunctions& vk = device_.vk();
+  std::vector<VkDescriptorSetLayout> layouts;
+  uint32_t bindings = 0;
+  for (uint32_t set = 0; set < sets; ++set) {
+    for (size_t i = 0; i < graph_.passes().size(); ++i) {
+      if (set > 0 && !graph_.passes()[i].frame()) continue;
+      layouts.push_back(pass_kernels_[i]->set_layout());
+      bindings += pass_kernels_[i]->binding_count();
+    }
+  }
+  const VkDescriptorPoolSize size{VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, bindings};
+  auto pool = vk_struct<VkDescriptorPoolCreateInfo>(VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO);
+  pool.maxSets = static_cast<uint32_t>(layouts.size());
+  pool.poolSizeCount = 1;
+  pool.pPoolSizes = &size;
+  check(vk.CreateDescriptorPool(device_.handle(), &pool, nullptr, &pool_), "creating a descriptor pool");
+  auto info = vk_struct<VkDescriptorSetAllocateInfo>(VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO);
+  info.descriptorPool = pool_;
+  info.descriptorSetCount = pool.maxSets;
+  info.pSetLayouts = layouts.data();
+  std::vector<VkDescriptorSet> handles(layouts.size());
+  check(vk.AllocateDescriptorSets(device_.handle(), &info, handles.data()), "allocating descriptor sets");
+
+  views_.assign(sets, std::vector<std::array<uint32_t, 4>>(graph_.passes().size()));
+  auto next = handles.begin();
+  for (uint32_t set = 0; set < sets; ++set) {
+    std::vector<VkDescriptorSet> row;
+    for (size_t i = 0; i < graph_.passes().size(); ++i) {
+      const Pass& pass = graph_.passes()[i];
+      if (set > 0 && !pass.frame()) {
+        row.push_back(sets_[0][i]);
+        continue;
+      }
+      row.push_back(*next++);
+      device_.name(VK_OBJECT_TYPE_DESCRIPTOR_SET, row.back(), pass.name);
+      if (!pass.frame()) write_set(row.back(), pass, nullptr);
+    }
+    sets_.push_back(std::move(row));
+  }
+}
+
+VkDescriptorBufferInfo Program::buffer_info(const Binding& binding, const FrameBindings* frame) const {
+  switch (binding.kind) {
+    case Binding::Kind::kTensor:
+      return {activations_.handle(), graph_.offset_bytes(binding.tensor), graph_.size_bytes(binding.tensor)};
+    case Binding::Kind::kConstant: {
+      const ConstantRecord& constant = graph_.constants()[binding.constant];
+      return {constants_.handle(), constant.offset_bytes, constant.size_bytes};
+    }
+    case Binding::Kind::kFrame:
+      break;
+  }
+  const auto& [view, shape] = (*frame)[static_cast<size_t>(binding.slot)];
+  const uint64_t alignment = device_.info().storage_alignment_bytes;
+  const uint64_t begin = view.offset_bytes / alignment * alignment;
+  const uint64_t last = uint64_t{shape.channels - 1} * view.channel_stride +
+                        uint64_t{shape.height - 1} * view.row_stride +
+                        uint64_t{shape.width - 1} * view.pixel_stride;
+  const uint64_t range = view.offset_bytes - begin + (last + 1) * 4;
+  if (range > device_.info().max_storage_range_bytes) {
+    throw Error("a frame image of {}x{}x{} spans {} bytes; device {} binds at most {}", shape.height,
+                shape.width, shape.channels, range, device_.info().name,
+                device_.info().max_storage_range_bytes);
+  }
+  return {view.buffer, begin, range};
+}
+
+void Program::write_set(VkDescriptorSet set, const Pass& pass, const FrameBindings* frame) const {
+  constexpr size_t kMostBindings = 8;
+  std::array<VkDescriptorBufferInfo, kMostBindings> infos{};
+  std::array<VkWriteDescriptorSet, kMostBindings> writes{};
+  const uint32_t count = static_cast<uint32_t>(pass.bindings.size()) + 1;
+  if (count > kMostBindings)
+    throw Error("layer {} has {} bindings, at most {} fit", pass.name, count, kMostBindings);
+  for (uint32_t i = 0; i < count; ++i) {
+    infos[i] = i == 0 ? VkDescriptorBufferInfo{status_.handle(), 0, sizeof(Status)}
+                      : buffer_info(pass.bindings[i - 1], frame);
+    writes[i].sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET;
+    writes[i].dstSet = set;
+    writes[i].dstBinding = i;
+    writes[i].descriptorCount = 1;
+    writes[i].descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER;
+    writes[i].pBufferInfo = &infos[i];
+  }
+  device_.vk().UpdateDescriptorSets(device_.handle(), count, writes.data(), 0, nullptr);
+}
+
+void Program::bind(uint32_t set, const FrameBindings& frame) {
+  for (size_t i = 0; i < graph_.passes().size(); ++i) {
+    const Pass& pass = graph_.passes()[i];
+    const Binding* binding = pass.frame();
+    if (!binding) continue;
+    write_set(sets_.at(set)[i], pass, &frame);
+    const FrameBuffer& view = frame[static_cast<size_t>(binding->slot)].view;
+    const auto remainder =
+        static_cast<uint32_t>(view.offset_bytes % device_.info().storage_alignment_bytes / 4);
+    views_[set][i] = {remainder, view.pixel_stride, view.row_stride, view.channel_stride};
+  }
+}
+
+void Program::record(VkCommandBuffer commands, uint32_t set, size_t first, size_t last,
+                     VkQueryPool queries) const {
+  const VulkanFunctions& vk = device_.vk();
+  constexpr VkPipelineStageFlags kCompute = VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT;
+  constexpr VkAccessFlags kBoth = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT;
+  full_barrier(vk, commands, kCompute, kBoth);
+  if (queries && first == 0) {
+    vk.CmdResetQueryPool(commands, queries, 0, static_cast<uint32_t>(graph_.passes().size()) + 1);
+    vk.CmdWriteTimestamp(commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, queries, 0);
+  }
+  for (size_t i = first; i < last; ++i) {
+    const Pass& pass = graph_.passes()[i];
+    if (i > first && (queries || graph_.barrier_before(i))) full_barrier(vk, commands, kCompute, kBoth);
+    const Kernel& kernel = *pass_kernels_[i];
+    vk.CmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_COMPUTE, kernel.pipeline());
+    vk.CmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_COMPUTE, kernel.layout(), 0, 1,
+                             &sets_.at(set)[i], 0, nullptr);
+    auto push = pass.push;
+    // The frame's view is the first member of the parameters of every pass that touches a frame image.
+    if (pass.frame()) std::memcpy(push.data(), views_[set][i].data(), sizeof(views_[set][i]));
+    vk.CmdPushConstants(commands, kernel.layout(), VK_SHADER_STAGE_COMPUTE_BIT, 0, pass.push_bytes,
+                        push.data());
+    dispatch(commands, pass);
+    if (queries) {
+      vk.CmdWriteTimestamp(commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, queries,
+                           static_cast<uint32_t>(i) + 1);
+    }
+  }
+}
+
+// Splits along z (channels), then along y (rows).
+void Program::dispatch(VkCommandBuffer commands, const Pass& pass) const {
+  const auto [x, y, z] = pass.groups;
+  const double pieces = std::max(1.0, std::ceil((pass.flop + pass.bytes) / max_dispatch_flop_));
+  const auto z_step = static_cast<uint32_t>(std::max(1.0, std::floor(z / pieces)));
+  const double y_pieces = std::max(1.0, std::ceil(pieces / z));
+  const auto y_step = static_cast<uint32_t>(std::max(1.0, std::ceil(y / y_pieces)));
+  for (uint32_t z0 = 0; z0 < z; z0 += z_step) {
+    for (uint32_t y0 = 0; y0 < y; y0 += y_step) {
+      device_.vk().CmdDispatchBase(commands, 0, y0, z0, x, std::min(y_step, y - y0),
+                                   std::min(z_step, z - z0));
+    }
+  }
+}
+
+Status Program::status() const {
+  Status status;
+  std::memcpy(&status, status_.mapped(), sizeof(status));
+  return status;
+}
+
+void Program::reset_status() { std::memset(status_.mapped(), 0, sizeof(Status)); }
+
+std::vector<float> Program::read(const Tensor& tensor) const {
+  const uint64_t size_bytes = graph_.size_bytes(tensor);
+  Buffer host(device_, size_bytes, Memory::kReadback, "dump");
+  copy_now(device_, activations_.handle(), graph_.offset_bytes(tensor), host.handle(), size_bytes, "dump");
+  host.invalidate();
+  const uint64_t pixels = tensor.shape.pixels();
+  const uint64_t stride = plane_stride(pixels, graph_.storage());
+  std::vector<float> values(pixels * tensor.shape.channels);
+  for (uint64_t c = 0; c < tensor.shape.channels; ++c) {
+    for (uint64_t i = 0; i < pixels; ++i) {
+      values[c * pixels + i] =
+          graph_.storage() == Storage::kFloat16
+              ? static_cast<float>(static_cast<const Imath::half*>(host.mapped())[c * stride + i])
+              : static_cast<const float*>(host.mapped())[c * stride + i];
+    }
+  }
+  return values;
+}
+
+uint64_t Program::allocated_bytes() const {
+  return constants_.size_bytes() + activations_.size_bytes() + status_.size_bytes();
+}
+
+}  // namespace raymeld

@@ -1,0 +1,93 @@
+// A graph on a device: memory, pipelines and descriptors are made once; recording only writes commands.
+#pragma once
+
+#include <map>
+#include <memory>
+#include <optional>
+
+#include "engine/buffer.h"
+#include "engine/graph.h"
+#include "engine/pipeline_cache.h"
+
+namespace raymeld {
+
+// A float image in a storage buffer: element (c, y, x) is at
+// offset_bytes / 4 + c * channel_stride + y * row_stride + x * pixel_stride; strides count floats.
+struct FrameBuffer {
+  VkBuffer buffer = VK_NULL_HANDLE;
+  VkDeviceSize offset_bytes = 0;  // a multiple of 4
+  uint32_t pixel_stride = 1;
+  uint32_t row_stride = 0;
+  uint32_t channel_stride = 0;
+};
+
+struct FrameBinding {
+  FrameBuffer view;
+  Shape shape;
+};
+
+// The images of one frame, by FrameSlot.
+using FrameBindings = std::array<FrameBinding, kFrameSlots>;
+
+// What the device counted while a frame ran.
+struct Status {
+  uint32_t saturated = 0;   // values beyond 65504 that were stored in 16 bits as +-65504
+  uint32_t not_finite = 0;  // output values that were NaN or infinite, written as 0
+};
+
+class Program {
+ public:
+  // Allocates the constants, the activations and the status, packs and uploads the constants, compiles the
+  // pipelines. `graph` must be planned and outlive the Program. `sets`: how many recordings may be pending at
+  // once. Throws Error.
+  Program(const Device& device, const Graph& graph, PipelineCache& cache, uint32_t sets);
+  ~Program();
+  Program(const Program&) = delete;
+  Program& operator=(const Program&) = delete;
+
+  // Points descriptor set `set` at a frame's images. No command buffer recorded with this set may be pending.
+  // Throws Error when a binding would pass the device's maxStorageBufferRange.
+  void bind(uint32_t set, const FrameBindings& frame);
+
+  // Records passes [first, last) with descriptor set `set`, after a barrier against all earlier compute work.
+  // A dispatch of more than max_dispatch_flop is split. With `queries`, pass i is followed by a barrier and
+  // timestamp i + 1; timestamp 0 comes before pass 0.
+  void record(VkCommandBuffer commands, uint32_t set, size_t first, size_t last,
+              VkQueryPool queries = VK_NULL_HANDLE) const;
+
+  // Dispatches and submits should stay under these, so that no watchdog of a slow device fires.
+  double max_dispatch_flop() const { return max_dispatch_flop_; }
+  double max_submit_flop() const { return 8 * max_dispatch_flop_; }
+  void set_max_dispatch_flop(double flop) { max_dispatch_flop_ = flop; }
+
+  // Counts since the last reset by the host; read when the device is idle.
+  Status status() const;
+  void reset_status();
+
+  // Copies a tensor (c, y, x, dense) to the host. The device must be idle and the graph planned without
+  // aliasing.
+  std::vector<float> read(const Tensor& tensor) const;
+
+  uint64_t allocated_bytes() const;
+
+ private:
+  void create_kernels(PipelineCache& cache);
+  void upload_constants();
+  void create_sets(uint32_t sets);
+  void write_set(VkDescriptorSet set, const Pass& pass, const FrameBindings* frame) const;
+  VkDescriptorBufferInfo buffer_info(const Binding& binding, const FrameBindings* frame) const;
+  void dispatch(VkCommandBuffer commands, const Pass& pass) const;
+
+  const Device& device_;
+  const Graph& graph_;
+  Buffer constants_, activations_, status_;
+  std::map<std::vector<uint32_t>, Kernel> kernels_;
+  std::vector<const Kernel*> pass_kernels_;
+  VkDescriptorPool pool_ = VK_NULL_HANDLE;
+  std::vector<std::vector<VkDescriptorSet>> sets_;  // [set][pass]
+  std::vector<std::vector<std::array<uint32_t, 4>>>
+      views_;  // [set][pass]: offset and strides of the frame image
+  double max_dispatch_flop_;
+};
+
+}  // namespace raymeld

@@ -1,0 +1,49 @@
+#pragma once
+
+#include <cstdint>
+
+#include "error.h"
+
+namespace raymeld {
+
+// How activations and weights are kept in device memory; sums are always 32-bit.
+enum class Storage { kFloat32, kFloat16 };
+
+constexpr uint64_t element_bytes(Storage storage) { return storage == Storage::kFloat16 ? 2 : 4; }
+
+// Height, width, channels.
+struct Shape {
+  uint32_t height = 0;
+  uint32_t width = 0;
+  uint32_t channels = 0;
+
+  bool operator==(const Shape&) const = default;
+  uint64_t pixels() const { return uint64_t{height} * width; }
+};
+
+// Elements from one channel's plane to the next: planes start at multiples of 256 bytes, the largest
+// alignment Vulkan allows a device to ask of a binding's offset, so that any run of channels can be bound by
+// itself.
+constexpr uint64_t plane_stride(uint64_t pixels, Storage storage) {
+  const uint64_t step = 256 / element_bytes(storage);
+  return (pixels + step - 1) / step * step;
+}
+
+// A run of channels of an activation of the graph; owns nothing. Planar: element (c, y, x) is at
+// (channel_offset + c) * plane_stride + y * width + x. Concatenation is a wide tensor whose slices are
+// written.
+struct Tensor {
+  uint32_t id = 0;
+  Shape shape;
+  uint32_t channel_offset = 0;
+
+  // Channels [first, first + count) of this one, without a copy.
+  Tensor slice(uint32_t first, uint32_t count) const {
+    if (first + count > shape.channels) {
+      throw Error("slice [{}, {}) of a tensor of {} channels", first, first + count, shape.channels);
+    }
+    return {id, {shape.height, shape.width, count}, channel_offset + first};
+  }
+};
+
+}  // namespace raymeld

@@ -1,0 +1,86 @@
+#include "engine/vulkan.h"
+
+#include <dlfcn.h>
+
+#include "error.h"
+
+namespace raymeld {
+namespace {
+
+void* open_loader() {
+  for (const char* name : {"libvulkan.so.1", "libvulkan.so"}) {
+    if (void* library = dlopen(name, RTLD_NOW | RTLD_LOCAL)) return library;
+  }
+  const char* reason = dlerror();
+  throw Error("no Vulkan loader: {}; install libvulkan1 and a driver (mesa-vulkan-drivers has one for CPUs)",
+              reason ? reason : "libvulkan.so.1 not found");
+}
+
+template <typename Function>
+void require(Function& function, PFN_vkVoidFunction address, const char* name) {
+  function = reinterpret_cast<Function>(address);
+  if (!function) throw Error("the Vulkan driver lacks vk{}, which Vulkan 1.1 requires", name);
+}
+
+}  // namespace
+
+VulkanFunctions VulkanFunctions::load() {
+  static void* const library = open_loader();
+  VulkanFunctions vk;
+  vk.GetInstanceProcAddr =
+      reinterpret_cast<PFN_vkGetInstanceProcAddr>(dlsym(library, "vkGetInstanceProcAddr"));
+  if (!vk.GetInstanceProcAddr) throw Error("the Vulkan loader has no vkGetInstanceProcAddr");
+#define RAYMELD_LOAD(name) require(vk.name, vk.GetInstanceProcAddr(nullptr, "vk" #name), #name);
+  RAYMELD_GLOBAL_FUNCTIONS(RAYMELD_LOAD)
+#undef RAYMELD_LOAD
+  return vk;
+}
+
+void VulkanFunctions::load_instance(VkInstance instance) {
+#define RAYMELD_LOAD(name) require(name, GetInstanceProcAddr(instance, "vk" #name), #name);
+  RAYMELD_INSTANCE_FUNCTIONS(RAYMELD_LOAD)
+#undef RAYMELD_LOAD
+#define RAYMELD_LOAD(name) name = reinterpret_cast<PFN_vk##name>(GetInstanceProcAddr(instance, "vk" #name));
+  RAYMELD_LOAD(CreateDebugUtilsMessengerEXT)
+  RAYMELD_LOAD(DestroyDebugUtilsMessengerEXT)
+  RAYMELD_LOAD(SetDebugUtilsObjectNameEXT)
+#undef RAYMELD_LOAD
+}
+
+void VulkanFunctions::load_device(VkDevice device) {
+#define RAYMELD_LOAD(name) require(name, GetDeviceProcAddr(device, "vk" #name), #name);
+  RAYMELD_DEVICE_FUNCTIONS(RAYMELD_LOAD)
+#undef RAYMELD_LOAD
+}
+
+std::string result_name(VkResult result) {
+  switch (result) {
+#define RAYMELD_CASE(code) \
+  case code:               \
+    return #code;
+    RAYMELD_CASE(VK_SUCCESS)
+    RAYMELD_CASE(VK_NOT_READY)
+    RAYMELD_CASE(VK_TIMEOUT)
+    RAYMELD_CASE(VK_INCOMPLETE)
+    RAYMELD_CASE(VK_ERROR_OUT_OF_HOST_MEMORY)
+    RAYMELD_CASE(VK_ERROR_OUT_OF_DEVICE_MEMORY)
+    RAYMELD_CASE(VK_ERROR_INITIALIZATION_FAILED)
+    RAYMELD_CASE(VK_ERROR_DEVICE_LOST)
+    RAYMELD_CASE(VK_ERROR_MEMORY_MAP_FAILED)
+    RAYMELD_CASE(VK_ERROR_LAYER_NOT_PRESENT)
+    RAYMELD_CASE(VK_ERROR_EXTENSION_NOT_PRESENT)
+    RAYMELD_CASE(VK_ERROR_FEATURE_NOT_PRESENT)
+    RAYMELD_CASE(VK_ERROR_INCOMPATIBLE_DRIVER)
+    RAYMELD_CASE(VK_ERROR_TOO_MANY_OBJECTS)
+    RAYMELD_CASE(VK_ERROR_OUT_OF_POOL_MEMORY)
+#undef RAYMELD_CASE
+    default:
+      return fmt::format("VkResult {}", static_cast<int>(result));
+  }
+}
+
+void check(VkResult result, const std::string& what) {
+  if (result != VK_SUCCESS) throw Error("{}: {}", what, result_name(result));
+}
+
+}  // namespace raymeld

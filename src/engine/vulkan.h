@@ -1,0 +1,115 @@
+// The Vulkan functions raymeld calls, fetched through vkGetInstanceProcAddr: a caller's own, or that of the
+// loader library opened at run time, so that a machine without Vulkan gets a message instead of a link error.
+#pragma once
+
+#include <vulkan/vulkan_core.h>
+
+#include <string>
+
+#define RAYMELD_GLOBAL_FUNCTIONS(X)   \
+  X(CreateInstance)                   \
+  X(EnumerateInstanceVersion)         \
+  X(EnumerateInstanceLayerProperties) \
+  X(EnumerateInstanceExtensionProperties)
+
+#define RAYMELD_INSTANCE_FUNCTIONS(X)       \
+  X(DestroyInstance)                        \
+  X(EnumeratePhysicalDevices)               \
+  X(GetPhysicalDeviceProperties)            \
+  X(GetPhysicalDeviceProperties2)           \
+  X(GetPhysicalDeviceFeatures2)             \
+  X(GetPhysicalDeviceMemoryProperties)      \
+  X(GetPhysicalDeviceMemoryProperties2)     \
+  X(GetPhysicalDeviceQueueFamilyProperties) \
+  X(EnumerateDeviceExtensionProperties)     \
+  X(GetDeviceProcAddr)                      \
+  X(CreateDevice)
+
+#define RAYMELD_DEVICE_FUNCTIONS(X) \
+  X(DestroyDevice)                  \
+  X(GetDeviceQueue)                 \
+  X(QueueSubmit)                    \
+  X(DeviceWaitIdle)                 \
+  X(CreateBuffer)                   \
+  X(DestroyBuffer)                  \
+  X(GetBufferMemoryRequirements)    \
+  X(AllocateMemory)                 \
+  X(FreeMemory)                     \
+  X(BindBufferMemory)               \
+  X(MapMemory)                      \
+  X(InvalidateMappedMemoryRanges)   \
+  X(CreateShaderModule)             \
+  X(DestroyShaderModule)            \
+  X(CreateDescriptorSetLayout)      \
+  X(DestroyDescriptorSetLayout)     \
+  X(CreatePipelineLayout)           \
+  X(DestroyPipelineLayout)          \
+  X(CreateComputePipelines)         \
+  X(DestroyPipeline)                \
+  X(CreatePipelineCache)            \
+  X(DestroyPipelineCache)           \
+  X(GetPipelineCacheData)           \
+  X(CreateDescriptorPool)           \
+  X(DestroyDescriptorPool)          \
+  X(AllocateDescriptorSets)         \
+  X(UpdateDescriptorSets)           \
+  X(CreateCommandPool)              \
+  X(DestroyCommandPool)             \
+  X(AllocateCommandBuffers)         \
+  X(FreeCommandBuffers)             \
+  X(BeginCommandBuffer)             \
+  X(EndCommandBuffer)               \
+  X(CreateFence)                    \
+  X(DestroyFence)                   \
+  X(ResetFences)                    \
+  X(WaitForFences)                  \
+  X(CreateQueryPool)                \
+  X(DestroyQueryPool)               \
+  X(GetQueryPoolResults)            \
+  X(CmdBindPipeline)                \
+  X(CmdBindDescriptorSets)          \
+  X(CmdPushConstants)               \
+  X(CmdDispatchBase)                \
+  X(CmdPipelineBarrier)             \
+  X(CmdCopyBuffer)                  \
+  X(CmdFillBuffer)                  \
+  X(CmdResetQueryPool)              \
+  X(CmdWriteTimestamp)
+
+namespace raymeld {
+
+struct VulkanFunctions {
+  PFN_vkGetInstanceProcAddr GetInstanceProcAddr = nullptr;
+#define RAYMELD_DECLARE(name) PFN_vk##name name = nullptr;
+  RAYMELD_GLOBAL_FUNCTIONS(RAYMELD_DECLARE)
+  RAYMELD_INSTANCE_FUNCTIONS(RAYMELD_DECLARE)
+  RAYMELD_DEVICE_FUNCTIONS(RAYMELD_DECLARE)
+#undef RAYMELD_DECLARE
+  // Present only when the instance has VK_EXT_debug_utils.
+  PFN_vkCreateDebugUtilsMessengerEXT CreateDebugUtilsMessengerEXT = nullptr;
+  PFN_vkDestroyDebugUtilsMessengerEXT DestroyDebugUtilsMessengerEXT = nullptr;
+  PFN_vkSetDebugUtilsObjectNameEXT SetDebugUtilsObjectNameEXT = nullptr;
+
+  // Opens the system's loader once per process. Throws Error when there is none.
+  static VulkanFunctions load();
+
+  void load_instance(VkInstance instance);
+  void load_device(VkDevice device);
+};
+
+// A Vulkan structure with its type and chain set and all else zero.
+template <typename Structure>
+Structure vk_struct(VkStructureType type, decltype(Structure::pNext) next = nullptr) {
+  Structure structure{};
+  structure.sType = type;
+  structure.pNext = next;
+  return structure;
+}
+
+// The name of a result code, such as "VK_ERROR_DEVICE_LOST".
+std::string result_name(VkResult result);
+
+// Throws Error "WHAT: VK_ERROR_..." unless the call succeeded.
+void check(VkResult result, const std::string& what);
+
+}  // namespace raymeld

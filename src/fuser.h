@@ -1,0 +1,124 @@
+// Model and sizes -> a recorded graph; one call for each frame.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <vector>
+
+#include "engine/commands.h"
+#include "engine/program.h"
+#include "io/image.h"
+#include "model.h"
+#include "tiling.h"
+
+namespace raymeld {
+
+struct FuserOptions {
+  Storage storage = Storage::kFloat32;
+  // What all of raymeld's buffers on the device may take together; 0: what the device has to give.
+  uint64_t max_memory_bytes = 0;
+  // Where LRHS samples lie in their s x s cell, in full-size pixels: 0 for nearest-neighbour degradation (the
+  // top-left pixel), (s - 1) / 2 for a real low-resolution render.
+  float phase = 0;
+  // Keeps every layer's output readable after a frame; needs the memory of all and a frame of one tile.
+  bool keep_activations = false;
+  // Measures every pass; the frame is slower, as passes no longer overlap.
+  bool profile = false;
+};
+
+// How a frame will be run, before anything is allocated.
+struct FusePlan {
+  Tiling tiling;
+  uint64_t constant_bytes = 0;
+  uint64_t activation_bytes = 0;
+  uint64_t unaliased_bytes = 0;  // what the activations would take without sharing memory
+  uint64_t frame_bytes = 0;      // the images on their way in and out of fuse()
+  double flop = 0;               // of the whole frame, halos included
+
+  uint64_t peak_bytes() const { return constant_bytes + activation_bytes + frame_bytes; }
+};
+
+// Plans frames of (height, width) LRHS pixels for a device. Throws Error when not even the smallest tile
+// fits.
+FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const DeviceInfo& device,
+                     const FuserOptions& options);
+
+struct PassTime {
+  std::string name;
+  double time_ms = 0;
+  double flop = 0;
+  double bytes = 0;
+};
+
+struct FuseReport {
+  double device_ms = 0;  // from the first submit of a tile to its end, summed over the tiles
+  Status status;
+  std::vector<PassTime> passes;  // with FuserOptions::profile
+};
+
+// Called with the share of a frame that is done, in [0, 1]; false stops the frame with Cancelled.
+using Progress = std::function<bool(double)>;
+
+class Fuser {
+ public:
+  // Frames that may be recorded by record() and not yet done on the device.
+  static constexpr uint32_t kFramesInFlight = 3;
+
+  // Allocates all that frames of (height, width) LRHS pixels need, and compiles the pipelines through the
+  // cache on disk. `device` and `model` must outlive the Fuser. Throws Error.
+  Fuser(const Device& device, const Model& model, uint32_t height, uint32_t width,
+        const FuserOptions& options,
+        const std::filesystem::path& cache_folder = PipelineCache::default_folder());
+
+  const FusePlan& plan() const { return plan_; }
+  const Graph& graph() const { return graph_; }
+  Program& program() { return program_; }
+  // What the Fuser has allocated on the device.
+  uint64_t allocated_bytes() const;
+
+  // Records one frame into the caller's command buffer, outside of any render pass; never submits, allocates
+  // or waits. lrhs: (h, w, 3), hrls: (s h, s w, K), fused: (s h, s w, 3), scene linear floats in storage
+  // buffers of this device. h and w are plan().tiling.tile: a frame of several tiles is recorded tile by
+  // tile, with views that start at each tile. The inputs must be visible to
+  // VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT / VK_ACCESS_SHADER_READ_BIT; the output is written by that stage
+  // with VK_ACCESS_SHADER_WRITE_BIT. At most kFramesInFlight recordings may be pending, each submitted at
+  // most once, to one queue. program().status() counts what went wrong. Throws Error when a view passes the
+  // device's limits.
+  void record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
+              const FrameBuffer& fused);
+
+  // Fuses one frame: lrhs (3, h, w) and hrls (K, s h, s w) to fused (3, s h, s w), scene linear. Runs tile by
+  // tile and waits. The first call allocates and records; later ones only submit. Throws Error, also when the
+  // network's output is not finite, and Cancelled.
+  FuseReport fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress = {});
+
+ private:
+  // Buffers and recordings of fuse(), made once.
+  struct Host {
+    Buffer lrhs, hrls, fused;
+    Commands pool;
+    std::vector<VkCommandBuffer> chunks;  // of one tile, each short enough for a watchdog
+    VkQueryPool queries = VK_NULL_HANDLE;
+    const Device& device;
+    explicit Host(const Device& device) : pool(device), device(device) {}
+    ~Host();
+  };
+
+  void check_sizes(const Image& lrhs, const Image& hrls) const;
+  FrameBindings bindings(const FrameBuffer& lrhs, const FrameBuffer& hrls, const FrameBuffer& fused) const;
+  void prepare_host();
+  void add_pass_times(FuseReport& report) const;
+
+  const Device& device_;
+  const Model& model_;
+  FuserOptions options_;
+  FusePlan plan_;
+  PipelineCache cache_;
+  Graph graph_;
+  Program program_;
+  uint32_t next_set_ = 0;
+  std::optional<Host> host_;
+};
+
+}  // namespace raymeld

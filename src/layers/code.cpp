@@ -1,0 +1,78 @@
+// encode and decode: between scene linear images and the network's range.
+#include <cstring>
+#include <vector>
+
+#include "layers/layers.h"
+#include "layers/shaders.h"
+#include "params.h"
+
+namespace raymeld {
+namespace {
+
+static_assert(static_cast<int>(ChannelKind::kRadiance) == RAYMELD_RADIANCE);
+static_assert(static_cast<int>(ChannelKind::kAlbedo) == RAYMELD_ALBEDO);
+static_assert(static_cast<int>(ChannelKind::kNormal) == RAYMELD_NORMAL);
+
+uint32_t plane_of(const Graph& graph, const Tensor& tensor) {
+  return static_cast<uint32_t>(plane_stride(tensor.shape.pixels(), graph.storage()));
+}
+
+double elements(const Tensor& tensor) {
+  return static_cast<double>(tensor.shape.pixels() * tensor.shape.channels);
+}
+
+}  // namespace
+
+void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor& out,
+            std::span<const ChannelKind> kinds, Transfer transfer, float clip) {
+  if (kinds.size() != out.shape.channels) {
+    throw Error("layer {}: {} channel kinds, expected {}", name, kinds.size(), out.shape.channels);
+  }
+  if (!(clip > 0)) throw Error("layer {}: clip {} is not positive", name, clip);
+  const uint32_t table =
+      graph.constant(name + ".kinds", kinds.size_bytes(),
+                     [owned = std::vector(kinds.begin(), kinds.end())](std::byte* target) {
+                       std::memcpy(target, owned.data(), owned.size() * sizeof(ChannelKind));
+                     });
+  Pass pass;
+  pass.name = name;
+  pass.shader = &shaders::kEncode;
+  pass.bindings = {constant_binding(table), frame_binding(slot, Access::kRead), write_binding(out)};
+  pass.set_push(params::Encode{
+      {}, out.shape.height, out.shape.width, plane_of(graph, out), transfer == Transfer::kLog, clip});
+  pass.groups = element_groups(out.shape);
+  pass.bytes = elements(out) * static_cast<double>(4 + element_bytes(graph.storage()));
+  graph.add(std::move(pass));
+}
+
+void decode(Graph& graph, const std::string& name, const Tensor& in, const DecodeOptions& options) {
+  const Tensor& base = options.base ? *options.base : in;
+  if (options.base &&
+      (base.shape.channels != in.shape.channels || base.shape.height * options.scale != in.shape.height ||
+       base.shape.width * options.scale != in.shape.width)) {
+    throw Error("layer {}: a base of {}x{}x{} does not fit an output of {}x{}x{} at scale {}", name,
+                base.shape.height, base.shape.width, base.shape.channels, in.shape.height, in.shape.width,
+                in.shape.channels, options.scale);
+  }
+  Pass pass;
+  pass.name = name;
+  pass.shader = &shaders::kDecode;
+  pass.bindings = {read_binding(in), read_binding(base), frame_binding(FrameSlot::kFused, Access::kWrite)};
+  pass.set_push(params::Decode{{},
+                               in.shape.height,
+                               in.shape.width,
+                               plane_of(graph, in),
+                               base.shape.height,
+                               base.shape.width,
+                               plane_of(graph, base),
+                               options.transfer == Transfer::kLog,
+                               options.base != nullptr,
+                               static_cast<float>(options.scale),
+                               options.phase});
+  pass.groups = element_groups(in.shape);
+  pass.bytes = elements(in) * static_cast<double>(4 + element_bytes(graph.storage())) +
+               elements(base) * static_cast<double>(element_bytes(graph.storage()));
+  graph.add(std::move(pass));
+}
+
+}  // namespace raymeld

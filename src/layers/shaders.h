@@ -1,0 +1,36 @@
+// The compiled shaders, and what every layer's passes are put together from.
+#pragma once
+
+#include "engine/graph.h"
+
+namespace raymeld {
+
+namespace shaders {
+extern const Shader kConv2d;
+extern const Shader kSpaceToDepth;
+extern const Shader kPixelShuffle;
+extern const Shader kEncode;
+extern const Shader kDecode;
+}  // namespace shaders
+
+inline Binding read_binding(const Tensor& tensor) {
+  return {.kind = Binding::Kind::kTensor, .access = Access::kRead, .tensor = tensor};
+}
+inline Binding write_binding(const Tensor& tensor) {
+  return {.kind = Binding::Kind::kTensor, .access = Access::kWrite, .tensor = tensor};
+}
+inline Binding constant_binding(uint32_t constant) {
+  return {.kind = Binding::Kind::kConstant, .access = Access::kRead, .constant = constant};
+}
+inline Binding frame_binding(FrameSlot slot, Access access) {
+  return {.kind = Binding::Kind::kFrame, .access = access, .slot = slot};
+}
+
+constexpr uint32_t divide_up(uint32_t a, uint32_t b) { return (a + b - 1) / b; }
+
+// Workgroups of the shaders with one invocation for each element, 32 x 2 to a workgroup.
+constexpr std::array<uint32_t, 3> element_groups(const Shape& shape) {
+  return {divide_up(shape.width, 32), divide_up(shape.height, 2), shape.channels};
+}
+
+}  // namespace raymeld

@@ -1,0 +1,42 @@
+#include "layers/layers.h"
+#include "layers/shaders.h"
+#include "params.h"
+
+namespace raymeld {
+namespace {
+
+// `small` is (h, w, 4c), `large` (2h, 2w, c).
+void check_shapes(const std::string& name, const Shape& small, const Shape& large) {
+  if (large.height != 2 * small.height || large.width != 2 * small.width ||
+      small.channels != 4 * large.channels) {
+    throw Error("layer {}: {}x{}x{} and {}x{}x{} are not a shuffle by 2", name, small.height, small.width,
+                small.channels, large.height, large.width, large.channels);
+  }
+}
+
+Pass shuffle(const Graph& graph, const std::string& name, const Shader& shader, const Tensor& in,
+             const Tensor& out, const Shape& small, const Shape& large) {
+  check_shapes(name, small, large);
+  Pass pass;
+  pass.name = name;
+  pass.shader = &shader;
+  pass.bindings = {read_binding(in), write_binding(out)};
+  pass.set_push(params::Shuffle{small.height, small.width,
+                                static_cast<uint32_t>(plane_stride(small.pixels(), graph.storage())),
+                                static_cast<uint32_t>(plane_stride(large.pixels(), graph.storage()))});
+  pass.groups = element_groups(out.shape);
+  pass.bytes = 2.0 * static_cast<double>(large.pixels() * large.channels * element_bytes(graph.storage()));
+  return pass;
+}
+
+}  // namespace
+
+void space_to_depth(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out) {
+  graph.add(shuffle(graph, name, shaders::kSpaceToDepth, in, out, out.shape, in.shape));
+}
+
+void pixel_shuffle(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out) {
+  graph.add(shuffle(graph, name, shaders::kPixelShuffle, in, out, in.shape, out.shape));
+}
+
+}  // namespace raymeld

@@ -1,0 +1,68 @@
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "layers/layers.h"
+
+namespace raymeld {
+
+// What is added to the trunk: F_LRHS (section 4 and figure 4 of Hou et al. 2021) or F_0 (their Eq. 8).
+enum class LongSkip { kLrhs, kFused };
+
+// The choices of a network, all of them data of the model's file. Names as in the paper.
+struct Architecture {
+  uint32_t scale = 0;                    // s: 2, 4 or 8
+  uint32_t features = 0;                 // C
+  uint32_t growth = 0;                   // R
+  uint32_t dense_layers = 0;             // D, of a block
+  uint32_t blocks = 0;                   // B, of a group
+  uint32_t groups = 0;                   // G
+  std::vector<std::string> hrls_layers;  // three channels each, color first
+  LongSkip long_skip = LongSkip::kLrhs;
+  bool merge_relu = false;  // a ReLU after a block's 1x1
+  Transfer transfer = Transfer::kLinear;
+  float clip = 0;              // of radiance, scene linear
+  bool bilinear_base = false;  // the output is a residual over the bilinearly upsampled LRHS
+
+  uint32_t levels() const;  // log2(scale)
+  std::vector<ChannelKind> hrls_kinds() const;
+};
+
+// A network with its weights. Immutable once loaded; must outlive every Fuser made from it.
+class Model {
+ public:
+  // Reads a safetensors file and checks that its tensors are exactly those that its metadata implies, all
+  // finite. Throws Error naming the file and the tensor or the metadata entry, and what was expected.
+  explicit Model(const std::filesystem::path& file);
+
+  const Architecture& architecture() const { return architecture_; }
+  const std::string& name() const { return name_; }
+  const std::string& file() const { return file_; }
+  const std::map<std::string, std::string>& metadata() const { return metadata_; }
+  uint64_t parameters() const;
+
+  // The weights of layer `name`, whose shape must be [out][in][kernel][kernel].
+  ConvWeights conv(const std::string& name, uint32_t out, uint32_t in, uint32_t kernel) const;
+
+ private:
+  struct Values {
+    std::vector<size_t> shape;
+    std::vector<float> values;
+  };
+  std::span<const float> tensor(const std::string& name, const std::vector<size_t>& shape) const;
+  void check_tensors() const;
+
+  std::string file_;
+  std::string name_;
+  Architecture architecture_;
+  std::map<std::string, std::string> metadata_;
+  std::map<std::string, Values> tensors_;
+};
+
+// Reads the metadata of a model's file. Throws Error naming the file, the entry and what it may be.
+Architecture parse_architecture(const std::map<std::string, std::string>& metadata, const std::string& file);
+
+}  // namespace raymeld
