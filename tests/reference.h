@@ -50,7 +50,7 @@ Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Preci
 // What the model file's metadata says.
 struct Architecture {
   int scale = 0, features = 0, growth = 0, dense_layers = 0, blocks = 0, groups = 0;
-  std::vector<LayerKind> hrls_layers;  // 3 channels each, in the order of the HRLS input
+  std::vector<LayerKind> hrls_layers = {};  // 3 channels each, in the order of the HRLS input
   bool long_skip_fused = false, merge_relu = false, bilinear_base = false;
   Transfer transfer = Transfer::kLinear;
   double clip = 0;

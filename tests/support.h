@@ -60,10 +60,10 @@ void write_file(const std::filesystem::path& path, std::string_view content);
 std::filesystem::path source_path(const std::filesystem::path& relative);  // within the repository
 
 struct ProcessOptions {
-  std::filesystem::path directory;                                // where it runs; empty: here
-  std::map<std::string, std::optional<std::string>> environment;  // set, or unset where nullopt
-  int signal = 0;                                                 // sent once, as soon as stderr holds ...
-  std::string signal_after;                                       // ... this text
+  std::filesystem::path directory = {};                                // where it runs; empty: here
+  std::map<std::string, std::optional<std::string>> environment = {};  // set, or unset where nullopt
+  int signal = 0;                 // sent once, as soon as stderr holds ...
+  std::string signal_after = {};  // ... this text
 };
 
 struct ProcessResult {
@@ -72,7 +72,8 @@ struct ProcessResult {
   std::string out, err;
 };
 
-// Waits for its end. argv[0] is looked up in PATH; stdin is empty. Throws std::system_error when it cannot
+// Waits for its end. argv[0] is looked up in PATH; stdin is empty, signals act by default.
+// Throws std::system_error when it cannot
 // start.
 ProcessResult run_process(const std::vector<std::string>& argv, const ProcessOptions& options = {});
 
