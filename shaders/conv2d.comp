@@ -43,7 +43,7 @@ void store(uint o, uint y, uint x, float value) {
   if (kResiduals > 0) value += float(residual0[at]);
   if (kResiduals > 1) value += float(residual1[at]);
   if (kResiduals > 2) value += float(residual2[at]);
-  out_data[at] = to_storage(value);
+  out_data[at] = STORAGE(storable(value));
 }
 
 void main() {

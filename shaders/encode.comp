@@ -31,5 +31,5 @@ void main() {
     value = clamp_finite(value, 0.0, p.clip);
     if (p.log_transfer != 0) value = log(1.0 + 8.0 * value) / 3.0;
   }
-  out_data[address(id.z, id.y, id.x, p.plane, p.width)] = to_storage(value);
+  out_data[address(id.z, id.y, id.x, p.plane, p.width)] = STORAGE(storable(value));
 }

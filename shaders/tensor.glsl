@@ -18,13 +18,14 @@ layout(std430, set = 0, binding = 0) buffer Status {
 
 uint address(uint c, uint y, uint x, uint plane, uint width) { return c * plane + y * width + x; }
 
-// Beyond what 16 bits hold, values saturate and are counted; never passed on as infinity.
-STORAGE to_storage(float value) {
+// What STORAGE(value) may be made of. Beyond what 16 bits hold, values saturate and are counted; they are never
+// passed on as infinity. (A function that returned STORAGE would need 16-bit arithmetic, which is not required.)
+float storable(float value) {
 #ifdef STORAGE_F16
   if (abs(value) > 65504.0) {
     atomicAdd(status.saturated, 1u);
     value = clamp(value, -65504.0, 65504.0);
   }
 #endif
-  return STORAGE(value);
+  return value;
 }
