@@ -1,0 +1,82 @@
+"""Models of Sweet Home 3D catalogues (.sh3f: a zip of OBJ, MTL and textures)."""
+
+import pathlib
+import zipfile
+
+import bpy
+from mathutils import Matrix, Vector
+
+# These crash Blender 3.4's OBJ importer.
+CRASHING = {"MIDI-keyboard"}
+LEFT_OUT_CATEGORIES = ("Doors and windows", "Doors", "Windows", "Staircases")
+
+
+class Model:
+    """One catalogue entry; size_m is (width, depth, height)."""
+
+    def __init__(self, archive, entry):
+        self.archive = archive
+        self.path = entry["model"].lstrip("/")
+        self.name = pathlib.PurePosixPath(self.path).stem
+        self.category = entry.get("category", "")
+        self.size_m = Vector([float(entry[k]) / 100 for k in ("width", "depth", "height")])
+        self.hangs = float(entry.get("elevation", 0)) > 50
+        self.usable = (
+            self.name not in CRASHING
+            and self.category not in LEFT_OUT_CATEGORIES
+            and "modelRotation" not in entry
+            and self.path.lower().endswith(".obj")
+            and max(self.size_m) < 4
+        )
+
+    def load(self, folder):
+        """Imports the model, standing on the origin with its front to -y, at its catalogue size."""
+        print("loading", self.path, flush=True)  # names the culprit when the importer crashes
+        prefix = str(pathlib.PurePosixPath(self.path).parent) + "/"
+        with zipfile.ZipFile(self.archive) as archive:
+            archive.extractall(folder, [n for n in archive.namelist() if n.startswith(prefix)])
+        bpy.ops.object.select_all(action="DESELECT")
+        # Some hold degenerate faces, which crash Blender unless removed.
+        bpy.ops.wm.obj_import(filepath=str(pathlib.Path(folder) / self.path), validate_meshes=True)
+        parts = [o for o in bpy.context.selected_objects if o.type == "MESH"]
+        if not parts:
+            raise ValueError(f"no mesh in {self.path}")
+        return fit(parts, self.size_m)
+
+
+def fit(parts, size_m):
+    corners = [o.matrix_world @ Vector(c) for o in parts for c in o.bound_box]
+    low = Vector(min(c[i] for c in corners) for i in range(3))
+    high = Vector(max(c[i] for c in corners) for i in range(3))
+    base = Vector(((low.x + high.x) / 2, (low.y + high.y) / 2, low.z))
+    scale = [size_m[i] / max(high[i] - low[i], 1e-4) for i in range(3)]
+    fitted = Matrix.Diagonal((*scale, 1)) @ Matrix.Translation(-base)
+    root = bpy.data.objects.new("model", None)
+    bpy.context.collection.objects.link(root)
+    for part in parts:
+        part.matrix_world = fitted @ part.matrix_world
+        part.parent = root
+    return root
+
+
+def read_catalogue(archive_path):
+    with zipfile.ZipFile(archive_path) as archive:
+        text = archive.read("PluginFurnitureCatalog.properties").decode("latin-1")
+    entries = {}
+    for line in text.splitlines():
+        key, _, value = line.partition("=")
+        name, _, index = key.partition("#")
+        if index and not line.startswith("#"):
+            entries.setdefault(index, {})[name] = value.strip()
+    models = [Model(archive_path, e) for e in entries.values() if "model" in e]
+    return [m for m in models if m.usable]
+
+
+def read_textures(archive_path):
+    """(archive, member) of the photographs large enough to cover a floor or a wall."""
+    with zipfile.ZipFile(archive_path) as archive:
+        return [
+            (archive_path, i.filename)
+            for i in archive.infolist()
+            if i.filename.lower().endswith((".jpg", ".jpeg")) and i.file_size > 15000
+        ]
