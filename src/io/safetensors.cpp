@@ -13,7 +13,6 @@
 #include <set>
 
 #include "error.h"
-#include "io/atomic_file.h"
 #include "io/input_file.h"
 
 namespace raymeld {
@@ -26,8 +25,6 @@ using Json = nlohmann::json;
 constexpr size_t kLengthBytes = 8;
 constexpr size_t kMaxHeaderBytes = 100'000'000;  // the format's own limit
 constexpr int kMaxDepth = 3;                     // file, tensor, its shape
-
-size_t size_bytes_of(TensorType type) { return type == TensorType::kF32 ? 4 : 2; }
 
 // Where a tensor lies in the data section.
 struct Extent {
@@ -142,7 +139,7 @@ class Parser {
   }
 
   size_t checked_size_bytes(const std::string& tensor, const TensorData& data) const {
-    size_t size_bytes = size_bytes_of(data.type);
+    size_t size_bytes = value_size_bytes(data.type);
     for (size_t extent : data.shape)
       if (__builtin_mul_overflow(size_bytes, extent, &size_bytes))
         fail("tensor '{}' of shape [{}] is too large", tensor, fmt::join(data.shape, ", "));
@@ -150,7 +147,7 @@ class Parser {
   }
 
   static std::vector<float> widen(TensorType type, std::string_view bytes) {
-    std::vector<float> values(bytes.size() / size_bytes_of(type));
+    std::vector<float> values(bytes.size() / value_size_bytes(type));
     if (type == TensorType::kF32) {
       std::ranges::copy(bytes, reinterpret_cast<char*>(values.data()));
       return values;
@@ -181,19 +178,6 @@ class Parser {
   std::set<std::string> keys_[kMaxDepth + 1];  // of the object that is open at each depth
 };
 
-std::string stored(const TensorData& tensor) {
-  std::string bytes(tensor.values.size() * size_bytes_of(tensor.type), '\0');
-  for (size_t i = 0; i < tensor.values.size(); ++i) {
-    if (tensor.type == TensorType::kF32) {
-      std::memcpy(bytes.data() + 4 * i, &tensor.values[i], 4);
-    } else {
-      const uint16_t bits = imath_float_to_half(tensor.values[i]);
-      std::memcpy(bytes.data() + 2 * i, &bits, 2);
-    }
-  }
-  return bytes;
-}
-
 }  // namespace
 
 SafeTensors parse_safetensors(std::string_view bytes, const std::string& name) {
@@ -208,27 +192,6 @@ SafeTensors read_safetensors(const std::filesystem::path& path) {
     throw Error("cannot read '{}': reading stopped after {} of {} bytes", path.string(), file.gcount(),
                 bytes.size());
   return parse_safetensors(bytes, path.string());
-}
-
-void write_safetensors(const std::filesystem::path& path, const SafeTensors& content) {
-  Json header = Json::object();
-  std::string data;
-  if (!content.metadata.empty()) header["__metadata__"] = content.metadata;
-  for (const auto& [name, tensor] : content.tensors) {
-    const size_t begin = data.size();
-    data += stored(tensor);
-    header[name] = {{"dtype", tensor.type == TensorType::kF32 ? "F32" : "F16"},
-                    {"shape", tensor.shape},
-                    {"data_offsets", {begin, data.size()}}};
-  }
-  std::string text = header.dump();
-  text.resize((text.size() + 7) / 8 * 8, ' ');  // so that the data is aligned
-  const uint64_t length = text.size();
-  AtomicFile file(path);
-  file.write(&length, kLengthBytes);
-  file.write(text.data(), text.size());
-  file.write(data.data(), data.size());
-  file.commit();
 }
 
 }  // namespace raymeld

@@ -11,6 +11,8 @@ namespace raymeld {
 
 enum class TensorType { kF32, kF16 };
 
+inline size_t value_size_bytes(TensorType type) { return type == TensorType::kF32 ? 4 : 2; }
+
 struct TensorData {
   TensorType type = TensorType::kF32;  // as stored
   std::vector<size_t> shape;

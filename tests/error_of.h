@@ -1,0 +1,38 @@
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <string>
+
+#include "error.h"
+
+namespace raymeld::test {
+
+// What the raymeld::Error says that `work` must throw; any other end fails the test.
+template <typename Work>
+std::string error_of(Work&& work) {
+  try {
+    work();
+  } catch (const Error& error) {
+    return error.what();
+  } catch (const std::exception& error) {
+    ADD_FAILURE() << "not an Error: " << error.what();
+    return {};
+  }
+  ADD_FAILURE() << "nothing was thrown";
+  return {};
+}
+
+inline bool contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+}  // namespace raymeld::test
+
+// Every given part must stand in the message of the Error that `statement` throws.
+#define EXPECT_ERROR(statement, ...)                                                        \
+  do {                                                                                      \
+    const std::string message = raymeld::test::error_of([&] { statement; });                \
+    for (const std::string part : {__VA_ARGS__})                                            \
+      EXPECT_TRUE(raymeld::test::contains(message, part)) << message << "\nlacks " << part; \
+  } while (false)
