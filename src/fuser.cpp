@@ -56,6 +56,16 @@ void copy_rows(const float* from, size_t from_stride, float* to, size_t to_strid
 
 }  // namespace
 
+Storage storage_for(Precision precision, const DeviceInfo& device) {
+  const bool half = precision == Precision::kFp16 ||
+                    (precision == Precision::kAuto && !device.is_cpu && device.storage_16bit);
+  return half ? Storage::kFloat16 : Storage::kFloat32;
+}
+
+float lrhs_phase(bool centered, uint32_t scale) {
+  return centered ? (static_cast<float>(scale) - 1.0f) / 2.0f : 0.0f;
+}
+
 FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const DeviceInfo& device,
                      const FuserOptions& options) {
   // A driver that tells no budget still shares its heap with others.
@@ -184,52 +194,68 @@ void Fuser::check_sizes(const Image& lrhs, const Image& hrls) const {
 
 FuseReport Fuser::fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress) {
   check_sizes(lrhs, hrls);
-  prepare_host();
   if (fused.width != hrls.width || fused.height != hrls.height || fused.channels != 3) {
     fused = Image(hrls.width, hrls.height, 3);
   }
-  const uint32_t s = model_.architecture().scale;
-  const TileSize tile = plan_.tiling.tile;
-  const auto full_plane = size_t{s} * tile.width * s * tile.height;
+  return fuse(lrhs.data.data(), hrls.data.data(), fused.data.data(), progress);
+}
+
+FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress) {
+  prepare_host();
   FuseReport report;
   program_.reset_status();
+  const double steps = static_cast<double>(plan_.tiling.count() * host_->chunks.size());
+  double done = 0;
   for (uint32_t index = 0; index < plan_.tiling.count(); ++index) {
     const Tile at = plan_.tiling.at(index);
-    for (int c = 0; c < 3; ++c) {
-      copy_rows(lrhs.plane(c) + size_t{at.y} * lrhs.width + at.x, lrhs.width,
-                static_cast<float*>(host_->lrhs.mapped()) + c * size_t{tile.width} * tile.height, tile.width,
-                tile.width, tile.height);
-    }
-    for (int c = 0; c < hrls.channels; ++c) {
-      copy_rows(hrls.plane(c) + size_t{s} * at.y * hrls.width + size_t{s} * at.x, hrls.width,
-                static_cast<float*>(host_->hrls.mapped()) + c * full_plane, size_t{s} * tile.width,
-                s * tile.width, s * tile.height);
-    }
-    for (size_t chunk = 0; chunk < host_->chunks.size(); ++chunk) {
+    upload(lrhs, hrls, at);
+    for (VkCommandBuffer chunk : host_->chunks) {
       const auto start = std::chrono::steady_clock::now();
-      device_.submit_and_wait(host_->chunks[chunk]);
-      report.device_ms +=
-          std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
-      const double tiles_done =
-          index + static_cast<double>(chunk + 1) / static_cast<double>(host_->chunks.size());
-      if (progress && !progress(tiles_done / plan_.tiling.count())) throw Cancelled();
+      device_.submit_and_wait(chunk);
+      const std::chrono::duration<double, std::milli> time = std::chrono::steady_clock::now() - start;
+      report.device_ms += time.count();
+      if (progress && !progress(++done / steps)) throw Cancelled();
     }
-    host_->fused.invalidate();
-    for (int c = 0; c < 3; ++c) {
-      const size_t from = size_t{s} * (at.core_y - at.y) * s * tile.width + size_t{s} * (at.core_x - at.x);
-      copy_rows(static_cast<const float*>(host_->fused.mapped()) + c * full_plane + from,
-                size_t{s} * tile.width,
-                fused.plane(c) + size_t{s} * at.core_y * fused.width + size_t{s} * at.core_x, fused.width,
-                s * at.core.width, s * at.core.height);
-    }
+    download(fused, at);
     if (options_.profile) add_pass_times(report);
   }
   report.status = program_.status();
   if (report.status.not_finite > 0) {
-    throw Error("model {} gave {} values that are not finite; the image was not written", model_.name(),
+    throw Error("model {} gave {} values that are not finite; the image is of no use", model_.name(),
                 report.status.not_finite);
   }
   return report;
+}
+
+void Fuser::upload(const float* lrhs, const float* hrls, const Tile& at) {
+  const auto [frame, tile] = std::pair(plan_.tiling.frame, plan_.tiling.tile);
+  const size_t s = model_.architecture().scale;
+  const size_t frame_plane = size_t{frame.height} * frame.width,
+               tile_plane = size_t{tile.height} * tile.width;
+  auto* lrhs_out = static_cast<float*>(host_->lrhs.mapped());
+  for (size_t c = 0; c < 3; ++c) {
+    copy_rows(lrhs + c * frame_plane + size_t{at.y} * frame.width + at.x, frame.width,
+              lrhs_out + c * tile_plane, tile.width, tile.width, tile.height);
+  }
+  auto* hrls_out = static_cast<float*>(host_->hrls.mapped());
+  for (size_t c = 0; c < hrls_channels(model_); ++c) {
+    copy_rows(hrls + s * s * c * frame_plane + s * at.y * s * frame.width + s * at.x, s * frame.width,
+              hrls_out + s * s * c * tile_plane, s * tile.width, s * tile.width, s * tile.height);
+  }
+}
+
+void Fuser::download(float* fused, const Tile& at) {
+  const auto [frame, tile] = std::pair(plan_.tiling.frame, plan_.tiling.tile);
+  const size_t s = model_.architecture().scale;
+  host_->fused.invalidate();
+  const auto* in = static_cast<const float*>(host_->fused.mapped());
+  for (size_t c = 0; c < 3; ++c) {
+    const size_t from = s * s * c * tile.height * tile.width + s * (at.core_y - at.y) * s * tile.width +
+                        s * (at.core_x - at.x);
+    const size_t to =
+        s * s * c * frame.height * frame.width + s * at.core_y * s * frame.width + s * at.core_x;
+    copy_rows(in + from, s * tile.width, fused + to, s * frame.width, s * at.core.width, s * at.core.height);
+  }
 }
 
 void Fuser::add_pass_times(FuseReport& report) const {

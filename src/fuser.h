@@ -10,17 +10,24 @@
 #include "engine/program.h"
 #include "io/image.h"
 #include "model.h"
+#include "raymeld/raymeld.hpp"
 #include "tiling.h"
 
 namespace raymeld {
+
+// What a wish for a precision means on a device: kAuto takes 16-bit storage on GPUs that have it, 32 bits on
+// CPUs, where converting costs more than it saves.
+Storage storage_for(Precision precision, const DeviceInfo& device);
+
+// Where LRHS samples lie in their s x s cell, in full-size pixels: 0 for nearest-neighbour degradation (the
+// top-left pixel), (s - 1) / 2 for a real low-resolution render.
+float lrhs_phase(bool centered, uint32_t scale);
 
 struct FuserOptions {
   Storage storage = Storage::kFloat32;
   // What all of raymeld's buffers on the device may take together; 0: what the device has to give.
   uint64_t max_memory_bytes = 0;
-  // Where LRHS samples lie in their s x s cell, in full-size pixels: 0 for nearest-neighbour degradation (the
-  // top-left pixel), (s - 1) / 2 for a real low-resolution render.
-  float phase = 0;
+  float phase = 0;  // see lrhs_phase()
   // Keeps every layer's output readable after a frame; needs the memory of all and a frame of one tile.
   bool keep_activations = false;
   // Measures every pass; the frame is slower, as passes no longer overlap.
@@ -92,6 +99,8 @@ class Fuser {
   // tile and waits. The first call allocates and records; later ones only submit. Throws Error, also when the
   // network's output is not finite, and Cancelled.
   FuseReport fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress = {});
+  // The same on planar, dense memory of the caller's, whose sizes are not checked.
+  FuseReport fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress = {});
 
  private:
   // Buffers and recordings of fuse(), made once.
@@ -108,6 +117,8 @@ class Fuser {
   void check_sizes(const Image& lrhs, const Image& hrls) const;
   FrameBindings bindings(const FrameBuffer& lrhs, const FrameBuffer& hrls, const FrameBuffer& fused) const;
   void prepare_host();
+  void upload(const float* lrhs, const float* hrls, const Tile& at);
+  void download(float* fused, const Tile& at);
   void add_pass_times(FuseReport& report) const;
 
   const Device& device_;

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "engine/vulkan.h"
+#include "raymeld/vulkan.hpp"
 
 namespace raymeld {
 
@@ -42,17 +43,6 @@ struct DeviceRequest {
   std::string selector;
   // Turns on the validation and synchronization-validation layer; its messages collect in Device::messages().
   bool validation = false;
-};
-
-// A device that the caller made and keeps: all handles must outlive the Device.
-struct ExternalDevice {
-  PFN_vkGetInstanceProcAddr get_instance_proc_addr = nullptr;
-  VkInstance instance = VK_NULL_HANDLE;
-  VkPhysicalDevice physical_device = VK_NULL_HANDLE;
-  VkDevice device = VK_NULL_HANDLE;
-  VkQueue queue = VK_NULL_HANDLE;  // must do compute
-  uint32_t queue_family = 0;
-  bool storage_16bit = false;  // whether storageBuffer16BitAccess was enabled
 };
 
 // Externally synchronised: one thread at a time may use a Device and what was made from it.

@@ -11,16 +11,6 @@
 
 namespace raymeld {
 
-// A float image in a storage buffer: element (c, y, x) is at
-// offset_bytes / 4 + c * channel_stride + y * row_stride + x * pixel_stride; strides count floats.
-struct FrameBuffer {
-  VkBuffer buffer = VK_NULL_HANDLE;
-  VkDeviceSize offset_bytes = 0;  // a multiple of 4
-  uint32_t pixel_stride = 1;
-  uint32_t row_stride = 0;
-  uint32_t channel_stride = 0;
-};
-
 struct FrameBinding {
   FrameBuffer view;
   Shape shape;

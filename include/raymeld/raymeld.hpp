@@ -1,0 +1,72 @@
+// raymeld as a library: fuses a small render with many samples a pixel (LRHS) and a full-size one with few
+// (HRLS) on a Vulkan device, raymeld's own or the caller's. Every function may throw std::runtime_error whose
+// message says what was being done and what was expected; nothing else is thrown but std::bad_alloc.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "raymeld/vulkan.hpp"
+
+namespace raymeld {
+
+enum class Precision {
+  kAuto,  // fp16 on GPUs with 16-bit storage, else fp32
+  kFp32,
+  kFp16,  // 16-bit storage, 32-bit sums; an error on a device without 16-bit storage
+};
+
+struct FusionOptions {
+  Precision precision = Precision::kAuto;
+  uint64_t max_memory_bytes =
+      0;  // of all buffers raymeld makes on the device; 0: what the device has to give
+  // Whether LRHS is a render at low resolution, its samples in the centre of their s x s cell, rather than
+  // every s-th pixel of a full-size render, the top-left one of each cell.
+  bool lrhs_centered = true;
+  std::string device;  // index, UUID or part of the name; empty: the first GPU, else a CPU driver
+};
+
+// A model made ready for frames of one size on one device. Externally synchronised.
+class Fusion {
+ public:
+  // Frames that may be recorded and not yet done on the device.
+  static constexpr uint32_t kFramesInFlight = 3;
+
+  // `height`, `width`: the size of LRHS in pixels. Allocates all that frames need.
+  Fusion(const std::string& model_file, uint32_t height, uint32_t width, const FusionOptions& options = {});
+  // On the caller's device; FusionOptions::device is ignored.
+  Fusion(const std::string& model_file, uint32_t height, uint32_t width, const FusionOptions& options,
+         const ExternalDevice& device);
+  ~Fusion();
+  Fusion(Fusion&&) noexcept;
+  Fusion& operator=(Fusion&&) noexcept;
+
+  uint32_t scale() const;
+  // The layers of HRLS that the model reads, three channels each, in order: color, albedo, normal, diffuse,
+  // specular, variance or some of them.
+  const std::vector<std::string>& hrls_layers() const;
+  // The LRHS size that one recording computes: (height, width) unless memory or limits force tiles.
+  uint32_t tile_height() const;
+  uint32_t tile_width() const;
+
+  // Records one frame into the caller's command buffer, outside of a render pass; never submits, allocates or
+  // waits. lrhs: (tile_height, tile_width, 3), hrls: (s tile_height, s tile_width, 3 layers), fused: (s
+  // tile_height, s tile_width, 3), scene linear. The inputs must be visible to
+  // VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with VK_ACCESS_SHADER_READ_BIT; the output is written in that stage
+  // with VK_ACCESS_SHADER_WRITE_BIT. At most kFramesInFlight recordings may be pending, on one queue, each
+  // submitted once.
+  void record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
+              const FrameBuffer& fused);
+
+  // Fuses one frame of host memory, planar and dense: lrhs (3, h, w), hrls (3 layers, s h, s w), fused (3, s
+  // h, s w). Tiles as needed, submits to the device's queue and waits.
+  void fuse(const float* lrhs, const float* hrls, float* fused);
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace raymeld

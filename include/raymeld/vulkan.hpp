@@ -1,0 +1,31 @@
+// The caller's side of Vulkan: handles that raymeld borrows, never owns.
+#pragma once
+
+#include <vulkan/vulkan_core.h>
+
+#include <cstdint>
+
+namespace raymeld {
+
+// A Vulkan 1.1 device that the caller made and keeps: all handles must outlive what is made with them.
+struct ExternalDevice {
+  PFN_vkGetInstanceProcAddr get_instance_proc_addr = nullptr;
+  VkInstance instance = VK_NULL_HANDLE;
+  VkPhysicalDevice physical_device = VK_NULL_HANDLE;
+  VkDevice device = VK_NULL_HANDLE;
+  VkQueue queue = VK_NULL_HANDLE;  // must do compute
+  uint32_t queue_family = 0;
+  bool storage_16bit = false;  // whether storageBuffer16BitAccess was enabled; needed for fp16
+};
+
+// An image of floats in a storage buffer: element (c, y, x) is at
+// offset_bytes / 4 + c * channel_stride + y * row_stride + x * pixel_stride; strides count floats.
+struct FrameBuffer {
+  VkBuffer buffer = VK_NULL_HANDLE;  // with VK_BUFFER_USAGE_STORAGE_BUFFER_BIT
+  VkDeviceSize offset_bytes = 0;     // a multiple of 4
+  uint32_t pixel_stride = 1;
+  uint32_t row_stride = 0;
+  uint32_t channel_stride = 0;
+};
+
+}  // namespace raymeld

@@ -1,0 +1,61 @@
+#include "raymeld/raymeld.hpp"
+
+#include "fuser.h"
+
+namespace raymeld {
+namespace {
+
+FuserOptions fuser_options(const FusionOptions& options, const DeviceInfo& device, const Model& model) {
+  FuserOptions result;
+  result.storage = storage_for(options.precision, device);
+  result.max_memory_bytes = options.max_memory_bytes;
+  result.phase = lrhs_phase(options.lrhs_centered, model.architecture().scale);
+  return result;
+}
+
+}  // namespace
+
+struct Fusion::State {
+  std::unique_ptr<Device> device;
+  Model model;
+  Fuser fuser;
+
+  State(std::unique_ptr<Device> made, const std::string& file, uint32_t height, uint32_t width,
+        const FusionOptions& options)
+      : device(std::move(made)),
+        model(file),
+        fuser(*device, model, height, width, fuser_options(options, device->info(), model)) {}
+};
+
+Fusion::Fusion(const std::string& model_file, uint32_t height, uint32_t width, const FusionOptions& options)
+    : state_(std::make_unique<State>(Device::create({options.device, false}), model_file, height, width,
+                                     options)) {}
+
+Fusion::Fusion(const std::string& model_file, uint32_t height, uint32_t width, const FusionOptions& options,
+               const ExternalDevice& device)
+    : state_(std::make_unique<State>(Device::wrap(device), model_file, height, width, options)) {}
+
+Fusion::~Fusion() = default;
+Fusion::Fusion(Fusion&&) noexcept = default;
+Fusion& Fusion::operator=(Fusion&&) noexcept = default;
+
+uint32_t Fusion::scale() const { return state_->model.architecture().scale; }
+
+const std::vector<std::string>& Fusion::hrls_layers() const {
+  return state_->model.architecture().hrls_layers;
+}
+
+uint32_t Fusion::tile_height() const { return state_->fuser.plan().tiling.tile.height; }
+
+uint32_t Fusion::tile_width() const { return state_->fuser.plan().tiling.tile.width; }
+
+void Fusion::record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
+                    const FrameBuffer& fused) {
+  state_->fuser.record(commands, lrhs, hrls, fused);
+}
+
+void Fusion::fuse(const float* lrhs, const float* hrls, float* fused) {
+  state_->fuser.fuse(lrhs, hrls, fused);
+}
+
+}  // namespace raymeld
