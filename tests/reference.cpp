@@ -51,21 +51,22 @@ void expect_same_shape(const Planes& a, const Planes& b) {
 
 }  // namespace
 
-Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precision, const Bounded* residual) {
+Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precision,
+               const std::vector<const Bounded*>& residuals) {
   expect(conv.kernel == 1 || conv.kernel == 3, "conv2d: the kernel is neither 1 nor 3");
   expect(conv.in == x.value.c, "conv2d: the input has another number of channels");
   expect(conv.weight.size() == size_t(conv.out) * conv.in * conv.kernel * conv.kernel, "conv2d: weights");
   expect(conv.bias.size() == size_t(conv.out), "conv2d: bias");
   const int n = conv.in * conv.kernel * conv.kernel + 1;
   Bounded result = exact(Planes(conv.out, x.value.h, x.value.w));
-  if (residual) expect_same_shape(residual->value, result.value);
+  for (const Bounded* residual : residuals) expect_same_shape(residual->value, result.value);
   for (int o = 0; o < conv.out; ++o) {
     for (int y = 0; y < x.value.h; ++y) {
       for (int column = 0; column < x.value.w; ++column) {
         const Sum sum = convolve_at(x, conv, o, y, column);
         double value = sum.value, bound = sum.input_error + gamma(n) * sum.magnitude + n * kFlush;
         if (relu) relu_in_place(value, bound);
-        if (residual) {
+        for (const Bounded* residual : residuals) {
           const double r = residual->value.at(o, y, column);
           bound = added_bound(value, bound, r, residual->bound.at(o, y, column));
           value += r;
@@ -74,18 +75,6 @@ Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precisio
         result.bound.at(o, y, column) = stored_bound(value, bound, precision);
       }
     }
-  }
-  return result;
-}
-
-Bounded add(const Bounded& a, const Bounded& b, Precision precision) {
-  expect_same_shape(a.value, b.value);
-  Bounded result = a;
-  for (size_t i = 0; i < a.value.data.size(); ++i) {
-    double &value = result.value.data[i], &bound = result.bound.data[i];
-    bound = added_bound(value, bound, b.value.data[i], b.bound.data[i]);
-    value += b.value.data[i];
-    bound = stored_bound(value, bound, precision);
   }
   return result;
 }
@@ -184,13 +173,13 @@ constexpr double kLargestOutput = 65504;
 constexpr double kLargestExponent = 80;
 
 // (exp(3y) - 1) / 8 clamped, with every rounding pushed up (direction 1), down (-1) or left out (0). The
-// device's exp(x) is within 3 + 2|x| ULP (source as for log).
+// device's exp(x) is within 3 + 2|x| ULP, its division within 2.5 (source as for log).
 double decode_log(double y, int direction) {
   const double x = std::min(3 * y + direction * kUnit * std::abs(3 * y), kLargestExponent);
+  if (direction == 0) return std::clamp(std::expm1(x) / 8, 0.0, kLargestOutput);
   const double e = std::exp(x) * std::max(0.0, 1 + direction * (3 + 2 * std::abs(x)) * kUlp);
-  const double minus_1 =
-      direction == 0 ? std::expm1(x) : e - 1 + direction * (kUnit * std::abs(e - 1) + kFlush);
-  return std::clamp(minus_1 / 8, 0.0, kLargestOutput);
+  const double z = e - 1 + direction * (kUnit * std::abs(e - 1) + kFlush);
+  return std::clamp((z + direction * 2.5 * kUlp * std::abs(z)) / 8, 0.0, kLargestOutput);
 }
 
 }  // namespace

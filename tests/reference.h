@@ -21,12 +21,11 @@ struct Conv {
   }
 };
 
-// (in, h, w) -> (out, h, w), stride 1, zero padding: sum + bias, then ReLU if asked, then + residual.
-// ReLU turns what is below 0 into 0 and keeps NaN.
+// (in, h, w) -> (out, h, w), stride 1, zero padding: sum + bias, then ReLU if asked, then + residuals in
+// turn. ReLU turns what is below 0 into 0 and keeps NaN.
 Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precision,
-               const Bounded* residual = nullptr);
+               const std::vector<const Bounded*>& residuals = {});
 
-Bounded add(const Bounded& a, const Bounded& b, Precision precision);
 Bounded concat(const Bounded& a, const Bounded& b);  // along c
 
 // (c, 2h, 2w) -> (4c, h, w) and back: channel c*4 + 2*dy + dx, as PyTorch's pixel_unshuffle and
@@ -56,14 +55,15 @@ struct Architecture {
   double clip = 0;
 };
 
-using Weights = std::map<std::string, Conv>;  // by the layer's name: "groups.0.blocks.1.merge"
-using Outputs =
-    std::map<std::string, Bounded>;  // by the same, and input.lrhs, input.hrls, groups.0, trunk, output
+using Weights = std::map<std::string, Conv>;     // by the layer's name: "groups.0.blocks.1.merge"
+using Outputs = std::map<std::string, Bounded>;  // by the same, and those that network() names
 
-// Every layer's output. lrhs (3, h, w) and hrls (3 * layers, s*h, s*w) are raw images; `up.i` is after the
-// shuffle, `merge` with the block's input added, `groups.g` with the group's; `output` (3, s*h, s*w) is fp32.
-// Layers named in `given` are computed and then replaced by the given values as exact: with a device's own
-// outputs each layer is checked against what the device itself fed it, and bounds do not pile up.
+// Every layer's output by the name of its weights: `merge` with the block's input added, `up.i` after the
+// shuffle. Further encode.lrhs, encode.hrls; groups.0 and so on, the last merge with the group's input added
+// too; trunk, the last of these with the long skip; output (3, s*h, s*w), which is fp32. lrhs (3, h, w) and
+// hrls (3 * layers, s*h, s*w) are raw images. Layers named in `given` are computed and then replaced by the
+// given values as exact: with a device's own outputs each layer is checked against what the device itself fed
+// it, and bounds do not pile up.
 Outputs network(const Architecture& architecture, const Weights& weights, const Planes& lrhs,
                 const Planes& hrls, double phase, Precision precision,
                 const std::map<std::string, Planes>& given = {});

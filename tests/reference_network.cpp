@@ -18,17 +18,17 @@ class Run {
     return next;
   }
 
-  Bounded conv(const std::string& name, const Bounded& x, bool relu = true,
-               const Bounded* residual = nullptr) {
-    return keep(name, conv2d(x, weights(name), relu, precision_, residual));
+  Bounded conv(const std::string& name, const Bounded& x, bool relu = true) {
+    return conv(name, name, x, relu, {});
+  }
+
+  Bounded conv(const std::string& name, const std::string& weights_name, const Bounded& x, bool relu,
+               const std::vector<const Bounded*>& residuals) {
+    return keep(name, conv2d(x, weights(weights_name), relu, precision_, residuals));
   }
 
   Bounded conv_and_shuffle(const std::string& name, const Bounded& x) {
     return keep(name, pixel_shuffle(conv2d(x, weights(name), true, precision_)));
-  }
-
-  Bounded add(const std::string& name, const Bounded& a, const Bounded& b) {
-    return keep(name, reference::add(a, b, precision_));
   }
 
   Outputs take() { return std::move(outputs_); }
@@ -58,23 +58,32 @@ Bounded encode_all(const Architecture& a, const Planes& hrls, Precision precisio
   return result;
 }
 
-Bounded block(Run& run, const Architecture& a, const std::string& name, const Bounded& input) {
-  Bounded wide = input;
+Bounded dense_layers(Run& run, const Architecture& a, const std::string& block, Bounded features) {
   for (int d = 0; d < a.dense_layers; ++d) {
-    wide = concat(wide, run.conv(name + ".dense." + std::to_string(d), wide));
+    features = concat(features, run.conv(block + ".dense." + std::to_string(d), features));
   }
-  return run.conv(name + ".merge", wide, a.merge_relu, &input);
+  return features;
 }
 
+// A group's sum and the long skip join the last merge before that is stored, so they round as one layer.
 Bounded trunk(Run& run, const Architecture& a, const Bounded& fused, const Bounded& long_skip) {
   Bounded x = fused;
   for (int g = 0; g < a.groups; ++g) {
+    const std::string group = "groups." + std::to_string(g);
     const Bounded group_input = x;
-    const std::string name = "groups." + std::to_string(g);
-    for (int b = 0; b < a.blocks; ++b) x = block(run, a, name + ".blocks." + std::to_string(b), x);
-    x = run.add(name, x, group_input);
+    for (int b = 0; b < a.blocks; ++b) {
+      const std::string block = group + ".blocks." + std::to_string(b), merge = block + ".merge";
+      const Bounded block_input = x, features = dense_layers(run, a, block, x);
+      const auto merged = [&](const std::string& name, const std::vector<const Bounded*>& residuals) {
+        return run.conv(name, merge, features, a.merge_relu, residuals);
+      };
+      x = merged(merge, {&block_input});
+      if (b + 1 < a.blocks) continue;
+      x = merged(group, {&block_input, &group_input});
+      if (g + 1 == a.groups) x = merged("trunk", {&block_input, &group_input, &long_skip});
+    }
   }
-  return run.add("trunk", x, long_skip);
+  return x;
 }
 
 }  // namespace
@@ -84,9 +93,9 @@ Outputs network(const Architecture& a, const Weights& weights, const Planes& lrh
   const int steps = std::countr_zero(unsigned(a.scale));
   Run run(weights, precision, given);
   const Bounded low =
-      run.keep("input.lrhs", encode(lrhs, LayerKind::kRadiance, a.transfer, a.clip, precision));
+      run.keep("encode.lrhs", encode(lrhs, LayerKind::kRadiance, a.transfer, a.clip, precision));
   const Bounded f_lrhs = run.conv("lrhs", low);
-  Bounded x = run.conv("hrls", run.keep("input.hrls", encode_all(a, hrls, precision)));
+  Bounded x = run.conv("hrls", run.keep("encode.hrls", encode_all(a, hrls, precision)));
   for (int i = 0; i < steps; ++i) x = run.conv("down." + std::to_string(i), space_to_depth(x));
   const Bounded fused = run.conv("fuse", concat(f_lrhs, x));
   x = trunk(run, a, fused, a.long_skip_fused ? fused : f_lrhs);

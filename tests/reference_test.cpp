@@ -52,8 +52,17 @@ TEST(Conv2d, ChannelsAreOutThenIn) {
 TEST(Conv2d, ReluComesBeforeTheResidual) {
   const Bounded x = exact(row({2, -3})), residual = exact(row({-10, 7}));
   EXPECT_EQ(conv2d(x, single(1, 0), true, kFp32).value.data, (std::vector<double>{2, 0}));
-  EXPECT_EQ(conv2d(x, single(1, 0), true, kFp32, &residual).value.data, (std::vector<double>{-8, 7}));
-  EXPECT_EQ(conv2d(x, single(1, 0), false, kFp32, &residual).value.data, (std::vector<double>{-8, 4}));
+  EXPECT_EQ(conv2d(x, single(1, 0), true, kFp32, {&residual}).value.data, (std::vector<double>{-8, 7}));
+  EXPECT_EQ(conv2d(x, single(1, 0), false, kFp32, {&residual}).value.data, (std::vector<double>{-8, 4}));
+}
+
+TEST(Conv2d, ResidualsAddUp) {
+  Bounded a = exact(row({-10, 7})), b = exact(row({1, 1}));
+  a.bound.data = {0.5, 0}, b.bound.data = {0.25, 0};
+  const Bounded y = conv2d(exact(row({2, -3})), single(1, 0), true, kFp32, {&a, &b, &b});
+  EXPECT_EQ(y.value.data, (std::vector<double>{-6, 9}));
+  EXPECT_NEAR(y.bound.data[0], 1, 1e-5);
+  EXPECT_GT(y.bound.data[0], 1 + std::ldexp(8 + 7 + 6, -24));  // each sum rounds once
 }
 
 TEST(Conv2d, ReluKeepsNaN) {
@@ -90,7 +99,7 @@ TEST(Conv2d, RefusesOtherShapes) {
   EXPECT_THROW(conv2d(exact(Planes(2, 1, 1)), single(1, 0), false, kFp32), std::invalid_argument);
   EXPECT_THROW(conv2d(exact(row({1})), {1, 1, 3, {1}, {0}}, false, kFp32), std::invalid_argument);
   const Bounded residual = exact(row({1, 2}));
-  EXPECT_THROW(conv2d(exact(row({1})), single(1, 0), false, kFp32, &residual), std::invalid_argument);
+  EXPECT_THROW(conv2d(exact(row({1})), single(1, 0), false, kFp32, {&residual}), std::invalid_argument);
 }
 
 // What a device might do: fp32, products summed backwards onto the bias, one column at a time.
@@ -137,14 +146,6 @@ TEST(Conv2d, SmallIntegersAreExact) {
   const Conv conv = random_conv(8, 16, 3, Fill::kIntegers, 4);
   const Planes y = conv2d(exact(x), conv, false, kFp16).value;
   EXPECT_TRUE(within_bounds("conv2d", float_conv(x, conv, kFp16), exact(y)));
-}
-
-TEST(Add, RoundsOnce) {
-  Bounded a = exact(row({3})), b = exact(row({-1}));
-  a.bound.at(0, 0, 0) = 0.5, b.bound.at(0, 0, 0) = 0.25;
-  const Bounded sum = add(a, b, kFp32);
-  EXPECT_EQ(sum.value.at(0, 0, 0), 2);
-  EXPECT_DOUBLE_EQ(sum.bound.at(0, 0, 0), 0.75 + std::ldexp(2.75, -24));
 }
 
 TEST(Concat, AppendsChannels) {

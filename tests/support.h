@@ -26,9 +26,10 @@ reference::Planes random_planes(int c, int h, int w, Fill fill, uint64_t seed);
 
 // kUniform weights are scaled by 1 / sqrt(in * kernel^2), which keeps activations near 1 through many layers.
 reference::Conv random_conv(int out, int in, int kernel, Fill fill, uint64_t seed);
+// What the device reads: weights in the storage type, biases in fp32.
 reference::Conv round_to(reference::Conv conv, reference::Precision precision);
 
-// For `architecture`, uniform, by the model file's names; what the device reads in `precision`.
+// For `architecture`, uniform, by the model file's names; rounded as above.
 reference::Weights random_weights(const reference::Architecture& architecture, reference::Precision precision,
                                   uint64_t seed);
 
