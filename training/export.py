@@ -1,0 +1,50 @@
+#!/usr/bin/env python3
+"""Writes a model file from a checkpoint, or one of fresh random weights for trying out a shape."""
+
+import argparse
+import json
+
+import torch
+
+import model
+import safetensors
+
+LICENSE = "CC-BY-4.0"
+ATTRIBUTION = (
+    "Trained on renders of models by Andrew Kator & Jennifer Legaz (CC BY 3.0 US), Reallusion (CC BY 3.0 US) and "
+    "Blend Swap authors (CC0), from the Sweet Home 3D furniture catalogues"
+)
+
+
+def write(path, name, config, state, provenance, half=False):
+    metadata = {"format": "raymeld.model", "format_version": "1", "name": name, "version": "1"}
+    metadata |= config.metadata()
+    metadata |= {"training": json.dumps(provenance), "license": LICENSE, "attribution": ATTRIBUTION}
+    kind = torch.float16 if half else torch.float32
+    safetensors.save(path, {key: value.to(kind).numpy() for key, value in state.items()}, metadata)
+
+
+def parse():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", required=True)
+    parser.add_argument("--name", required=True)
+    parser.add_argument("--half", action="store_true", help="store the weights as F16")
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument("--checkpoint")
+    source.add_argument("--untrained", help="scale,features,growth,dense_layers,blocks,groups")
+    return parser.parse_args()
+
+
+def main():
+    args = parse()
+    if args.checkpoint:
+        saved = torch.load(args.checkpoint, map_location="cpu")
+        write(args.out, args.name, model.Config(**saved["config"]), saved["average"], saved["provenance"], args.half)
+        return
+    torch.manual_seed(1)
+    config = model.Config(*map(int, args.untrained.split(",")))
+    write(args.out, args.name, config, model.Network(config).state_dict(), {"untrained": True}, args.half)
+
+
+if __name__ == "__main__":
+    main()

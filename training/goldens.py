@@ -1,0 +1,84 @@
+#!/usr/bin/env python3
+"""Tiny networks, inputs and every layer's output in float64, for the engine's tests: goldens.py FOLDER."""
+
+import pathlib
+import sys
+
+import torch
+
+import export
+import model
+import safetensors
+
+CASES = (
+    ((5, 7), model.Config(2, 6, 5, 2, 2, 1, transfer="linear", clip=100.0, base="none")),
+    (
+        (7, 5),
+        model.Config(4, 5, 3, 3, 1, 2, ("color", "normal", "albedo"), "fused", True, base="bilinear"),
+    ),
+    ((3, 5), model.Config(8, 4, 6, 1, 2, 1, long_skip="fused", transfer="log", base="none")),
+)
+
+
+def random_network(config, generator):
+    """Weights of 8 significant bits, so that every format down to bfloat16 holds them exactly."""
+    network = model.Network(config)
+    for name, value in network.state_dict().items():
+        fan_in = value[0].numel() if value.dim() == 4 else 1
+        bound = (3 / fan_in) ** 0.5 if value.dim() == 4 else 0.2
+        fresh = (torch.rand(value.shape, generator=generator) * 2 - 1) * bound
+        value.copy_(fresh.bfloat16().float())
+    return network.double().eval()
+
+
+def random_inputs(shape, config, generator):
+    h, w = shape
+    k, s = 3 * len(config.hrls_layers), config.scale
+    lrhs = torch.rand(1, 3, h, w, generator=generator) ** 3 * 4
+    hrls = torch.rand(1, k, h * s, w * s, generator=generator) ** 3 * 4
+    lrhs[0, :, 1, 2] = torch.tensor([5000.0, 20.0, 60000.0])
+    hrls[0, :, 3, 4] = 300.0
+    hrls[0, 0, -1, -1] = 60000.0
+    normal = 3 * config.hrls_layers.index("normal")
+    hrls[:, normal : normal + 3] = hrls[:, normal : normal + 3] - 1.5
+    return lrhs.float(), hrls.float()
+
+
+def layer_outputs(network, run):
+    """Output of each layer by name, after its activation, shuffle or addition."""
+    seen = {}
+    after = {
+        "": lambda y: y.relu(),
+        "up": lambda y: torch.pixel_shuffle(y.relu(), 2),
+        "rec": lambda y: y,
+    }
+    for name, part in network.named_modules():
+        if isinstance(part, torch.nn.Conv2d) and not name.endswith("merge"):
+            then = after.get(name.split(".")[0], after[""])
+            part.register_forward_hook(lambda _, __, y, name=name, then=then: seen.update({name: then(y)}))
+        elif isinstance(part, model.Block):
+            part.register_forward_hook(lambda _, __, y, name=name + ".merge": seen.update({name: y}))
+    output = run()
+    return seen | {"output": output}
+
+
+def write_case(folder, shape, config):
+    generator = torch.Generator().manual_seed(config.scale)
+    network = random_network(config, generator)
+    lrhs, hrls = random_inputs(shape, config, generator)
+    tensors = {"lrhs_input": lrhs, "hrls_input": hrls}
+    tensors |= layer_outputs(network, lambda: model.predict(network, lrhs.double(), hrls.double())[1])
+    name = f"tiny-x{config.scale}"
+    export.write(folder / f"{name}.safetensors", name, config, network.float().state_dict(), {"untrained": True})
+    stored = {key: value[0].float().numpy() for key, value in tensors.items()}
+    safetensors.save(folder / f"{name}.golden.safetensors", stored, {"model": name})
+
+
+def main():
+    torch.set_grad_enabled(False)
+    folder = pathlib.Path(sys.argv[1])
+    for shape, config in CASES:
+        write_case(folder, shape, config)
+
+
+main()
