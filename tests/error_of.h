@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <initializer_list>
 #include <string>
 
 #include "error.h"
@@ -33,6 +34,6 @@ inline bool contains(const std::string& text, const std::string& part) {
 #define EXPECT_ERROR(statement, ...)                                                        \
   do {                                                                                      \
     const std::string message = raymeld::test::error_of([&] { statement; });                \
-    for (const std::string part : {__VA_ARGS__})                                            \
+    for (const std::string& part : std::initializer_list<std::string>{__VA_ARGS__})         \
       EXPECT_TRUE(raymeld::test::contains(message, part)) << message << "\nlacks " << part; \
   } while (false)

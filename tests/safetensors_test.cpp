@@ -196,7 +196,8 @@ TEST(SafeTensors, SurvivesEveryChangeOfAByte) {
   const std::string whole = file(kHeader, kData);
   int refused = 0;
   for (size_t i = 0; i < whole.size(); ++i)
-    for (int value : {0, 1, 9, '"', ',', '0', '9', ':', '[', '\\', ']', '{', '}', 127, 128, 255}) {
+    for (int value : std::initializer_list<int>{0, 1, 9, '"', ',', '0', '9', ':', '[', '\\', ']', '{', '}',
+                                                127, 128, 255}) {
       std::string changed = whole;
       changed[i] = char(value);
       refused += !survives(changed);
