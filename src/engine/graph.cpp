@@ -47,6 +47,12 @@ Tensor Graph::tensor(const std::string& name, Shape shape) {
   return {static_cast<uint32_t>(tensors_.size() - 1), shape, 0};
 }
 
+Tensor Graph::input(const std::string& name, Shape shape) {
+  const Tensor result = tensor(name, shape);
+  tensors_[result.id].first_use = tensors_[result.id].last_use = 0;
+  return result;
+}
+
 uint32_t Graph::constant(const std::string& name, uint64_t size_bytes, std::function<void(std::byte*)> fill) {
   constants_.push_back({name, size_bytes, constant_bytes_, std::move(fill)});
   constant_bytes_ += align(size_bytes);

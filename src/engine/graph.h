@@ -83,6 +83,8 @@ class Graph {
 
   // A new activation; its memory lives from the first pass that touches it to the last.
   Tensor tensor(const std::string& name, Shape shape);
+  // One that the host fills with Program::write() before each run; how layers are tested alone.
+  Tensor input(const std::string& name, Shape shape);
   // `fill` writes size_bytes bytes; called once for each device.
   uint32_t constant(const std::string& name, uint64_t size_bytes, std::function<void(std::byte*)> fill);
   // Passes run in the order in which they were added.

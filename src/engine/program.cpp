@@ -27,11 +27,10 @@ void full_barrier(const VulkanFunctions& vk, VkCommandBuffer commands, VkPipelin
 }
 
 // One-time copy between two buffers of which the host fills or reads one.
-void copy_now(const Device& device, VkBuffer from, uint64_t from_offset, VkBuffer to, uint64_t size_bytes,
+void copy_now(const Device& device, VkBuffer from, VkBuffer to, const VkBufferCopy& region,
               const std::string& name) {
   Commands pool(device);
   VkCommandBuffer commands = pool.begin(name);
-  const VkBufferCopy region{from_offset, 0, size_bytes};
   device.vk().CmdCopyBuffer(commands, from, to, 1, &region);
   auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
   barrier.srcAccessMask = VK_ACCESS_TRANSFER_WRITE_BIT;
@@ -74,7 +73,8 @@ void Program::upload_constants() {
   auto* bytes = static_cast<std::byte*>(direct ? constants_.mapped() : staging.mapped());
   for (const ConstantRecord& constant : graph_.constants()) constant.fill(bytes + constant.offset_bytes);
   if (direct) return;
-  copy_now(device_, staging.handle(), 0, constants_.handle(), graph_.constant_bytes(), "upload constants");
+  copy_now(device_, staging.handle(), constants_.handle(), {0, 0, graph_.constant_bytes()},
+           "upload constants");
 }
 
 // Passes with the same shader, constants and bindings share a pipeline.
@@ -251,20 +251,39 @@ Status Program::status() const {
 
 void Program::reset_status() { std::memset(status_.mapped(), 0, sizeof(Status)); }
 
+void Program::write(const Tensor& tensor, std::span<const float> values) {
+  const uint64_t size_bytes = graph_.size_bytes(tensor), pixels = tensor.shape.pixels();
+  if (values.size() != pixels * tensor.shape.channels) {
+    throw Error("writing {} values to a tensor of {}", values.size(), pixels * tensor.shape.channels);
+  }
+  const Buffer host(device_, size_bytes, Memory::kUpload, "tensor upload");
+  const uint64_t stride = plane_stride(pixels, graph_.storage());
+  for (uint64_t c = 0; c < tensor.shape.channels; ++c) {
+    const auto plane = values.subspan(c * pixels, pixels);
+    if (graph_.storage() == Storage::kFloat16) {
+      std::copy(plane.begin(), plane.end(), static_cast<Imath::half*>(host.mapped()) + c * stride);
+    } else {
+      std::copy(plane.begin(), plane.end(), static_cast<float*>(host.mapped()) + c * stride);
+    }
+  }
+  copy_now(device_, host.handle(), activations_.handle(), {0, graph_.offset_bytes(tensor), size_bytes},
+           "tensor upload");
+}
+
 std::vector<float> Program::read(const Tensor& tensor) const {
-  const uint64_t size_bytes = graph_.size_bytes(tensor);
-  Buffer host(device_, size_bytes, Memory::kReadback, "dump");
-  copy_now(device_, activations_.handle(), graph_.offset_bytes(tensor), host.handle(), size_bytes, "dump");
+  const uint64_t size_bytes = graph_.size_bytes(tensor), pixels = tensor.shape.pixels();
+  const Buffer host(device_, size_bytes, Memory::kReadback, "tensor download");
+  copy_now(device_, activations_.handle(), host.handle(), {graph_.offset_bytes(tensor), 0, size_bytes},
+           "tensor download");
   host.invalidate();
-  const uint64_t pixels = tensor.shape.pixels();
   const uint64_t stride = plane_stride(pixels, graph_.storage());
   std::vector<float> values(pixels * tensor.shape.channels);
   for (uint64_t c = 0; c < tensor.shape.channels; ++c) {
-    for (uint64_t i = 0; i < pixels; ++i) {
-      values[c * pixels + i] =
-          graph_.storage() == Storage::kFloat16
-              ? static_cast<float>(static_cast<const Imath::half*>(host.mapped())[c * stride + i])
-              : static_cast<const float*>(host.mapped())[c * stride + i];
+    const auto plane = values.begin() + static_cast<ptrdiff_t>(c * pixels);
+    if (graph_.storage() == Storage::kFloat16) {
+      std::copy_n(static_cast<const Imath::half*>(host.mapped()) + c * stride, pixels, plane);
+    } else {
+      std::copy_n(static_cast<const float*>(host.mapped()) + c * stride, pixels, plane);
     }
   }
   return values;

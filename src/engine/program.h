@@ -54,8 +54,9 @@ class Program {
   Status status() const;
   void reset_status();
 
-  // Copies a tensor (c, y, x, dense) to the host. The device must be idle and the graph planned without
-  // aliasing.
+  // Copies a tensor (c, y, x, dense) from or to the host, rounding to the storage type. The device must be idle;
+  // what other tensors have since overwritten is lost, unless the graph was planned without aliasing.
+  void write(const Tensor& tensor, std::span<const float> values);
   std::vector<float> read(const Tensor& tensor) const;
 
   uint64_t allocated_bytes() const;
