@@ -1,8 +1,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <stdexcept>
 
+#include "golden.h"
 #include "reference.h"
 #include "support.h"
 
@@ -143,6 +145,29 @@ TEST(Network, GivenOutputsBlameOnlyTheLayerThatIsWrong) {
   EXPECT_FALSE(fits("groups.0.blocks.1.dense.0"));  // the right input leads it elsewhere
   EXPECT_TRUE(fits("trunk"));
 }
+
+class NetworkGolden : public testing::TestWithParam<int> {};
+
+// Both sides count in float64; the goldens were then rounded to fp32.
+TEST_P(NetworkGolden, EveryLayerIsPyTorchs) {
+  const test::Golden golden = test::load_golden(GetParam());
+  const Outputs y =
+      network(golden.architecture, golden.weights, golden.lrhs, golden.hrls, 0, Precision::kFp32);
+  for (const auto& [name, expected] : golden.outputs) {
+    double largest = 0;
+    for (const double v : expected.data) largest = std::max(largest, std::abs(v));
+    EXPECT_GT(largest, 0) << name;
+    Bounded near = exact(expected);
+    for (double& bound : near.bound.data) bound = 1e-12 * largest;
+    for (size_t i = 0; i < expected.data.size(); ++i)
+      near.bound.data[i] += kUnit * std::abs(expected.data[i]);
+    EXPECT_TRUE(within_bounds(name, y.at(name).value, near));
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Scales, NetworkGolden, testing::Values(2, 4, 8), testing::PrintToStringParamName());
+
+TEST(Network, AMissingGoldenIsAFailure) { EXPECT_ANY_THROW(test::load_golden(3)); }
 
 TEST(Network, RefusesWhatDoesNotFit) {
   Case c(small(2), Precision::kFp32, 1, 1);

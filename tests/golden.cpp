@@ -1,0 +1,90 @@
+#include "golden.h"
+
+#include <fmt/format.h>
+
+#include <sstream>
+#include <stdexcept>
+
+#include "io/safetensors.h"
+#include "support.h"
+
+namespace raymeld::test {
+namespace {
+
+using reference::Architecture;
+using reference::Conv;
+using reference::LayerKind;
+using reference::Planes;
+using reference::Transfer;
+
+Planes take_planes(std::map<std::string, TensorData>& tensors, const std::string& name) {
+  const auto node = tensors.extract(name);
+  if (node.empty() || node.mapped().shape.size() != 3) throw std::runtime_error("golden: no planes " + name);
+  const std::vector<size_t>& shape = node.mapped().shape;
+  return planes(int(shape[0]), int(shape[1]), int(shape[2]), node.mapped().values);
+}
+
+std::vector<LayerKind> layer_kinds(const std::string& list) {
+  std::vector<LayerKind> kinds;
+  std::istringstream stream(list);
+  for (std::string name; std::getline(stream, name, ',');) {
+    kinds.push_back(name == "albedo"   ? LayerKind::kAlbedo
+                    : name == "normal" ? LayerKind::kNormal
+                                       : LayerKind::kRadiance);
+  }
+  return kinds;
+}
+
+}  // namespace
+
+std::filesystem::path golden_model_path(int scale) {
+  return source_path(fmt::format("tests/golden/tiny-x{}.safetensors", scale));
+}
+
+Golden load_golden(int scale) {
+  const std::filesystem::path model = golden_model_path(scale);
+  Golden golden{load_architecture(model), load_weights(model), {}, {}, {}};
+  auto tensors =
+      read_safetensors(source_path(fmt::format("tests/golden/tiny-x{}.golden.safetensors", scale))).tensors;
+  golden.lrhs = take_planes(tensors, "lrhs_input");
+  golden.hrls = take_planes(tensors, "hrls_input");
+  golden.outputs["output"] = take_planes(tensors, "output");
+  for (const auto& [name, conv] : golden.weights) golden.outputs[name] = take_planes(tensors, name);
+  if (!tensors.empty()) throw std::runtime_error("golden: unknown layer " + tensors.begin()->first);
+  return golden;
+}
+
+Architecture load_architecture(const std::filesystem::path& model) {
+  const std::map<std::string, std::string> metadata = read_safetensors(model).metadata;
+  const auto number = [&](const char* key) { return std::stoi(metadata.at(key)); };
+  return {.scale = number("scale"),
+          .features = number("features"),
+          .growth = number("growth"),
+          .dense_layers = number("dense_layers"),
+          .blocks = number("blocks"),
+          .groups = number("groups"),
+          .hrls_layers = layer_kinds(metadata.at("hrls_layers")),
+          .long_skip_fused = metadata.at("long_skip") == "fused",
+          .merge_relu = metadata.at("merge_relu") == "true",
+          .bilinear_base = metadata.at("base") == "bilinear",
+          .transfer = metadata.at("transfer") == "log" ? Transfer::kLog : Transfer::kLinear,
+          .clip = std::stof(metadata.at("clip"))};
+}
+
+reference::Weights load_weights(const std::filesystem::path& model) {
+  const std::map<std::string, TensorData> tensors = read_safetensors(model).tensors;
+  reference::Weights weights;
+  for (const auto& [key, weight] : tensors) {
+    if (!key.ends_with(".weight")) continue;
+    const std::string name = key.substr(0, key.rfind('.'));
+    const std::vector<float>& bias = tensors.at(name + ".bias").values;
+    weights[name] = {.out = int(weight.shape.at(0)),
+                     .in = int(weight.shape.at(1)),
+                     .kernel = int(weight.shape.at(2)),
+                     .weight = {weight.values.begin(), weight.values.end()},
+                     .bias = {bias.begin(), bias.end()}};
+  }
+  return weights;
+}
+
+}  // namespace raymeld::test

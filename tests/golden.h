@@ -1,0 +1,26 @@
+#pragma once
+
+#include <filesystem>
+
+#include "reference.h"
+
+namespace raymeld::test {
+
+// A tiny network with random weights, its raw inputs, and every layer's output as PyTorch computed it in
+// float64: tests/golden/tiny-x2 and so on.
+struct Golden {
+  reference::Architecture architecture;
+  reference::Weights weights;
+  reference::Planes lrhs, hrls;
+  std::map<std::string, reference::Planes> outputs;  // by the names of reference::network
+};
+
+// Throws when a file is missing or holds other layers than its weights and "output".
+Golden load_golden(int scale);
+std::filesystem::path golden_model_path(int scale);
+
+// Of any model file, for running the reference on it.
+reference::Architecture load_architecture(const std::filesystem::path& model);
+reference::Weights load_weights(const std::filesystem::path& model);
+
+}  // namespace raymeld::test
