@@ -1,0 +1,14 @@
+// The program's commands: each adds itself to the command line; its work is done while that is parsed.
+#pragma once
+
+#include <CLI/CLI.hpp>
+
+namespace raymeld::cli {
+
+void add_fuse(CLI::App& app);
+void add_devices(CLI::App& app);
+void add_compare(CLI::App& app);
+void add_degrade(CLI::App& app);
+void add_graph(CLI::App& app);
+
+}  // namespace raymeld::cli

@@ -1,0 +1,61 @@
+#include <array>
+
+#include "cli/commands.h"
+#include "cli/outputs.h"
+#include "cli/quality.h"
+#include "error.h"
+#include "io/layers_from_exr.h"
+#include "io/png.h"
+#include "metrics.h"
+
+namespace raymeld::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct CompareArguments {
+  std::string image, reference, error_map;
+  std::vector<std::string> map;
+  bool json = false;
+};
+
+Image load_color(const fs::path& path, const LayerChoice& choice) {
+  ExrFile file(path);
+  const std::array<std::string, 1> color = {"color"};
+  return load_layers(file, map_layers(file, choice), color);
+}
+
+void compare(const CompareArguments& arguments) {
+  const std::array<fs::path, 2> inputs = {arguments.image, arguments.reference};
+  if (!arguments.error_map.empty()) check_output(arguments.error_map, inputs);
+  const LayerChoice choice = parse_layer_choice(arguments.map);
+  const Image image = load_color(arguments.image, choice);
+  const Image reference = load_color(arguments.reference, choice);
+  if (image.width != reference.width || image.height != reference.height) {
+    throw Error("cannot compare '{}', {} x {}, with '{}', {} x {}: the sizes must be equal", arguments.image,
+                image.width, image.height, arguments.reference, reference.width, reference.height);
+  }
+  const Quality quality = measure(image, reference);
+  if (!arguments.error_map.empty()) write_png(arguments.error_map, heat_map(relmse_map(image, reference)));
+  const QualityTable rows = {{"image", quality}};
+  fmt::print("{}", arguments.json ? to_json(rows)["image"].dump(2) + "\n" : table(rows));
+}
+
+}  // namespace
+
+void add_compare(CLI::App& app) {
+  auto arguments = std::make_shared<CompareArguments>();
+  CLI::App* command = app.add_subcommand("compare", "Measures an image against its reference");
+  command->add_option("IMAGE", arguments->image, "An OpenEXR file")->required();
+  command->add_option("REFERENCE", arguments->reference, "An OpenEXR file of the same size")->required();
+  command->add_option("--error-map", arguments->error_map,
+                      "Writes a PNG of each pixel's RelMSE (0.5, 0.01): black up to 1e-4, yellow from 1");
+  command->add_option("--map", arguments->map, "Which channels to read, in both files, as for fuse")
+      ->type_name("ITEM")
+      ->allow_extra_args(false);
+  command->add_flag("--json", arguments->json, "One JSON object instead of a table");
+  command->footer("Example:\n  raymeld compare fused.exr reference.exr --error-map error.png");
+  command->callback([arguments] { compare(*arguments); });
+}
+
+}  // namespace raymeld::cli

@@ -1,0 +1,43 @@
+#include "cli/console.h"
+
+#include <unistd.h>
+
+#include <cstdio>
+
+namespace raymeld::cli {
+
+void Console::note(const std::string& text) const {
+  if (notes_) fmt::print(stderr, "{}\n", text);
+}
+
+void Console::warn(const std::string& message, uint64_t count) {
+  warnings_.push_back({message, count});
+  fmt::print(stderr, "raymeld: warning: {}\n", message);
+}
+
+ProgressBar::ProgressBar(const Console& console, std::string what)
+    : shown_(console.notes()), terminal_(isatty(STDERR_FILENO) != 0), what_(std::move(what)) {
+  if (shown_ && !terminal_) fmt::print(stderr, "{} ...\n", what_);
+  update(0);
+}
+
+// Leaves the terminal's line as it was before the bar.
+ProgressBar::~ProgressBar() {
+  if (shown_ && terminal_) fmt::print(stderr, "\r\033[K");
+}
+
+void ProgressBar::update(double share) {
+  constexpr int kBarWidth = 30;
+  constexpr auto kBetweenLines = std::chrono::seconds(5);
+  if (!shown_) return;
+  if (terminal_) {
+    const int done = static_cast<int>(share * kBarWidth);
+    fmt::print(stderr, "\r\033[K{} [{:#<{}}{:.<{}}] {:3.0f} %", what_, "", done, "", kBarWidth - done,
+               100 * share);
+  } else if (Clock::now() - last_line_ >= kBetweenLines) {
+    last_line_ = Clock::now();
+    fmt::print(stderr, "{}: {:.0f} %\n", what_, 100 * share);
+  }
+}
+
+}  // namespace raymeld::cli

@@ -1,0 +1,60 @@
+#pragma once
+
+#include <fmt/format.h>
+
+#include <chrono>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace raymeld::cli {
+
+struct Warning {
+  std::string message;
+  uint64_t count = 1;  // of the values or pixels concerned
+};
+
+// What the program says on stderr beside errors.
+class Console {
+ public:
+  explicit Console(bool notes) : notes_(notes) {}
+
+  bool notes() const { return notes_; }
+  void note(const std::string& text) const;
+  void warn(const std::string& message, uint64_t count);
+  const std::vector<Warning>& warnings() const { return warnings_; }
+
+ private:
+  bool notes_;
+  std::vector<Warning> warnings_;
+};
+
+// How far a long piece of work is: a bar on a terminal, a line every few seconds elsewhere.
+class ProgressBar {
+ public:
+  ProgressBar(const Console& console, std::string what);
+  ~ProgressBar();
+  ProgressBar(const ProgressBar&) = delete;
+  ProgressBar& operator=(const ProgressBar&) = delete;
+
+  void update(double share);  // in [0, 1]
+
+ private:
+  using Clock = std::chrono::steady_clock;
+
+  bool shown_, terminal_;
+  std::string what_;
+  Clock::time_point last_line_ = Clock::now();
+};
+
+class Stopwatch {
+ public:
+  double ms() const {
+    return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start_).count();
+  }
+
+ private:
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
+
+}  // namespace raymeld::cli

@@ -1,0 +1,77 @@
+#include <nlohmann/json.hpp>
+
+#include "cli/commands.h"
+#include "engine/device.h"
+#include "error.h"
+
+namespace raymeld::cli {
+namespace {
+
+std::string version_text(uint32_t version) {
+  return fmt::format("{}.{}.{}", VK_API_VERSION_MAJOR(version), VK_API_VERSION_MINOR(version),
+                     VK_API_VERSION_PATCH(version));
+}
+
+const char* yes_no(bool value) { return value ? "yes" : "no"; }
+
+void print(const DeviceInfo& device) {
+  fmt::print("{}: {}\n", device.index, device.name);
+  const auto row = [](const char* name, const std::string& value) {
+    fmt::print("   {:<24} {}\n", name, value);
+  };
+  row("type", device.type);
+  row("UUID", device.uuid);
+  row("driver", device.driver);
+  row("Vulkan", version_text(device.api_version));
+  row("memory", fmt::format("{:.0f} MiB", double(device.memory_bytes) / 1048576));
+  row("largest binding", fmt::format("{:.0f} MiB", double(device.max_storage_range_bytes) / 1048576));
+  row("largest allocation", fmt::format("{:.0f} MiB", double(device.max_allocation_bytes) / 1048576));
+  row("subgroup size", std::to_string(device.subgroup_size));
+  row("16-bit storage", yes_no(device.storage_16bit));
+  row("16-bit arithmetic", yes_no(device.float16_arithmetic));
+  row("cooperative matrix", yes_no(device.cooperative_matrix));
+  row("buffer device address", yes_no(device.buffer_device_address));
+  row("timestamps",
+      device.timestamp_period_ns > 0 ? fmt::format("every {:g} ns", device.timestamp_period_ns) : "no");
+}
+
+nlohmann::ordered_json to_json(const DeviceInfo& device) {
+  return {{"index", device.index},
+          {"name", device.name},
+          {"type", device.type},
+          {"uuid", device.uuid},
+          {"driver", device.driver},
+          {"api_version", version_text(device.api_version)},
+          {"memory_bytes", device.memory_bytes},
+          {"max_binding_bytes", device.max_storage_range_bytes},
+          {"max_allocation_bytes", device.max_allocation_bytes},
+          {"subgroup_size", device.subgroup_size},
+          {"storage_16bit", device.storage_16bit},
+          {"float16", device.float16_arithmetic},
+          {"cooperative_matrix", device.cooperative_matrix},
+          {"buffer_device_address", device.buffer_device_address},
+          {"timestamp_period_ns", device.timestamp_period_ns}};
+}
+
+void list(bool json) {
+  const std::vector<DeviceInfo> devices = list_devices();
+  if (!json) {
+    for (const DeviceInfo& device : devices) print(device);
+    return;
+  }
+  auto all = nlohmann::ordered_json::array();
+  for (const DeviceInfo& device : devices) all.push_back(to_json(device));
+  fmt::print("{}\n", nlohmann::ordered_json{{"devices", all}}.dump(2));
+}
+
+}  // namespace
+
+void add_devices(CLI::App& app) {
+  CLI::App* command =
+      app.add_subcommand("devices", "Lists the Vulkan devices, with the features that matter here");
+  auto json = std::make_shared<bool>(false);
+  command->add_flag("--json", *json, "One JSON object instead of text");
+  command->callback([json] { list(*json); });
+}
+
+}  // namespace raymeld::cli

@@ -1,0 +1,65 @@
+#include "cli/frame.h"
+
+#include <algorithm>
+#include <cstdlib>
+
+#include "io/exr_window.h"
+
+namespace raymeld::cli {
+namespace {
+
+using Imath::Box2i;
+using Imath::V2i;
+
+bool is_scaled(const Box2i& small, const Box2i& large, int scale) {
+  return width_of(large) == int64_t{scale} * width_of(small) &&
+         height_of(large) == int64_t{scale} * height_of(small);
+}
+
+int divide_down(int value, int divisor) { return value / divisor - (value % divisor < 0 ? 1 : 0); }
+V2i divide_down(V2i value, int divisor) {
+  return {divide_down(value.x, divisor), divide_down(value.y, divisor)};
+}
+
+Box2i moved(const Box2i& window, V2i by) { return {window.min + by, window.max + by}; }
+
+// Whether both data windows start at the same place of the picture, to within a cell.
+bool starts_agree(const Windows& lrhs, const Windows& hrls, int scale) {
+  const V2i gap = hrls.data.min - hrls.display.min - (lrhs.data.min - lrhs.display.min) * scale;
+  return std::abs(gap.x) < scale && std::abs(gap.y) < scale;
+}
+
+}  // namespace
+
+std::optional<Canvas> fit(const Windows& lrhs, const Windows& hrls, int scale) {
+  const bool displays_match = is_scaled(lrhs.display, hrls.display, scale);
+  if (is_scaled(lrhs.data, hrls.data, scale) && (!displays_match || starts_agree(lrhs, hrls, scale))) {
+    return Canvas{scale, lrhs.data, hrls.data};
+  }
+  if (!displays_match) return std::nullopt;
+  // In LRHS pixels from the display window's corner, which both files share.
+  Box2i cells = moved(lrhs.display, -lrhs.display.min);
+  cells.extendBy(moved(lrhs.data, -lrhs.display.min));
+  cells.extendBy(divide_down(hrls.data.min - hrls.display.min, scale));
+  cells.extendBy(divide_down(hrls.data.max - hrls.display.min, scale));
+  const Box2i full(cells.min * scale, (cells.max + V2i(1)) * scale - V2i(1));
+  return Canvas{scale, moved(cells, lrhs.display.min), moved(full, hrls.display.min)};
+}
+
+Image seen_through(Image image, const Box2i& from, const Box2i& to) {
+  if (from == to) return image;
+  Image result(width_of(to), height_of(to), image.channels);
+  const V2i first(std::max(from.min.x, to.min.x), std::max(from.min.y, to.min.y));
+  const V2i last(std::min(from.max.x, to.max.x), std::min(from.max.y, to.max.y));
+  if (first.x > last.x) return result;
+  for (int c = 0; c < image.channels; ++c) {
+    for (int y = first.y; y <= last.y; ++y) {
+      std::copy_n(
+          &image.plane(c)[size_t(y - from.min.y) * size_t(image.width) + size_t(first.x - from.min.x)],
+          last.x - first.x + 1, &result.at(c, y - to.min.y, first.x - to.min.x));
+    }
+  }
+  return result;
+}
+
+}  // namespace raymeld::cli

@@ -1,0 +1,88 @@
+// The parts of the command `fuse`, in the order in which it runs them.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "cli/console.h"
+#include "cli/frame.h"
+#include "cli/outputs.h"
+#include "cli/quality.h"
+#include "fuser.h"
+#include "io/layers_from_exr.h"
+
+namespace raymeld::cli {
+
+struct FuseArguments {
+  std::string lrhs, hrls, output, model, device, reference, preview, before_after, dump;
+  std::string precision = "auto", sampling = "auto", output_type = "auto";
+  std::vector<std::string> map, lrhs_map;
+  float exposure_stops = 0;
+  uint64_t max_memory_mib = 0;
+  bool keep_layers = false, profile = false, dry_run = false, json = false, quiet = false;
+
+  std::vector<std::filesystem::path> inputs() const;
+  // All of them but the folder of --dump.
+  std::vector<std::filesystem::path> outputs() const;
+};
+
+// The files, open, with all that can be known before their pixels are read.
+struct FuseFiles {
+  ExrFile lrhs, hrls;
+  LayerMap lrhs_map, hrls_map;
+  Windows lrhs_windows, hrls_windows;  // of the colour's part
+  Model model;
+  Canvas canvas;
+  float phase = 0;  // of LRHS samples; see FuserOptions
+  std::optional<ExrFile> reference;
+
+  const ExrChannel& hrls_color() const { return hrls.channel(hrls_map.layers.at("color").terms[0][0]); }
+};
+
+// The whole command. Throws Error and Cancelled; then no output is left behind.
+void run_fuse(const FuseArguments& arguments);
+
+// Throws Error when a file, a layer or a model is missing, or the sizes do not fit.
+FuseFiles open_files(const FuseArguments& arguments);
+
+struct FuseImages {
+  Image lrhs, hrls;                // of the canvas: (3, h, w) and (K, s h, s w), all finite
+  std::optional<Image> reference;  // (3, H, W) of HRLS's data window
+};
+
+FuseImages load_images(FuseFiles& files, Console& console);
+
+// 16 bits where the arguments ask for them or, with "auto", on a GPU that has 16-bit storage.
+FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const DeviceInfo& device);
+
+const char* precision_name(Storage storage);
+
+struct FuseResult {
+  Image fused;  // (3, H, W) of HRLS's data window
+  FuseReport report;
+  Tiling tiling;
+  uint64_t allocated_bytes = 0;
+  Storage storage = Storage::kFloat32;
+};
+
+// Runs one frame; writes what --dump asks for. Throws Cancelled after a signal.
+FuseResult run_frame(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images,
+                     const Device& device, Console& console, WrittenFiles& written);
+
+// The images that fused is measured against and shown beside, all (3, H, W) of HRLS's data window.
+struct Comparison {
+  Image bicubic, hrls;
+};
+
+Comparison make_comparison(const FuseFiles& files, const FuseImages& images);
+
+// `comparison` is needed for --preview-before-after only.
+void write_outputs(const FuseArguments& arguments, FuseFiles& files, const FuseImages& images,
+                   const std::optional<Comparison>& comparison, const FuseResult& result, Console& console,
+                   WrittenFiles& written);
+
+std::string profile_text(const FuseReport& report);
+nlohmann::ordered_json to_json(const std::vector<Warning>& warnings);
+nlohmann::ordered_json to_json(const std::vector<PassTime>& passes);
+
+}  // namespace raymeld::cli

@@ -1,0 +1,81 @@
+#include "cli/fuse.h"
+#include "cli/interrupt.h"
+
+namespace raymeld::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+void dump_layers(const fs::path& folder, Fuser& fuser, const Image& fused, WrittenFiles& written) {
+  const auto write = [&](const std::string& name, std::span<const float> values, const Shape& shape) {
+    const fs::path file = folder / (name + ".npy");
+    write_npy(file, values, shape.channels, shape.height, shape.width);
+    written.add(file);
+  };
+  std::error_code error;
+  if (fs::create_directory(folder, error)) written.add(folder);
+  if (error) throw Error("cannot make the folder '{}': {}", folder.string(), error.message());
+  for (const Pass& pass : fuser.graph().passes()) {
+    check_interrupted();
+    if (const Tensor* output = pass.output()) {
+      write(pass.name, fuser.program().read(*output), output->shape);
+    } else {
+      write(pass.name, fused.data, {uint32_t(fused.height), uint32_t(fused.width), uint32_t(fused.channels)});
+    }
+  }
+}
+
+FuseResult run_with(const FuserOptions& options, const FuseArguments& arguments, const FuseFiles& files,
+                    const FuseImages& images, const Device& device, const Console& console,
+                    WrittenFiles& written) {
+  FuseResult result;
+  result.storage = options.storage;
+  ProgressBar bar(console,
+                  fmt::format("fusing {} x {} with {} on {} ({})", images.hrls.width, images.hrls.height,
+                              files.model.name(), device.info().name, precision_name(options.storage)));
+  Fuser fuser(device, files.model, uint32_t(images.lrhs.height), uint32_t(images.lrhs.width), options);
+  check_interrupted();
+  Image fused;
+  result.report = fuser.fuse(images.lrhs, images.hrls, fused, [&](double share) {
+    bar.update(share);
+    return !interrupted();
+  });
+  result.tiling = fuser.plan().tiling;
+  result.allocated_bytes = fuser.allocated_bytes();
+  if (!arguments.dump.empty()) dump_layers(arguments.dump, fuser, fused, written);
+  result.fused = seen_through(std::move(fused), files.canvas.hrls, files.hrls_windows.data);
+  return result;
+}
+
+}  // namespace
+
+const char* precision_name(Storage storage) { return storage == Storage::kFloat16 ? "fp16" : "fp32"; }
+
+FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const DeviceInfo& device) {
+  const bool half = arguments.precision == "fp16" ||
+                    (arguments.precision == "auto" && device.storage_16bit && !device.is_cpu);
+  return {.storage = half ? Storage::kFloat16 : Storage::kFloat32,
+          .max_memory_bytes = arguments.max_memory_mib << 20,
+          .phase = files.phase,
+          .keep_activations = !arguments.dump.empty(),
+          .profile = arguments.profile};
+}
+
+FuseResult run_frame(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images,
+                     const Device& device, Console& console, WrittenFiles& written) {
+  FuserOptions options = fuser_options(arguments, files, device.info());
+  FuseResult result = run_with(options, arguments, files, images, device, console, written);
+  const uint64_t saturated = result.report.status.saturated;
+  if (saturated == 0) return result;
+  const std::string what =
+      fmt::format("{} values passed the largest 16-bit float, 65504, within the network", saturated);
+  if (arguments.precision == "fp16") {
+    console.warn(what + "; --precision fp32 has room for them", saturated);
+    return result;
+  }
+  console.warn(what + "; fused again in fp32", saturated);
+  options.storage = Storage::kFloat32;
+  return run_with(options, arguments, files, images, device, console, written);
+}
+
+}  // namespace raymeld::cli

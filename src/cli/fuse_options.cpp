@@ -1,0 +1,84 @@
+#include "cli/commands.h"
+#include "cli/fuse.h"
+
+namespace raymeld::cli {
+namespace {
+
+void add_files(CLI::App& command, FuseArguments& a) {
+  command.add_option("--lrhs", a.lrhs, "The small, many-sample render: OpenEXR with colour")->required();
+  command.add_option("--hrls", a.hrls, "The full-size, few-sample render: OpenEXR with the model's layers")
+      ->required();
+  command.add_option("-o,--output", a.output,
+                     "The fused image: OpenEXR, windows, attributes and alpha from HRLS");
+  command
+      .add_option("--map", a.map,
+                  "Where layers are: a preset (generic, cycles, arnold, pbrt, renderman), LAYER=PREFIX, "
+                  "LAYER=CHANNEL,CHANNEL,CHANNEL, viewlayer=NAME or view=NAME; may be repeated")
+      ->type_name("ITEM")
+      ->allow_extra_args(false);
+  command.add_option("--map-lrhs", a.lrhs_map, "The same for the LRHS file alone")
+      ->type_name("ITEM")
+      ->allow_extra_args(false);
+  command
+      .add_option("--lrhs-sampling", a.sampling,
+                  "Where LRHS samples lie: nearest (every scale-th pixel, as degrade makes it), centered (a "
+                  "real low-resolution render), auto (what the file says, else centered)")
+      ->check(CLI::IsMember({"auto", "nearest", "centered"}))
+      ->capture_default_str();
+  command.add_option("--output-type", a.output_type, "half, float, or auto: as the HRLS colour")
+      ->check(CLI::IsMember({"auto", "half", "float"}))
+      ->capture_default_str();
+  command.add_flag("--keep-layers", a.keep_layers, "Passes all other HRLS channels through, bit by bit");
+}
+
+void add_run(CLI::App& command, FuseArguments& a) {
+  command.add_option(
+      "--model", a.model,
+      "A model's name, a scale such as x4, or a file; without it the scale follows from the sizes");
+  command.add_option("--device", a.device, "An index of raymeld devices, a UUID or part of a name");
+  command
+      .add_option(
+          "--precision", a.precision,
+          "fp32, fp16 (activations and weights in 16 bits, sums in 32), or auto: fp16 on a GPU that has it")
+      ->check(CLI::IsMember({"fp32", "fp16", "auto"}))
+      ->capture_default_str();
+  command.add_option("--max-memory", a.max_memory_mib, "Of the device, in MiB; larger frames are tiled")
+      ->type_name("MB")
+      ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40));
+  command.add_flag("--dry-run", a.dry_run, "Shows the layers, the plan and its memory; writes nothing");
+}
+
+void add_reports(CLI::App& command, FuseArguments& a) {
+  command.add_option("--preview", a.preview, "Writes the fused image as sRGB PNG too");
+  command.add_option("--preview-before-after", a.before_after,
+                     "Writes a PNG: bicubic LRHS, HRLS, fused and, if given, the reference side by side");
+  command.add_option("--exposure", a.exposure_stops, "Of the previews")->type_name("STOPS");
+  command.add_option("--reference", a.reference, "Measures against this OpenEXR file");
+  command.add_flag("--profile", a.profile, "Shows the time of each layer");
+  command.add_option("--dump", a.dump, "Writes each layer's output as NumPy file to this folder")
+      ->type_name("DIR");
+  command.add_flag("--json", a.json, "One JSON object on stdout");
+  command.add_flag("--quiet", a.quiet, "No notes and no progress, only warnings and errors");
+}
+
+}  // namespace
+
+void add_fuse(CLI::App& app) {
+  auto arguments = std::make_shared<FuseArguments>();
+  CLI::App* command = app.add_subcommand("fuse", "Fuses an LRHS and an HRLS render");
+  add_files(*command, *arguments);
+  add_run(*command, *arguments);
+  add_reports(*command, *arguments);
+  command->footer(
+      "Examples:\n"
+      "  raymeld fuse --lrhs low.exr --hrls high.exr -o fused.exr --preview fused.png\n"
+      "  raymeld fuse --lrhs low.exr --hrls high.exr -o fused.exr --model x4-fast --reference truth.exr "
+      "--json\n"
+      "  raymeld fuse --lrhs low.exr --hrls high.exr --map cycles --map albedo=ViewLayer.DiffCol --dry-run");
+  command->callback([arguments] {
+    if (arguments->output.empty() && !arguments->dry_run) throw CLI::RequiredError("--output");
+    run_fuse(*arguments);
+  });
+}
+
+}  // namespace raymeld::cli

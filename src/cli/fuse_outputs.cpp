@@ -1,0 +1,105 @@
+#include <OpenEXR/ImfStringAttribute.h>
+
+#include <algorithm>
+
+#include "cli/fuse.h"
+#include "cli/interrupt.h"
+#include "io/png.h"
+
+namespace raymeld::cli {
+namespace {
+
+Image first_three(const Image& image) {
+  Image color(image.width, image.height, 3);
+  std::copy_n(image.data.begin(), color.data.size(), color.data.begin());
+  return color;
+}
+
+Imf::PixelType output_type(const std::string& wanted, Imf::PixelType of_hrls) {
+  if (wanted == "auto") return of_hrls == Imf::HALF ? Imf::HALF : Imf::FLOAT;
+  return wanted == "half" ? Imf::HALF : Imf::FLOAT;
+}
+
+Imf::Header output_header(const FuseFiles& files, Storage storage) {
+  Imf::Header header = files.hrls.header(files.hrls_color().part);
+  const auto set = [&](const char* name, const std::string& value) {
+    header.insert(name, Imf::StringAttribute(value));
+  };
+  header.erase("raymeldSampling");  // true of HRLS, not of what became of it
+  set("raymeldVersion", RAYMELD_VERSION);
+  set("raymeldPrecision", precision_name(storage));
+  const auto& metadata = files.model.metadata();
+  const auto version = metadata.find("version");
+  set("raymeldModel",
+      version == metadata.end() ? files.model.name() : files.model.name() + " version " + version->second);
+  return header;
+}
+
+// A grey colour has no three names of its own.
+ChannelTriple color_names(const FuseFiles& files, bool keep_layers) {
+  const ChannelTriple& own = files.hrls_map.layers.at("color").terms[0];
+  return keep_layers && own[0] != own[1] ? own : ChannelTriple{"R", "G", "B"};
+}
+
+std::vector<ExrRawChannel> passed_through(FuseFiles& files, bool keep_layers) {
+  std::vector<ExrRawChannel> channels;
+  if (!keep_layers) {
+    if (!files.hrls_map.alpha) return channels;
+    channels.push_back(files.hrls.read_raw(*files.hrls_map.alpha));
+    channels.back().name.assign(1, 'A');
+    return channels;
+  }
+  const ChannelTriple& color = files.hrls_map.layers.at("color").terms[0];
+  for (const ExrChannel& channel : files.hrls.channels()) {
+    if (std::ranges::find(color, channel.name) == color.end())
+      channels.push_back(files.hrls.read_raw(channel.name));
+  }
+  return channels;
+}
+
+void write_image(const FuseArguments& arguments, FuseFiles& files, const FuseResult& result,
+                 Console& console) {
+  ExrOutput output;
+  output.source = output_header(files, result.storage);
+  output.pass_through = passed_through(files, arguments.keep_layers);
+  const ChannelTriple names = color_names(files, arguments.keep_layers);
+  const Imf::PixelType type = output_type(arguments.output_type, files.hrls_color().type);
+  for (int c = 0; c < 3; ++c) output.planes.push_back({names[size_t(c)], type, result.fused.plane(c)});
+  check_interrupted();
+  const size_t clamped = write_exr(arguments.output, output);
+  if (clamped > 0)
+    console.warn(fmt::format("'{}': {} values passed the largest half, 65504, and were clamped",
+                             arguments.output, clamped),
+                 clamped);
+}
+
+}  // namespace
+
+Comparison make_comparison(const FuseFiles& files, const FuseImages& images) {
+  const auto as_written = [&](Image image) {
+    return seen_through(std::move(image), files.canvas.hrls, files.hrls_windows.data);
+  };
+  return {as_written(upsample_bicubic(images.lrhs, files.canvas.scale, files.phase)),
+          as_written(first_three(images.hrls))};
+}
+
+// The image itself comes last: it is there only when everything is.
+void write_outputs(const FuseArguments& arguments, FuseFiles& files, const FuseImages& images,
+                   const std::optional<Comparison>& comparison, const FuseResult& result, Console& console,
+                   WrittenFiles& written) {
+  const auto picture = [&](const Image& image) { return to_srgb(image, arguments.exposure_stops); };
+  if (!arguments.preview.empty()) {
+    write_png(arguments.preview, picture(result.fused));
+    written.add(arguments.preview);
+  }
+  if (!arguments.before_after.empty()) {
+    std::vector<Picture> pictures = {picture(comparison->bicubic), picture(comparison->hrls),
+                                     picture(result.fused)};
+    if (images.reference) pictures.push_back(picture(*images.reference));
+    write_png(arguments.before_after, side_by_side(pictures));
+    written.add(arguments.before_after);
+  }
+  write_image(arguments, files, result, console);
+}
+
+}  // namespace raymeld::cli

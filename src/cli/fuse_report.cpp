@@ -1,0 +1,46 @@
+#include "cli/fuse.h"
+
+namespace raymeld::cli {
+namespace {
+
+// Operations, or bytes, in `time_ms`, in thousands of millions a second; 0 where no time was measured.
+double giga_per_second(double count, double time_ms) { return time_ms > 0 ? count / time_ms * 1e-6 : 0; }
+
+std::string row(const std::string& name, double time_ms, double flop, double bytes) {
+  return fmt::format("{:<30} {:>12.3f} {:>10.2f} {:>10.2f}\n", name, time_ms, giga_per_second(flop, time_ms),
+                     giga_per_second(bytes, time_ms));
+}
+
+}  // namespace
+
+std::string profile_text(const FuseReport& report) {
+  std::string text = fmt::format("{:<30} {:>12} {:>10} {:>10}\n", "layer", "ms", "GFLOP/s", "GB/s");
+  PassTime total;
+  for (const PassTime& pass : report.passes) {
+    text += row(pass.name, pass.time_ms, pass.flop, pass.bytes);
+    total.time_ms += pass.time_ms;
+    total.flop += pass.flop;
+    total.bytes += pass.bytes;
+  }
+  return text + row("total", total.time_ms, total.flop, total.bytes);
+}
+
+nlohmann::ordered_json to_json(const std::vector<Warning>& warnings) {
+  auto json = nlohmann::ordered_json::array();
+  for (const Warning& warning : warnings)
+    json.push_back({{"message", warning.message}, {"count", warning.count}});
+  return json;
+}
+
+nlohmann::ordered_json to_json(const std::vector<PassTime>& passes) {
+  auto json = nlohmann::ordered_json::array();
+  for (const PassTime& pass : passes) {
+    json.push_back({{"name", pass.name},
+                    {"ms", pass.time_ms},
+                    {"gflop_per_s", giga_per_second(pass.flop, pass.time_ms)},
+                    {"gb_per_s", giga_per_second(pass.bytes, pass.time_ms)}});
+  }
+  return json;
+}
+
+}  // namespace raymeld::cli

@@ -1,0 +1,17 @@
+// Where models come from: a file, or a stock model by name.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+
+namespace raymeld::cli {
+
+// The file that `wanted` means: a path, the name of a model in one of the folders $RAYMELD_MODELS,
+// <program>/../share/raymeld/models and the source tree's models, or a scale such as "x4": balanced, else
+// fast, else full. Throws Error, listing the models there are.
+std::filesystem::path find_model(const std::string& wanted);
+
+std::filesystem::path default_model(int scale);
+
+}  // namespace raymeld::cli
