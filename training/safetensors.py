@@ -1,4 +1,4 @@
-"""Writes safetensors files: a JSON header with shapes and offsets, then the tensors, little endian."""
+"""Reads and writes safetensors files: a JSON header with shapes and offsets, then the tensors, little endian."""
 
 import json
 import struct
@@ -21,3 +21,17 @@ def save(path, tensors, metadata):
         file.write(struct.pack("<Q", len(text)) + text)
         for array in arrays.values():
             file.write(array.tobytes())
+
+
+def load(path):
+    """(tensors by name, metadata)."""
+    with open(path, "rb") as file:
+        header = json.loads(file.read(struct.unpack("<Q", file.read(8))[0]))
+        body = file.read()
+    metadata = header.pop("__metadata__", {})
+    kinds = {short: name for name, short in TYPES.items()}
+    tensors = {}
+    for name, entry in header.items():
+        begin, end = entry["data_offsets"]
+        tensors[name] = numpy.frombuffer(body[begin:end], kinds[entry["dtype"]]).reshape(entry["shape"])
+    return tensors, metadata

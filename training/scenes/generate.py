@@ -21,7 +21,7 @@ def parse():
     parser.add_argument("--seeds", required=True, help="FIRST:LAST, the last excluded")
     parser.add_argument("--size", type=int, default=192)
     parser.add_argument("--spp", type=int, nargs="+", default=[1, 2, 4, 8])
-    parser.add_argument("--plain-spp", type=int, nargs="+", default=[16, 32, 64, 128])
+    parser.add_argument("--plain-spp", type=int, nargs="+", default=[16, 32, 64])
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--timeout-s", type=float, default=600)
     return parser.parse_args()

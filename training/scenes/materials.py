@@ -143,6 +143,9 @@ def refinish(objects, rng):
         shader = material.use_nodes and material.node_tree.nodes.get("Principled BSDF")
         if not shader:
             continue
+        for node in list(material.node_tree.nodes):
+            if node.type == "TEX_IMAGE" and not (node.image and node.image.size[0]):
+                material.node_tree.nodes.remove(node)  # its file is missing from the catalogue
         kind = rng.random()
         if shader.inputs["Alpha"].default_value < 0.9 or kind > 0.95:
             shader.inputs["Transmission"].default_value = 1

@@ -38,7 +38,7 @@ def parse():
     parser.add_argument("--width", type=int, default=192)
     parser.add_argument("--height", type=int, default=192)
     parser.add_argument("--spp", type=int, nargs="*", default=[], help="renders with every layer")
-    parser.add_argument("--plain-spp", type=int, nargs="*", default=[], help="renders with the colour only")
+    parser.add_argument("--plain-spp", type=int, nargs="*", default=[], help="renders with the colour only; a count that comes again gets another seed")
     parser.add_argument("--layers", choices=("all", "fusion"), default="fusion")
     parser.add_argument("--depth", choices=("16", "32"), default="16", help="bits a channel")
     parser.add_argument("--threads", type=int, default=1)
@@ -71,8 +71,10 @@ def choose_layers(scene, names):
 def render(scene, path, spp, seed):
     scene.cycles.samples = spp
     scene.cycles.seed = seed
-    scene.render.filepath = str(path)
+    partial = path.with_suffix(".part.exr")
+    scene.render.filepath = str(partial)
     bpy.ops.render.render(write_still=True)
+    partial.rename(path)
 
 
 def expose(scene, rng, folder):
@@ -110,8 +112,11 @@ def main():
         args.out.mkdir(parents=True, exist_ok=True)
         for names, counts in ((FUSION_LAYERS if args.layers == "fusion" else LAYERS, args.spp), ((), args.plain_spp)):
             choose_layers(scene, names)
-            for spp in counts:
-                render(scene, args.out / f"{spp:04}.exr", spp, args.seed * 10007 + spp)
+            for index, spp in enumerate(counts):
+                repeat = counts[:index].count(spp)
+                path = args.out / (f"{spp:04}-{repeat}.exr" if repeat else f"{spp:04}.exr")
+                if not path.exists():
+                    render(scene, path, spp, args.seed * 10007 + spp + 100000 * repeat)
     record = {"seed": args.seed, "kind": kind, "exposure": exposure, "models": builder.used}
     (args.out / "view.json").write_text(json.dumps(record, indent=1) + "\n")
 
