@@ -100,6 +100,7 @@ TEST(Image, Equation3) {
   EXPECT_FLOAT_EQ(linear_to_srgb(0.001f), 0.01292f);
   EXPECT_NEAR(linear_to_srgb(0.0031308f), 0.0404499, 1e-6);  // both pieces meet here
   EXPECT_NEAR(linear_to_srgb(0.0031309f), 0.0404512, 2e-6);
+  EXPECT_NEAR(linear_to_srgb(0.01f), 0.0998528, 1e-6);
   EXPECT_NEAR(linear_to_srgb(0.18f), 0.461356, 1e-5);
   EXPECT_NEAR(linear_to_srgb(0.5f), 0.735357, 1e-5);
   EXPECT_NEAR(linear_to_srgb(0.999999f), 1, 1e-6);
