@@ -39,7 +39,8 @@ float load(uint i, uint y, uint x) {
 
 void store(uint o, uint y, uint x, float value) {
   uint at = address(o, y, x, p.plane, p.width);
-  if (kRelu != 0) value = value > 0.0 ? value : 0.0;
+  // NaN stays, so that decode sees and counts it.
+  if (kRelu != 0) value = value < 0.0 ? 0.0 : value;
   if (kResiduals > 0) value += float(residual0[at]);
   if (kResiduals > 1) value += float(residual1[at]);
   if (kResiduals > 2) value += float(residual2[at]);

@@ -13,10 +13,11 @@ layout(std430, binding = 3) writeonly buffer Frame { float frame[]; };
 
 float lrhs_at(uint c, uint y, uint x) { return float(lrhs[address(c, y, x, p.lrhs_plane, p.lrhs_width)]); }
 
+// Exact in float: the inverse of a scale is a power of two, and a phase a multiple of one half.
 // LRHS pixel (i, j) samples the full-size image at (scale * i + phase, scale * j + phase).
 float bilinear(uint c, uint y, uint x) {
   vec2 last = vec2(p.lrhs_width - 1, p.lrhs_height - 1);
-  vec2 at = clamp((vec2(x, y) - p.phase) / p.scale, vec2(0.0), last);
+  vec2 at = clamp((vec2(x, y) - p.phase) * p.inverse_scale, vec2(0.0), last);
   uvec2 low = uvec2(at);
   uvec2 high = min(low + 1, uvec2(last));
   vec2 t = at - vec2(low);

@@ -53,7 +53,7 @@ struct Decode {
   uint lrhs_plane;
   uint log_transfer;   // 0: linear
   uint bilinear_base;  // 0: none
-  float scale;
+  float inverse_scale;
   float phase;
 };
 

@@ -67,7 +67,7 @@ void decode(Graph& graph, const std::string& name, const Tensor& in, const Decod
                                plane_of(graph, base),
                                options.transfer == Transfer::kLog,
                                options.base != nullptr,
-                               static_cast<float>(options.scale),
+                               1.0f / static_cast<float>(options.scale),
                                options.phase});
   pass.groups = element_groups(in.shape);
   pass.bytes = elements(in) * static_cast<double>(4 + element_bytes(graph.storage())) +
