@@ -7,6 +7,7 @@ set(shader_dir ${PROJECT_SOURCE_DIR}/shaders)
 file(GLOB shader_sources CONFIGURE_DEPENDS ${shader_dir}/*.comp)
 file(GLOB shader_includes CONFIGURE_DEPENDS ${shader_dir}/*.glsl ${shader_dir}/*.h)
 set(shader_objects)
+file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/shaders)
 foreach(source ${shader_sources})
   get_filename_component(name ${source} NAME_WE)
   foreach(storage f32 f16)
@@ -19,6 +20,7 @@ foreach(source ${shader_sources})
     endif()
     add_custom_command(
       OUTPUT ${embedded}
+      BYPRODUCTS ${spirv}
       COMMAND ${GLSLANG} -V --target-env vulkan1.1 --quiet ${defines} -I${shader_dir} -o ${spirv} ${source}
       COMMAND ${SPIRV_VAL} --target-env vulkan1.1 ${spirv}
       COMMAND ${CMAKE_COMMAND} -DSPIRV=${spirv} -DOUTPUT=${embedded} -DSYMBOL=k_${name}_${storage}
