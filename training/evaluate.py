@@ -64,4 +64,5 @@ def main():
         print(f"{name:13} {loss.psnr(image, reference):6.2f} dB  RelMSE {loss.relmse(image, reference):.4f}")
 
 
-main()
+if __name__ == "__main__":
+    main()
