@@ -1,5 +1,7 @@
 #include "cli/fuse.h"
 
+#include <fmt/ranges.h>
+
 #include "cli/interrupt.h"
 #include "io/exr_window.h"
 
@@ -21,11 +23,14 @@ void check_outputs(const FuseArguments& arguments) {
   check_output(fs::is_directory(dump, error) ? dump / "decode.npy" : dump, inputs);
 }
 
+const char* sampling_name(const FuseFiles& files) { return files.phase == 0 ? "nearest" : "centered"; }
+
 std::string describe(const FuseFiles& files) {
-  return fmt::format("LRHS {}: {}HRLS {}: {}model {}, scale {}, LRHS samples {}", files.lrhs.path().string(),
-                     raymeld::describe(files.lrhs_map), files.hrls.path().string(),
-                     raymeld::describe(files.hrls_map), files.model.name(), files.canvas.scale,
-                     files.phase == 0 ? "nearest (top-left)" : "centered");
+  return fmt::format("LRHS {}: color from {}; {} samples\nHRLS {}: {}model {}, scale {}: takes {}",
+                     files.lrhs.path().string(), fmt::join(files.lrhs_map.layers.at("color").terms[0], ", "),
+                     sampling_name(files), files.hrls.path().string(), raymeld::describe(files.hrls_map),
+                     files.model.name(), files.canvas.scale,
+                     fmt::join(files.model.architecture().hrls_layers, ", "));
 }
 
 // What text and JSON both begin with.
@@ -36,7 +41,7 @@ Json facts(const FuseFiles& files, const DeviceInfo& device, Storage storage, co
           {"scale", files.canvas.scale},
           {"width", width_of(files.hrls_windows.data)},
           {"height", height_of(files.hrls_windows.data)},
-          {"lrhs_sampling", files.phase == 0 ? "nearest" : "centered"},
+          {"lrhs_sampling", sampling_name(files)},
           {"tiles", tiling.count()}};
 }
 
@@ -58,7 +63,7 @@ void show_plan(const FuseArguments& arguments, const FuseFiles& files, const Dev
     return;
   }
   fmt::print("{}\ndevice {} ({})\n", describe(files), device.info().name, precision_name(options.storage));
-  fmt::print("{} tiles of {} x {} LRHS pixels, halo {}; {:.3f} GFLOP, {:.1f} % of it for halos\n",
+  fmt::print("{} tile(s) of {} x {} LRHS pixels, halo {}; {:.3f} GFLOP, {:.1f} % of it for halos\n",
              tiling.count(), tiling.tile.width, tiling.tile.height, tiling.halo, plan.flop * 1e-9,
              100 - 100 / tiling.overhead());
   fmt::print(

@@ -1,5 +1,7 @@
 #include "cli/graph_text.h"
 
+#include <map>
+
 namespace raymeld::cli {
 namespace {
 
@@ -41,14 +43,19 @@ bool shares_channels(const Tensor& a, const Tensor& b) {
          b.channel_offset < a.channel_offset + a.shape.channels;
 }
 
-// Edges into pass `reader` from the passes that wrote what it reads.
-std::string edges(const Graph& graph, size_t reader, const Tensor& read) {
-  std::string text;
-  for (size_t writer = 0; writer < reader; ++writer) {
-    const Tensor* written = graph.passes()[writer].output();
-    if (!written || !shares_channels(*written, read)) continue;
-    text += fmt::format("  p{} -> p{} [label=\"{}\"];\n", writer, reader, shape_text(written->shape));
+// Edges into pass `reader` from the passes that wrote what it reads, one from each.
+std::string edges(const Graph& graph, size_t reader) {
+  std::map<size_t, const Tensor*> written_by;
+  for (const Binding& binding : graph.passes()[reader].bindings) {
+    if (binding.kind != Binding::Kind::kTensor || binding.access != Access::kRead) continue;
+    for (size_t writer = 0; writer < reader; ++writer) {
+      const Tensor* written = graph.passes()[writer].output();
+      if (written && shares_channels(*written, binding.tensor)) written_by[writer] = written;
+    }
   }
+  std::string text;
+  for (const auto& [writer, written] : written_by)
+    text += fmt::format("  p{} -> p{} [label=\"{}\"];\n", writer, reader, shape_text(written->shape));
   return text;
 }
 
@@ -71,10 +78,10 @@ std::string passes_text(const Graph& graph) {
 }
 
 std::string memory_text(const Graph& graph) {
-  std::string text = fmt::format("{:<32} {:<18} {:>11} {:>14}   {}\n", "tensor", "height x width x channels",
+  std::string text = fmt::format("{:<32} {:<25} {:>10} {:>14}   {}\n", "tensor", "height x width x channels",
                                  "MiB", "offset", "lives from dispatch to dispatch");
   for (const TensorRecord& tensor : graph.tensors()) {
-    text += fmt::format("{:<32} {:<25} {:>4.2f} {:>14}   {} .. {}\n", tensor.name, shape_text(tensor.shape),
+    text += fmt::format("{:<32} {:<25} {:>10.2f} {:>14}   {} .. {}\n", tensor.name, shape_text(tensor.shape),
                         double(tensor.size_bytes) / kMebibyte, tensor.offset_bytes, tensor.first_use,
                         tensor.last_use);
   }
@@ -92,14 +99,11 @@ std::string graph_dot(const Graph& graph, const std::string& name) {
   for (size_t i = 0; i < graph.passes().size(); ++i) {
     const Pass& pass = graph.passes()[i];
     text += fmt::format("  p{} [label=\"{}\\n{}\"];\n", i, pass.name, pass.shader->name);
-    for (const Binding& binding : pass.bindings) {
-      if (binding.kind == Binding::Kind::kFrame) {
-        text += binding.access == Access::kWrite ? fmt::format("  p{} -> {};\n", i, slot_name(binding.slot))
-                                                 : fmt::format("  {} -> p{};\n", slot_name(binding.slot), i);
-      } else if (binding.kind == Binding::Kind::kTensor && binding.access == Access::kRead) {
-        text += edges(graph, i, binding.tensor);
-      }
-    }
+    text += edges(graph, i);
+    const Binding* frame = pass.frame();
+    if (!frame) continue;
+    text += frame->access == Access::kWrite ? fmt::format("  p{} -> {};\n", i, slot_name(frame->slot))
+                                            : fmt::format("  {} -> p{};\n", slot_name(frame->slot), i);
   }
   return text + "}\n";
 }

@@ -1,0 +1,171 @@
+// Whatever goes wrong: exit status 2 and a message that names it, and not a file more than before.
+#include <csignal>
+
+#include "cli_fixture.h"
+
+namespace raymeld::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+class CliErrors : public Cli {
+ protected:
+  void expect_error(const std::vector<std::string>& arguments, const std::vector<std::string>& texts,
+                    int status = 2) {
+    check(run(arguments), texts, status);
+  }
+  // Through a shell, for limits and redirections.
+  void expect_shell_error(const std::string& script, const std::vector<std::string>& arguments,
+                          const std::vector<std::string>& texts) {
+    std::vector<std::string> argv = {"sh", "-c", script, "sh", RAYMELD_PROGRAM};
+    argv.insert(argv.end(), arguments.begin(), arguments.end());
+    check(run_process(argv, {.directory = folder_.path(), .environment = environment_}), texts, 2);
+  }
+  void SetUp() override {
+    Cli::SetUp();
+    before_ = files();
+  }
+  void remember_files() { before_ = files(); }
+
+  void check(const ProcessResult& result, const std::vector<std::string>& texts, int status) {
+    EXPECT_EQ(result.exit_status, status) << result.err;
+    EXPECT_EQ(result.out, "");
+    for (const std::string& text : texts)
+      EXPECT_NE(result.err.find(text), std::string::npos) << "'" << text << "' in: " << result.err;
+    EXPECT_EQ(files(), before_);
+  }
+
+ private:
+  std::set<std::string> before_;
+};
+
+TEST_F(CliErrors, Usage) {
+  expect_error({}, {"raymeld: error: ", "subcommand"});
+  expect_error({"melt"}, {"raymeld: error: "});
+  expect_error({"fuse", "--lrhs", "low.exr"}, {"--hrls"});
+  expect_error({"fuse", "--lrhs", "low.exr", "--hrls", "high.exr"}, {"--output"});
+  expect_error(fuse({"--precision", "fp8"}), {"--precision", "fp16"});
+  expect_error(fuse({"--max-memory", "-3"}), {"--max-memory"});
+  expect_error({"degrade", "high.exr", "--scale", "3", "-o", "out.exr"}, {"--scale"});
+  expect_error({"graph", "--model", tiny_model(), "--size", "64"}, {"--size", "'64'", "WxH"});
+  expect_error({"graph", "--model", tiny_model(), "--size", "66x48"}, {"66x48", "scale 4"});
+  expect_error(fuse({"--map", "shine=R"}), {"shine", "albedo"});
+}
+
+TEST_F(CliErrors, SizesThatDoNotFit) {
+  write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 9, 6, 1));
+  expect_error(fuse(), {"low.exr", "9 x 6", "high.exr", "32 x 24", "36 x 24 for x4"});
+  write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 16, 12, 1));
+  expect_error(fuse(), {"16 x 12", "64 x 48 for x4"});
+  // A scale of 3, with no model named.
+  write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 48, 36, 2));
+  expect_error({"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "-o", "out.exr"},
+               {"16 x 12", "48 x 36", "32 x 24 for x2", "64 x 48 for x4", "128 x 96 for x8"});
+  expect_error({"compare", "low.exr", "high.exr"}, {"low.exr", "16 x 12", "high.exr", "48 x 36"});
+  expect_error(fuse({"--reference", "low.exr"}), {"16 x 12"});
+  expect_error({"degrade", "high.exr", "--scale", "8", "-o", "out.exr"}, {"high.exr", "48 x 36", "8"});
+}
+
+TEST_F(CliErrors, InputFiles) {
+  expect_error({"fuse", "--lrhs", "none.exr", "--hrls", "high.exr", "-o", "out.exr"},
+               {"none.exr", "no such file"});
+  expect_error({"fuse", "--lrhs", "low.exr", "--hrls", ".", "-o", "out.exr"}, {"'.'", "folder"});
+  expect_error(fuse({"--reference", "."}), {"folder"});
+  const std::string whole = read_file(folder_ / "high.exr");
+  for (const size_t size : {whole.size() / 2, whole.size() - 1, size_t{100}}) {
+    write_file(folder_ / "high.exr", whole.substr(0, size));
+    expect_error(fuse(), {"cannot read 'high.exr'"});
+  }
+  write_file(folder_ / "high.exr", "plain text");
+  expect_error(fuse(), {"high.exr", "OpenEXR"});
+}
+
+TEST_F(CliErrors, LayersThatAreMissingAreNamed) {
+  write_image(folder_ / "high.exr", kColorNames, random_image(kColorNames, 32, 24, 2));
+  expect_error(fuse(), {"high.exr", "normal", "albedo", "Denoising Albedo"});
+  expect_error(fuse({"--map", "albedo=paint"}), {"high.exr", "paint"});
+  expect_error(fuse({"--map", "blender"}), {"blender", "cycles"});
+}
+
+TEST_F(CliErrors, Models) {
+  fs::create_directory(folder_ / "models");
+  environment_["RAYMELD_MODELS"] = (folder_ / "models").string();
+  const std::string model = read_file(tiny_model());
+  write_file(folder_ / "models/x4-mine.safetensors", model);
+  write_file(folder_ / "cut.safetensors", model.substr(0, model.size() - 100));
+  remember_files();
+  const auto with_model = [](const std::string& name) {
+    return std::vector<std::string>{"fuse", "--lrhs",  "low.exr", "--hrls", "high.exr",
+                                    "-o",   "out.exr", "--model", name};
+  };
+  expect_error(with_model("x3"), {"'x3'", "x4-mine"});
+  expect_error(with_model("none.safetensors"), {"none.safetensors", "no such file"});
+  expect_error(with_model("./models"), {"./models", "folder"});
+  expect_error(with_model("cut.safetensors"), {"cut.safetensors"});
+  expect_error(with_model("./low.exr"), {"./low.exr"});
+  std::string other = model;
+  other.replace(other.find("tiny-x4"), 7, "tiny-x\xff");
+  write_file(folder_ / "cut.safetensors", other.replace(other.find("raymeld.model"), 13, "RAYMELD.MODEL"));
+  expect_error(with_model("cut.safetensors"), {"cut.safetensors"});
+}
+
+TEST_F(CliErrors, Outputs) {
+  const auto to = [](const std::string& output) {
+    return std::vector<std::string>{"fuse",    "--lrhs",     "low.exr", "--hrls", "high.exr",
+                                    "--model", tiny_model(), "-o",      output};
+  };
+  expect_error(to("none/out.exr"), {"none/out.exr", "no folder"});
+  expect_error(to("."), {"'.'", "folder"});
+  expect_error(to("./high.exr"), {"./high.exr", "same file"});
+  expect_error(fuse({"--preview", "low.exr"}), {"low.exr", "same file"});
+  expect_error(fuse({"--dump", "low.exr"}), {"low.exr"});
+  expect_error(fuse({"--dump", "none/layers"}), {"none"});
+  expect_error({"degrade", "high.exr", "--scale", "4", "-o", "high.exr"}, {"high.exr", "same file"});
+  expect_error({"compare", "low.exr", "low.exr", "--error-map", "low.exr"}, {"low.exr", "same file"});
+}
+
+// Blocks of 512 bytes: the preview fits, the image does not, and neither stays.
+TEST_F(CliErrors, FullDisk) {
+  const std::string script = "ulimit -f 8; exec \"$@\"";
+  expect_shell_error(script, fuse({"--output-type", "float", "--preview", "preview.png"}),
+                     {"raymeld: error: ", "out.exr", "File too large"});
+  expect_shell_error("exec \"$@\" > /dev/full", {"compare", "low.exr", "low.exr"}, {"standard output"});
+  expect_error(
+      {"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "--model", tiny_model(), "-o", "/dev/full"},
+      {"/dev/full", "regular file"});
+}
+
+TEST_F(CliErrors, Devices) {
+  expect_error(fuse({"--device", "99"}), {"99"});
+  expect_error(fuse({"--device", "no such device"}), {"no such device"});
+  environment_["VK_DRIVER_FILES"] = environment_["VK_ICD_FILENAMES"] = "/nonexistent.json";
+  expect_error(fuse(), {"no Vulkan", "mesa-vulkan-drivers"});
+  expect_error({"devices"}, {"no Vulkan"});
+}
+
+TEST_F(CliErrors, NoVulkanLoader) {
+  fs::create_directory(folder_ / "lib");
+  for (const char* name : {"lib/libvulkan.so.1", "lib/libvulkan.so"}) write_file(folder_ / name, "");
+  environment_["LD_LIBRARY_PATH"] = (folder_ / "lib").string();
+  remember_files();
+  expect_error(fuse(), {"no Vulkan loader"});
+  expect_error({"devices"}, {"no Vulkan loader"});
+}
+
+// In many small tiles, so that the frame takes far longer than a signal.
+TEST_F(CliErrors, InterruptedInTheMiddle) {
+  write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 128, 128, 1));
+  write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 512, 512, 2));
+  std::vector<std::string> arguments = fuse({"--max-memory", "1", "--preview", "preview.png"});
+  arguments.insert(arguments.begin(), RAYMELD_PROGRAM);
+  for (int signal : {SIGINT, SIGTERM}) {
+    check(run_process(arguments, {.directory = folder_.path(),
+                                  .environment = environment_,
+                                  .signal = signal,
+                                  .signal_after = "fusing"}),
+          {"cancelled"}, 130);
+  }
+}
+
+}  // namespace
+}  // namespace raymeld::test

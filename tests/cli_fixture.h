@@ -1,0 +1,92 @@
+// The program as a process: what its tests share.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "io/exr.h"
+#include "io/exr_window.h"
+#include "support.h"
+
+namespace raymeld::test {
+
+// What oiiotool would call "64x48+5+3": where a window starts, and its size.
+inline Imath::Box2i window(int x, int y, int width, int height) {
+  return {{x, y}, {x + width - 1, y + height - 1}};
+}
+
+// The three names of each layer that the tiny models take, and alpha.
+inline const std::vector<std::string> kColorNames = {"R", "G", "B"};
+inline const std::vector<std::string> kLayeredNames = {
+    "R", "G", "B", "normal.X", "normal.Y", "normal.Z", "albedo.R", "albedo.G", "albedo.B", "A"};
+
+// (names.size(), H, W) between 0 and 1, the same on every machine.
+inline Image random_image(const std::vector<std::string>& names, int width, int height, uint64_t seed) {
+  Image image(width, height, int(names.size()));
+  image.data = floats(random_planes(image.channels, height, width, Fill::kUniform, seed));
+  for (float& value : image.data) value = 0.5f * value + 0.5f;
+  return image;
+}
+
+inline void write_image(const std::filesystem::path& path, const std::vector<std::string>& names,
+                        const Image& image, const Imath::Box2i& data, const Imath::Box2i& display,
+                        Imf::PixelType type = Imf::HALF) {
+  ExrOutput output;
+  output.source = Imf::Header(display, data);
+  for (size_t c = 0; c < names.size(); ++c) output.planes.push_back({names[c], type, image.plane(int(c))});
+  write_exr(path, output);
+}
+
+inline void write_image(const std::filesystem::path& path, const std::vector<std::string>& names,
+                        const Image& image, Imf::PixelType type = Imf::HALF) {
+  const Imath::Box2i whole = window(0, 0, image.width, image.height);
+  write_image(path, names, image, whole, whole, type);
+}
+
+class Cli : public testing::Test {
+ protected:
+  // An x4 pair: low.exr 8 x 6 and high.exr 32 x 24 with layers and alpha.
+  void SetUp() override {
+    write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 8, 6, 1));
+    write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 32, 24, 2));
+    environment_ = {{"XDG_CACHE_HOME", (folder_ / "cache").string()}, {"RAYMELD_MODELS", std::nullopt}};
+  }
+
+  ProcessResult run(std::vector<std::string> arguments) const {
+    arguments.insert(arguments.begin(), RAYMELD_PROGRAM);
+    return run_process(arguments, {.directory = folder_.path(), .environment = environment_});
+  }
+  // `fuse` of the pair to out.exr with the tiny model of scale 4.
+  static std::vector<std::string> fuse(const std::vector<std::string>& more = {}) {
+    std::vector<std::string> arguments = {"fuse", "--lrhs",  "low.exr", "--hrls",    "high.exr",
+                                          "-o",   "out.exr", "--model", tiny_model()};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return arguments;
+  }
+  static std::string tiny_model() { return source_path("tests/golden/tiny-x4.safetensors").string(); }
+
+  nlohmann::json run_json(const std::vector<std::string>& arguments) const {
+    const ProcessResult result = run(arguments);
+    EXPECT_EQ(result.exit_status, 0) << result.err;
+    return nlohmann::json::parse(result.out);
+  }
+
+  // The names of the files and folders there are, without the cache.
+  std::set<std::string> files() const {
+    std::set<std::string> names;
+    for (const auto& entry : std::filesystem::directory_iterator(folder_.path()))
+      names.insert(entry.path().filename().string());
+    names.erase("cache");
+    return names;
+  }
+  Image read(const std::string& name, const std::vector<std::string>& channels = kColorNames) const {
+    return ExrFile(folder_ / name).read(channels);
+  }
+
+  TemporaryDirectory folder_;
+  std::map<std::string, std::optional<std::string>> environment_;
+};
+
+}  // namespace raymeld::test

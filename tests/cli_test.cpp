@@ -1,0 +1,278 @@
+#include <OpenEXR/ImfStringAttribute.h>
+
+#include <cmath>
+#include <cstring>
+
+#include "cli_fixture.h"
+
+namespace raymeld::test {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+std::string attribute(const ExrFile& file, const std::string& name) {
+  const auto* value = file.header().findTypedAttribute<Imf::StringAttribute>(name);
+  return value ? value->value() : "";
+}
+
+// Width and height of a PNG: its IHDR, big-endian.
+std::pair<uint32_t, uint32_t> png_size(const fs::path& path) {
+  const std::string bytes = read_file(path);
+  const auto number = [&](size_t at) {
+    uint32_t value = 0;
+    for (size_t i = 0; i < 4; ++i) value = value << 8 | uint8_t(bytes.at(at + i));
+    return value;
+  };
+  EXPECT_EQ(bytes.substr(1, 3), "PNG");
+  return {number(16), number(20)};
+}
+
+// The values of a NumPy file, whose header must hold `shape`.
+std::vector<float> read_npy(const fs::path& path, const std::string& shape) {
+  const std::string bytes = read_file(path);
+  const size_t header = uint8_t(bytes.at(8)) + 256u * uint8_t(bytes.at(9));
+  EXPECT_EQ(bytes.substr(0, 8), std::string("\x93NUMPY\x01\x00", 8));
+  EXPECT_EQ((10 + header) % 64, 0u);
+  EXPECT_NE(bytes.substr(10, header).find("'descr': '<f4', 'fortran_order': False, 'shape': " + shape),
+            std::string::npos);
+  std::vector<float> values((bytes.size() - 10 - header) / sizeof(float));
+  std::memcpy(values.data(), bytes.data() + 10 + header, values.size() * sizeof(float));
+  return values;
+}
+
+TEST_F(Cli, HelpAndVersion) {
+  EXPECT_EQ(run({"--version"}).out.substr(0, 8), "raymeld ");
+  const ProcessResult help = run({"--help"});
+  EXPECT_EQ(help.exit_status, 0);
+  for (const char* command : {"fuse", "devices", "compare", "degrade", "graph"}) {
+    EXPECT_NE(help.out.find(command), std::string::npos);
+    const ProcessResult its_help = run({command, "--help"});
+    EXPECT_EQ(its_help.exit_status, 0);
+    EXPECT_NE(its_help.out.find("--help"), std::string::npos);
+  }
+}
+
+TEST_F(Cli, DevicesAreListed) {
+  const Json devices = run_json({"devices", "--json"}).at("devices");
+  ASSERT_GE(devices.size(), 1u);
+  const std::string text = run({"devices"}).out;
+  for (const Json& device : devices) {
+    EXPECT_NE(text.find(device.at("name").get<std::string>()), std::string::npos);
+    EXPECT_NE(text.find(device.at("uuid").get<std::string>()), std::string::npos);
+    EXPECT_GT(device.at("max_binding_bytes").get<uint64_t>(), 0u);
+  }
+}
+
+TEST_F(Cli, FuseWritesAndReportsAllThatIsAskedFor) {
+  write_image(folder_ / "truth.exr", kColorNames, random_image(kColorNames, 32, 24, 3));
+  const Json json = run_json(
+      fuse({"--reference", "truth.exr", "--preview", "fused.png", "--preview-before-after", "all.png",
+            "--dump", "layers", "--profile", "--output-type", "float", "--precision", "fp32", "--json"}));
+  for (const char* key : {"device_ms", "total_ms", "peak_bytes", "tiles"}) EXPECT_GT(json.at(key), 0) << key;
+  EXPECT_GE(json.at("total_ms"), json.at("device_ms"));
+  EXPECT_EQ(json.at("model"), "tiny-x4");
+  EXPECT_EQ(json.at("precision"), "fp32");
+  EXPECT_EQ(json.at("scale"), 4);
+  EXPECT_EQ(json.at("warnings"), Json::array());
+  EXPECT_EQ(json.at("layers").front().at("name"), "encode.lrhs");
+
+  const Image fused = read("out.exr");
+  EXPECT_EQ(read_npy(folder_ / "layers/decode.npy", "(3, 24, 32)"), fused.data);
+  EXPECT_EQ(read_npy(folder_ / "layers/lrhs.npy", "(5, 6, 8)").size(), 5u * 6 * 8);
+  EXPECT_EQ(png_size(folder_ / "fused.png"), std::make_pair(32u, 24u));
+  EXPECT_EQ(png_size(folder_ / "all.png"), std::make_pair(4 * 32u + 3 * 4, 24u));
+  for (const auto& [row, image] : {std::pair{"fused", "out.exr"}, std::pair{"hrls", "high.exr"}}) {
+    const Json quality = run_json({"compare", image, "truth.exr", "--json"});
+    for (const char* key : {"psnr_db", "relmse_bcr", "relmse_gharbi"})
+      EXPECT_NEAR(json.at("metrics").at(row).at(key), quality.at(key), 1e-9) << row << " " << key;
+  }
+  EXPECT_GT(json.at("metrics").at("bicubic_lrhs").at("psnr_db"), 0);
+  EXPECT_EQ(files(), (std::set<std::string>{"low.exr", "high.exr", "truth.exr", "out.exr", "fused.png",
+                                            "all.png", "layers"}));
+}
+
+TEST_F(Cli, OutputIsOfTheHrlsKind) {
+  const ProcessResult result = run(fuse());
+  ASSERT_EQ(result.exit_status, 0) << result.err;
+  EXPECT_EQ(result.out, "");
+  EXPECT_NE(result.err.find("normal.X, normal.Y, normal.Z"), std::string::npos) << result.err;
+  ExrFile hrls(folder_ / "high.exr"), fused(folder_ / "out.exr");
+  EXPECT_EQ(fused.channel_names(), (std::vector<std::string>{"A", "B", "G", "R"}));
+  EXPECT_EQ(fused.channel("R").type, Imf::HALF);
+  EXPECT_EQ(fused.read_raw("A").bytes, hrls.read_raw("A").bytes);
+  EXPECT_EQ(attribute(fused, "raymeldModel"), "tiny-x4 version 1");
+}
+
+TEST_F(Cli, KeepLayersPassesThemBitByBit) {
+  const ProcessResult result = run(fuse({"--keep-layers", "--quiet"}));
+  ASSERT_EQ(result.exit_status, 0) << result.err;
+  EXPECT_EQ(result.err, "");
+  ExrFile hrls(folder_ / "high.exr"), fused(folder_ / "out.exr");
+  EXPECT_EQ(fused.channel_names(), hrls.channel_names());
+  for (const std::string& name : hrls.channel_names()) {
+    const bool same = fused.read_raw(name).bytes == hrls.read_raw(name).bytes;
+    EXPECT_EQ(same, name.size() != 1 || name == "A") << name;
+  }
+}
+
+TEST_F(Cli, ModelsByNameAndByScale) {
+  fs::create_directory(folder_ / "models");
+  environment_["RAYMELD_MODELS"] = (folder_ / "models").string();
+  fs::copy_file(tiny_model(), folder_ / "models/x4-fast.safetensors");
+  const std::vector<std::string> dry = {"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "--dry-run"};
+  const auto with_model = [&](const std::string& model) {
+    std::vector<std::string> arguments = dry;
+    arguments.insert(arguments.end(), {"--model", model, "--json"});
+    return run_json(arguments).at("model");
+  };
+  EXPECT_EQ(with_model("x4-fast"), "tiny-x4");
+  // Of a scale's models the balanced one is the default: this one cannot be read.
+  write_file(folder_ / "models/x4-balanced.safetensors", "");
+  const ProcessResult result = run(dry);
+  EXPECT_EQ(result.exit_status, 2);
+  EXPECT_NE(result.err.find("x4-balanced.safetensors"), std::string::npos) << result.err;
+  fs::copy_file(tiny_model(), folder_ / "models/x4-balanced.safetensors",
+                fs::copy_options::overwrite_existing);
+  EXPECT_EQ(run_json({"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "--dry-run", "--json"}).at("scale"),
+            4);
+  EXPECT_EQ(with_model("x4"), "tiny-x4");
+}
+
+TEST_F(Cli, DryRunShowsThePlanAndWritesNothing) {
+  const std::set<std::string> before = files();
+  const ProcessResult result = run(fuse({"--dry-run"}));
+  EXPECT_EQ(result.exit_status, 0) << result.err;
+  for (const char* text : {"normal.X", "1 tile(s) of 8 x 6", "halo", "GFLOP", "without aliasing"})
+    EXPECT_NE(result.out.find(text), std::string::npos) << text << " in " << result.out;
+  EXPECT_EQ(files(), before);
+}
+
+// Cut out by data windows, both images still belong to one frame, and what is outside counts as black.
+TEST_F(Cli, DataWindowsInsideTheDisplayWindow) {
+  const Image cut = random_image(kLayeredNames, 15, 14, 4);
+  write_image(folder_ / "cut.exr", kLayeredNames, cut, window(5, 3, 15, 14), window(0, 0, 32, 24));
+  Image padded(32, 24, cut.channels);
+  for (int c = 0; c < cut.channels; ++c)
+    for (int y = 0; y < cut.height; ++y)
+      std::copy_n(&cut.plane(c)[y * cut.width], cut.width, &padded.at(c, y + 3, 5));
+  write_image(folder_ / "padded.exr", kLayeredNames, padded);
+  const auto fuse_to = [&](const std::string& hrls, const std::string& output) {
+    const ProcessResult result =
+        run({"fuse", "--lrhs", "low.exr", "--hrls", hrls, "-o", output, "--model", tiny_model(), "--quiet"});
+    EXPECT_EQ(result.exit_status, 0) << result.err;
+  };
+  fuse_to("cut.exr", "a.exr");
+  fuse_to("padded.exr", "b.exr");
+  EXPECT_EQ(ExrFile(folder_ / "a.exr").header().dataWindow(), window(5, 3, 15, 14));
+  EXPECT_EQ(ExrFile(folder_ / "a.exr").header().displayWindow(), window(0, 0, 32, 24));
+  EXPECT_EQ(read("a.exr").data, crop(read("b.exr"), 5, 3, 15, 14).data);
+}
+
+TEST_F(Cli, TilesGiveTheSameBits) {
+  write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 48, 33, 5));
+  write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 192, 132, 6));
+  EXPECT_EQ(run_json(fuse({"--json"})).at("tiles"), 1);
+  const Image whole = read("out.exr");
+  const Json tiled = run_json(fuse({"--json", "--max-memory", "1"}));
+  EXPECT_GT(tiled.at("tiles"), 1);
+  EXPECT_LE(tiled.at("peak_bytes"), 1 << 20);
+  EXPECT_EQ(read("out.exr").data, whole.data);
+}
+
+TEST_F(Cli, HalfPrecisionIsSaidAndUsed) {
+  const bool has_it = run_json({"devices", "--json"}).at("devices").at(0).at("storage_16bit");
+  const ProcessResult result = run(fuse({"--json", "--precision", "fp16", "--device", "0"}));
+  ASSERT_EQ(result.exit_status, has_it ? 0 : 2) << result.err;
+  if (!has_it) {
+    EXPECT_NE(result.err.find("--precision fp32"), std::string::npos) << result.err;
+    return;
+  }
+  EXPECT_EQ(Json::parse(result.out).at("precision"), "fp16");
+  const Image half = read("out.exr");
+  EXPECT_EQ(run(fuse({"--precision", "fp32"})).exit_status, 0);
+  EXPECT_NE(read("out.exr").data, half.data);
+}
+
+TEST_F(Cli, NanAndInfAreCountedAndReplaced) {
+  Image high = random_image(kLayeredNames, 32, 24, 2);
+  high.at(0, 3, 4) = high.at(7, 9, 9) = NAN;
+  high.at(1, 0, 0) = high.at(1, 23, 31) = INFINITY;
+  high.at(2, 5, 5) = -INFINITY;
+  write_image(folder_ / "high.exr", kLayeredNames, high, Imf::FLOAT);
+  const Json warnings = run_json(fuse({"--json"})).at("warnings");
+  ASSERT_EQ(warnings.size(), 2u);
+  EXPECT_EQ(warnings[0].at("count"), 2);
+  EXPECT_EQ(warnings[1].at("count"), 3);
+  for (const Json& warning : warnings)
+    EXPECT_NE(warning.at("message").get<std::string>().find("high.exr"), std::string::npos);
+  for (float value : read("out.exr").data) ASSERT_TRUE(std::isfinite(value));
+}
+
+TEST_F(Cli, DegradeKeepsEveryFourthPixelOfEachType) {
+  const Image image = random_image({"R", "G", "B"}, 32, 24, 7);
+  ExrOutput output;
+  output.source = Imf::Header(window(0, 0, 32, 24), window(0, 0, 32, 24));
+  for (int c = 0; c < 3; ++c) output.planes.push_back({kColorNames[c], Imf::FLOAT, image.plane(c)});
+  ExrRawChannel id{"id", Imf::UINT, 1, 1, window(0, 0, 32, 24), std::vector<char>(32 * 24 * 4)};
+  for (size_t i = 0; i < id.bytes.size(); ++i) id.bytes[i] = char(i * 7 + i / 256);
+  output.pass_through.push_back(id);
+  write_exr(folder_ / "full.exr", output);
+  const ProcessResult result = run({"degrade", "full.exr", "--scale", "4", "-o", "small.exr"});
+  ASSERT_EQ(result.exit_status, 0) << result.err;
+
+  EXPECT_EQ(read("small.exr").data, degrade_nearest(image, 4).data);
+  ExrFile small(folder_ / "small.exr");
+  EXPECT_EQ(attribute(small, "raymeldSampling"), "nearest");
+  EXPECT_EQ(small.header().displayWindow(), window(0, 0, 8, 6));
+  const ExrRawChannel low = small.read_raw("id");
+  ASSERT_EQ(low.type, Imf::UINT);
+  for (size_t y = 0; y < 6; ++y)
+    for (size_t x = 0; x < 8; ++x)
+      EXPECT_EQ(std::memcmp(&low.bytes[(y * 8 + x) * 4], &id.bytes[(y * 4 * 32 + x * 4) * 4], 4), 0);
+}
+
+TEST_F(Cli, SamplingIsWhatTheFileOrTheUserSays) {
+  const auto sampling = [&](const std::string& lrhs, const std::string& wanted) {
+    return run_json({"fuse", "--lrhs", lrhs, "--hrls", "high.exr", "--model", tiny_model(), "--dry-run",
+                     "--json", "--lrhs-sampling", wanted})
+        .at("lrhs_sampling");
+  };
+  ASSERT_EQ(run({"degrade", "high.exr", "--scale", "4", "-o", "degraded.exr"}).exit_status, 0);
+  EXPECT_EQ(sampling("degraded.exr", "auto"), "nearest");
+  EXPECT_EQ(sampling("degraded.exr", "centered"), "centered");
+  EXPECT_EQ(sampling("low.exr", "auto"), "centered");
+  EXPECT_EQ(sampling("low.exr", "nearest"), "nearest");
+}
+
+TEST_F(Cli, CompareGivesThePapersMeasures) {
+  Image quarter(8, 6, 3), half(8, 6, 3);
+  std::ranges::fill(quarter.data, 0.25f);
+  std::ranges::fill(half.data, 0.5f);
+  write_image(folder_ / "quarter.exr", kColorNames, quarter);
+  write_image(folder_ / "half.exr", kColorNames, half);
+  const Json json = run_json({"compare", "quarter.exr", "half.exr", "--json", "--error-map", "map.png"});
+  const auto srgb = [](double x) { return 1.055 * std::pow(x, 1 / 2.4) - 0.055; };
+  EXPECT_NEAR(json.at("psnr_db"), -20 * std::log10(srgb(0.5) - srgb(0.25)), 1e-3);
+  EXPECT_NEAR(json.at("relmse_bcr"), 0.5 * 0.0625 / (0.25 + 0.01), 1e-9);
+  EXPECT_NEAR(json.at("relmse_gharbi"), 0.0625 / (0.25 + 1e-4), 1e-9);
+  EXPECT_EQ(png_size(folder_ / "map.png"), std::make_pair(8u, 6u));
+  EXPECT_EQ(run_json({"compare", "half.exr", "half.exr", "--json"}).at("relmse_bcr"), 0);
+}
+
+TEST_F(Cli, GraphNeedsNoDevice) {
+  environment_["VK_DRIVER_FILES"] = environment_["VK_ICD_FILENAMES"] = "/nonexistent.json";
+  const ProcessResult text = run({"graph", "--model", tiny_model(), "--size", "64x48"});
+  EXPECT_EQ(text.exit_status, 0) << text.err;
+  for (const char* part :
+       {"groups.1.blocks.0.dense.2", "12x16x11 -> 12x16x3", "| fuse", "barriers", "peak with aliasing"})
+    EXPECT_NE(text.out.find(part), std::string::npos) << part;
+  const ProcessResult dot = run({"graph", "--model", tiny_model(), "--size", "64x48", "--dot"});
+  EXPECT_EQ(dot.exit_status, 0) << dot.err;
+  EXPECT_EQ(dot.out.substr(0, 7), "digraph");
+  EXPECT_NE(dot.out.find("HRLS -> p1"), std::string::npos);
+  EXPECT_EQ(dot.out.substr(dot.out.size() - 2), "}\n");
+}
+
+}  // namespace
+}  // namespace raymeld::test
