@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include "cli_fixture.h"
+#include "io/safetensors.h"
 
 namespace raymeld::test {
 namespace {
@@ -192,6 +193,33 @@ TEST_F(Cli, HalfPrecisionIsSaidAndUsed) {
   const Image half = read("out.exr");
   EXPECT_EQ(run(fuse({"--precision", "fp32"})).exit_status, 0);
   EXPECT_NE(read("out.exr").data, half.data);
+}
+
+// Weights that are right by themselves may make values that 16 bits cannot hold, or nothing finite at all.
+TEST_F(Cli, SaturationIsCountedAndNoImageIsMadeOfInfinities) {
+  SafeTensors model = read_safetensors(tiny_model());
+  const auto fuse_scaled = [&](float factor, const std::string& precision) {
+    SafeTensors scaled = model;
+    for (float& weight : scaled.tensors.at("lrhs.weight").values) weight *= factor;
+    write_safetensors(folder_ / "scaled.safetensors", scaled);
+    return run({"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "-o", "out.exr", "--model",
+                "scaled.safetensors", "--device", "0", "--json", "--precision", precision});
+  };
+  const ProcessResult single = fuse_scaled(1e5f, "fp32");
+  ASSERT_EQ(single.exit_status, 0) << single.err;
+  EXPECT_EQ(Json::parse(single.out).at("warnings"), Json::array());
+  if (run_json({"devices", "--json"}).at("devices").at(0).at("storage_16bit")) {
+    const ProcessResult half = fuse_scaled(1e5f, "fp16");
+    ASSERT_EQ(half.exit_status, 0) << half.err;
+    const Json warning = Json::parse(half.out).at("warnings").at(0);
+    EXPECT_GT(warning.at("count"), 0);
+    EXPECT_NE(half.err.find("65504"), std::string::npos) << half.err;
+  }
+  fs::remove(folder_ / "out.exr");
+  const ProcessResult infinite = fuse_scaled(3e38f, "fp32");
+  EXPECT_EQ(infinite.exit_status, 2);
+  EXPECT_NE(infinite.err.find("not finite"), std::string::npos) << infinite.err;
+  EXPECT_EQ(files(), (std::set<std::string>{"low.exr", "high.exr", "scaled.safetensors"}));
 }
 
 TEST_F(Cli, NanAndInfAreCountedAndReplaced) {

@@ -15,13 +15,11 @@ void Console::warn(const std::string& message, uint64_t count) {
   fmt::print(stderr, "raymeld: warning: {}\n", message);
 }
 
-ProgressBar::ProgressBar(const Console& console, std::string what)
-    : shown_(console.notes()), terminal_(isatty(STDERR_FILENO) != 0), what_(std::move(what)) {
-  if (shown_ && !terminal_) fmt::print(stderr, "{} ...\n", what_);
+ProgressBar::ProgressBar(const Console& console)
+    : shown_(console.notes()), terminal_(isatty(STDERR_FILENO) != 0) {
   update(0);
 }
 
-// Leaves the terminal's line as it was before the bar.
 ProgressBar::~ProgressBar() {
   if (shown_ && terminal_) fmt::print(stderr, "\r\033[K");
 }
@@ -32,11 +30,10 @@ void ProgressBar::update(double share) {
   if (!shown_) return;
   if (terminal_) {
     const int done = static_cast<int>(share * kBarWidth);
-    fmt::print(stderr, "\r\033[K{} [{:#<{}}{:.<{}}] {:3.0f} %", what_, "", done, "", kBarWidth - done,
-               100 * share);
+    fmt::print(stderr, "\r[{:#<{}}{:.<{}}] {:3.0f} %", "", done, "", kBarWidth - done, 100 * share);
   } else if (Clock::now() - last_line_ >= kBetweenLines) {
     last_line_ = Clock::now();
-    fmt::print(stderr, "{}: {:.0f} %\n", what_, 100 * share);
+    fmt::print(stderr, "{:.0f} %\n", 100 * share);
   }
 }
 

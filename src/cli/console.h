@@ -32,8 +32,8 @@ class Console {
 // How far a long piece of work is: a bar on a terminal, a line every few seconds elsewhere.
 class ProgressBar {
  public:
-  ProgressBar(const Console& console, std::string what);
-  ~ProgressBar();
+  explicit ProgressBar(const Console& console);
+  ~ProgressBar();  // wipes the bar
   ProgressBar(const ProgressBar&) = delete;
   ProgressBar& operator=(const ProgressBar&) = delete;
 
@@ -43,7 +43,6 @@ class ProgressBar {
   using Clock = std::chrono::steady_clock;
 
   bool shown_, terminal_;
-  std::string what_;
   Clock::time_point last_line_ = Clock::now();
 };
 

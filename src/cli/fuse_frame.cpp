@@ -30,9 +30,9 @@ FuseResult run_with(const FuserOptions& options, const FuseArguments& arguments,
                     WrittenFiles& written) {
   FuseResult result;
   result.storage = options.storage;
-  ProgressBar bar(console,
-                  fmt::format("fusing {} x {} with {} on {} ({})", images.hrls.width, images.hrls.height,
-                              files.model.name(), device.info().name, precision_name(options.storage)));
+  console.note(fmt::format("fusing {} x {} with {} on {} ({})", images.hrls.width, images.hrls.height,
+                           files.model.name(), device.info().name, precision_name(options.storage)));
+  ProgressBar bar(console);
   Fuser fuser(device, files.model, uint32_t(images.lrhs.height), uint32_t(images.lrhs.width), options);
   check_interrupted();
   Image fused;
@@ -64,19 +64,24 @@ FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& file
           .profile = arguments.profile};
 }
 
+// With "auto", whatever 16 bits cannot hold is done again in 32.
 FuseResult run_frame(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images,
                      const Device& device, Console& console, WrittenFiles& written) {
   FuserOptions options = fuser_options(arguments, files, device.info());
-  FuseResult result = run_with(options, arguments, files, images, device, console, written);
-  const uint64_t saturated = result.report.status.saturated;
-  if (saturated == 0) return result;
-  const std::string what =
-      fmt::format("{} values passed the largest 16-bit float, 65504, within the network", saturated);
-  if (arguments.precision == "fp16") {
-    console.warn(what + "; --precision fp32 has room for them", saturated);
-    return result;
+  const bool may_repeat = arguments.precision == "auto" && options.storage == Storage::kFloat16;
+  try {
+    FuseResult result = run_with(options, arguments, files, images, device, console, written);
+    const uint64_t saturated = result.report.status.saturated;
+    if (saturated == 0) return result;
+    const std::string what =
+        fmt::format("{} values within the network passed the largest 16-bit float, 65504", saturated);
+    console.warn(what + (may_repeat ? "; fusing again in fp32" : "; --precision fp32 has room for them"),
+                 saturated);
+    if (!may_repeat) return result;
+  } catch (const Error& error) {
+    if (!may_repeat) throw;
+    console.warn(fmt::format("fp16: {}; fusing again in fp32", error.what()), 1);
   }
-  console.warn(what + "; fused again in fp32", saturated);
   options.storage = Storage::kFloat32;
   return run_with(options, arguments, files, images, device, console, written);
 }
