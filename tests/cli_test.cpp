@@ -181,6 +181,18 @@ TEST_F(Cli, TilesGiveTheSameBits) {
   EXPECT_EQ(read("out.exr").data, whole.data);
 }
 
+// Of 12 thousand million elements the first layer alone would be: too many for a shader to count.
+TEST_F(Cli, AnyFrameHasAPlan) {
+  const int side = 65536;
+  write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 9, 6, 1), window(0, 0, 9, 6),
+              window(0, 0, side, side));
+  write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 32, 24, 2),
+              window(0, 0, 32, 24), window(0, 0, 4 * side, 4 * side));
+  const Json json = run_json(fuse({"--dry-run", "--json"}));
+  EXPECT_GT(json.at("tiles"), 1);
+  EXPECT_LT(json.at("peak_bytes").get<double>(), 4.0 * side * side);
+}
+
 TEST_F(Cli, HalfPrecisionIsSaidAndUsed) {
   const bool has_it = run_json({"devices", "--json"}).at("devices").at(0).at("storage_16bit");
   const ProcessResult result = run(fuse({"--json", "--precision", "fp16", "--device", "0"}));
