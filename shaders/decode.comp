@@ -29,7 +29,8 @@ float bilinear(uint c, uint y, uint x) {
 void main() {
   uvec3 id = gl_GlobalInvocationID;
   if (id.x >= p.width || id.y >= p.height) return;
-  float value = float(in_data[address(id.z, id.y, id.x, p.plane, p.width)]);
+  // precise: a compiler that moved the sum into the interpolation would round in it at the sum's magnitude.
+  precise float value = float(in_data[address(id.z, id.y, id.x, p.plane, p.width)]);
   if (p.bilinear_base != 0) value += bilinear(id.z, id.y, id.x);
   if (isnan(value) || isinf(value)) {
     atomicAdd(status.not_finite, 1u);

@@ -50,11 +50,10 @@ Program::Program(const Device& device, const Graph& graph, PipelineCache& cache,
     throw Error("device {} has no 16-bit storage (storageBuffer16BitAccess); use --precision fp32",
                 device.info().name);
   }
-  constants_ = Buffer(device, graph.constant_bytes(), Memory::kDevice, "constants");
   activations_ = Buffer(device, graph.activation_bytes(), Memory::kDevice, "activations");
   status_ = Buffer(device, sizeof(Status), Memory::kUpload, "status");
   reset_status();
-  upload_constants();
+  if (graph.constant_bytes() > 0) upload_constants();
   create_kernels(cache);
   try {
     create_sets(sets);
@@ -67,6 +66,7 @@ Program::Program(const Device& device, const Graph& graph, PipelineCache& cache,
 Program::~Program() { device_.vk().DestroyDescriptorPool(device_.handle(), pool_, nullptr); }
 
 void Program::upload_constants() {
+  constants_ = Buffer(device_, graph_.constant_bytes(), Memory::kDevice, "constants");
   Buffer staging;
   const bool direct = constants_.mapped() != nullptr;
   if (!direct) staging = Buffer(device_, graph_.constant_bytes(), Memory::kUpload, "constants staging");
