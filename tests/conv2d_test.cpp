@@ -26,14 +26,14 @@ struct Case {
 
 // Odd channel counts around the shader's blocks of 4 and 8, every kernel with every number of residuals.
 constexpr Case kCases[] = {
-    {1, 1, 3, false, 0}, {3, 8, 3, true, 0},  {4, 3, 1, false, 3},  {5, 9, 3, true, 1},
-    {8, 4, 1, true, 2},  {9, 5, 3, false, 2}, {18, 8, 3, true, 0},  {7, 17, 1, false, 1},
+    {1, 1, 3, false, 0}, {3, 8, 3, true, 0},   {4, 3, 1, false, 3},  {5, 9, 3, true, 1},
+    {8, 4, 1, true, 2},  {9, 5, 3, false, 2},  {18, 8, 3, true, 0},  {7, 17, 1, false, 1},
     {2, 16, 3, true, 3}, {24, 3, 3, false, 0}, {16, 12, 1, true, 0},
 };
 
 std::string describe(const Case& c, const Size& size, Precision precision) {
-  return fmt::format("{} -> {} channels, kernel {}, relu {}, {} residuals, {} x {}, {}", c.in, c.out, c.kernel,
-                     c.relu, c.residuals, size.h, size.w, name_of(precision));
+  return fmt::format("{} -> {} channels, kernel {}, relu {}, {} residuals, {} x {}, {}", c.in, c.out,
+                     c.kernel, c.relu, c.residuals, size.h, size.w, name_of(precision));
 }
 
 struct Result {
@@ -124,8 +124,8 @@ constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 TEST_F(Conv2dTest, SpecialsInFp32PassWithoutChange) {
-  const std::vector<float> in{-0.0f, FLT_MIN, 65519, 65520, 1e8f, 1e30f, FLT_MAX, -FLT_MAX, kInfinity, -kInfinity,
-                              kNaN};
+  const std::vector<float> in{-0.0f,   FLT_MIN,  65519,     65520,      1e8f, 1e30f,
+                              FLT_MAX, -FLT_MAX, kInfinity, -kInfinity, kNaN};
   Status status;
   const std::vector<float> out = pointwise(in, 1, 0, false, Precision::kFp32, status);
   for (size_t i = 0; i < in.size(); ++i) {

@@ -54,9 +54,9 @@ void check(const Size& size, const Options& options, Precision precision, const 
   const Bounded expected = reference::decode(
       exact(rec), options.bilinear ? &upsampled : nullptr,
       options.log ? reference::Transfer::kLog : reference::Transfer::kLinear, Precision::kFp32);
-  EXPECT_TRUE(within_bounds(fmt::format("decode {} {}", options.log ? "log" : "linear",
-                                        options.bilinear ? "bilinear" : "none"),
-                            result.device, expected));
+  EXPECT_TRUE(within_bounds(
+      fmt::format("decode {} {}", options.log ? "log" : "linear", options.bilinear ? "bilinear" : "none"),
+      result.device, expected));
   EXPECT_EQ(result.touched_outside, 0u);
   EXPECT_EQ(result.status.not_finite, 0u);
 }

@@ -70,8 +70,8 @@ TEST_F(EncodeTest, EveryKindTransferAndLayout) {
           image.c += 3;
           kinds.insert(kinds.end(), 3, kind_of(kind));
         }
-        const Encoded result = encode_on_gpu(image, kinds, log ? Transfer::kLog : Transfer::kLinear, clip,
-                                             precision, layout);
+        const Encoded result =
+            encode_on_gpu(image, kinds, log ? Transfer::kLog : Transfer::kLinear, clip, precision, layout);
         EXPECT_TRUE(within_bounds(fmt::format("encode {} {}", log ? "log" : "linear", name_of(precision)),
                                   result.device, expected));
         EXPECT_EQ(result.touched_outside, 0u);
@@ -87,9 +87,9 @@ TEST_F(EncodeTest, SanitisesAsStated) {
   Planes image = row;
   for (int c = 1; c < 3; ++c) image.data.insert(image.data.end(), row.data.begin(), row.data.end());
   image.c = 3;
-  const Planes expected(3, 1, 8, {0, 0, 50, 0, 50, 0, 0, 0.25,  // radiance
-                                  0, 0, 1, 0, 1, 0, 0, 0.25,    // albedo
-                                  0, 0, 1, -1, 1, -1, -0.5, 0.25});
+  const Planes expected(3, 1, 8, {0, 0, 50, 0,  50, 0,  0,    0.25,  // radiance
+                                  0, 0, 1,  0,  1,  0,  0,    0.25,  // albedo
+                                  0, 0, 1,  -1, 1,  -1, -0.5, 0.25});
   for (const Precision precision : kPrecisions) {
     const Encoded result =
         encode_on_gpu(image, {ChannelKind::kRadiance, ChannelKind::kAlbedo, ChannelKind::kNormal},

@@ -42,8 +42,8 @@ testing::AssertionResult same_bits(std::span<const float> actual, std::span<cons
   for (size_t i = 0; i < actual.size(); ++i) {
     const bool same = std::bit_cast<uint32_t>(actual[i]) == std::bit_cast<uint32_t>(expected[i]);
     if (same || (std::isnan(actual[i]) && std::isnan(expected[i]))) continue;
-    return testing::AssertionFailure() << fmt::format("value {} of {} is {:a}, expected {:a}", i,
-                                                      actual.size(), actual[i], expected[i]);
+    return testing::AssertionFailure()
+           << fmt::format("value {} of {} is {:a}, expected {:a}", i, actual.size(), actual[i], expected[i]);
   }
   return testing::AssertionSuccess();
 }
@@ -122,8 +122,7 @@ std::span<const FrameImage::Layout> frame_layouts() {
 LayerRun::LayerRun(Precision precision) : graph_(storage_of(precision)) {}
 
 Tensor LayerRun::input(const std::string& name, const Planes& values) {
-  const Tensor result =
-      graph_.input(name, {uint32_t(values.h), uint32_t(values.w), uint32_t(values.c)});
+  const Tensor result = graph_.input(name, {uint32_t(values.h), uint32_t(values.w), uint32_t(values.c)});
   inputs_.emplace_back(result, floats(values));
   return result;
 }

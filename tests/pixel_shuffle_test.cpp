@@ -50,8 +50,8 @@ TEST_F(PixelShuffleTest, ReadsAndWritesSlices) {
   const size_t plane = size_t(fill.h) * size_t(fill.w);
   const Planes after = run.read(out);
   EXPECT_TRUE(std::equal(fill.data.begin(), fill.data.begin() + ptrdiff_t(2 * plane), after.data.begin()));
-  EXPECT_TRUE(std::equal(fill.data.end() - ptrdiff_t(plane), fill.data.end(),
-                         after.data.end() - ptrdiff_t(plane)));
+  EXPECT_TRUE(
+      std::equal(fill.data.end() - ptrdiff_t(plane), fill.data.end(), after.data.end() - ptrdiff_t(plane)));
 }
 
 }  // namespace

@@ -18,8 +18,8 @@ TEST_F(SpaceToDepthTest, IsBitExact) {
       for (const Fill fill : {Fill::kUniform, Fill::kSpecials}) {
         const int channels = std::array{1, 3, 4, 5, 9}[size_t(next++ % 5)];
         SCOPED_TRACE(fmt::format("{} x {}, {} channels, {}", size.h, size.w, channels, name_of(precision)));
-        const Planes x =
-            reference::round_to(random_planes(channels, 2 * size.h, 2 * size.w, fill, uint64_t(next)), precision);
+        const Planes x = reference::round_to(
+            random_planes(channels, 2 * size.h, 2 * size.w, fill, uint64_t(next)), precision);
         LayerRun run(precision);
         const Tensor in = run.input("in", x);
         const Tensor out = run.tensor("out", 4 * channels, size.h, size.w);
@@ -50,8 +50,8 @@ TEST_F(SpaceToDepthTest, ReadsAndWritesSlices) {
   const size_t plane = size_t(fill.h) * size_t(fill.w);
   const Planes after = run.read(out);
   EXPECT_TRUE(std::equal(fill.data.begin(), fill.data.begin() + ptrdiff_t(2 * plane), after.data.begin()));
-  EXPECT_TRUE(std::equal(fill.data.end() - ptrdiff_t(plane), fill.data.end(),
-                         after.data.end() - ptrdiff_t(plane)));
+  EXPECT_TRUE(
+      std::equal(fill.data.end() - ptrdiff_t(plane), fill.data.end(), after.data.end() - ptrdiff_t(plane)));
 }
 
 }  // namespace

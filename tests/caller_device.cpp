@@ -1,0 +1,122 @@
+#include "caller_device.h"
+
+#include <gtest/gtest.h>
+
+#include <utility>
+
+#include "engine/instance.h"
+
+namespace raymeld::test {
+namespace {
+
+#define COUNTED_FUNCTIONS(X)                                                                                \
+  X(AllocateMemory)                                                                                         \
+  X(CreateBuffer) X(MapMemory) X(CreateDescriptorSetLayout) X(CreatePipelineLayout) X(CreateDescriptorPool) \
+      X(AllocateDescriptorSets) X(CreateCommandPool) X(AllocateCommandBuffers) X(CreateShaderModule)        \
+          X(CreatePipelineCache) X(CreateComputePipelines) X(CreateFence) X(CreateQueryPool) X(QueueSubmit) \
+              X(WaitForFences) X(DeviceWaitIdle)
+
+std::map<std::string, int> calls;
+
+// One for each counted function: its Name gives it a `real` of its own.
+template <typename Name, typename Function>
+struct Shim;
+
+template <typename Name, typename Result, typename... Arguments>
+struct Shim<Name, Result(VKAPI_PTR*)(Arguments...)> {
+  static inline Result(VKAPI_PTR* real)(Arguments...) = nullptr;
+  static Result VKAPI_CALL call(Arguments... arguments) {
+    ++calls[Name::text];
+    return real(arguments...);
+  }
+};
+
+#define COUNTED_NAME(function)                          \
+  struct Name##function {                               \
+    static constexpr const char* text = "vk" #function; \
+  };
+COUNTED_FUNCTIONS(COUNTED_NAME)
+#undef COUNTED_NAME
+
+PFN_vkGetInstanceProcAddr real_get_instance_proc_addr = nullptr;
+PFN_vkGetDeviceProcAddr real_get_device_proc_addr = nullptr;
+
+VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL get_device_proc_addr(VkDevice device, const char* name) {
+  const PFN_vkVoidFunction real = real_get_device_proc_addr(device, name);
+#define COUNTED_SHIM(function)                                   \
+  if (std::string_view(name) == Name##function::text) {          \
+    using Counter = Shim<Name##function, PFN_vk##function>;      \
+    Counter::real = reinterpret_cast<PFN_vk##function>(real);    \
+    return reinterpret_cast<PFN_vkVoidFunction>(&Counter::call); \
+  }
+  COUNTED_FUNCTIONS(COUNTED_SHIM)
+#undef COUNTED_SHIM
+  return real;
+}
+
+VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL get_instance_proc_addr(VkInstance instance, const char* name) {
+  const PFN_vkVoidFunction real = real_get_instance_proc_addr(instance, name);
+  if (std::string_view(name) != "vkGetDeviceProcAddr") return real;
+  real_get_device_proc_addr = reinterpret_cast<PFN_vkGetDeviceProcAddr>(real);
+  return reinterpret_cast<PFN_vkVoidFunction>(&get_device_proc_addr);
+}
+
+VKAPI_ATTR VkBool32 VKAPI_CALL collect(VkDebugUtilsMessageSeverityFlagBitsEXT,
+                                       VkDebugUtilsMessageTypeFlagsEXT,
+                                       const VkDebugUtilsMessengerCallbackDataEXT* data, void* messages) {
+  static_cast<std::vector<std::string>*>(messages)->push_back(data->pMessage);
+  return VK_FALSE;
+}
+
+VkDebugUtilsMessengerEXT make_messenger(const VulkanFunctions& vk, VkInstance instance,
+                                        std::vector<std::string>& messages) {
+  auto info =
+      vk_struct<VkDebugUtilsMessengerCreateInfoEXT>(VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT);
+  info.messageSeverity =
+      VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT | VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT;
+  info.messageType =
+      VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT | VK_DEBUG_UTILS_MESSAGE_TYPE_PERFORMANCE_BIT_EXT;
+  info.pfnUserCallback = collect;
+  info.pUserData = &messages;
+  VkDebugUtilsMessengerEXT messenger = VK_NULL_HANDLE;
+  check(vk.CreateDebugUtilsMessengerEXT(instance, &info, nullptr, &messenger), "creating a messenger");
+  return messenger;
+}
+
+}  // namespace
+
+CallerDevice::CallerDevice(bool storage_16bit) : vk_(VulkanFunctions::load()) {
+  real_get_instance_proc_addr = vk_.GetInstanceProcAddr;
+  external_.get_instance_proc_addr = get_instance_proc_addr;
+  external_.instance = make_instance(vk_, true);
+  messenger_ = make_messenger(vk_, external_.instance, messages_);
+  external_.physical_device = physical_devices(vk_, external_.instance).front();
+  external_.storage_16bit = storage_16bit;
+
+  const float priority = 1;
+  auto queue = vk_struct<VkDeviceQueueCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO);
+  queue.queueFamilyIndex = external_.queue_family;
+  queue.queueCount = 1;
+  queue.pQueuePriorities = &priority;
+  auto storage = vk_struct<VkPhysicalDevice16BitStorageFeatures>(
+      VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_16BIT_STORAGE_FEATURES);
+  storage.storageBuffer16BitAccess = storage_16bit;
+  auto info = vk_struct<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO, &storage);
+  info.queueCreateInfoCount = 1;
+  info.pQueueCreateInfos = &queue;
+  check(vk_.CreateDevice(external_.physical_device, &info, nullptr, &external_.device), "creating a device");
+  vk_.load_device(external_.device);
+  vk_.GetDeviceQueue(external_.device, external_.queue_family, 0, &external_.queue);
+  calls.clear();
+}
+
+CallerDevice::~CallerDevice() {
+  vk_.DestroyDevice(external_.device, nullptr);
+  vk_.DestroyDebugUtilsMessengerEXT(external_.instance, messenger_, nullptr);
+  vk_.DestroyInstance(external_.instance, nullptr);
+  for (const std::string& message : messages_) ADD_FAILURE() << message;
+}
+
+std::map<std::string, int> CallerDevice::take_calls() { return std::exchange(calls, {}); }
+
+}  // namespace raymeld::test

@@ -1,0 +1,223 @@
+#include "network.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "fuser.h"
+#include "golden.h"
+#include "gpu.h"
+#include "subject.h"
+
+namespace raymeld::test {
+namespace {
+
+using reference::Bounded;
+using reference::LayerKind;
+using reference::Outputs;
+using reference::Planes;
+using reference::Precision;
+using reference::within_bounds;
+
+class NetworkTest : public GpuTest {};
+
+// The reference's name of what a pass wrote: residuals and shuffles are part of its layers. Empty: only an
+// intermediate of one.
+std::string reference_name(const std::string& pass, const reference::Architecture& a) {
+  if (pass.ends_with(".space_to_depth") || pass == "decode") return {};
+  if (pass.starts_with("up."))
+    return pass.ends_with(".pixel_shuffle") ? pass.substr(0, pass.find('.', 3)) : "";
+  for (int g = 0; g < a.groups; ++g) {
+    if (pass != fmt::format("groups.{}.blocks.{}.merge", g, a.blocks - 1)) continue;
+    return g + 1 == a.groups ? "trunk" : fmt::format("groups.{}", g);
+  }
+  return pass;
+}
+
+struct DeviceRun {
+  std::map<std::string, Planes> layers;  // by the reference's names
+  Planes output;
+  FuseReport report;
+};
+
+DeviceRun run_on_gpu(const std::filesystem::path& file, const reference::Architecture& architecture,
+                     const Planes& lrhs, const Planes& hrls, float phase, Precision precision) {
+  const Model model(file);
+  Fuser fuser(gpu(), model, uint32_t(lrhs.h), uint32_t(lrhs.w),
+              {.storage = storage_of(precision), .phase = phase, .keep_activations = true},
+              shared_cache_folder());
+  Image fused;
+  DeviceRun run;
+  run.report = fuser.fuse(image_of(lrhs), image_of(hrls), fused);
+  run.output = planes_of(fused);
+  for (const Pass& pass : fuser.graph().passes()) {
+    const std::string name = reference_name(pass.name, architecture);
+    if (name.empty()) continue;
+    const Shape& shape = pass.output()->shape;
+    run.layers[name] = planes(int(shape.channels), int(shape.height), int(shape.width),
+                              fuser.program().read(*pass.output()));
+  }
+  return run;
+}
+
+// Each layer against the reference fed with the device's own values, then the whole with bounds carried
+// through all layers.
+void check_against_reference(const std::filesystem::path& file, const Subject& subject, float phase,
+                             Precision precision) {
+  const DeviceRun run = run_on_gpu(file, subject.architecture, subject.lrhs, subject.hrls, phase, precision);
+  reference::Weights weights;
+  for (const auto& [name, conv] : subject.weights) weights[name] = round_to(conv, precision);
+  const Outputs layers = reference::network(subject.architecture, weights, subject.lrhs, subject.hrls, phase,
+                                            precision, run.layers);
+  for (const auto& [name, device] : run.layers) {
+    EXPECT_TRUE(within_bounds(fmt::format("{} {}", name, name_of(precision)), device, layers.at(name)));
+  }
+  EXPECT_TRUE(within_bounds("output " + name_of(precision), run.output, layers.at("output")));
+  const Outputs carried =
+      reference::network(subject.architecture, weights, subject.lrhs, subject.hrls, phase, precision);
+  EXPECT_TRUE(within_bounds("carried " + name_of(precision), run.output, carried.at("output")));
+  EXPECT_EQ(run.report.status.saturated, 0u);
+}
+
+TEST_F(NetworkTest, GoldenNetworksLayerByLayer) {
+  for (const int scale : {2, 4, 8}) {
+    const Golden golden = load_golden(scale);
+    const Subject subject{golden.architecture, golden.weights, golden.lrhs, golden.hrls};
+    for (const Precision precision : kPrecisions) {
+      for (const float phase : {0.0f, (float(scale) - 1) / 2}) {
+        SCOPED_TRACE(fmt::format("x{} {} phase {}", scale, name_of(precision), phase));
+        check_against_reference(golden_model_path(scale), subject, phase, precision);
+      }
+    }
+  }
+}
+
+// Against PyTorch's float64, which the file stores as floats: the carried bound and that rounding.
+TEST_F(NetworkTest, GoldenOutputs) {
+  for (const int scale : {2, 4, 8}) {
+    SCOPED_TRACE(fmt::format("x{}", scale));
+    const Golden golden = load_golden(scale);
+    const DeviceRun run = run_on_gpu(golden_model_path(scale), golden.architecture, golden.lrhs, golden.hrls,
+                                     0, Precision::kFp32);
+    const Outputs carried = reference::network(golden.architecture, golden.weights, golden.lrhs, golden.hrls,
+                                               0, Precision::kFp32);
+    const auto check = [&](const std::string& name, const Planes& device) {
+      const auto known = golden.outputs.find(name);
+      if (known == golden.outputs.end()) return;  // sums over groups have no weights, so no golden
+      Bounded expected{known->second, carried.at(name).bound};
+      for (size_t i = 0; i < expected.bound.data.size(); ++i) {
+        expected.bound.data[i] += reference::kUnit * std::abs(expected.value.data[i]);
+      }
+      EXPECT_TRUE(within_bounds("golden " + name, device, expected));
+    };
+    for (const auto& [name, device] : run.layers) check(name, device);
+    check("output", run.output);
+  }
+}
+
+// fp16 rounds the weights too, which no bound of the reference covers: the output as a whole stays close.
+TEST_F(NetworkTest, GoldenOutputsInFp16) {
+  for (const int scale : {2, 4, 8}) {
+    const Golden golden = load_golden(scale);
+    const Planes output = run_on_gpu(golden_model_path(scale), golden.architecture, golden.lrhs, golden.hrls,
+                                     0, Precision::kFp16)
+                              .output;
+    const Planes& expected = golden.outputs.at("output");
+    double error = 0, power = 0;
+    for (size_t i = 0; i < output.data.size(); ++i) {
+      error += std::pow(output.data[i] - expected.data[i], 2);
+      power += std::pow(expected.data[i], 2);
+    }
+    const double relative = std::sqrt(error / power);
+    RecordProperty(fmt::format("relative_rms_x{}", scale), fmt::format("{:.3g}", relative));
+    EXPECT_LT(relative, 8 * reference::kHalfUnit) << "x" << scale;
+    EXPECT_GT(relative, 0) << "x" << scale << ": 16 bits cannot give the same values";
+  }
+}
+
+struct Variant {
+  reference::Architecture architecture;
+  int height, width;
+};
+
+std::vector<Variant> variants() {
+  using enum LayerKind;
+  constexpr auto kLinear = reference::Transfer::kLinear, kLog = reference::Transfer::kLog;
+  // scale, C, R, D, B, G, layers, long skip fused, merge ReLU, bilinear base, transfer, clip
+  return {
+      {{2, 1, 1, 1, 1, 1, {kRadiance}, false, false, false, kLinear, 100}, 1, 1},
+      {{4, 9, 5, 2, 1, 1, {kRadiance, kAlbedo}, true, false, true, kLog, 1000}, 1, 7},
+      {{8, 3, 4, 1, 1, 2, {kRadiance, kNormal, kRadiance}, false, true, true, kLinear, 10}, 1, 1},
+      {{2,
+        8,
+        9,
+        3,
+        2,
+        1,
+        {kRadiance, kAlbedo, kNormal, kRadiance, kRadiance, kRadiance},
+        true,
+        true,
+        true,
+        kLinear,
+        100},
+       9,
+       5},
+      {{4, 4, 3, 1, 1, 3, {kRadiance, kAlbedo, kNormal}, false, false, false, kLog, 50}, 9, 5},
+      {{8, 5, 2, 2, 1, 1, {kRadiance}, true, true, false, kLog, 1000}, 1, 7},
+  };
+}
+
+TEST_F(NetworkTest, OtherArchitecturesLayerByLayer) {
+  const TemporaryDirectory folder;
+  uint64_t seed = 100;
+  for (const auto& [a, height, width] : variants()) {
+    SCOPED_TRACE(fmt::format("x{}, C {}, R {}, {} x {}", a.scale, a.features, a.growth, height, width));
+    const Subject subject = make_subject(a, height, width, ++seed);
+    const std::filesystem::path file = folder / "model.safetensors";
+    write_model(file, a, subject.weights);
+    for (const Precision precision : kPrecisions) {
+      check_against_reference(file, subject, (float(a.scale) - 1) / 2, precision);
+    }
+  }
+}
+
+TEST(Network, HasTheLayersOfThePaper) {
+  const Model model(golden_model_path(4));
+  Graph graph(Storage::kFloat32);
+  network(graph, model, 6, 10, 0);
+  std::vector<std::string> names;
+  for (const Pass& pass : graph.passes()) names.push_back(pass.name);
+  EXPECT_EQ(names, (std::vector<std::string>{"encode.lrhs",
+                                             "encode.hrls",
+                                             "lrhs",
+                                             "hrls",
+                                             "down.0.space_to_depth",
+                                             "down.0",
+                                             "down.1.space_to_depth",
+                                             "down.1",
+                                             "fuse",
+                                             "groups.0.blocks.0.dense.0",
+                                             "groups.0.blocks.0.dense.1",
+                                             "groups.0.blocks.0.dense.2",
+                                             "groups.0.blocks.0.merge",
+                                             "groups.1.blocks.0.dense.0",
+                                             "groups.1.blocks.0.dense.1",
+                                             "groups.1.blocks.0.dense.2",
+                                             "groups.1.blocks.0.merge",
+                                             "up.0",
+                                             "up.0.pixel_shuffle",
+                                             "up.1",
+                                             "up.1.pixel_shuffle",
+                                             "rec",
+                                             "decode"}));
+  double flop = 0;
+  for (const Pass& pass : graph.passes()) flop += pass.flop;
+  // C 5, R 3, D 3, K 9, two multiplies and adds a weight; full-size layers count 16 times, x2 ones 4 times.
+  const double hrls = 16 * 9 * 5 * 9, down = (4 + 1) * 9 * 20 * 5, low = 9 * 3 * 5 + 10 * 5;
+  const double trunk = 2 * (9 * 3 * (5 + 8 + 11) + 14 * 5), up = (1 + 4) * 9 * 5 * 20, rec = 16 * 9 * 5 * 3;
+  EXPECT_EQ(flop, 2 * 60 * (hrls + down + low + trunk + up + rec));
+}
+
+}  // namespace
+}  // namespace raymeld::test

@@ -1,0 +1,161 @@
+// raymeld inside a program that has its own Vulkan device.
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+
+#include "caller_device.h"
+#include "error_of.h"
+#include "fuser.h"
+#include "raymeld/raymeld.hpp"
+#include "subject.h"
+
+namespace raymeld::test {
+namespace {
+
+using reference::Planes;
+using reference::Precision;
+
+using Calls = std::map<std::string, int>;
+
+class RecordTest : public testing::Test {
+ protected:
+  RecordTest() {
+    setenv("XDG_CACHE_HOME", (folder_ / "cache").c_str(), 1);
+    write_model(file_, subject_.architecture, subject_.weights);
+  }
+
+  TemporaryDirectory folder_;
+  std::filesystem::path file_ = folder_ / "model.safetensors";
+  Subject subject_ = make_subject(small_architecture(2), 6, 9, 1);
+};
+
+void end_and_submit(const Device& device, Commands& pool, VkCommandBuffer commands) {
+  auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
+  barrier.srcAccessMask = VK_ACCESS_SHADER_WRITE_BIT;
+  barrier.dstAccessMask = VK_ACCESS_HOST_READ_BIT;
+  device.vk().CmdPipelineBarrier(commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_PIPELINE_STAGE_HOST_BIT,
+                                 0, 1, &barrier, 0, nullptr, 0, nullptr);
+  pool.end(commands);
+  auto submit = vk_struct<VkSubmitInfo>(VK_STRUCTURE_TYPE_SUBMIT_INFO);
+  submit.commandBufferCount = 1;
+  submit.pCommandBuffers = &commands;
+  check(device.vk().QueueSubmit(device.queue(), 1, &submit, VK_NULL_HANDLE), "submitting");
+}
+
+TEST_F(RecordTest, ASecondFrameAllocatesNothing) {
+  CallerDevice caller;
+  const std::unique_ptr<Device> device = Device::wrap(caller.external());
+  const Model model(file_);
+  Fuser fuser(*device, model, 6, 9, {}, folder_.path());
+  const Calls setup = caller.take_calls();
+  for (const char* name : {"vkAllocateMemory", "vkCreateBuffer", "vkCreateDescriptorPool",
+                           "vkAllocateDescriptorSets", "vkCreateComputePipelines", "vkCreateFence"}) {
+    EXPECT_TRUE(setup.contains(name)) << name << " is not counted";
+  }
+  Image first, second;
+  fuser.fuse(image_of(subject_.lrhs), image_of(subject_.hrls), first);
+  EXPECT_TRUE(caller.take_calls().contains("vkAllocateCommandBuffers"));
+  const uint64_t allocated_bytes = fuser.allocated_bytes();
+  fuser.fuse(image_of(subject_.lrhs), image_of(subject_.hrls), second);
+  EXPECT_EQ(caller.take_calls(), (Calls{{"vkQueueSubmit", 1}, {"vkWaitForFences", 1}}));
+  EXPECT_EQ(fuser.allocated_bytes(), allocated_bytes);
+  EXPECT_EQ(first.data, second.data);
+}
+
+TEST_F(RecordTest, RecordingCallsNothingThatAllocatesSubmitsOrWaits) {
+  CallerDevice caller;
+  const std::unique_ptr<Device> device = Device::wrap(caller.external());
+  const Model model(file_);
+  Fuser fuser(*device, model, 6, 9, {}, folder_.path());
+  const FrameImage lrhs(*device, subject_.lrhs), hrls(*device, subject_.hrls);
+  const FrameImage fused(*device, {12, 18, 3}, Memory::kReadback, {});
+  Commands pool(*device);
+  for (uint32_t i = 0; i < Fuser::kFramesInFlight; ++i) {
+    const VkCommandBuffer commands = pool.begin("frame");
+    caller.take_calls();
+    fuser.record(commands, lrhs.view(), hrls.view(), fused.view());
+    EXPECT_EQ(caller.take_calls(), Calls{});
+    pool.end(commands);
+  }
+}
+
+TEST_F(RecordTest, AnyLayoutGivesTheBitsOfFuse) {
+  for (const Precision precision : kPrecisions) {
+    CallerDevice caller;
+    const std::unique_ptr<Device> device = Device::wrap(caller.external());
+    FusionOptions options;
+    options.precision = precision == Precision::kFp16 ? raymeld::Precision::kFp16 : raymeld::Precision::kFp32;
+    Fusion fusion(file_.string(), 6, 9, options, caller.external());
+    ASSERT_EQ(fusion.tile_height(), 6u);
+    ASSERT_EQ(fusion.tile_width(), 9u);
+    EXPECT_EQ(fusion.scale(), 2u);
+    EXPECT_EQ(fusion.hrls_layers(), (std::vector<std::string>{"color", "albedo", "normal"}));
+    std::vector<float> expected(3 * 12 * 18);
+    fusion.fuse(floats(subject_.lrhs).data(), floats(subject_.hrls).data(), expected.data());
+    for (const FrameImage::Layout& layout : frame_layouts()) {
+      SCOPED_TRACE(fmt::format("{}, offset {}, interleaved {}", name_of(precision), layout.offset_bytes,
+                               layout.interleaved));
+      const FrameImage lrhs(*device, subject_.lrhs, layout), hrls(*device, subject_.hrls, layout);
+      const FrameImage fused(*device, {12, 18, 3}, Memory::kReadback, layout);
+      Commands pool(*device);
+      const VkCommandBuffer commands = pool.begin("frame");
+      fusion.record(commands, lrhs.view(), hrls.view(), fused.view());
+      end_and_submit(*device, pool, commands);
+      check(device->vk().DeviceWaitIdle(device->handle()), "waiting");
+      EXPECT_TRUE(same_bits(floats(fused.read()), expected));
+      EXPECT_EQ(fused.touched_outside(), 0u);
+    }
+  }
+}
+
+TEST_F(RecordTest, ThreeRecordingsInFlight) {
+  CallerDevice caller;
+  const std::unique_ptr<Device> device = Device::wrap(caller.external());
+  const Model model(file_);
+  Fuser fuser(*device, model, 6, 9, {}, folder_.path());
+  for (const uint64_t round : {0, 1}) {  // the second reuses the descriptor sets of the first
+    std::vector<Subject> subjects;
+    std::vector<FrameImage> images;
+    Commands pool(*device);
+    for (uint64_t i = 0; i < Fuser::kFramesInFlight; ++i) {
+      subjects.push_back(make_subject(subject_.architecture, 6, 9, 10 + 3 * round + i));
+      images.emplace_back(*device, subjects.back().lrhs);
+      images.emplace_back(*device, subjects.back().hrls);
+      images.emplace_back(*device, Shape{12, 18, 3}, Memory::kReadback, FrameImage::Layout{});
+      const VkCommandBuffer commands = pool.begin("frame");
+      fuser.record(commands, images[3 * i].view(), images[3 * i + 1].view(), images[3 * i + 2].view());
+      end_and_submit(*device, pool, commands);
+    }
+    check(device->vk().DeviceWaitIdle(device->handle()), "waiting");
+    for (size_t i = 0; i < subjects.size(); ++i) {
+      Image expected;
+      fuser.fuse(image_of(subjects[i].lrhs), image_of(subjects[i].hrls), expected);
+      EXPECT_TRUE(same_bits(floats(images[3 * i + 2].read()), expected.data)) << round << ", " << i;
+    }
+  }
+}
+
+TEST_F(RecordTest, A16BitDeviceMustBeAsked) {
+  CallerDevice caller(false);
+  const std::unique_ptr<Device> device = Device::wrap(caller.external());
+  const Model model(file_);
+  EXPECT_ERROR(Fuser(*device, model, 6, 9, {.storage = Storage::kFloat16}, folder_.path()), "16-bit storage",
+               device->info().name);
+  Image fused;
+  Fuser(*device, model, 6, 9, {}, folder_.path())
+      .fuse(image_of(subject_.lrhs), image_of(subject_.hrls), fused);
+  EXPECT_EQ(fused.width, 18);
+}
+
+TEST_F(RecordTest, IncompleteHandlesAreRefused) {
+  CallerDevice caller;
+  ExternalDevice incomplete = caller.external();
+  incomplete.queue = VK_NULL_HANDLE;
+  EXPECT_ERROR(Device::wrap(incomplete), "null");
+  incomplete = caller.external();
+  incomplete.get_instance_proc_addr = nullptr;
+  EXPECT_ERROR(Device::wrap(incomplete), "get_instance_proc_addr");
+}
+
+}  // namespace
+}  // namespace raymeld::test

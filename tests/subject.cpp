@@ -1,0 +1,36 @@
+#include "subject.h"
+
+namespace raymeld::test {
+
+using reference::Architecture;
+using reference::LayerKind;
+using reference::Planes;
+
+Architecture small_architecture(int scale) {
+  return {.scale = scale,
+          .features = 5,
+          .growth = 3,
+          .dense_layers = 1,
+          .blocks = 1,
+          .groups = 1,
+          .hrls_layers = {LayerKind::kRadiance, LayerKind::kAlbedo, LayerKind::kNormal},
+          .bilinear_base = true,
+          .clip = 100};
+}
+
+Subject make_subject(const Architecture& a, int height, int width, uint64_t seed) {
+  return {a, random_weights(a, reference::Precision::kFp32, seed),
+          random_planes(3, height, width, Fill::kUniform, seed + 1000),
+          random_planes(3 * int(a.hrls_layers.size()), a.scale * height, a.scale * width, Fill::kUniform,
+                        seed + 2000)};
+}
+
+Image image_of(const Planes& planes) {
+  Image image(planes.w, planes.h, planes.c);
+  image.data = floats(planes);
+  return image;
+}
+
+Planes planes_of(const Image& image) { return planes(image.channels, image.height, image.width, image.data); }
+
+}  // namespace raymeld::test

@@ -1,0 +1,22 @@
+#pragma once
+
+#include "gpu.h"
+#include "io/image.h"
+
+namespace raymeld::test {
+
+// A small network and one frame for it.
+struct Subject {
+  reference::Architecture architecture;
+  reference::Weights weights;
+  reference::Planes lrhs, hrls;
+};
+
+// x2, x4 or x8, with a bilinear base, so that the phase matters. Its halo is at most 5 LRHS pixels.
+reference::Architecture small_architecture(int scale);
+Subject make_subject(const reference::Architecture& architecture, int height, int width, uint64_t seed);
+
+Image image_of(const reference::Planes& planes);
+reference::Planes planes_of(const Image& image);
+
+}  // namespace raymeld::test
