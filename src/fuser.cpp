@@ -18,15 +18,6 @@ Graph build_graph(const Model& model, TileSize tile, const FuserOptions& options
   return graph;
 }
 
-// Nothing for a tile with more elements than shaders can address.
-std::optional<Graph> try_build_graph(const Model& model, TileSize tile, const FuserOptions& options) {
-  try {
-    return build_graph(model, tile, options);
-  } catch (const Error&) {
-    return std::nullopt;
-  }
-}
-
 Shape lrhs_shape(TileSize tile) { return {tile.height, tile.width, 3}; }
 
 Shape full_shape(const Model& model, TileSize tile, uint32_t channels) {
@@ -83,13 +74,12 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
   const TileSize frame{height, width};
   uint64_t needed_bytes = 0;
   const auto fits = [&](TileSize tile) {
-    const std::optional<Graph> graph = try_build_graph(model, tile, options);
-    if (!graph) return false;
-    const FusePlan plan = describe(*graph, model, make_tiling(tile, 1, 1, 0));
+    const Graph graph = build_graph(model, tile, options);
+    const FusePlan plan = describe(graph, model, make_tiling(tile, 1, 1, 0));
     needed_bytes = plan.peak_bytes();
     const uint64_t frame_image_bytes = float_bytes(full_shape(model, tile, hrls_channels(model)));
     return plan.peak_bytes() <= most_bytes && plan.activation_bytes <= device.max_allocation_bytes &&
-           std::max(graph->largest_binding_bytes(), frame_image_bytes) <= device.max_storage_range_bytes;
+           std::max(graph.largest_binding_bytes(), frame_image_bytes) <= device.max_storage_range_bytes;
   };
   const Tiling tiling = choose_tiling(frame, receptive_halo(model.architecture()), fits);
   if (tiling.count() == 0) {

@@ -40,9 +40,6 @@ Tensor Graph::tensor(const std::string& name, Shape shape) {
     throw Error("tensor {}: {}x{}x{} is empty", name, shape.height, shape.width, shape.channels);
   }
   const uint64_t elements = plane_stride(shape.pixels(), storage_) * shape.channels;
-  // Shaders address elements with 32-bit integers.
-  if (elements > UINT32_MAX)
-    throw Error("tensor {}: {} elements are too many for one tensor", name, elements);
   tensors_.push_back({name, shape, elements * element_bytes(storage_)});
   return {static_cast<uint32_t>(tensors_.size() - 1), shape, 0};
 }

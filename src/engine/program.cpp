@@ -50,6 +50,11 @@ Program::Program(const Device& device, const Graph& graph, PipelineCache& cache,
     throw Error("device {} has no 16-bit storage (storageBuffer16BitAccess); use --precision fp32",
                 device.info().name);
   }
+  // This limit has 32 bits, so the shaders' 32-bit addresses reach whatever is bound.
+  if (graph.largest_binding_bytes() > device.info().max_storage_range_bytes) {
+    throw Error("a layer binds {} bytes; device {} binds at most {}", graph.largest_binding_bytes(),
+                device.info().name, device.info().max_storage_range_bytes);
+  }
   activations_ = Buffer(device, graph.activation_bytes(), Memory::kDevice, "activations");
   status_ = Buffer(device, sizeof(Status), Memory::kUpload, "status");
   reset_status();
