@@ -83,7 +83,8 @@ bool PipelineCache::save() const {
 
   std::error_code error;
   std::filesystem::create_directories(file_.parent_path(), error);
-  const std::filesystem::path temporary = fmt::format("{}.{}.tmp", file_.string(), getpid());
+  const std::filesystem::path temporary =
+      fmt::format("{}.{}.{}.tmp", file_.string(), getpid(), fmt::ptr(this));
   const FileHeader header{kMagic, data.size(), checksum_of(data)};
   std::ofstream stream(temporary, std::ios::binary);
   stream.write(reinterpret_cast<const char*>(&header), sizeof(header));

@@ -1,5 +1,6 @@
 #include <Imath/half.h>
 
+#include <cmath>
 #include <cstring>
 
 #include "layers/layers.h"
@@ -29,6 +30,14 @@ void pack_weights(std::byte* target, std::span<const float> weight, uint32_t cha
           }
         }
       }
+    }
+  }
+}
+
+void check_range(const std::string& name, std::span<const float> weight) {
+  for (const float value : weight) {
+    if (std::abs(value) > 65504.0f) {
+      throw Error("layer {}: weight {} does not fit 16 bits; use --precision fp32", name, value);
     }
   }
 }
@@ -72,6 +81,7 @@ void conv2d(Graph& graph, const std::string& name, const Tensor& in, const Tenso
       graph.constant(name + ".weight", weight_count * element_bytes(graph.storage()),
                      [=, weight = weights.weight](std::byte* target) {
                        if (half) {
+                         check_range(name, weight);
                          pack_weights<Imath::half>(target, weight, channels_out, channels_in, kernel, lanes);
                        } else {
                          pack_weights<float>(target, weight, channels_out, channels_in, kernel, lanes);
