@@ -119,6 +119,19 @@ std::span<const FrameImage::Layout> frame_layouts() {
   return layouts;
 }
 
+void run_passes(const Program& program, const Graph& graph) {
+  Commands pool(gpu());
+  const VkCommandBuffer commands = pool.begin("layers");
+  program.record(commands, 0, 0, graph.passes().size());
+  auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
+  barrier.srcAccessMask = VK_ACCESS_SHADER_WRITE_BIT;
+  barrier.dstAccessMask = VK_ACCESS_HOST_READ_BIT;
+  gpu().vk().CmdPipelineBarrier(commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_PIPELINE_STAGE_HOST_BIT, 0,
+                                1, &barrier, 0, nullptr, 0, nullptr);
+  pool.end(commands);
+  gpu().submit_and_wait(commands);
+}
+
 LayerRun::LayerRun(Precision precision) : graph_(storage_of(precision)) {}
 
 Tensor LayerRun::input(const std::string& name, const Planes& values) {
@@ -142,16 +155,7 @@ void LayerRun::run(const FrameBindings& frame) {
   program_ = std::make_unique<Program>(gpu(), graph_, shared_cache(), 1);
   for (const auto& [tensor, values] : inputs_) program_->write(tensor, values);
   program_->bind(0, frame);
-  Commands pool(gpu());
-  const VkCommandBuffer commands = pool.begin("layers");
-  program_->record(commands, 0, 0, graph_.passes().size());
-  auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
-  barrier.srcAccessMask = VK_ACCESS_SHADER_WRITE_BIT;
-  barrier.dstAccessMask = VK_ACCESS_HOST_READ_BIT;
-  gpu().vk().CmdPipelineBarrier(commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_PIPELINE_STAGE_HOST_BIT, 0,
-                                1, &barrier, 0, nullptr, 0, nullptr);
-  pool.end(commands);
-  gpu().submit_and_wait(commands);
+  run_passes(*program_, graph_);
 }
 
 Planes LayerRun::read(const Tensor& tensor) const {

@@ -73,6 +73,9 @@ class FrameImage {
 // is no multiple of the storage alignment.
 std::span<const FrameImage::Layout> frame_layouts();
 
+// Runs all passes with descriptor set 0 and makes what they wrote visible to the host.
+void run_passes(const Program& program, const Graph& graph);
+
 // A graph run once: declare inputs, add layers to graph(), run(), read what came out.
 class LayerRun {
  public:

@@ -1,0 +1,107 @@
+#include "engine/device.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "engine/buffer.h"
+#include "engine/commands.h"
+#include "engine/instance.h"
+#include "error_of.h"
+#include "gpu.h"
+
+namespace raymeld::test {
+namespace {
+
+std::vector<DeviceInfo> made_up_devices() {
+  std::vector<DeviceInfo> devices(4);
+  const char* names[] = {"llvmpipe (LLVM 15)", "Intel(R) UHD 770", "NVIDIA RTX 2000", "NVIDIA RTX 4000"};
+  const char* types[] = {"CPU", "integrated GPU", "discrete GPU", "discrete GPU"};
+  for (uint32_t i = 0; i < 4; ++i) {
+    devices[i].index = i;
+    devices[i].name = names[i];
+    devices[i].type = types[i];
+    devices[i].uuid = fmt::format("0000000{}-abcd-0000-0000-000000000000", i);
+  }
+  return devices;
+}
+
+TEST(SelectDevice, ByDefaultTheFirstOfTheBestType) {
+  std::vector<DeviceInfo> devices = made_up_devices();
+  EXPECT_EQ(select_device(devices, ""), 2u);
+  devices.resize(2);
+  EXPECT_EQ(select_device(devices, ""), 1u);
+  devices.resize(1);
+  EXPECT_EQ(select_device(devices, ""), 0u);
+  devices[0].type = "other";
+  EXPECT_EQ(select_device(devices, ""), 0u);
+}
+
+TEST(SelectDevice, ByIndexUuidAndPartOfTheName) {
+  const std::vector<DeviceInfo> devices = made_up_devices();
+  EXPECT_EQ(select_device(devices, "0"), 0u);
+  EXPECT_EQ(select_device(devices, "3"), 3u);
+  EXPECT_EQ(select_device(devices, "00000001-abcd-0000-0000-000000000000"), 1u);
+  EXPECT_EQ(select_device(devices, "00000003-ABCD-0000-0000-000000000000"), 3u);
+  EXPECT_EQ(select_device(devices, "LLVMPIPE"), 0u);
+  EXPECT_EQ(select_device(devices, "rtx 4"), 3u);
+}
+
+TEST(SelectDevice, AmbiguousAndUnknownListTheDevices) {
+  const std::vector<DeviceInfo> devices = made_up_devices();
+  EXPECT_ERROR(select_device(devices, "nvidia"), "\"nvidia\" matches 2 devices", "0: llvmpipe",
+               "3: NVIDIA RTX 4000", "00000002-abcd");
+  EXPECT_ERROR(select_device(devices, "voodoo"), "\"voodoo\" matches 0 devices", "1: Intel(R) UHD 770");
+  EXPECT_ERROR(select_device(devices, "4"), "device 4 does not exist", "3: NVIDIA RTX 4000");
+  EXPECT_ERROR(select_device(devices, "99999"), "does not exist");
+}
+
+class DeviceTest : public GpuTest {};
+
+TEST_F(DeviceTest, TheListHasTheDeviceInUse) {
+  const std::vector<DeviceInfo> devices = list_devices();
+  ASSERT_FALSE(devices.empty());
+  for (uint32_t i = 0; i < devices.size(); ++i) {
+    EXPECT_EQ(devices[i].index, i);
+    EXPECT_FALSE(devices[i].name.empty());
+    EXPECT_FALSE(devices[i].driver.empty());
+    EXPECT_EQ(devices[i].uuid.size(), 36u);
+    EXPECT_GE(devices[i].api_version, VK_API_VERSION_1_1);
+    EXPECT_GT(devices[i].memory_bytes, 0u);
+    EXPECT_GE(devices[i].max_storage_range_bytes, uint64_t{1} << 27);  // what Vulkan guarantees
+    EXPECT_LE(devices[i].storage_alignment_bytes, 256u);
+  }
+  const DeviceInfo& used = gpu().info();
+  EXPECT_EQ(devices.at(used.index).uuid, used.uuid);
+}
+
+TEST_F(DeviceTest, CreatedBySelector) {
+  const std::string& uuid = gpu().info().uuid;
+  EXPECT_EQ(Device::create({.selector = uuid, .validation = false})->info().uuid, uuid);
+  EXPECT_ERROR(Device::create({.selector = "no such device", .validation = false}), "no such device",
+               gpu().info().name);
+}
+
+// The tests rest on this: a misuse is heard, synchronization included.
+TEST(Validation, MisuseIsReported) {
+  const std::unique_ptr<Device> device = Device::create({.selector = {}, .validation = true});
+  const Buffer a(*device, 1024, Memory::kDevice, "a"), b(*device, 1024, Memory::kDevice, "b");
+  const VkBufferCopy all{0, 0, 1024};
+  const VulkanFunctions& vk = device->vk();
+  Commands pool(*device);
+  const VkCommandBuffer commands = pool.begin("hazard");
+  vk.CmdCopyBuffer(commands, a.handle(), b.handle(), 1, &all);
+  EXPECT_TRUE(device->messages().empty()) << device->messages().front();
+  vk.CmdCopyBuffer(commands, b.handle(), a.handle(), 1, &all);  // reads b without a barrier
+  pool.end(commands);
+  EXPECT_TRUE(std::ranges::any_of(device->messages(),
+                                  [](const std::string& m) { return contains(m, "SYNC-HAZARD"); }));
+}
+
+TEST_F(DeviceTest, AnImpossibleBufferIsAnErrorThatNamesIt) {
+  EXPECT_ERROR(Buffer(gpu(), gpu().info().max_allocation_bytes + 4, Memory::kDevice, "the moon"), "the moon",
+               "MiB", gpu().info().name);
+}
+
+}  // namespace
+}  // namespace raymeld::test

@@ -1,0 +1,337 @@
+#include "fuser.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cfloat>
+#include <climits>
+#include <cmath>
+#include <limits>
+
+#include "error_of.h"
+#include "network.h"
+#include "subject.h"
+
+namespace raymeld::test {
+namespace {
+
+using reference::Architecture;
+using reference::Planes;
+using reference::Precision;
+
+class FuserTest : public GpuTest {
+ protected:
+  Model model_of(const Subject& subject) {
+    const std::filesystem::path file = folder_ / "model.safetensors";
+    write_model(file, subject.architecture, subject.weights);
+    return Model(file);
+  }
+
+  TemporaryDirectory folder_;
+};
+
+Fuser make_fuser(const Model& model, const Subject& subject, const FuserOptions& options) {
+  return Fuser(gpu(), model, uint32_t(subject.lrhs.h), uint32_t(subject.lrhs.w), options,
+               shared_cache_folder());
+}
+
+std::vector<float> fuse(Fuser& fuser, const Planes& lrhs, const Planes& hrls, const Progress& progress = {}) {
+  Image fused;
+  fuser.fuse(image_of(lrhs), image_of(hrls), fused, progress);
+  return fused.data;
+}
+
+std::vector<float> fuse_once(const Model& model, const Subject& subject, const FuserOptions& options) {
+  Fuser fuser = make_fuser(model, subject, options);
+  return fuse(fuser, subject.lrhs, subject.hrls);
+}
+
+// Options under which a frame takes several tiles: half the room that one tile needs.
+FuserOptions tiled(const Model& model, const Subject& subject, FuserOptions options) {
+  const FusePlan whole =
+      plan_fusion(model, uint32_t(subject.lrhs.h), uint32_t(subject.lrhs.w), gpu().info(), options);
+  options.max_memory_bytes = whole.constant_bytes + (whole.activation_bytes + whole.frame_bytes) / 2;
+  return options;
+}
+
+TEST_F(FuserTest, FramesRepeatBitForBit) {
+  const Subject subject = make_subject(small_architecture(4), 5, 7, 1);
+  const Model model = model_of(subject);
+  Fuser fuser = make_fuser(model, subject, {});
+  const std::vector<float> first = fuse(fuser, subject.lrhs, subject.hrls);
+  Planes other = subject.hrls;
+  for (double& v : other.data) v = float(0.5 - v);
+  EXPECT_NE(fuse(fuser, subject.lrhs, other), first);
+  EXPECT_EQ(fuse(fuser, subject.lrhs, subject.hrls), first);
+  EXPECT_EQ(fuse_once(model, subject, {}), first);
+}
+
+TEST_F(FuserTest, TiledAndUntiledGiveTheSameBits) {
+  for (const int scale : {2, 4, 8}) {
+    const Subject subject = make_subject(small_architecture(scale), 27, 30, uint64_t(scale));
+    const Model model = model_of(subject);
+    for (const Precision precision : kPrecisions) {
+      for (const bool centered : {false, true}) {
+        SCOPED_TRACE(fmt::format("x{} {} centered {}", scale, name_of(precision), centered));
+        const FuserOptions options{.storage = storage_of(precision),
+                                   .phase = lrhs_phase(centered, uint32_t(scale))};
+        const FuserOptions limited = tiled(model, subject, options);
+        Fuser fuser = make_fuser(model, subject, limited);
+        EXPECT_GT(fuser.plan().tiling.count(), 1u);
+        EXPECT_TRUE(same_bits(fuse(fuser, subject.lrhs, subject.hrls), fuse_once(model, subject, options)));
+        EXPECT_LE(fuser.allocated_bytes(), limited.max_memory_bytes);
+      }
+    }
+  }
+}
+
+// The output's response to one lit pixel of HRLS or LRHS when all weights are positive and all biases zero:
+// exactly the pixels that can depend on it are above zero.
+struct Reach {
+  int least, most;  // over the rows or columns of output cells, relative to the lit cell
+};
+
+Reach reach_of(const Fuser& fuser, const Planes& fused, int scale, int lit_cell, bool rows) {
+  Reach reach{INT_MAX, INT_MIN};
+  const int cells = int(rows ? fuser.plan().tiling.frame.height : fuser.plan().tiling.frame.width);
+  for (int i = 0; i < cells * scale; ++i) {
+    if (fused.at(0, rows ? i : 0, rows ? 0 : i) <= 0) continue;
+    reach.least = std::min(reach.least, i / scale - lit_cell);
+    reach.most = std::max(reach.most, i / scale - lit_cell);
+  }
+  return reach;
+}
+
+TEST_F(FuserTest, TheHaloIsNeededAndEnough) {
+  for (const int scale : {2, 4, 8}) {
+    Architecture a = small_architecture(scale);
+    a.bilinear_base = false;
+    a.hrls_layers = {reference::LayerKind::kRadiance};
+    a.features = 4;
+    a.dense_layers = scale == 4 ? 2 : 1;
+    a.groups = scale == 2 ? 2 : 1;
+    Subject subject = make_subject(a, 1, 1, 1);
+    for (auto& [name, conv] : subject.weights) {
+      for (double& w : conv.weight) w = 0.25;
+      for (double& b : conv.bias) b = 0;
+    }
+    const Model model = model_of(subject);
+    const int halo = int(receptive_halo(model.architecture())), lit = halo + 2, length = 2 * lit + 1;
+    for (const bool rows : {false, true}) {
+      SCOPED_TRACE(fmt::format("x{}, {}", scale, rows ? "rows" : "columns"));
+      const int h = rows ? length : 1, w = rows ? 1 : length;
+      subject.lrhs = Planes(3, h, w);
+      Fuser fuser = make_fuser(model, subject, {});
+      Reach widest{0, 0};
+      for (int pixel = lit * scale; pixel < (lit + 1) * scale; ++pixel) {
+        Planes hrls(3, h * scale, w * scale);
+        hrls.at(0, rows ? pixel : 0, rows ? 0 : pixel) = 1;
+        const Planes fused = planes(3, h * scale, w * scale, fuse(fuser, subject.lrhs, hrls));
+        const Reach reach = reach_of(fuser, fused, scale, lit, rows);
+        widest = {std::min(widest.least, reach.least), std::max(widest.most, reach.most)};
+      }
+      EXPECT_EQ(widest.least, -halo);
+      EXPECT_EQ(widest.most, halo);
+
+      Planes lrhs(3, h, w);
+      lrhs.at(0, rows ? lit : 0, rows ? 0 : lit) = 1;
+      const Planes dark(3, h * scale, w * scale);
+      const Reach low =
+          reach_of(fuser, planes(3, h * scale, w * scale, fuse(fuser, lrhs, dark)), scale, lit, rows);
+      EXPECT_GE(low.least, -halo);
+      EXPECT_LE(low.most, halo);
+      EXPECT_GT(low.most, 0);
+    }
+  }
+}
+
+TEST_F(FuserTest, BadPixelsStayWithinTheHaloAndGiveFiniteOutput) {
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+  for (const Precision precision : kPrecisions) {
+    const int scale = 4, h = 3, w = 20;
+    const Subject subject = make_subject(small_architecture(scale), h, w, 5);
+    const Model model = model_of(subject);
+    const int halo = int(receptive_halo(model.architecture())), bad_cell = w - 1;
+    Fuser fuser = make_fuser(model, subject, {.storage = storage_of(precision)});
+    const std::vector<float> clean = fuse(fuser, subject.lrhs, subject.hrls);
+    for (const float bad : {kNaN, kInfinity, -kInfinity, 6e4f, 1e8f, 1e30f, FLT_MAX, -FLT_MAX}) {
+      SCOPED_TRACE(fmt::format("{} in {}", bad, name_of(precision)));
+      Planes lrhs = subject.lrhs, hrls = subject.hrls;
+      for (int c = 0; c < lrhs.c; ++c) lrhs.at(c, 1, bad_cell) = bad;
+      for (int c = 0; c < hrls.c; ++c) hrls.at(c, 5, bad_cell * scale) = bad;
+      const std::vector<float> fused = fuse(fuser, lrhs, hrls);
+      size_t far_changed = 0, not_finite = 0;
+      for (size_t i = 0; i < fused.size(); ++i) {
+        not_finite += !std::isfinite(fused[i]);
+        const int cell = int(i % size_t(w * scale)) / scale;
+        far_changed += cell < bad_cell - halo && fused[i] != clean[i];
+      }
+      EXPECT_EQ(not_finite, 0u);
+      EXPECT_EQ(far_changed, 0u);
+      EXPECT_NE(fused, clean);
+    }
+  }
+}
+
+TEST_F(FuserTest, ImagesOfOneValueGiveFiniteOutput) {
+  const Subject subject = make_subject(small_architecture(2), 3, 4, 6);
+  const Model model = model_of(subject);
+  for (const Precision precision : kPrecisions) {
+    Fuser fuser = make_fuser(model, subject, {.storage = storage_of(precision)});
+    for (const float value : special_values()) {
+      Planes lrhs = subject.lrhs, hrls = subject.hrls;
+      std::ranges::fill(lrhs.data, double(value));
+      std::ranges::fill(hrls.data, double(value));
+      for (const float v : fuse(fuser, lrhs, hrls)) {
+        ASSERT_TRUE(std::isfinite(v) && v >= 0) << value << " gave " << v;
+      }
+    }
+  }
+}
+
+TEST_F(FuserTest, AnOverflowInsideIsAnErrorOrCounted) {
+  Subject subject = make_subject(small_architecture(2), 3, 4, 7);
+  for (double& w : subject.weights.at("up.0").weight) w = std::copysign(1e30, w);
+  for (double& w : subject.weights.at("fuse").weight) w = std::copysign(1e30, w);
+  const Model huge = model_of(subject);
+  Fuser fuser = make_fuser(huge, subject, {});
+  EXPECT_ERROR(fuse(fuser, subject.lrhs, subject.hrls), "not finite", huge.name());
+
+  subject = make_subject(small_architecture(2), 3, 4, 7);
+  for (double& w : subject.weights.at("up.0").weight) w *= 1e5;
+  const Model large = model_of(subject);
+  Fuser half = make_fuser(large, subject, {.storage = Storage::kFloat16});
+  Image fused;
+  EXPECT_GT(half.fuse(image_of(subject.lrhs), image_of(subject.hrls), fused).status.saturated, 0u);
+  subject.weights.at("up.0").weight[5] = -65520;
+  const Model wide = model_of(subject);
+  EXPECT_ERROR(make_fuser(wide, subject, {.storage = Storage::kFloat16}), "layer up.0", "-65520", "16 bits");
+  EXPECT_NO_THROW(make_fuser(wide, subject, {}));
+
+  const Model sane = model_of(make_subject(small_architecture(2), 3, 4, 7));
+  Fuser quiet = make_fuser(sane, subject, {.storage = Storage::kFloat16});
+  EXPECT_EQ(quiet.fuse(image_of(subject.lrhs), image_of(subject.hrls), fused).status.saturated, 0u);
+}
+
+TEST_F(FuserTest, TooLittleMemoryIsAnError) {
+  const Subject subject = make_subject(small_architecture(2), 8, 8, 8);
+  const Model model = model_of(subject);
+  EXPECT_ERROR(make_fuser(model, subject, {.max_memory_bytes = 1000}), "smallest tile", "MiB");
+  FuserOptions options = tiled(model, make_subject(small_architecture(2), 40, 40, 8), {});
+  options.keep_activations = true;
+  EXPECT_ERROR(plan_fusion(model, 40, 40, gpu().info(), options), "one tile");
+}
+
+TEST_F(FuserTest, PlansKeepTheLimitsOfTheDevice) {
+  Architecture a = small_architecture(2);
+  a.features = 64;
+  const Model model = model_of(make_subject(a, 1, 1, 1));
+  DeviceInfo device = gpu().info();
+  device.memory_bytes = device.max_allocation_bytes = uint64_t{64} << 30;
+  device.max_storage_range_bytes = uint64_t{4} << 30;
+  EXPECT_EQ(plan_fusion(model, 540, 960, device, {}).tiling.count(), 1u);
+
+  device.max_storage_range_bytes = uint64_t{128} << 20;  // a 1080p tensor of 64 floats takes 506 MiB
+  const FusePlan ranged = plan_fusion(model, 540, 960, device, {});
+  EXPECT_GT(ranged.tiling.count(), 4u);
+  Graph graph(Storage::kFloat32);
+  network(graph, model, ranged.tiling.tile.height, ranged.tiling.tile.width, 0);
+  graph.plan();
+  EXPECT_LE(graph.largest_binding_bytes(), device.max_storage_range_bytes);
+
+  device.max_storage_range_bytes = uint64_t{4} << 30;
+  device.max_allocation_bytes = uint64_t{300} << 20;
+  const FusePlan allocated = plan_fusion(model, 540, 960, device, {});
+  EXPECT_GT(allocated.tiling.count(), 1u);
+  EXPECT_LE(allocated.activation_bytes, device.max_allocation_bytes);
+
+  device.max_allocation_bytes = uint64_t{64} << 30;
+  device.memory_bytes = uint64_t{500} << 20;
+  const FusePlan small = plan_fusion(model, 540, 960, device, {});
+  EXPECT_GT(small.tiling.count(), 1u);
+  EXPECT_LE(small.peak_bytes(), device.memory_bytes);
+}
+
+TEST_F(FuserTest, SplitDispatchesGiveTheSameBits) {
+  const Subject subject = make_subject(small_architecture(4), 9, 11, 9);
+  const Model model = model_of(subject);
+  const std::vector<float> expected = fuse_once(model, subject, {});
+  for (const double flop : {1.0, 3e4, 1e6}) {
+    Fuser fuser = make_fuser(model, subject, {});
+    fuser.program().set_max_dispatch_flop(flop);
+    EXPECT_EQ(fuse(fuser, subject.lrhs, subject.hrls), expected) << flop;
+  }
+}
+
+TEST_F(FuserTest, ProgressRisesToOneAndCancels) {
+  const Subject subject = make_subject(small_architecture(2), 27, 30, 10);
+  const Model model = model_of(subject);
+  Fuser fuser = make_fuser(model, subject, tiled(model, subject, {}));
+  fuser.program().set_max_dispatch_flop(1e5);  // several submits a tile
+  std::vector<double> shares;
+  const std::vector<float> expected = fuse(fuser, subject.lrhs, subject.hrls, [&](double share) {
+    shares.push_back(share);
+    return true;
+  });
+  EXPECT_GT(shares.size(), fuser.plan().tiling.count());
+  EXPECT_TRUE(std::ranges::is_sorted(shares, std::less_equal<>()));
+  EXPECT_GT(shares.front(), 0);
+  EXPECT_DOUBLE_EQ(shares.back(), 1);
+
+  size_t calls = 0;
+  EXPECT_THROW(fuse(fuser, subject.lrhs, subject.hrls, [&](double) { return ++calls < 2; }), Cancelled);
+  EXPECT_EQ(calls, 2u);
+  EXPECT_EQ(fuse(fuser, subject.lrhs, subject.hrls), expected);
+}
+
+TEST_F(FuserTest, ProfileHasEveryPass) {
+  const Subject subject = make_subject(small_architecture(4), 9, 11, 11);
+  const Model model = model_of(subject);
+  Fuser fuser = make_fuser(model, subject, {.profile = true});
+  Image fused;
+  const FuseReport report = fuser.fuse(image_of(subject.lrhs), image_of(subject.hrls), fused);
+  ASSERT_EQ(report.passes.size(), fuser.graph().passes().size());
+  double time_ms = 0, flop = 0;
+  for (size_t i = 0; i < report.passes.size(); ++i) {
+    EXPECT_EQ(report.passes[i].name, fuser.graph().passes()[i].name);
+    EXPECT_GE(report.passes[i].time_ms, 0);
+    EXPECT_GT(report.passes[i].bytes, 0);
+    time_ms += report.passes[i].time_ms;
+    flop += report.passes[i].flop;
+  }
+  EXPECT_GT(time_ms, 0);
+  EXPECT_LE(time_ms, report.device_ms);
+  EXPECT_EQ(flop, fuser.plan().flop);
+  EXPECT_EQ(fused.data, fuse_once(model, subject, {}));
+}
+
+TEST_F(FuserTest, WrongSizesAreErrors) {
+  const Subject subject = make_subject(small_architecture(2), 4, 5, 12);
+  const Model model = model_of(subject);
+  Fuser fuser = make_fuser(model, subject, {});
+  EXPECT_ERROR(fuse(fuser, Planes(3, 5, 4), subject.hrls), "LRHS", "5x4");
+  EXPECT_ERROR(fuse(fuser, subject.lrhs, Planes(9, 8, 8)), "HRLS", "10x8");
+  EXPECT_ERROR(fuse(fuser, subject.lrhs, Planes(6, 8, 10)), "HRLS", "9");
+}
+
+TEST(FuserOptions, StorageFollowsTheWishAndTheDevice) {
+  DeviceInfo gpu_with, gpu_without, cpu;
+  gpu_with.storage_16bit = true;
+  cpu.is_cpu = cpu.storage_16bit = true;
+  using raymeld::Precision;
+  EXPECT_EQ(storage_for(Precision::kAuto, gpu_with), Storage::kFloat16);
+  EXPECT_EQ(storage_for(Precision::kAuto, gpu_without), Storage::kFloat32);
+  EXPECT_EQ(storage_for(Precision::kAuto, cpu), Storage::kFloat32);
+  EXPECT_EQ(storage_for(Precision::kFp16, cpu), Storage::kFloat16);
+  EXPECT_EQ(storage_for(Precision::kFp32, gpu_with), Storage::kFloat32);
+}
+
+TEST(FuserOptions, PhaseOfCentredSamples) {
+  EXPECT_EQ(lrhs_phase(false, 8), 0);
+  EXPECT_EQ(lrhs_phase(true, 2), 0.5f);
+  EXPECT_EQ(lrhs_phase(true, 8), 3.5f);
+}
+
+}  // namespace
+}  // namespace raymeld::test

@@ -1,0 +1,208 @@
+#include "engine/graph.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "error_of.h"
+#include "gpu.h"
+#include "layers/shaders.h"
+#include "network.h"
+#include "subject.h"
+
+namespace raymeld::test {
+namespace {
+
+using reference::Planes;
+
+Pass pass(const std::string& name, std::vector<Tensor> reads, std::vector<Tensor> writes) {
+  Pass result;
+  result.name = name;
+  for (const Tensor& t : reads) result.bindings.push_back(read_binding(t));
+  for (const Tensor& t : writes) result.bindings.push_back(write_binding(t));
+  return result;
+}
+
+constexpr Shape kShape{4, 4, 2};
+
+struct Hand {
+  Graph graph{Storage::kFloat32};
+  Tensor a = graph.input("a", kShape), b = graph.input("b", kShape);
+
+  Tensor add(const std::string& name, std::vector<Tensor> reads) {
+    const Tensor out = graph.tensor(name, kShape);
+    graph.add(pass(name, std::move(reads), {out}));
+    return out;
+  }
+  std::vector<bool> barriers(bool alias) {
+    graph.plan(alias);
+    std::vector<bool> result;
+    for (size_t i = 0; i < graph.passes().size(); ++i) result.push_back(graph.barrier_before(i));
+    EXPECT_EQ(graph.barrier_count(), size_t(std::count(result.begin(), result.end(), true)));
+    return result;
+  }
+};
+
+using Barriers = std::vector<bool>;
+
+TEST(Barriers, IndependentPassesNeedNone) {
+  Hand hand;
+  hand.add("c", {hand.a});
+  hand.add("d", {hand.b});
+  hand.add("e", {hand.a, hand.b});
+  EXPECT_EQ(hand.barriers(false), (Barriers{false, false, false}));
+}
+
+TEST(Barriers, ReadAfterWrite) {
+  Hand hand;
+  const Tensor c = hand.add("c", {hand.a});
+  const Tensor d = hand.add("d", {c});
+  hand.add("e", {c, hand.a});  // c has been visible since d's barrier
+  hand.add("f", {d});
+  EXPECT_EQ(hand.barriers(false), (Barriers{false, true, false, true}));
+}
+
+TEST(Barriers, WriteAfterReadAndWrite) {
+  Hand hand;
+  const Tensor c = hand.add("c", {hand.a});
+  hand.graph.add(pass("rewrites a", {hand.b}, {hand.a}));  // c's pass reads it
+  hand.graph.add(pass("rewrites a again", {hand.b}, {hand.a}));
+  hand.graph.add(pass("rewrites c", {hand.b}, {c}));
+  EXPECT_EQ(hand.barriers(false), (Barriers{false, true, true, false}));
+}
+
+TEST(Barriers, SlicesOfOneTensorAreApart) {
+  Hand hand;
+  const Tensor wide = hand.graph.tensor("wide", {4, 4, 4});
+  hand.graph.add(pass("low", {hand.a}, {wide.slice(0, 2)}));
+  hand.graph.add(pass("high", {hand.b}, {wide.slice(2, 2)}));
+  hand.graph.add(pass("reads across", {wide.slice(1, 2)}, {hand.a}));
+  EXPECT_EQ(hand.barriers(false), (Barriers{false, false, true}));
+}
+
+// d takes c's place as soon as c is no longer read: a hazard that only aliasing makes.
+TEST(Barriers, ReusedMemory) {
+  const auto build = [] {
+    Hand hand;
+    const Tensor c = hand.add("c", {hand.a});
+    hand.add("d", {c, hand.b});
+    hand.add("e", {hand.b});
+    return hand;
+  };
+  Hand plain = build(), aliased = build();
+  EXPECT_EQ(plain.barriers(false), (Barriers{false, true, false}));
+  EXPECT_EQ(aliased.barriers(true), (Barriers{false, true, true}));
+  EXPECT_LT(aliased.graph.activation_bytes(), plain.graph.activation_bytes());
+  EXPECT_EQ(aliased.graph.unaliased_bytes(), plain.graph.activation_bytes());
+}
+
+TEST(Graph, ReadingWhatNothingWroteIsAnError) {
+  Graph graph(Storage::kFloat32);
+  const Tensor never = graph.tensor("never", kShape);
+  EXPECT_ERROR(graph.add(pass("reader", {never}, {})), "reader", "never");
+}
+
+TEST(Graph, EmptyTensorsAreErrors) {
+  Graph graph(Storage::kFloat16);
+  EXPECT_ERROR(graph.tensor("flat", {0, 4, 1}), "flat");
+  EXPECT_ERROR(graph.tensor("thin", {4, 4, 0}), "thin");
+}
+
+TEST(Graph, ASliceBeyondTheTensorIsAnError) {
+  Graph graph(Storage::kFloat32);
+  EXPECT_ERROR(graph.tensor("t", kShape).slice(1, 2), "slice");
+}
+
+class LayerShapes : public testing::Test {
+ protected:
+  Tensor in(Shape shape) { return graph_.input("in", shape); }
+  Tensor out(Shape shape) { return graph_.tensor("out", shape); }
+
+  Graph graph_{Storage::kFloat32};
+  std::vector<float> weight_ = std::vector<float>(3 * 2 * 9), bias_ = std::vector<float>(3);
+  ConvWeights weights_{weight_, bias_};
+};
+
+TEST_F(LayerShapes, Conv2d) {
+  const Tensor x = in({5, 4, 2}), y = out({5, 4, 3});
+  conv2d(graph_, "right", x, y, weights_, {.kernel = 3});
+  const auto wrong = [&](const Tensor& from, const Tensor& to, const Conv2dOptions& options) {
+    return error_of([&] { conv2d(graph_, "my layer", from, to, weights_, options); });
+  };
+  const Tensor four[] = {y, y, y, y}, other[] = {x};
+  for (const std::string& message :
+       {wrong(x, y, {.kernel = 2}), wrong(x, y, {.kernel = 1}), wrong(x, out({4, 5, 3}), {.kernel = 3}),
+        wrong(in({5, 4, 3}), y, {.kernel = 3}), wrong(x, out({5, 4, 4}), {.kernel = 3}),
+        wrong(x, y, {.kernel = 3, .residuals = four}), wrong(x, y, {.kernel = 3, .residuals = other})}) {
+    EXPECT_TRUE(contains(message, "layer my layer")) << message;
+  }
+  EXPECT_ERROR(conv2d(graph_, "my layer", x, y, {weight_, std::span(bias_).first(2)}, {.kernel = 3}),
+               "my layer", "2 biases, expected 3");
+}
+
+TEST_F(LayerShapes, Shuffles) {
+  const Tensor small = in({3, 5, 8}), large = in({6, 10, 2});
+  space_to_depth(graph_, "right", large, out({3, 5, 8}));
+  pixel_shuffle(graph_, "right", small, out({6, 10, 2}));
+  for (const Shape shape : {Shape{3, 5, 4}, Shape{3, 4, 8}, Shape{2, 5, 8}}) {
+    EXPECT_ERROR(space_to_depth(graph_, "down", large, out(shape)), "layer down", "6x10x2");
+  }
+  for (const Shape shape : {Shape{6, 10, 1}, Shape{6, 9, 2}, Shape{5, 10, 2}}) {
+    EXPECT_ERROR(pixel_shuffle(graph_, "up", small, out(shape)), "layer up", "3x5x8");
+  }
+}
+
+TEST_F(LayerShapes, EncodeAndDecode) {
+  const std::vector<ChannelKind> two(2, ChannelKind::kRadiance);
+  EXPECT_ERROR(encode(graph_, "enc", FrameSlot::kLrhs, out({4, 4, 3}), two, Transfer::kLinear, 1),
+               "layer enc", "2 channel kinds, expected 3");
+  EXPECT_ERROR(encode(graph_, "enc", FrameSlot::kLrhs, out({4, 4, 2}), two, Transfer::kLinear, 0),
+               "layer enc", "clip");
+  const Tensor rec = in({8, 8, 3}), base = in({4, 4, 3}), other = in({4, 4, 2});
+  decode(graph_, "right", rec, {.base = &base, .scale = 2});
+  EXPECT_ERROR(decode(graph_, "dec", rec, {.base = &base, .scale = 4}), "layer dec", "scale 4");
+  EXPECT_ERROR(decode(graph_, "dec", rec, {.base = &other, .scale = 2}), "layer dec", "4x4x2");
+}
+
+class GraphTest : public GpuTest {};
+
+TEST_F(GraphTest, WhatTheDeviceCannotBindIsAnError) {
+  Graph graph(Storage::kFloat32);
+  const auto side = uint32_t(std::sqrt(double(gpu().info().max_storage_range_bytes) / 4)) + 1;
+  const Tensor vast = graph.input("vast", {side, side, 1});
+  const std::array weight{1.0f}, bias{0.0f};
+  conv2d(graph, "big layer", vast, graph.tensor("copy", {side, side, 1}), {weight, bias}, {.kernel = 1});
+  graph.plan();
+  EXPECT_ERROR(Program(gpu(), graph, shared_cache(), 1), "binds", gpu().info().name);
+}
+
+// The whole network, where almost every tensor takes another's place.
+TEST_F(GraphTest, AliasedAndUnaliasedPlansComputeTheSameBits) {
+  const TemporaryDirectory folder;
+  const Subject subject = make_subject(small_architecture(4), 5, 9, 1);
+  write_model(folder / "model.safetensors", subject.architecture, subject.weights);
+  const Model model(folder / "model.safetensors");
+  for (const Storage storage : {Storage::kFloat32, Storage::kFloat16}) {
+    std::vector<Planes> outputs;
+    for (const bool alias : {false, true}) {
+      Graph graph(storage);
+      network(graph, model, 5, 9, 0);
+      graph.plan(alias);
+      if (alias) {
+        EXPECT_LT(graph.activation_bytes(), graph.unaliased_bytes() / 2);
+      }
+      Program program(gpu(), graph, shared_cache(), 1);
+      const FrameImage lrhs(gpu(), subject.lrhs), hrls(gpu(), subject.hrls);
+      const FrameImage fused(gpu(), {20, 36, 3}, Memory::kReadback, {});
+      program.bind(0, {lrhs.binding(), hrls.binding(), fused.binding()});
+      run_passes(program, graph);
+      outputs.push_back(fused.read());
+    }
+    EXPECT_TRUE(same_bits(floats(outputs[1]), floats(outputs[0])));
+  }
+}
+
+}  // namespace
+}  // namespace raymeld::test

@@ -1,0 +1,150 @@
+#include "model.h"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+
+#include "error_of.h"
+#include "golden.h"
+#include "io/safetensors.h"
+#include "support.h"
+
+namespace raymeld::test {
+namespace {
+
+class ModelTest : public testing::Test {
+ protected:
+  // What loading the tiny x4 model says after `change`.
+  template <typename Change>
+  std::string error_after(Change&& change) {
+    SafeTensors content = read_safetensors(golden_model_path(4));
+    change(content);
+    write_safetensors(file_, content);
+    const std::string message = error_of([&] { Model model(file_); });
+    EXPECT_TRUE(contains(message, file_.string())) << message;
+    return message;
+  }
+
+  TemporaryDirectory folder_;
+  std::filesystem::path file_ = folder_ / "broken.safetensors";
+};
+
+TEST_F(ModelTest, TheGoldenModelsLoad) {
+  const Model model(golden_model_path(4));
+  const Architecture& a = model.architecture();
+  EXPECT_EQ(model.name(), "tiny-x4");
+  EXPECT_EQ(model.file(), golden_model_path(4).string());
+  EXPECT_EQ(model.metadata().at("license"), "CC-BY-4.0");
+  EXPECT_EQ(a.scale, 4u);
+  EXPECT_EQ(a.levels(), 2u);
+  EXPECT_EQ(a.features, 5u);
+  EXPECT_EQ(a.growth, 3u);
+  EXPECT_EQ(a.dense_layers, 3u);
+  EXPECT_EQ(a.blocks, 1u);
+  EXPECT_EQ(a.groups, 2u);
+  EXPECT_EQ(a.hrls_layers, (std::vector<std::string>{"color", "normal", "albedo"}));
+  EXPECT_EQ(a.hrls_kinds().at(2), ChannelKind::kRadiance);
+  EXPECT_EQ(a.hrls_kinds().at(3), ChannelKind::kNormal);
+  EXPECT_EQ(a.hrls_kinds().at(8), ChannelKind::kAlbedo);
+  EXPECT_EQ(a.long_skip, LongSkip::kFused);
+  EXPECT_TRUE(a.merge_relu);
+  EXPECT_EQ(a.transfer, Transfer::kLog);
+  EXPECT_EQ(a.clip, 1000);
+  EXPECT_TRUE(a.bilinear_base);
+  EXPECT_EQ(Model(golden_model_path(2)).architecture().levels(), 1u);
+  EXPECT_EQ(Model(golden_model_path(8)).architecture().levels(), 3u);
+}
+
+TEST_F(ModelTest, EveryEntryIsNeeded) {
+  for (const char* key :
+       {"format", "format_version", "scale", "features", "growth", "dense_layers", "blocks", "groups",
+        "hrls_layers", "long_skip", "merge_relu", "transfer", "clip", "base", "lrhs_sampling"}) {
+    const std::string message = error_after([&](SafeTensors& content) { content.metadata.erase(key); });
+    EXPECT_TRUE(contains(message, fmt::format("\"{}\" is missing", key))) << message;
+  }
+}
+
+TEST_F(ModelTest, WrongEntriesAreNamed) {
+  const std::map<std::string, std::vector<std::string>> wrong{
+      {"format", {"", "raymeld", "onnx"}},
+      {"format_version", {"2", "1.0", ""}},
+      {"scale", {"3", "0", "16", "-4", "4.0", "four", "", " 4"}},
+      {"features", {"0", "-1", "1025", "5x", "99999999999999999999", ""}},
+      {"growth", {"0", "1025", "3.5"}},
+      {"dense_layers", {"0", "65"}},
+      {"blocks", {"0", "65"}},
+      {"groups", {"0", "65"}},
+      {"hrls_layers",
+       {"", "albedo,color", "color,colour", "color,,normal", "color,albedo,albedo", "color,",
+        "color, normal"}},
+      {"long_skip", {"", "both", "Lrhs"}},
+      {"merge_relu", {"", "1", "True", "yes"}},
+      {"transfer", {"", "pu", "Log"}},
+      {"clip", {"0", "-1", "inf", "nan", "", "100 ", "1e99"}},
+      {"base", {"", "bicubic"}},
+      {"lrhs_sampling", {"", "centre"}},
+  };
+  for (const auto& [key, values] : wrong) {
+    for (const std::string& value : values) {
+      const std::string message = error_after([&](SafeTensors& content) { content.metadata[key] = value; });
+      EXPECT_TRUE(contains(message, key)) << key << " = \"" << value << "\": " << message;
+    }
+  }
+}
+
+TEST_F(ModelTest, EveryTensorIsNeeded) {
+  for (const auto& [key, data] : read_safetensors(golden_model_path(4)).tensors) {
+    const std::string message = error_after([&](SafeTensors& content) { content.tensors.erase(key); });
+    EXPECT_TRUE(contains(message, "tensor " + key)) << key << ": " << message;
+    EXPECT_TRUE(contains(message, "missing")) << message;
+  }
+}
+
+TEST_F(ModelTest, TensorsThatBelongToNoLayerAreNamed) {
+  for (const char* key : {"groups.0.blocks.1.merge.weight", "down.2.bias", "extra", "decode.weight", "rec"}) {
+    const std::string message = error_after([&](SafeTensors& content) {
+      content.tensors[key] = {TensorType::kF32, {1}, {0}};
+    });
+    EXPECT_TRUE(contains(message, fmt::format("tensor {}", key))) << message;
+  }
+}
+
+TEST_F(ModelTest, WrongShapesAreNamed) {
+  for (const char* key : {"rec.weight", "groups.1.blocks.0.dense.2.weight", "fuse.bias", "up.1.weight"}) {
+    const std::string longer = error_after([&](SafeTensors& content) {
+      TensorData& data = content.tensors.at(key);
+      ++data.shape.front();
+      data.values.resize(data.values.size() / (data.shape.front() - 1) * data.shape.front());
+    });
+    EXPECT_TRUE(contains(longer, fmt::format("tensor {} has shape", key))) << longer;
+    const std::string flat = error_after([&](SafeTensors& content) {
+      TensorData& data = content.tensors.at(key);
+      data.shape = {data.values.size(), 1};
+    });
+    EXPECT_TRUE(contains(flat, fmt::format("tensor {} has shape", key))) << flat;
+  }
+}
+
+TEST_F(ModelTest, ValuesThatAreNotFiniteAreNamed) {
+  for (const float bad : {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity()}) {
+    const std::string message =
+        error_after([&](SafeTensors& content) { content.tensors.at("up.1.bias").values.back() = bad; });
+    EXPECT_TRUE(contains(message, "tensor up.1.bias")) << message;
+    EXPECT_TRUE(contains(message, "not finite")) << message;
+  }
+}
+
+TEST_F(ModelTest, HalvesAreRead) {
+  SafeTensors content = read_safetensors(golden_model_path(4));
+  for (auto& [key, data] : content.tensors) data.type = TensorType::kF16;
+  content.tensors.at("rec.weight").values[7] = 0.1f;
+  write_safetensors(file_, content);
+  const Model half(file_);
+  EXPECT_EQ(half.parameters(), Model(golden_model_path(4)).parameters());
+  EXPECT_EQ(half.conv("rec", 3, 5, 3).weight[7], 0x1.998p-4f);  // the half nearest to 0.1
+}
+
+TEST_F(ModelTest, NoSuchFile) { EXPECT_ERROR(Model(folder_ / "absent.safetensors"), "absent.safetensors"); }
+
+}  // namespace
+}  // namespace raymeld::test

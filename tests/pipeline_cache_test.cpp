@@ -1,0 +1,154 @@
+#include "engine/pipeline_cache.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <cstring>
+#include <thread>
+
+#include "gpu.h"
+
+namespace raymeld::test {
+namespace {
+
+class PipelineCacheTest : public GpuTest {
+ protected:
+  // Compiles one pipeline through a cache on disk.
+  void compile(PipelineCache& cache) {
+    Graph graph(Storage::kFloat32);
+    const Tensor in = graph.input("in", {4, 4, 4});
+    pixel_shuffle(graph, "shuffle", in, graph.tensor("out", {8, 8, 1}));
+    graph.plan();
+    Program program(gpu(), graph, cache, 1);
+  }
+
+  // The file that compiling and saving leaves behind.
+  std::filesystem::path save_one() {
+    PipelineCache cache(gpu(), folder_.path());
+    EXPECT_FALSE(cache.loaded());
+    compile(cache);
+    EXPECT_TRUE(cache.save());
+    return cache.file();
+  }
+
+  size_t files() const {
+    return size_t(std::distance(std::filesystem::directory_iterator(folder_.path()), {}));
+  }
+
+  TemporaryDirectory folder_;
+};
+
+TEST_F(PipelineCacheTest, SavedAndLoaded) {
+  const std::filesystem::path file = save_one();
+  EXPECT_EQ(file.parent_path(), folder_.path());
+  EXPECT_EQ(files(), 1u);  // no temporary one is left
+  const std::string content = read_file(file);
+  PipelineCache again(gpu(), folder_.path());
+  EXPECT_TRUE(again.loaded());
+  compile(again);
+  EXPECT_TRUE(again.save());
+  EXPECT_EQ(read_file(file).size(), content.size());
+}
+
+TEST_F(PipelineCacheTest, DamagedFilesAreIgnoredAndReplaced) {
+  const std::filesystem::path file = save_one();
+  const std::string sound = read_file(file);
+  constexpr size_t kHeaderBytes = 24;
+  ASSERT_GE(sound.size(), kHeaderBytes + 32);  // Vulkan's own header takes 32 bytes
+  const auto with = [&](size_t at, char flip) {
+    std::string damaged = sound;
+    damaged[at] = char(damaged[at] ^ flip);
+    return damaged;
+  };
+  const std::string damaged[] = {
+      "",
+      "short",
+      sound.substr(0, kHeaderBytes),
+      sound.substr(0, sound.size() - 1),
+      sound + "x",
+      with(0, 1),                 // raymeld's own mark
+      with(8, 1),                 // the size
+      with(16, 1),                // the checksum
+      with(kHeaderBytes + 8, 1),  // Vulkan's header: another vendor
+      with(sound.size() - 1, 0x40),
+      std::string(5000, '\xff'),
+  };
+  for (const std::string& content : damaged) {
+    SCOPED_TRACE(content.size());
+    write_file(file, content);
+    PipelineCache cache(gpu(), folder_.path());
+    EXPECT_FALSE(cache.loaded());
+    compile(cache);
+    EXPECT_TRUE(cache.save());
+    EXPECT_TRUE(PipelineCache(gpu(), folder_.path()).loaded());
+  }
+}
+
+// A header of another device, with a checksum that is right.
+TEST_F(PipelineCacheTest, ForeignCachesAreIgnored) {
+  const std::filesystem::path file = save_one();
+  std::string content = read_file(file);
+  constexpr size_t kHeaderBytes = 24, kUuid = kHeaderBytes + 16;
+  content[kUuid] = char(content[kUuid] ^ 1);
+  uint64_t hash = 0xcbf29ce484222325;
+  for (size_t i = kHeaderBytes; i < content.size(); ++i) {
+    hash = (hash ^ uint8_t(content[i])) * 0x100000001b3;
+  }
+  std::memcpy(content.data() + 16, &hash, sizeof(hash));
+  write_file(file, content);
+  EXPECT_FALSE(PipelineCache(gpu(), folder_.path()).loaded());
+  content[kUuid] = char(content[kUuid] ^ 1);  // the checksum is for the other device's
+  write_file(file, content);
+  EXPECT_FALSE(PipelineCache(gpu(), folder_.path()).loaded());
+}
+
+TEST_F(PipelineCacheTest, TheLastOfTwoWritersWins) {
+  PipelineCache first(gpu(), folder_.path()), second(gpu(), folder_.path());
+  compile(first);
+  compile(second);
+  EXPECT_TRUE(first.save());
+  EXPECT_TRUE(second.save());
+  EXPECT_EQ(files(), 1u);
+  EXPECT_TRUE(PipelineCache(gpu(), folder_.path()).loaded());
+}
+
+TEST_F(PipelineCacheTest, WritersAtOnceLeaveAWholeFile) {
+  PipelineCache first(gpu(), folder_.path()), second(gpu(), folder_.path());
+  compile(first);
+  compile(second);
+  const auto save_often = [](const PipelineCache& cache) {
+    for (int i = 0; i < 200; ++i) cache.save();
+  };
+  std::thread other([&] { save_often(second); });
+  save_often(first);
+  other.join();
+  EXPECT_TRUE(PipelineCache(gpu(), folder_.path()).loaded());
+  EXPECT_EQ(files(), 1u);
+}
+
+TEST_F(PipelineCacheTest, NowhereToWriteIsNoError) {
+  PipelineCache none(gpu(), {});
+  compile(none);
+  EXPECT_FALSE(none.save());
+  write_file(folder_ / "file", "not a folder");
+  PipelineCache blocked(gpu(), folder_ / "file");
+  compile(blocked);
+  EXPECT_FALSE(blocked.save());
+  EXPECT_EQ(read_file(folder_ / "file"), "not a folder");
+}
+
+TEST(PipelineCacheFolder, FollowsXdg) {
+  setenv("XDG_CACHE_HOME", "/x/cache", 1);
+  setenv("HOME", "/x/home", 1);
+  EXPECT_EQ(PipelineCache::default_folder(), "/x/cache/raymeld");
+  setenv("XDG_CACHE_HOME", "relative", 1);  // invalid by the XDG specification
+  EXPECT_EQ(PipelineCache::default_folder(), "/x/home/.cache/raymeld");
+  unsetenv("XDG_CACHE_HOME");
+  EXPECT_EQ(PipelineCache::default_folder(), "/x/home/.cache/raymeld");
+  unsetenv("HOME");
+  EXPECT_EQ(PipelineCache::default_folder(), "");
+}
+
+}  // namespace
+}  // namespace raymeld::test
