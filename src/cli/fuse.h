@@ -15,7 +15,8 @@ namespace raymeld::cli {
 
 struct FuseArguments {
   std::string lrhs, hrls, output, model, device, reference, preview, before_after, dump;
-  std::string precision = "auto", sampling = "auto", output_type = "auto";
+  Precision precision = Precision::kAuto;
+  std::string sampling = "auto", output_type = "auto";
   std::vector<std::string> map, lrhs_map;
   float exposure_stops = 0;
   uint64_t max_memory_mib = 0;
@@ -52,7 +53,6 @@ struct FuseImages {
 
 FuseImages load_images(FuseFiles& files, Console& console);
 
-// 16 bits where the arguments ask for them or, with "auto", on a GPU that has 16-bit storage.
 FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const DeviceInfo& device);
 
 const char* precision_name(Storage storage);

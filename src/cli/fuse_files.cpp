@@ -62,7 +62,7 @@ bool says_nearest(const Imf::Header& header) {
 
 float find_phase(const std::string& sampling, const ExrFile& lrhs, int scale) {
   const bool nearest = sampling == "nearest" || (sampling == "auto" && says_nearest(lrhs.header()));
-  return nearest ? 0.0f : float(scale - 1) / 2;
+  return lrhs_phase(!nearest, uint32_t(scale));
 }
 
 // Throws Error unless the reference is as large as what it is to be compared with.

@@ -55,9 +55,7 @@ FuseResult run_with(const FuserOptions& options, const FuseArguments& arguments,
 const char* precision_name(Storage storage) { return storage == Storage::kFloat16 ? "fp16" : "fp32"; }
 
 FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const DeviceInfo& device) {
-  const bool half = arguments.precision == "fp16" ||
-                    (arguments.precision == "auto" && device.storage_16bit && !device.is_cpu);
-  return {.storage = half ? Storage::kFloat16 : Storage::kFloat32,
+  return {.storage = storage_for(arguments.precision, device),
           .max_memory_bytes = arguments.max_memory_mib << 20,
           .phase = files.phase,
           .keep_activations = !arguments.dump.empty(),
@@ -68,7 +66,7 @@ FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& file
 FuseResult run_frame(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images,
                      const Device& device, Console& console, WrittenFiles& written) {
   FuserOptions options = fuser_options(arguments, files, device.info());
-  const bool may_repeat = arguments.precision == "auto" && options.storage == Storage::kFloat16;
+  const bool may_repeat = arguments.precision == Precision::kAuto && options.storage == Storage::kFloat16;
   try {
     FuseResult result = run_with(options, arguments, files, images, device, console, written);
     const uint64_t saturated = result.report.status.saturated;

@@ -4,6 +4,9 @@
 namespace raymeld::cli {
 namespace {
 
+const std::map<std::string, Precision> kPrecisions = {
+    {"auto", Precision::kAuto}, {"fp32", Precision::kFp32}, {"fp16", Precision::kFp16}};
+
 void add_files(CLI::App& command, FuseArguments& a) {
   command.add_option("--lrhs", a.lrhs, "The small, many-sample render: OpenEXR with colour")->required();
   command.add_option("--hrls", a.hrls, "The full-size, few-sample render: OpenEXR with the model's layers")
@@ -37,11 +40,11 @@ void add_run(CLI::App& command, FuseArguments& a) {
       "A model's name, a scale such as x4, or a file; without it the scale follows from the sizes");
   command.add_option("--device", a.device, "An index of raymeld devices, a UUID or part of a name");
   command
-      .add_option(
-          "--precision", a.precision,
+      .add_option_function<std::string>(
+          "--precision", [&a](const std::string& name) { a.precision = kPrecisions.at(name); },
           "fp32, fp16 (activations and weights in 16 bits, sums in 32), or auto: fp16 on a GPU that has it")
-      ->check(CLI::IsMember({"fp32", "fp16", "auto"}))
-      ->capture_default_str();
+      ->check(CLI::IsMember({"auto", "fp32", "fp16"}))
+      ->default_str("auto");
   command.add_option("--max-memory", a.max_memory_mib, "Of the device, in MiB; larger frames are tiled")
       ->type_name("MB")
       ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40));

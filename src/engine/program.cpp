@@ -13,7 +13,7 @@ namespace {
 // A watchdog fires after about two seconds; these keep one dispatch near a tenth of one on slow devices of
 // their kind (measured or typical: a few GFLOP/s on CPU drivers, tens on old integrated GPUs).
 double dispatch_limit_flop(const DeviceInfo& info) {
-  if (info.is_cpu) return 5e8;
+  if (info.is_cpu) return 1e8;
   return info.type == "discrete GPU" ? 4e10 : 4e9;
 }
 
