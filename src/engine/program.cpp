@@ -242,8 +242,13 @@ void Program::dispatch(VkCommandBuffer commands, const Pass& pass) const {
   const auto y_step = static_cast<uint32_t>(std::max(1.0, std::ceil(y / y_pieces)));
   for (uint32_t z0 = 0; z0 < z; z0 += z_step) {
     for (uint32_t y0 = 0; y0 < y; y0 += y_step) {
-      device_.vk().CmdDispatchBase(commands, 0, y0, z0, x, std::min(y_step, y - y0),
-                                   std::min(z_step, z - z0));
+      const uint32_t y_count = std::min(y_step, y - y0), z_count = std::min(z_step, z - z0);
+      // Synchronization validation (up to 1.3.239 at least) sees the plain dispatch only.
+      if (y0 == 0 && z0 == 0) {
+        device_.vk().CmdDispatch(commands, x, y_count, z_count);
+      } else {
+        device_.vk().CmdDispatchBase(commands, 0, y0, z0, x, y_count, z_count);
+      }
     }
   }
 }
