@@ -98,6 +98,28 @@ TEST(Validation, MisuseIsReported) {
                                   [](const std::string& m) { return contains(m, "SYNC-HAZARD"); }));
 }
 
+// A graph places no barrier between what it takes for different images; here they are one.
+TEST(Validation, AMissingBarrierBetweenDispatchesIsReported) {
+  const std::unique_ptr<Device> device = Device::create({.selector = {}, .validation = true});
+  Graph graph(Storage::kFloat32);
+  const Tensor in = graph.input("in", {4, 4, 3}), out = graph.tensor("out", {4, 4, 3});
+  decode(graph, "decode", in, {});
+  encode(graph, "encode", FrameSlot::kHrls, out, std::vector(3, ChannelKind::kAlbedo), Transfer::kLinear, 1);
+  graph.plan(false);
+  PipelineCache cache(*device, {});
+  Program program(*device, graph, cache, 1);
+  const FrameImage image(*device, {4, 4, 3}, Memory::kReadback, {});
+  program.bind(0, {FrameBinding{}, image.binding(), image.binding()});
+  Commands pool(*device);
+  const VkCommandBuffer commands = pool.begin("hazard");
+  program.record(commands, 0, 0, 1);
+  EXPECT_TRUE(device->messages().empty()) << device->messages().front();
+  const VkCommandBuffer both = pool.begin("hazard");
+  program.record(both, 0, 0, 2);
+  EXPECT_TRUE(std::ranges::any_of(device->messages(),
+                                  [](const std::string& m) { return contains(m, "READ_AFTER_WRITE"); }));
+}
+
 TEST_F(DeviceTest, AnImpossibleBufferIsAnErrorThatNamesIt) {
   EXPECT_ERROR(Buffer(gpu(), gpu().info().max_allocation_bytes + 4, Memory::kDevice, "the moon"), "the moon",
                "MiB", gpu().info().name);
