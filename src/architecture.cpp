@@ -98,7 +98,7 @@ Architecture parse_architecture(const Metadata& metadata, const std::string& fil
   a.transfer = entries.choice("transfer", "log", "linear") ? Transfer::kLog : Transfer::kLinear;
   a.clip = entries.positive("clip");
   a.bilinear_base = entries.choice("base", "bilinear", "none");
-  if (entries.text("lrhs_sampling") != "nearest") entries.reject("lrhs_sampling", "\"nearest\"");
+  a.lrhs_centered = entries.choice("lrhs_sampling", "centered", "nearest");
   return a;
 }
 

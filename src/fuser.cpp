@@ -4,47 +4,13 @@
 #include <chrono>
 #include <cstring>
 
-#include "network.h"
-
 namespace raymeld {
 namespace {
 
 constexpr uint32_t kHostSet = Fuser::kFramesInFlight;  // the descriptor set of fuse()'s own recordings
 
-Graph build_graph(const Model& model, TileSize tile, const FuserOptions& options) {
-  Graph graph(options.storage);
-  network(graph, model, tile.height, tile.width, options.phase);
-  graph.plan(!options.keep_activations);
-  return graph;
-}
-
-Shape lrhs_shape(TileSize tile) { return {tile.height, tile.width, 3}; }
-
-Shape full_shape(const Model& model, TileSize tile, uint32_t channels) {
-  const uint32_t s = model.architecture().scale;
-  return {s * tile.height, s * tile.width, channels};
-}
-
-uint32_t hrls_channels(const Model& model) {
-  return static_cast<uint32_t>(3 * model.architecture().hrls_layers.size());
-}
-
-uint64_t float_bytes(const Shape& shape) { return shape.pixels() * shape.channels * sizeof(float); }
-
 FrameBuffer dense_view(const Buffer& buffer, const Shape& shape) {
   return {buffer.handle(), 0, 1, shape.width, static_cast<uint32_t>(shape.pixels())};
-}
-
-FusePlan describe(const Graph& graph, const Model& model, const Tiling& tiling) {
-  FusePlan plan;
-  plan.tiling = tiling;
-  plan.constant_bytes = graph.constant_bytes();
-  plan.activation_bytes = graph.activation_bytes();
-  plan.unaliased_bytes = graph.unaliased_bytes();
-  plan.frame_bytes = float_bytes(lrhs_shape(tiling.tile)) +
-                     float_bytes(full_shape(model, tiling.tile, hrls_channels(model) + 3)) + sizeof(Status);
-  for (const Pass& pass : graph.passes()) plan.flop += pass.flop * tiling.count();
-  return plan;
 }
 
 void copy_rows(const float* from, size_t from_stride, float* to, size_t to_stride, uint32_t width,
@@ -55,43 +21,6 @@ void copy_rows(const float* from, size_t from_stride, float* to, size_t to_strid
 }
 
 }  // namespace
-
-Storage storage_for(Precision precision, const DeviceInfo& device) {
-  const bool half = precision == Precision::kFp16 ||
-                    (precision == Precision::kAuto && !device.is_cpu && device.storage_16bit);
-  return half ? Storage::kFloat16 : Storage::kFloat32;
-}
-
-float lrhs_phase(bool centered, uint32_t scale) {
-  return centered ? (static_cast<float>(scale) - 1.0f) / 2.0f : 0.0f;
-}
-
-FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const DeviceInfo& device,
-                     const FuserOptions& options) {
-  // A driver that tells no budget still shares its heap with others.
-  const uint64_t most_bytes =
-      options.max_memory_bytes ? options.max_memory_bytes : device.memory_bytes / 5 * 4;
-  const TileSize frame{height, width};
-  uint64_t needed_bytes = 0;
-  const auto fits = [&](TileSize tile) {
-    const Graph graph = build_graph(model, tile, options);
-    const FusePlan plan = describe(graph, model, make_tiling(tile, 1, 1, 0));
-    needed_bytes = plan.peak_bytes();
-    const uint64_t frame_image_bytes = float_bytes(full_shape(model, tile, hrls_channels(model)));
-    return plan.peak_bytes() <= most_bytes && plan.activation_bytes <= device.max_allocation_bytes &&
-           std::max(graph.largest_binding_bytes(), frame_image_bytes) <= device.max_storage_range_bytes;
-  };
-  const Tiling tiling = choose_tiling(frame, receptive_halo(model.architecture()), fits);
-  if (tiling.count() == 0) {
-    throw Error("model {}: even the smallest tile needs {:.1f} MiB, more than the {:.1f} MiB allowed",
-                model.name(), needed_bytes / 1048576.0, most_bytes / 1048576.0);
-  }
-  if (options.keep_activations && tiling.count() > 1) {
-    throw Error("keeping every layer's output needs the frame in one tile, which takes more than {:.1f} MiB",
-                most_bytes / 1048576.0);
-  }
-  return describe(build_graph(model, tiling.tile, options), model, tiling);
-}
 
 Fuser::Fuser(const Device& device, const Model& model, uint32_t height, uint32_t width,
              const FuserOptions& options, const std::filesystem::path& cache_folder)
@@ -120,10 +49,8 @@ uint64_t Fuser::allocated_bytes() const {
 
 FrameBindings Fuser::bindings(const FrameBuffer& lrhs, const FrameBuffer& hrls,
                               const FrameBuffer& fused) const {
-  const TileSize tile = plan_.tiling.tile;
-  return {FrameBinding{lrhs, lrhs_shape(tile)},
-          FrameBinding{hrls, full_shape(model_, tile, hrls_channels(model_))},
-          FrameBinding{fused, full_shape(model_, tile, 3)}};
+  const auto shapes = frame_shapes(model_, plan_.tiling.tile);
+  return {FrameBinding{lrhs, shapes[0]}, FrameBinding{hrls, shapes[1]}, FrameBinding{fused, shapes[2]}};
 }
 
 void Fuser::record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
@@ -135,22 +62,25 @@ void Fuser::record(VkCommandBuffer commands, const FrameBuffer& lrhs, const Fram
 
 void Fuser::prepare_host() {
   if (host_) return;
-  host_.emplace(device_);
-  const TileSize tile = plan_.tiling.tile;
-  const Shape lrhs = lrhs_shape(tile), hrls = full_shape(model_, tile, hrls_channels(model_));
-  const Shape fused = full_shape(model_, tile, 3);
-  host_->lrhs = Buffer(device_, float_bytes(lrhs), Memory::kUpload, "lrhs");
-  host_->hrls = Buffer(device_, float_bytes(hrls), Memory::kUpload, "hrls");
-  host_->fused = Buffer(device_, float_bytes(fused), Memory::kReadback, "fused");
-  program_.bind(kHostSet, bindings(dense_view(host_->lrhs, lrhs), dense_view(host_->hrls, hrls),
-                                   dense_view(host_->fused, fused)));
-  const VulkanFunctions& vk = device_.vk();
+  auto host = std::make_unique<Host>(device_);
+  const auto shapes = frame_shapes(model_, plan_.tiling.tile);
+  host->lrhs = Buffer(device_, frame_bytes(shapes[0]), Memory::kUpload, "lrhs");
+  host->hrls = Buffer(device_, frame_bytes(shapes[1]), Memory::kUpload, "hrls");
+  host->fused = Buffer(device_, frame_bytes(shapes[2]), Memory::kReadback, "fused");
+  program_.bind(kHostSet, bindings(dense_view(host->lrhs, shapes[0]), dense_view(host->hrls, shapes[1]),
+                                   dense_view(host->fused, shapes[2])));
   if (options_.profile) {
     auto info = vk_struct<VkQueryPoolCreateInfo>(VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO);
     info.queryType = VK_QUERY_TYPE_TIMESTAMP;
     info.queryCount = static_cast<uint32_t>(graph_.passes().size()) + 1;
-    check(vk.CreateQueryPool(device_.handle(), &info, nullptr, &host_->queries), "creating a query pool");
+    check(device_.vk().CreateQueryPool(device_.handle(), &info, nullptr, &host->queries),
+          "creating a query pool");
   }
+  record_chunks(*host);
+  host_ = std::move(host);
+}
+
+void Fuser::record_chunks(Host& host) const {
   const auto passes = graph_.passes();
   for (size_t first = 0; first < passes.size();) {
     double work = passes[first].flop + passes[first].bytes;
@@ -160,19 +90,23 @@ void Fuser::prepare_host() {
       work += passes[last].flop + passes[last].bytes;
       ++last;
     }
-    VkCommandBuffer commands = host_->pool.begin(fmt::format("passes {} to {}", first, last - 1));
-    program_.record(commands, kHostSet, first, last, host_->queries);
+    VkCommandBuffer commands = host.pool.begin(fmt::format("passes {} to {}", first, last - 1));
+    program_.record(commands, kHostSet, first, last, host.queries);
     if (last == passes.size()) {
       auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
       barrier.srcAccessMask = VK_ACCESS_SHADER_WRITE_BIT;
       barrier.dstAccessMask = VK_ACCESS_HOST_READ_BIT;
-      vk.CmdPipelineBarrier(commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_PIPELINE_STAGE_HOST_BIT, 0, 1,
-                            &barrier, 0, nullptr, 0, nullptr);
+      device_.vk().CmdPipelineBarrier(commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT,
+                                      VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &barrier, 0, nullptr, 0, nullptr);
     }
-    host_->pool.end(commands);
-    host_->chunks.push_back(commands);
+    host.pool.end(commands);
+    host.chunks.push_back(commands);
     first = last;
   }
+}
+
+uint32_t Fuser::hrls_channels() const {
+  return static_cast<uint32_t>(3 * model_.architecture().hrls_layers.size());
 }
 
 void Fuser::check_sizes(const Image& lrhs, const Image& hrls) const {
@@ -186,9 +120,9 @@ void Fuser::check_sizes(const Image& lrhs, const Image& hrls) const {
     throw Error("LRHS is {}x{} with {} channels, expected {}x{} with 3", lrhs.width, lrhs.height,
                 lrhs.channels, width, height);
   }
-  if (!is(hrls, s * height, s * width, hrls_channels(model_))) {
+  if (!is(hrls, s * height, s * width, hrls_channels())) {
     throw Error("HRLS is {}x{} with {} channels, expected {}x{} with {}", hrls.width, hrls.height,
-                hrls.channels, s * width, s * height, hrls_channels(model_));
+                hrls.channels, s * width, s * height, hrls_channels());
   }
 }
 
@@ -238,7 +172,7 @@ void Fuser::upload(const float* lrhs, const float* hrls, const Tile& at) {
               lrhs_out + c * tile_plane, tile.width, tile.width, tile.height);
   }
   auto* hrls_out = static_cast<float*>(host_->hrls.mapped());
-  for (size_t c = 0; c < hrls_channels(model_); ++c) {
+  for (size_t c = 0; c < hrls_channels(); ++c) {
     copy_rows(hrls + s * s * c * frame_plane + s * at.y * s * frame.width + s * at.x, s * frame.width,
               hrls_out + s * s * c * tile_plane, s * tile.width, s * tile.width, s * tile.height);
   }

@@ -9,47 +9,9 @@
 #include "engine/commands.h"
 #include "engine/program.h"
 #include "io/image.h"
-#include "model.h"
-#include "raymeld/raymeld.hpp"
-#include "tiling.h"
+#include "plan.h"
 
 namespace raymeld {
-
-// What a wish for a precision means on a device: kAuto takes 16-bit storage on GPUs that have it, 32 bits on
-// CPUs, where converting costs more than it saves.
-Storage storage_for(Precision precision, const DeviceInfo& device);
-
-// Where LRHS samples lie in their s x s cell, in full-size pixels: 0 for nearest-neighbour degradation (the
-// top-left pixel), (s - 1) / 2 for a real low-resolution render.
-float lrhs_phase(bool centered, uint32_t scale);
-
-struct FuserOptions {
-  Storage storage = Storage::kFloat32;
-  // What all of raymeld's buffers on the device may take together; 0: what the device has to give.
-  uint64_t max_memory_bytes = 0;
-  float phase = 0;  // see lrhs_phase()
-  // Keeps every layer's output readable after a frame; needs the memory of all and a frame of one tile.
-  bool keep_activations = false;
-  // Measures every pass; the frame is slower, as passes no longer overlap.
-  bool profile = false;
-};
-
-// How a frame will be run, before anything is allocated.
-struct FusePlan {
-  Tiling tiling;
-  uint64_t constant_bytes = 0;
-  uint64_t activation_bytes = 0;
-  uint64_t unaliased_bytes = 0;  // what the activations would take without sharing memory
-  uint64_t frame_bytes = 0;      // the images on their way in and out of fuse()
-  double flop = 0;               // of the whole frame, halos included
-
-  uint64_t peak_bytes() const { return constant_bytes + activation_bytes + frame_bytes; }
-};
-
-// Plans frames of (height, width) LRHS pixels for a device. Throws Error when not even the smallest tile
-// fits.
-FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const DeviceInfo& device,
-                     const FuserOptions& options);
 
 struct PassTime {
   std::string name;
@@ -116,7 +78,9 @@ class Fuser {
 
   void check_sizes(const Image& lrhs, const Image& hrls) const;
   FrameBindings bindings(const FrameBuffer& lrhs, const FrameBuffer& hrls, const FrameBuffer& fused) const;
+  uint32_t hrls_channels() const;
   void prepare_host();
+  void record_chunks(Host& host) const;
   void upload(const float* lrhs, const float* hrls, const Tile& at);
   void download(float* fused, const Tile& at);
   void add_pass_times(FuseReport& report) const;
@@ -129,7 +93,7 @@ class Fuser {
   Graph graph_;
   Program program_;
   uint32_t next_set_ = 0;
-  std::optional<Host> host_;
+  std::unique_ptr<Host> host_;
 };
 
 }  // namespace raymeld

@@ -25,6 +25,7 @@ struct Architecture {
   bool merge_relu = false;  // a ReLU after a block's 1x1
   Transfer transfer = Transfer::kLinear;
   float clip = 0;              // of radiance, scene linear
+  bool lrhs_centered = false;  // trained on LRHS samples in the centre of their cell, not its top-left pixel
   bool bilinear_base = false;  // the output is a residual over the bilinearly upsampled LRHS
 
   uint32_t levels() const;  // log2(scale)

@@ -25,6 +25,7 @@ struct DeviceInfo {
   uint64_t max_storage_range_bytes = 0;  // of one binding
   uint64_t max_allocation_bytes = 0;
   uint32_t storage_alignment_bytes = 0;  // of a binding's offset
+  std::array<uint32_t, 3> max_groups{};  // workgroups of one dispatch
   uint32_t subgroup_size = 0;
   double timestamp_period_ns = 0;  // 0: no timestamps on compute queues
   bool is_cpu = false;

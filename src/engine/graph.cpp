@@ -134,6 +134,14 @@ uint64_t Graph::largest_binding_bytes() const {
   return largest;
 }
 
+std::array<uint32_t, 3> Graph::most_groups() const {
+  std::array<uint32_t, 3> most{};
+  for (const Pass& pass : passes_) {
+    for (size_t axis = 0; axis < 3; ++axis) most[axis] = std::max(most[axis], pass.groups[axis]);
+  }
+  return most;
+}
+
 uint64_t Graph::offset_bytes(const Tensor& tensor) const {
   const uint64_t plane_bytes = plane_stride(tensor.shape.pixels(), storage_) * element_bytes(storage_);
   return tensors_.at(tensor.id).offset_bytes + tensor.channel_offset * plane_bytes;

@@ -19,6 +19,12 @@ namespace raymeld {
 enum class FrameSlot : uint32_t { kLrhs, kHrls, kFused };
 inline constexpr uint32_t kFrameSlots = 3;
 
+// What the device counted while a frame ran.
+struct Status {
+  uint32_t saturated = 0;   // values beyond 65504 that were stored in 16 bits as +-65504
+  uint32_t not_finite = 0;  // output values that were NaN or infinite, written as 0
+};
+
 enum class Access { kRead, kWrite };
 
 // One storage buffer binding of a pass.
@@ -108,6 +114,9 @@ class Graph {
   uint64_t constant_bytes() const { return constant_bytes_; }
   // The largest range that one binding of a tensor or constant spans.
   uint64_t largest_binding_bytes() const;
+
+  // The most workgroups that a dispatch has along x, y and z.
+  std::array<uint32_t, 3> most_groups() const;
 
   // Where a run of channels lies in the activation block, after plan().
   uint64_t offset_bytes(const Tensor& tensor) const;

@@ -197,6 +197,7 @@ DeviceInfo describe(const VulkanFunctions& vk, VkPhysicalDevice device, uint32_t
   info.memory_bytes = device_memory_bytes(vk, device);
   info.max_storage_range_bytes = properties.limits.maxStorageBufferRange;
   info.max_allocation_bytes = limits.maxMemoryAllocationSize;
+  std::copy_n(properties.limits.maxComputeWorkGroupCount, 3, info.max_groups.begin());
   info.storage_alignment_bytes = static_cast<uint32_t>(properties.limits.minStorageBufferOffsetAlignment);
   info.subgroup_size = subgroup.subgroupSize;
   info.timestamp_period_ns =

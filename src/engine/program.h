@@ -19,12 +19,6 @@ struct FrameBinding {
 // The images of one frame, by FrameSlot.
 using FrameBindings = std::array<FrameBinding, kFrameSlots>;
 
-// What the device counted while a frame ran.
-struct Status {
-  uint32_t saturated = 0;   // values beyond 65504 that were stored in 16 bits as +-65504
-  uint32_t not_finite = 0;  // output values that were NaN or infinite, written as 0
-};
-
 class Program {
  public:
   // Allocates the constants, the activations and the status, packs and uploads the constants, compiles the
@@ -54,8 +48,8 @@ class Program {
   Status status() const;
   void reset_status();
 
-  // Copies a tensor (c, y, x, dense) from or to the host, rounding to the storage type. The device must be idle;
-  // what other tensors have since overwritten is lost, unless the graph was planned without aliasing.
+  // Copies a tensor (c, y, x, dense) from or to the host, rounding to the storage type. The device must be
+  // idle; what other tensors have since overwritten is lost, unless the graph was planned without aliasing.
   void write(const Tensor& tensor, std::span<const float> values);
   std::vector<float> read(const Tensor& tensor) const;
 

@@ -1,0 +1,101 @@
+#include "plan.h"
+
+#include <algorithm>
+#include <optional>
+
+#include "network.h"
+
+namespace raymeld {
+namespace {
+
+constexpr double kMebibyte = 1048576;
+
+FusePlan describe(const Graph& graph, const Model& model, const Tiling& tiling) {
+  FusePlan plan;
+  plan.tiling = tiling;
+  plan.constant_bytes = graph.constant_bytes();
+  plan.activation_bytes = graph.activation_bytes();
+  plan.unaliased_bytes = graph.unaliased_bytes();
+  plan.frame_bytes = sizeof(Status);
+  for (const Shape& shape : frame_shapes(model, tiling.tile)) plan.frame_bytes += frame_bytes(shape);
+  for (const Pass& pass : graph.passes()) plan.flop += pass.flop * tiling.count();
+  return plan;
+}
+
+// Why a tile cannot run; nothing when it can.
+std::optional<std::string> obstacle(const Graph& graph, const Model& model, TileSize tile,
+                                    const DeviceInfo& device, uint64_t most_bytes) {
+  const FusePlan plan = describe(graph, model, make_tiling(tile, 1, 1, 0));
+  uint64_t binding_bytes = graph.largest_binding_bytes();
+  for (const Shape& shape : frame_shapes(model, tile))
+    binding_bytes = std::max(binding_bytes, frame_bytes(shape));
+  const auto beyond = [](const char* what, uint64_t needed, uint64_t allowed, const char* whose) {
+    return fmt::format("{} {:.1f} MiB, more than the {:.1f} MiB {}", what, double(needed) / kMebibyte,
+                       double(allowed) / kMebibyte, whose);
+  };
+  if (plan.peak_bytes() > most_bytes) return beyond("it needs", plan.peak_bytes(), most_bytes, "allowed");
+  if (plan.activation_bytes > device.max_allocation_bytes) {
+    return beyond("its activations need", plan.activation_bytes, device.max_allocation_bytes,
+                  "that the device allocates at once");
+  }
+  if (binding_bytes > device.max_storage_range_bytes) {
+    return beyond("a layer needs", binding_bytes, device.max_storage_range_bytes,
+                  "that the device binds at once");
+  }
+  const auto groups = graph.most_groups();
+  for (size_t axis = 0; axis < 3; ++axis) {
+    if (groups[axis] > device.max_groups[axis]) {
+      return fmt::format("a layer needs {} workgroups along {}, more than the device's {}", groups[axis],
+                         "xyz"[axis], device.max_groups[axis]);
+    }
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+Storage storage_for(Precision precision, const DeviceInfo& device) {
+  const bool half = precision == Precision::kFp16 ||
+                    (precision == Precision::kAuto && !device.is_cpu && device.storage_16bit);
+  return half ? Storage::kFloat16 : Storage::kFloat32;
+}
+
+float lrhs_phase(bool centered, uint32_t scale) {
+  return centered ? (static_cast<float>(scale) - 1.0f) / 2.0f : 0.0f;
+}
+
+Graph build_graph(const Model& model, TileSize tile, const FuserOptions& options) {
+  Graph graph(options.storage);
+  network(graph, model, tile.height, tile.width, options.phase);
+  graph.plan(!options.keep_activations);
+  return graph;
+}
+
+std::array<Shape, kFrameSlots> frame_shapes(const Model& model, TileSize tile) {
+  const Architecture& a = model.architecture();
+  const uint32_t height = a.scale * tile.height, width = a.scale * tile.width;
+  return {Shape{tile.height, tile.width, 3},
+          Shape{height, width, static_cast<uint32_t>(3 * a.hrls_layers.size())}, Shape{height, width, 3}};
+}
+
+uint64_t frame_bytes(const Shape& shape) { return shape.pixels() * shape.channels * sizeof(float); }
+
+FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const DeviceInfo& device,
+                     const FuserOptions& options) {
+  // A driver that tells no budget still shares its heap with others.
+  const uint64_t most_bytes =
+      options.max_memory_bytes ? options.max_memory_bytes : device.memory_bytes / 5 * 4;
+  std::optional<std::string> reason;
+  const auto fits = [&](TileSize tile) {
+    reason = obstacle(build_graph(model, tile, options), model, tile, device, most_bytes);
+    // Every layer's output stays readable in a frame of one tile only.
+    if (reason && options.keep_activations)
+      throw Error("keeping every layer's output takes one tile: {}", *reason);
+    return !reason;
+  };
+  const Tiling tiling = choose_tiling({height, width}, receptive_halo(model.architecture()), fits);
+  if (tiling.count() == 0) throw Error("model {}: the smallest tile does not fit: {}", model.name(), *reason);
+  return describe(build_graph(model, tiling.tile, options), model, tiling);
+}
+
+}  // namespace raymeld

@@ -1,0 +1,56 @@
+// How a frame will be run: the graph of a tile, and as few tiles as memory and the device's limits allow.
+#pragma once
+
+#include "engine/device.h"
+#include "engine/graph.h"
+#include "model.h"
+#include "raymeld/raymeld.hpp"
+#include "tiling.h"
+
+namespace raymeld {
+
+// What a wish for a precision means on a device: kAuto takes 16-bit storage on GPUs that have it, 32 bits on
+// CPUs, where converting costs more than it saves.
+Storage storage_for(Precision precision, const DeviceInfo& device);
+
+// Where LRHS samples lie in their s x s cell, in full-size pixels: 0 for nearest-neighbour degradation (the
+// top-left pixel), (s - 1) / 2 for a real low-resolution render.
+float lrhs_phase(bool centered, uint32_t scale);
+
+struct FuserOptions {
+  Storage storage = Storage::kFloat32;
+  // What all of raymeld's buffers on the device may take together; 0: what the device has to give.
+  uint64_t max_memory_bytes = 0;
+  float phase = 0;  // see lrhs_phase()
+  // Keeps every layer's output readable after a frame; needs the memory of all and a frame of one tile.
+  bool keep_activations = false;
+  // Measures every pass; the frame is slower, as passes no longer overlap.
+  bool profile = false;
+};
+
+// How a frame will be run, before anything is allocated.
+struct FusePlan {
+  Tiling tiling;
+  uint64_t constant_bytes = 0;
+  uint64_t activation_bytes = 0;
+  uint64_t unaliased_bytes = 0;  // what the activations would take without sharing memory
+  uint64_t frame_bytes = 0;      // the images on their way in and out of fuse()
+  double flop = 0;               // of the whole frame, halos included
+
+  uint64_t peak_bytes() const { return constant_bytes + activation_bytes + frame_bytes; }
+};
+
+// Plans frames of (height, width) LRHS pixels for a device. Throws Error when not even the smallest tile
+// fits.
+FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const DeviceInfo& device,
+                     const FuserOptions& options);
+
+// The planned graph of one tile.
+Graph build_graph(const Model& model, TileSize tile, const FuserOptions& options);
+
+// The images of a tile, as frames bring and take them: LRHS, HRLS, fused.
+std::array<Shape, kFrameSlots> frame_shapes(const Model& model, TileSize tile);
+
+uint64_t frame_bytes(const Shape& shape);
+
+}  // namespace raymeld
