@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 
 #include "io/safetensors.h"
 #include "network.h"
@@ -27,11 +28,10 @@ Model::Model(const std::filesystem::path& file) : file_(file.string()) {
 void Model::check_tensors() const {
   Graph graph(Storage::kFloat32);
   network(graph, *this, 1, 1, 0);
-  const size_t expected = graph.constants().size() - 2;  // less the two tables of the encoders
-  if (tensors_.size() == expected) return;
+  std::set<std::string> used;
+  for (const ConstantRecord& constant : graph.constants()) used.insert(constant.name);
   for (const auto& [key, values] : tensors_) {
-    const auto& constants = graph.constants();
-    if (std::none_of(constants.begin(), constants.end(), [&](const auto& c) { return c.name == key; })) {
+    if (!used.contains(key)) {
       throw Error("model {}: tensor {} belongs to no layer of the network that the metadata describes", file_,
                   key);
     }

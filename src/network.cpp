@@ -52,7 +52,9 @@ struct Builder {
         std::vector<Tensor> residuals{block_input};
         if (last_of_group) residuals.push_back(group_input);
         if (last) residuals.push_back(a.long_skip == LongSkip::kLrhs ? f_lrhs : f_0);
-        const Tensor next = last ? tensor("trunk", height, width, a.features) : block_features(g, b + 1);
+        const Tensor next = last            ? tensor("trunk", height, width, a.features)
+                            : last_of_group ? block_features(g + 1, 0)
+                                            : block_features(g, b + 1);
         conv(name + ".merge", features, next.slice(0, a.features),
              {.kernel = 1, .relu = a.merge_relu, .residuals = residuals});
         features = next;
@@ -62,7 +64,7 @@ struct Builder {
   }
 
   Tensor block_features(uint32_t g, uint32_t b) {
-    const std::string name = fmt::format("groups.{}.blocks.{}.features", g + b / a.blocks, b % a.blocks);
+    const std::string name = fmt::format("groups.{}.blocks.{}.features", g, b);
     return tensor(name, lrhs_height, lrhs_width, a.features + a.dense_layers * a.growth);
   }
 

@@ -9,9 +9,14 @@ FuserOptions fuser_options(const FusionOptions& options, const DeviceInfo& devic
   FuserOptions result;
   result.storage = storage_for(options.precision, device);
   result.max_memory_bytes = options.max_memory_bytes;
-  result.phase = lrhs_phase(options.lrhs_centered, model.architecture().scale);
+  const bool centered = options.lrhs_sampling == LrhsSampling::kModel
+                            ? model.architecture().lrhs_centered
+                            : options.lrhs_sampling == LrhsSampling::kCentered;
+  result.phase = lrhs_phase(centered, model.architecture().scale);
   return result;
 }
+
+FusionStatus to_public(const Status& status) { return {status.saturated, status.not_finite}; }
 
 }  // namespace
 
@@ -54,8 +59,16 @@ void Fusion::record(VkCommandBuffer commands, const FrameBuffer& lrhs, const Fra
   state_->fuser.record(commands, lrhs, hrls, fused);
 }
 
-void Fusion::fuse(const float* lrhs, const float* hrls, float* fused) {
-  state_->fuser.fuse(lrhs, hrls, fused);
+FusionStatus Fusion::fuse(const float* lrhs, const float* hrls, float* fused) {
+  const FusionStatus status = to_public(state_->fuser.fuse(lrhs, hrls, fused).status);
+  state_->fuser.program().reset_status();
+  return status;
+}
+
+FusionStatus Fusion::take_status() {
+  const FusionStatus status = to_public(state_->fuser.program().status());
+  state_->fuser.program().reset_status();
+  return status;
 }
 
 }  // namespace raymeld

@@ -18,13 +18,24 @@ enum class Precision {
   kFp16,  // 16-bit storage, 32-bit sums; an error on a device without 16-bit storage
 };
 
+// Where LRHS samples lie in the s x s full-size pixels they stand for.
+enum class LrhsSampling {
+  kModel,     // as in the images that the model was trained on
+  kNearest,   // the top-left pixel: LRHS is every s-th pixel of a full-size render
+  kCentered,  // the centre: LRHS is a render at low resolution
+};
+
+// What the device counted; all zero for a frame that can be trusted.
+struct FusionStatus {
+  uint32_t saturated = 0;   // with fp16: values within the network beyond 65504, stored as +-65504; use fp32
+  uint32_t not_finite = 0;  // output values that were NaN or infinite, written as 0
+};
+
 struct FusionOptions {
   Precision precision = Precision::kAuto;
   uint64_t max_memory_bytes =
       0;  // of all buffers raymeld makes on the device; 0: what the device has to give
-  // Whether LRHS is a render at low resolution, its samples in the centre of their s x s cell, rather than
-  // every s-th pixel of a full-size render, the top-left one of each cell.
-  bool lrhs_centered = true;
+  LrhsSampling lrhs_sampling = LrhsSampling::kModel;
   std::string device;  // index, UUID or part of the name; empty: the first GPU, else a CPU driver
 };
 
@@ -62,7 +73,11 @@ class Fusion {
 
   // Fuses one frame of host memory, planar and dense: lrhs (3, h, w), hrls (3 layers, s h, s w), fused (3, s
   // h, s w). Tiles as needed, submits to the device's queue and waits.
-  void fuse(const float* lrhs, const float* hrls, float* fused);
+  // Throws when the output is not finite.
+  FusionStatus fuse(const float* lrhs, const float* hrls, float* fused);
+
+  // Counts since the last call or the last fuse(); call it when the recorded frames are done.
+  FusionStatus take_status();
 
  private:
   struct State;
