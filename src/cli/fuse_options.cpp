@@ -25,7 +25,7 @@ void add_files(CLI::App& command, FuseArguments& a) {
   command
       .add_option("--lrhs-sampling", a.sampling,
                   "Where LRHS samples lie: nearest (every scale-th pixel, as degrade makes it), centered (a "
-                  "real low-resolution render), auto (what the file says, else centered)")
+                  "real low-resolution render), auto (what the file says, else as the model was trained)")
       ->check(CLI::IsMember({"auto", "nearest", "centered"}))
       ->capture_default_str();
   command.add_option("--output-type", a.output_type, "half, float, or auto: as the HRLS colour")
