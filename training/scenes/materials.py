@@ -139,7 +139,8 @@ def light_emitter(rng, strength):
 
 def refinish(objects, rng):
     """Varies how imported materials reflect: as found, glossy, rough, metal or glass; textures stay."""
-    for material in {m for o in objects if o.type == "MESH" for m in o.data.materials if m}:
+    # A dict, as a set's order of Blender objects, and with it every later draw, changes from run to run.
+    for material in dict.fromkeys(m for o in objects if o.type == "MESH" for m in o.data.materials if m):
         shader = material.use_nodes and material.node_tree.nodes.get("Principled BSDF")
         if not shader:
             continue
