@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <set>
 
@@ -28,6 +29,24 @@ inline Image random_image(const std::vector<std::string>& names, int width, int 
   image.data = floats(random_planes(image.channels, height, width, Fill::kUniform, seed));
   for (float& value : image.data) value = 0.5f * value + 0.5f;
   return image;
+}
+
+// The (C, height, width) part of `image` whose top-left pixel is (x, y).
+inline Image crop(const Image& image, int x, int y, int width, int height) {
+  Image part(width, height, image.channels);
+  for (int c = 0; c < image.channels; ++c)
+    for (int row = 0; row < height; ++row)
+      std::copy_n(&image.plane(c)[(y + row) * image.width + x], width, &part.at(c, row, 0));
+  return part;
+}
+
+// (C, s*h, s*w) -> (C, h, w): the top-left pixel of each s x s cell (Hou et al. 2021, section 3.3).
+inline Image degrade_nearest(const Image& image, int scale) {
+  Image low(image.width / scale, image.height / scale, image.channels);
+  for (int c = 0; c < low.channels; ++c)
+    for (int y = 0; y < low.height; ++y)
+      for (int x = 0; x < low.width; ++x) low.at(c, y, x) = image.at(c, y * scale, x * scale);
+  return low;
 }
 
 inline void write_image(const std::filesystem::path& path, const std::vector<std::string>& names,

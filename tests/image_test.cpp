@@ -32,21 +32,6 @@ TEST(Image, RefusesEmptySizes) {
   EXPECT_ERROR(Image(4, -1, 3), "4 x -1");
 }
 
-TEST(Image, Crop) {
-  const Image part = crop(ramp(5, 4, 2), 2, 1, 2, 3);
-  EXPECT_EQ(part.data, (std::vector<float>{12, 13, 22, 23, 32, 33, 112, 113, 122, 123, 132, 133}));
-  EXPECT_ERROR(crop(ramp(5, 4, 1), 3, 0, 3, 1), "3 x 1 at (3, 0)", "5 x 4");
-  EXPECT_ERROR(crop(ramp(5, 4, 1), -1, 0, 2, 1), "(-1, 0)");
-}
-
-TEST(Image, DegradeTakesTheTopLeftPixelOfEachCell) {
-  const Image low = degrade_nearest(ramp(4, 6, 2), 2);
-  EXPECT_EQ(low.width, 2);
-  EXPECT_EQ(low.height, 3);
-  EXPECT_EQ(low.data, (std::vector<float>{0, 2, 20, 22, 40, 42, 100, 102, 120, 122, 140, 142}));
-  EXPECT_ERROR(degrade_nearest(ramp(5, 6, 1), 2), "5 x 6", "by 2");
-}
-
 // Keys' kernel with a = -0.5 keeps straight lines straight wherever its four samples are.
 TEST(Image, BicubicKeepsALinearRampForBothPhases) {
   const Image low = ramp(8, 7, 2);

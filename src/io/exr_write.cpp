@@ -18,8 +18,6 @@
 namespace raymeld {
 namespace {
 
-constexpr float kLargestHalf = 65504.0f;
-
 // Describe the source's storage or a picture of its own, not the output's.
 constexpr std::array<std::string_view, 10> kNeverCopied = {
     "channels", "chunkCount", "compression", "lineOrder", "maxSamplesPerPixel",

@@ -10,8 +10,6 @@
 namespace raymeld {
 namespace {
 
-constexpr float kLargestHalf = 65504.0f;
-
 // Which four samples of a row of `size` one output reads, and their weights.
 struct CubicTaps {
   std::array<int, 4> index;
@@ -68,18 +66,6 @@ Image::Image(int width, int height, int channels) : width(width), height(height)
   data.resize(plane_size() * size_t(channels));
 }
 
-Image crop(const Image& image, int x, int y, int width, int height) {
-  if (x < 0 || y < 0 || width <= 0 || height <= 0 || width > image.width - x || height > image.height - y)
-    throw Error("cannot crop {} x {} at ({}, {}) out of an image of {} x {}", width, height, x, y,
-                image.width, image.height);
-  Image part(width, height, image.channels);
-  for (int c = 0; c < image.channels; ++c)
-    for (int row = 0; row < height; ++row)
-      std::copy_n(image.plane(c) + size_t(y + row) * size_t(image.width) + size_t(x), width,
-                  part.plane(c) + size_t(row) * size_t(width));
-  return part;
-}
-
 Image upsample_bicubic(const Image& image, int scale, float phase) {
   if (scale < 1) throw Error("cannot upsample by {}: the scale must be at least 1", scale);
   const std::vector<CubicTaps> columns = all_taps(image.width, scale, phase);
@@ -95,17 +81,6 @@ Image upsample_bicubic(const Image& image, int scale, float phase) {
         result.at(c, y, x) = blend(rows[y], [&](int from) { return wide.at(c, from, x); });
   }
   return result;
-}
-
-Image degrade_nearest(const Image& image, int scale) {
-  if (scale < 1 || image.width % scale != 0 || image.height % scale != 0)
-    throw Error("cannot degrade {} x {} by {}: the size must be a multiple of the scale", image.width,
-                image.height, scale);
-  Image low(image.width / scale, image.height / scale, image.channels);
-  for (int c = 0; c < low.channels; ++c)
-    for (int y = 0; y < low.height; ++y)
-      for (int x = 0; x < low.width; ++x) low.at(c, y, x) = image.at(c, y * scale, x * scale);
-  return low;
 }
 
 float linear_to_srgb(float linear) {

@@ -5,6 +5,8 @@
 
 namespace raymeld {
 
+inline constexpr float kLargestHalf = 65504.0f;
+
 // A picture of 32-bit floats, planar and channel-major: (C, H, W), rows from top to bottom.
 struct Image {
   int width = 0;
@@ -23,18 +25,10 @@ struct Image {
   float at(int c, int y, int x) const { return plane(c)[size_t(y) * size_t(width) + size_t(x)]; }
 };
 
-// The (C, height, width) part of `image` whose top-left pixel is (x, y). Throws Error when it reaches
-// outside.
-Image crop(const Image& image, int x, int y, int width, int height);
-
 // (C, h, w) -> (C, s*h, s*w) by cubic convolution (Keys 1981, a = -0.5, which is Catmull-Rom), edges
 // replicated. Output pixel X reads u = (X - phase) / s: phase 0 for nearest-neighbour LRHS, whose samples sit
 // at the top-left pixel of their s x s cell, and (s - 1) / 2 for a real low-resolution render.
 Image upsample_bicubic(const Image& image, int scale, float phase);
-
-// (C, s*h, s*w) -> (C, h, w): the top-left pixel of each s x s cell (Hou et al. 2021, section 3.3).
-// Throws Error when the size is no multiple of `scale`.
-Image degrade_nearest(const Image& image, int scale);
 
 // Scene-linear to sRGB in [0, 1] (Hou et al. 2021, Eq. 3); NaN gives 0.
 float linear_to_srgb(float linear);
@@ -44,7 +38,7 @@ struct NonFinite {
   size_t inf = 0;
 };
 
-// NaN -> 0 and +-Inf -> +-65504 (the largest half), in place; how many values of each kind there were.
+// NaN -> 0 and +-Inf -> +-kLargestHalf, in place; how many values of each kind there were.
 NonFinite sanitize(Image& image);
 
 // Per channel, the population variance over each pixel's 3x3 neighbourhood, edges replicated; mean first,
