@@ -12,6 +12,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstring>
@@ -206,15 +207,34 @@ TEST(Exr, PartsNameTheirChannels) {
   parts[2].header.setTileDescription({4, 4, Imf::ONE_LEVEL});
   write_parts(directory / "a.exr", parts);
   ExrFile file(directory / "a.exr");
-  EXPECT_EQ(file.channel_names(), (Names{"rgba.A", "rgba.R", "albedo.R", "albedo.other.R", "deep water.Z"}));
+  EXPECT_EQ(file.channel_names(), (Names{"rgba.A", "rgba.R", "albedo.R", "other.R", "deep water.Z"}));
   EXPECT_EQ(file.channel("deep water.Z").part, 2);
   EXPECT_EQ(file.header(2).name(), "deep water");
-  const Image image = file.read(Names{"deep water.Z", "rgba.R", "albedo.other.R", "rgba.R"});
+  const Image image = file.read(Names{"deep water.Z", "rgba.R", "other.R", "rgba.R"});
   expect_truth(image, 0, 0, {0, 0});
   expect_truth(image, 1, 1, {0, 0});
   expect_truth(image, 2, 1, {0, 0});
   expect_truth(image, 3, 1, {0, 0});
-  EXPECT_EQ(file.read_raw("albedo.other.R").type, Imf::FLOAT);
+  EXPECT_EQ(file.read_raw("other.R").type, Imf::FLOAT);
+}
+
+// The two eyes of a stereo file, say; a part that is named after its layer needs no second name.
+TEST(Exr, PartsThatHoldTheSameChannels) {
+  TemporaryDirectory directory;
+  std::vector<TestPart> parts = {{header_of(6, 5), {"V.Combined.R", "V.Emit.R"}, {Imf::HALF, Imf::HALF}},
+                                 {header_of(6, 5), {"A.R", "V.Combined.R"}, {Imf::HALF, Imf::HALF}},
+                                 {header_of(6, 5), {"R", "Z"}, {Imf::HALF, Imf::HALF}},
+                                 {header_of(6, 5), {"Z"}, {Imf::HALF}}};
+  for (size_t i = 0; i < parts.size(); ++i)
+    parts[i].header.setName(Names{"left", "V.Combined", "A", "far"}[i]);
+  write_parts(directory / "a.exr", parts);
+  ExrFile file(directory / "a.exr");
+  EXPECT_EQ(file.channel_names(), (Names{"left.V.Combined.R", "V.Emit.R", "V.Combined.A.R", "V.Combined.R",
+                                         "A.R", "A.Z", "far.Z"}));
+  const Image image = file.read(Names{"V.Combined.R", "left.V.Combined.R", "A.R"});
+  expect_truth(image, 0, 1, {0, 0});
+  expect_truth(image, 1, 0, {0, 0});
+  expect_truth(image, 2, 0, {0, 0});
 }
 
 TEST(Exr, PartsOfDifferentWindowsAreNotReadTogether) {
@@ -414,6 +434,36 @@ TEST_F(Oiiotool, MultiPartWithLayers) {
   EXPECT_EQ(image.at(2, 5, 5), 0.75f);
   EXPECT_NEAR(image.at(3, 16, 32), 24, 1e-4);
   EXPECT_NEAR(image.at(4, 0, 0), 64, 1e-4);
+}
+
+TEST_F(Oiiotool, PartsOfAnyNameWithBlendersChannels) {
+  const auto names = [](const std::string& pass) {
+    return "ViewLayer." + pass + ".R,ViewLayer." + pass + ".G,ViewLayer." + pass + ".B";
+  };
+  const auto part = [&](const std::string& name, const std::string& color, const std::string& channels) {
+    const std::string count = std::to_string(1 + std::ranges::count(channels, ','));
+    return Names{"--pattern", "constant:color=" + color, "8x4", count, "--chnames", channels,
+                 "--attrib",  "oiio:subimagename",       name};
+  };
+  Names arguments = part("ViewLayer.Combined", "1,2,3", names("Combined"));
+  for (const Names& more :
+       {part("den", "4,5,6,7,8,9",
+             names("Denoising Albedo") +
+                 ",ViewLayer.Denoising Normal.X,ViewLayer.Denoising Normal.Y,ViewLayer.Denoising Normal.Z"),
+        part("rest", "1,1,1,2,2,2,3,3,3",
+             names("DiffCol") + "," + names("DiffDir") + "," + names("DiffInd"))})
+    arguments.insert(arguments.end(), more.begin(), more.end());
+  for (const std::string last : {"--siappendall", "-d", "float", "-o"}) arguments.push_back(last);
+  arguments.push_back(path("a.exr"));
+  run(arguments);
+  ExrFile file(directory_ / "a.exr");
+  ASSERT_EQ(file.channels().back().part, 2);
+  const LayerMap map = map_layers(file);
+  EXPECT_EQ(map.preset, "cycles");
+  EXPECT_EQ(map.view_layer, "ViewLayer");
+  const Image image = load_layers(file, map, Names{"color", "albedo", "normal", "diffuse"});
+  for (int c = 0; c < 9; ++c) EXPECT_EQ(image.at(c, 3, 7), float(c + 1)) << c;
+  for (int c = 9; c < 12; ++c) EXPECT_EQ(image.at(c, 3, 7), 5) << c;  // 1 * (2 + 3)
 }
 
 TEST_F(Oiiotool, ChannelNamesWithDotsAndSpaces) {

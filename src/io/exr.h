@@ -18,7 +18,9 @@ namespace Imf = OPENEXR_IMF_NAMESPACE;
 namespace raymeld {
 
 struct ExrChannel {
-  std::string name;  // in a multi-part file "part.channel", unless the channel repeats the part's name
+  // In a multi-part file "part.channel" when the part's channel list gives no layer ("layer.channel"), or
+  // when two parts give the same.
+  std::string name;
   std::string name_in_part;  // as it stands in the part's channel list
   int part = 0;
   Imf::PixelType type = Imf::HALF;
@@ -84,12 +86,12 @@ struct ExrOutput {
   std::vector<ExrRawChannel> pass_through;
 };
 
-// Writes a single-part scan-line file, whole or not at all. Half planes clamp to +-65504; the return value
-// counts the values that did. Throws Error, naming the file.
+// Writes a single-part scan-line file, whole or not at all. Half planes clamp to +-kLargestHalf; the return
+// value counts the values that did. Throws Error, naming the file.
 size_t write_exr(const std::filesystem::path& path, const ExrOutput& output);
 
-// `header` with the windows of its degrade_nearest() image: the data window starts at the same place divided
-// by `scale`, rounded down, and so does the display window.
+// `header` with the windows of the image that keeps one pixel of every scale x scale cell: the data window
+// starts at the same place divided by `scale`, rounded down, and so does the display window.
 Imf::Header degraded_header(const Imf::Header& header, int scale);
 
 }  // namespace raymeld

@@ -55,17 +55,27 @@ void check_part(const std::filesystem::path& path, const Imf::MultiPartInputFile
                 part_label(header, part));
 }
 
+// Some writers name parts after layers, others freely, with whole names such as `ViewLayer.Combined.R`
+// within.
 std::vector<ExrChannel> list_channels(const Imf::MultiPartInputFile& file) {
-  std::vector<ExrChannel> channels;
-  for (int part = 0; part < file.parts(); ++part) {
+  const auto name_with_part = [&](int part, const std::string& channel) {
     const Imf::Header& header = file.header(part);
-    const std::string part_name = file.parts() > 1 && header.hasName() ? header.name() : "";
-    for (auto i = header.channels().begin(); i != header.channels().end(); ++i) {
+    return full_name(file.parts() > 1 && header.hasName() ? header.name() : "", channel);
+  };
+  std::vector<ExrChannel> channels;
+  std::map<std::string, int> uses;
+  for (int part = 0; part < file.parts(); ++part) {
+    const Imf::ChannelList& list = file.header(part).channels();
+    for (auto i = list.begin(); i != list.end(); ++i) {
+      const std::string name = i.name();
       const Imf::Channel& channel = i.channel();
-      channels.push_back({full_name(part_name, i.name()), i.name(), part, channel.type, channel.xSampling,
-                          channel.ySampling});
+      channels.push_back({name.find('.') == std::string::npos ? name_with_part(part, name) : name, name, part,
+                          channel.type, channel.xSampling, channel.ySampling});
+      ++uses[channels.back().name];
     }
   }
+  for (ExrChannel& channel : channels)
+    if (uses.at(channel.name) > 1) channel.name = name_with_part(channel.part, channel.name_in_part);
   return channels;
 }
 
