@@ -144,6 +144,21 @@ TEST(LayerMap, AlbedoFallsBackToTheDiffuseColourAndSaysSo) {
   EXPECT_TRUE(contains(describe(map), "[there is no Denoising Albedo]"));
 }
 
+TEST(LayerMap, PlainRgbStandsInForCombined) {
+  const Names plain = {"A", "B", "G", "R"};
+  const Names passes = rgb("V.Denoising Albedo") + xyz("V.Denoising Normal");
+  const LayerMap map = map_layers(plain + passes);
+  EXPECT_EQ(map.preset, "cycles");
+  EXPECT_EQ(read_from(map, "color"), (ChannelTriple{"R", "G", "B"}));
+  EXPECT_EQ(map.alpha, "A");
+  EXPECT_EQ(map.layers.at("variance").terms, (std::vector{ChannelTriple{"R", "G", "B"}}));
+  EXPECT_EQ(read_from(map, "albedo"), triple("V.Denoising Albedo"));
+  EXPECT_TRUE(contains(describe(map), "R, G, B  [there is no Combined]"));
+  const LayerMap both = map_layers(plain + rgb("V.Combined") + passes);
+  EXPECT_EQ(read_from(both, "color"), triple("V.Combined"));
+  EXPECT_FALSE(both.alpha.has_value());  // A belongs to another picture
+}
+
 TEST(LayerMap, Equation2NeedsAllThreePasses) {
   const LayerMap map = map_layers(rgba("V.Combined") + rgb("V.DiffCol") + rgb("V.DiffDir"));
   EXPECT_FALSE(map.layers.contains("diffuse"));
@@ -267,11 +282,27 @@ TEST(LayerMap, NamesEveryMissingLayerAndWhatWasLookedFor) {
   const std::string message = test::error_of([&] { require_layers(map, wanted, "low.exr"); });
   for (const std::string part :
        {"low.exr", "albedo: looked for", "Denoising Albedo", "diffuse_albedo", "normal: looked for",
-        "Denoising Normal", "DiffCol | Diffuse Color * (DiffDir"})
+        "Denoising Normal",
+        "diffuse: looked for diffuse | Diffuse | (DiffCol | Diffuse Color) * ((DiffDir | Diffuse Direct) + "
+        "(DiffInd | Diffuse Indirect)) | (diffuse_direct + diffuse_indirect) | "
+        "(directDiffuse + indirectDiffuse)"})
     EXPECT_TRUE(contains(message, part)) << message << "\nlacks " << part;
   EXPECT_FALSE(contains(message, "color: looked"));
   const Names unknown = {"depth"};
   EXPECT_ERROR(require_layers(map, unknown, "low.exr"), "'depth'");
+}
+
+TEST(LayerMap, NamesEachAlternativeOnce) {
+  const Names wanted = {"color", "normal"};
+  const std::string message =
+      test::error_of([&] { require_layers(map_layers(Names{"Z"}), wanted, "depth.exr"); });
+  EXPECT_TRUE(
+      contains(message,
+               "color: looked for plain R, G, B | rgba | RGBA | rgb | RGB | beauty | Beauty | color | "
+               "Color | main | Noisy Image | Combined | Ci\n"))
+      << message;
+  EXPECT_TRUE(contains(message, "normal: looked for normal | Normal | NORMAL | Denoising Normal | N | Ns"))
+      << message;
 }
 
 TEST(LayerMap, DescribesTheWholeMapping) {

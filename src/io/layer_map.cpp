@@ -12,8 +12,11 @@
 namespace raymeld {
 namespace {
 
-// The unnamed R, G, B belong to no view layer.
-bool may_hold(const Scope& scope, std::string_view pass) { return !pass.empty() || scope == Scope{}; }
+// The unnamed R, G, B belong to no view layer: nothing, unless the recipe lets them stand in.
+std::optional<std::string> prefix_in(const Scope& scope, std::string_view pass, const LayerRecipe& recipe) {
+  if (!pass.empty()) return prefix_of(scope, pass);
+  return scope == Scope{} || recipe.in_any_scope ? std::optional<std::string>("") : std::nullopt;
+}
 
 std::optional<LayerSource> follow(const LayerRecipe& recipe, const Scope& scope,
                                   const ChannelGroups& groups) {
@@ -21,7 +24,7 @@ std::optional<LayerSource> follow(const LayerRecipe& recipe, const Scope& scope,
   for (const auto& passes : recipe.terms) {
     std::optional<ChannelTriple> term;
     for (std::string_view pass : passes)
-      if (!term && may_hold(scope, pass)) term = groups.triple(prefix_of(scope, pass));
+      if (const auto prefix = prefix_in(scope, pass, recipe); prefix && !term) term = groups.triple(*prefix);
     if (!term) return std::nullopt;
     source.terms.push_back(*term);
   }
@@ -31,10 +34,11 @@ std::optional<LayerSource> follow(const LayerRecipe& recipe, const Scope& scope,
 std::optional<std::string> find_alpha(const LayerPreset& preset, const Scope& scope,
                                       const ChannelGroups& groups) {
   for (const LayerRecipe& recipe : preset.recipes) {
-    if (recipe.layer != "color") continue;
+    if (recipe.layer != "color" || !follow(recipe, scope, groups)) continue;
     for (std::string_view pass : recipe.terms.front())
-      if (const auto alpha = may_hold(scope, pass) ? groups.alpha(prefix_of(scope, pass)) : std::nullopt)
-        return alpha;
+      if (const auto prefix = prefix_in(scope, pass, recipe); prefix && groups.alpha(*prefix))
+        return groups.alpha(*prefix);
+    return std::nullopt;
   }
   return std::nullopt;
 }
@@ -142,11 +146,10 @@ void apply_overrides(const LayerChoice& choice, const ChannelGroups& groups, Lay
 std::map<std::string, std::string> looked_for(const LayerChoice& choice, const ChannelGroups& groups) {
   std::map<std::string, std::vector<std::string>> texts;
   for (const LayerPreset* preset : chosen_presets(choice))
-    for (const LayerRecipe& recipe : preset->recipes) {
-      auto& of_layer = texts[std::string(recipe.layer)];
-      const std::string text = recipe_text(recipe);
-      if (std::ranges::find(of_layer, text) == of_layer.end()) of_layer.push_back(text);
-    }
+    for (const LayerRecipe& recipe : preset->recipes)
+      for (const std::string& text : recipe_texts(recipe))
+        if (auto& known = texts[std::string(recipe.layer)]; std::ranges::find(known, text) == known.end())
+          known.push_back(text);
   std::map<std::string, std::string> joined;
   for (const auto& [layer, of_layer] : texts) joined[layer] = fmt::format("{}", fmt::join(of_layer, " | "));
   if (groups.is_luminance_chroma(""))

@@ -26,6 +26,7 @@ LayerPreset cycles() {
       "cycles",
       {
           {"color", kRead, {{"Noisy Image", "Combined"}}},
+          {"color", kRead, {{""}}, "there is no Combined", true},
           {"albedo", kRead, {{"Denoising Albedo"}}},
           {"albedo", kRead, {{"DiffCol", "Diffuse Color"}}, "there is no Denoising Albedo"},
           {"normal", kRead, {{"Denoising Normal"}}},

@@ -16,10 +16,12 @@ struct LayerRecipe {
   LayerRule rule;
   std::vector<std::vector<std::string_view>> terms;
   std::string_view note = {};  // why it is second best
+  bool in_any_scope = false;   // the unnamed R, G, B stand in for those of every view layer and view
 };
 
-// For messages: `DiffCol | Diffuse Color`, the terms joined as the rule says.
-std::string recipe_text(const LayerRecipe& recipe);
+// For messages: every pass that will do by itself, or the one text of a rule of several terms,
+// `(DiffCol | Diffuse Color) * ((DiffDir | ...) + (DiffInd | ...))`.
+std::vector<std::string> recipe_texts(const LayerRecipe& recipe);
 
 // How one renderer names its passes. Of several recipes for a layer the first that the file can fulfil
 // counts.

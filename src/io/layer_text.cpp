@@ -30,16 +30,20 @@ std::string source_text(const LayerSource& source) {
 
 }  // namespace
 
-std::string recipe_text(const LayerRecipe& recipe) {
+std::vector<std::string> recipe_texts(const LayerRecipe& recipe) {
+  if (recipe.terms.size() == 1) {
+    std::vector<std::string> names(recipe.terms[0].begin(), recipe.terms[0].end());
+    std::ranges::replace(names, std::string(), std::string("plain R, G, B"));
+    return names;
+  }
   std::vector<std::string> terms;
   for (const auto& passes : recipe.terms) {
-    std::vector<std::string_view> names = passes;
-    std::ranges::replace(names, std::string_view(), std::string_view("plain R, G, B"));
-    terms.push_back(fmt::format("{}", fmt::join(names, " | ")));
+    const std::string names = fmt::format("{}", fmt::join(passes, " | "));
+    terms.push_back(passes.size() > 1 ? fmt::format("({})", names) : names);
   }
   if (recipe.rule == LayerRule::kEquation2)
-    return fmt::format("{} * ({} + {})", terms[0], terms[1], terms[2]);
-  return fmt::format("{}", fmt::join(terms, " + "));
+    return {fmt::format("{} * ({} + {})", terms[0], terms[1], terms[2])};
+  return {fmt::format("({})", fmt::join(terms, " + "))};
 }
 
 LayerChoice parse_layer_choice(std::span<const std::string> items) {
