@@ -41,11 +41,12 @@ class CliErrors : public Cli {
 
 TEST_F(CliErrors, Usage) {
   expect_error({}, {"raymeld: error: ", "subcommand"});
-  expect_error({"melt"}, {"raymeld: error: "});
+  expect_error({"melt"}, {"raymeld: error: ", "'melt'"});
   expect_error({"fuse", "--lrhs", "low.exr"}, {"--hrls"});
   expect_error({"fuse", "--lrhs", "low.exr", "--hrls", "high.exr"}, {"--output"});
   expect_error(fuse({"--precision", "fp8"}), {"--precision", "fp16"});
   expect_error(fuse({"--max-memory", "-3"}), {"--max-memory"});
+  expect_error(fuse({"--exposure", "nan"}), {"--exposure", "not finite"});
   expect_error({"degrade", "high.exr", "--scale", "3", "-o", "out.exr"}, {"--scale"});
   expect_error({"graph", "--model", tiny_model(), "--size", "64"}, {"--size", "'64'", "WxH"});
   expect_error({"graph", "--model", tiny_model(), "--size", "66x48"}, {"66x48", "scale 4"});
@@ -118,18 +119,40 @@ TEST_F(CliErrors, Outputs) {
   expect_error(to("."), {"'.'", "folder"});
   expect_error(to("./high.exr"), {"./high.exr", "same file"});
   expect_error(fuse({"--preview", "low.exr"}), {"low.exr", "same file"});
-  expect_error(fuse({"--dump", "low.exr"}), {"low.exr"});
+  expect_error(fuse({"--dump", "low.exr"}), {"low.exr", "folder"});
+  expect_error(fuse({"--preview", "./out.exr"}), {"out.exr", "same file as the output"});
+  expect_error(fuse({"--preview", "z.png", "--preview-before-after", "z.png"}), {"z.png", "same file"});
   expect_error(fuse({"--dump", "none/layers"}), {"none"});
+  fs::copy_file(tiny_model(), folder_ / "m.safetensors");
+  remember_files();
+  expect_error(
+      {"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "--model", "m.safetensors", "-o", "m.safetensors"},
+      {"m.safetensors", "same file as the input"});
   expect_error({"degrade", "high.exr", "--scale", "4", "-o", "high.exr"}, {"high.exr", "same file"});
   expect_error({"compare", "low.exr", "low.exr", "--error-map", "low.exr"}, {"low.exr", "same file"});
 }
 
-// Blocks of 512 bytes: the preview fits, the image does not, and neither stays.
+// Blocks of 512 bytes: the preview fits, the image does not, and neither stays. What was there before does.
 TEST_F(CliErrors, FullDisk) {
   const std::string script = "ulimit -f 8; exec \"$@\"";
   expect_shell_error(script, fuse({"--output-type", "float", "--preview", "preview.png"}),
-                     {"raymeld: error: ", "out.exr", "File too large"});
-  expect_shell_error("exec \"$@\" > /dev/full", {"compare", "low.exr", "low.exr"}, {"standard output"});
+                     {"raymeld: error: ", "'out.exr'", "File too large"});
+  const std::vector<std::string> older = {"out.exr", "preview.png", "layers/lrhs.npy"};
+  fs::create_directory(folder_ / "layers");
+  for (const std::string& name : older) write_file(folder_ / name, "older");
+  remember_files();
+  expect_shell_error(script, fuse({"--output-type", "float", "--preview", "preview.png", "--dump", "layers"}),
+                     {"File too large"});
+  for (const char* report : {"--json", "--profile"})
+    expect_shell_error("exec \"$@\" > /dev/full",
+                       fuse({report, "--preview", "preview.png", "--dump", "layers"}),
+                       {"standard output", "No space left"});
+  for (const std::string& name : older) EXPECT_EQ(read_file(folder_ / name), "older");
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder_ / "layers"), {}), 1);
+  expect_shell_error("exec \"$@\" > /dev/full", {"compare", "low.exr", "low.exr", "--error-map", "e.png"},
+                     {"standard output"});
+  expect_shell_error("exec \"$@\" > /dev/full", {"graph", "--model", tiny_model(), "--size", "64x48"},
+                     {"standard output"});
   expect_error(
       {"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "--model", tiny_model(), "-o", "/dev/full"},
       {"/dev/full", "regular file"});

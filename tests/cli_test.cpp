@@ -69,7 +69,7 @@ TEST_F(Cli, FuseWritesAndReportsAllThatIsAskedFor) {
   write_image(folder_ / "truth.exr", kColorNames, random_image(kColorNames, 32, 24, 3));
   const Json json = run_json(
       fuse({"--reference", "truth.exr", "--preview", "fused.png", "--preview-before-after", "all.png",
-            "--dump", "layers", "--profile", "--output-type", "float", "--precision", "fp32", "--json"}));
+            "--dump", "layers/", "--profile", "--output-type", "float", "--precision", "fp32", "--json"}));
   for (const char* key : {"device_ms", "total_ms", "peak_bytes", "tiles"}) EXPECT_GT(json.at(key), 0) << key;
   EXPECT_GE(json.at("total_ms"), json.at("device_ms"));
   EXPECT_EQ(json.at("model"), "tiny-x4");
@@ -321,6 +321,11 @@ TEST_F(Cli, GraphNeedsNoDevice) {
   EXPECT_EQ(dot.out.substr(0, 7), "digraph");
   EXPECT_NE(dot.out.find("HRLS -> p1"), std::string::npos);
   EXPECT_EQ(dot.out.substr(dot.out.size() - 2), "}\n");
+  SafeTensors named = read_safetensors(tiny_model());
+  named.metadata["name"] = "a\"b\\";
+  write_safetensors(folder_ / "named.safetensors", named);
+  EXPECT_EQ(run({"graph", "--model", "named.safetensors", "--size", "64x48", "--dot"}).out.substr(0, 18),
+            "digraph \"a\\\"b\\\\\" {");
 }
 
 }  // namespace

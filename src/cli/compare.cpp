@@ -1,6 +1,7 @@
 #include <array>
 
 #include "cli/commands.h"
+#include "cli/console.h"
 #include "cli/outputs.h"
 #include "cli/quality.h"
 #include "error.h"
@@ -27,7 +28,9 @@ Image load_color(const fs::path& path, const LayerChoice& choice) {
 
 void compare(const CompareArguments& arguments) {
   const std::array<fs::path, 2> inputs = {arguments.image, arguments.reference};
-  if (!arguments.error_map.empty()) check_output(arguments.error_map, inputs);
+  std::vector<fs::path> outputs;
+  if (!arguments.error_map.empty()) outputs.push_back(arguments.error_map);
+  check_outputs(outputs, inputs);
   const LayerChoice choice = parse_layer_choice(arguments.map);
   const Image image = load_color(arguments.image, choice);
   const Image reference = load_color(arguments.reference, choice);
@@ -36,9 +39,13 @@ void compare(const CompareArguments& arguments) {
                 image.width, image.height, arguments.reference, reference.width, reference.height);
   }
   const Quality quality = measure(image, reference);
-  if (!arguments.error_map.empty()) write_png(arguments.error_map, heat_map(relmse_map(image, reference)));
+  StagedFiles staged;
+  for (const fs::path& map : outputs) {
+    staged.add(map, [&](const fs::path& file) { write_png(file, heat_map(relmse_map(image, reference))); });
+  }
   const QualityTable rows = {{"image", quality}};
-  fmt::print("{}", arguments.json ? to_json(rows)["image"].dump(2) + "\n" : table(rows));
+  print(arguments.json ? to_json(rows)["image"].dump(2) + "\n" : table(rows));
+  staged.commit();
 }
 
 }  // namespace

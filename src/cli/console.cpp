@@ -2,17 +2,33 @@
 
 #include <unistd.h>
 
+#include <cerrno>
 #include <cstdio>
+#include <cstring>
+
+#include "error.h"
 
 namespace raymeld::cli {
+namespace {
+
+// Where stderr takes nothing any more there is nobody left to tell.
+void say(const std::string& text) { std::fputs(text.c_str(), stderr); }
+
+}  // namespace
+
+void print(const std::string& text) {
+  if (std::fwrite(text.data(), 1, text.size(), stdout) != text.size() || std::fflush(stdout) != 0) {
+    throw Error("cannot write to standard output: {}", std::strerror(errno));
+  }
+}
 
 void Console::note(const std::string& text) const {
-  if (notes_) fmt::print(stderr, "{}\n", text);
+  if (notes_) say(text + "\n");
 }
 
 void Console::warn(const std::string& message, uint64_t count) {
   warnings_.push_back({message, count});
-  fmt::print(stderr, "raymeld: warning: {}\n", message);
+  say("raymeld: warning: " + message + "\n");
 }
 
 ProgressBar::ProgressBar(const Console& console)
@@ -21,7 +37,7 @@ ProgressBar::ProgressBar(const Console& console)
 }
 
 ProgressBar::~ProgressBar() {
-  if (shown_ && terminal_) fmt::print(stderr, "\r\033[K");
+  if (shown_ && terminal_) say("\r\033[K");
 }
 
 void ProgressBar::update(double share) {
@@ -30,10 +46,10 @@ void ProgressBar::update(double share) {
   if (!shown_) return;
   if (terminal_) {
     const int done = static_cast<int>(share * kBarWidth);
-    fmt::print(stderr, "\r[{:#<{}}{:.<{}}] {:3.0f} %", "", done, "", kBarWidth - done, 100 * share);
+    say(fmt::format("\r[{:#<{}}{:.<{}}] {:3.0f} %", "", done, "", kBarWidth - done, 100 * share));
   } else if (Clock::now() - last_line_ >= kBetweenLines) {
     last_line_ = Clock::now();
-    fmt::print(stderr, "{:.0f} %\n", 100 * share);
+    say(fmt::format("{:.0f} %\n", 100 * share));
   }
 }
 

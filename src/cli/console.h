@@ -9,6 +9,11 @@
 
 namespace raymeld::cli {
 
+inline constexpr double kMebibyte = 1048576;
+
+// To stdout, at once. Throws Error.
+void print(const std::string& text);
+
 struct Warning {
   std::string message;
   uint64_t count = 1;  // of the values or pixels concerned

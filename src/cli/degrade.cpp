@@ -47,8 +47,8 @@ void check_channel(const ExrRawChannel& channel, int scale, const Imath::Box2i& 
 }
 
 void degrade(const DegradeArguments& arguments) {
-  const std::array<fs::path, 1> inputs = {arguments.input};
-  check_output(arguments.output, inputs);
+  const std::array<fs::path, 1> inputs = {arguments.input}, outputs = {arguments.output};
+  check_outputs(outputs, inputs);
   ExrFile file(arguments.input);
   ExrOutput output;
   output.source = degraded_header(file.header(), arguments.scale);

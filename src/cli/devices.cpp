@@ -1,6 +1,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/commands.h"
+#include "cli/console.h"
 #include "engine/device.h"
 #include "error.h"
 
@@ -14,18 +15,18 @@ std::string version_text(uint32_t version) {
 
 const char* yes_no(bool value) { return value ? "yes" : "no"; }
 
-void print(const DeviceInfo& device) {
-  fmt::print("{}: {}\n", device.index, device.name);
+void print_device(const DeviceInfo& device) {
+  print(fmt::format("{}: {}\n", device.index, device.name));
   const auto row = [](const char* name, const std::string& value) {
-    fmt::print("   {:<24} {}\n", name, value);
+    print(fmt::format("   {:<24} {}\n", name, value));
   };
   row("type", device.type);
   row("UUID", device.uuid);
   row("driver", device.driver);
   row("Vulkan", version_text(device.api_version));
-  row("memory", fmt::format("{:.0f} MiB", double(device.memory_bytes) / 1048576));
-  row("largest binding", fmt::format("{:.0f} MiB", double(device.max_storage_range_bytes) / 1048576));
-  row("largest allocation", fmt::format("{:.0f} MiB", double(device.max_allocation_bytes) / 1048576));
+  row("memory", fmt::format("{:.0f} MiB", double(device.memory_bytes) / kMebibyte));
+  row("largest binding", fmt::format("{:.0f} MiB", double(device.max_storage_range_bytes) / kMebibyte));
+  row("largest allocation", fmt::format("{:.0f} MiB", double(device.max_allocation_bytes) / kMebibyte));
   row("subgroup size", std::to_string(device.subgroup_size));
   row("16-bit storage", yes_no(device.storage_16bit));
   row("16-bit arithmetic", yes_no(device.float16_arithmetic));
@@ -56,12 +57,12 @@ nlohmann::ordered_json to_json(const DeviceInfo& device) {
 void list(bool json) {
   const std::vector<DeviceInfo> devices = list_devices();
   if (!json) {
-    for (const DeviceInfo& device : devices) print(device);
+    for (const DeviceInfo& device : devices) print_device(device);
     return;
   }
   auto all = nlohmann::ordered_json::array();
   for (const DeviceInfo& device : devices) all.push_back(to_json(device));
-  fmt::print("{}\n", nlohmann::ordered_json{{"devices", all}}.dump(2));
+  print(nlohmann::ordered_json{{"devices", all}}.dump(2) + "\n");
 }
 
 }  // namespace

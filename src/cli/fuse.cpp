@@ -11,16 +11,20 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-constexpr double kMebibyte = 1048576;
-
-void check_outputs(const FuseArguments& arguments) {
-  const std::vector<fs::path> inputs = arguments.inputs();
-  for (const fs::path& output : arguments.outputs()) check_output(output, inputs);
-  if (arguments.dump.empty()) return;
-  // A folder that is there already is asked through a name inside it.
-  std::error_code error;
-  const fs::path dump = arguments.dump;
-  check_output(fs::is_directory(dump, error) ? dump / "decode.npy" : dump, inputs);
+void check_written(const FuseArguments& arguments, const Model& model) {
+  std::vector<fs::path> inputs = arguments.inputs(), outputs = arguments.outputs();
+  inputs.push_back(model.file());
+  if (!arguments.dump.empty()) {
+    // A folder that is there already is asked through a name inside it.
+    std::error_code error;
+    const fs::path dump = arguments.dump_folder();
+    const bool is_folder = fs::is_directory(dump, error);
+    if (!is_folder && fs::exists(dump, error)) {
+      throw Error("--dump '{}': there is a file of that name, and it has to be a folder", arguments.dump);
+    }
+    outputs.push_back(is_folder ? dump / "decode.npy" : dump);
+  }
+  check_outputs(outputs, inputs);
 }
 
 const char* sampling_name(const FuseFiles& files) { return files.phase == 0 ? "nearest" : "centered"; }
@@ -59,18 +63,19 @@ void show_plan(const FuseArguments& arguments, const FuseFiles& files, const Dev
     json["activation_bytes"] = plan.activation_bytes;
     json["unaliased_bytes"] = plan.unaliased_bytes;
     json["hrls_layers"] = files.model.architecture().hrls_layers;
-    fmt::print("{}\n", json.dump(2));
+    print(json.dump(2) + "\n");
     return;
   }
-  fmt::print("{}\ndevice {} ({})\n", describe(files), device.info().name, precision_name(options.storage));
-  fmt::print("{} tile(s) of {} x {} LRHS pixels, halo {}; {:.3f} GFLOP, {:.1f} % of it for halos\n",
-             tiling.count(), tiling.tile.width, tiling.tile.height, tiling.halo, plan.flop * 1e-9,
-             100 - 100 / tiling.overhead());
-  fmt::print(
+  print(fmt::format("{}\ndevice {} ({})\n", describe(files), device.info().name,
+                    precision_name(options.storage)));
+  print(fmt::format("{} tile(s) of {} x {} LRHS pixels, halo {}; {:.3f} GFLOP, {:.1f} % of it for halos\n",
+                    tiling.count(), tiling.tile.width, tiling.tile.height, tiling.halo, plan.flop * 1e-9,
+                    100 - 100 / tiling.overhead()));
+  print(fmt::format(
       "memory {:.1f} MiB: weights {:.1f}, activations {:.1f} ({:.1f} without aliasing), frame {:.1f}\n",
       double(plan.peak_bytes()) / kMebibyte, double(plan.constant_bytes) / kMebibyte,
       double(plan.activation_bytes) / kMebibyte, double(plan.unaliased_bytes) / kMebibyte,
-      double(plan.frame_bytes) / kMebibyte);
+      double(plan.frame_bytes) / kMebibyte));
 }
 
 QualityTable measure_all(const FuseImages& images, const Comparison& comparison, const Image& fused) {
@@ -79,8 +84,8 @@ QualityTable measure_all(const FuseImages& images, const Comparison& comparison,
           {"hrls", measure(comparison.hrls, *images.reference)}};
 }
 
-void print_json(const FuseFiles& files, const DeviceInfo& device, const FuseResult& result,
-                const QualityTable& quality, const Console& console, double total_ms) {
+std::string json_text(const FuseFiles& files, const DeviceInfo& device, const FuseResult& result,
+                      const QualityTable& quality, const Console& console, double total_ms) {
   Json json = facts(files, device, result.storage, result.tiling);
   json["device_ms"] = result.report.device_ms;
   json["total_ms"] = total_ms;
@@ -88,7 +93,11 @@ void print_json(const FuseFiles& files, const DeviceInfo& device, const FuseResu
   json["metrics"] = to_json(quality);
   json["warnings"] = to_json(console.warnings());
   if (!result.report.passes.empty()) json["layers"] = to_json(result.report.passes);
-  fmt::print("{}\n", json.dump(2));
+  return json.dump(2) + "\n";
+}
+
+std::string report_text(const FuseReport& report, const QualityTable& quality) {
+  return (report.passes.empty() ? "" : profile_text(report)) + (quality.empty() ? "" : table(quality));
 }
 
 }  // namespace
@@ -96,26 +105,24 @@ void print_json(const FuseFiles& files, const DeviceInfo& device, const FuseResu
 void run_fuse(const FuseArguments& arguments) {
   const Stopwatch watch;
   Console console(!arguments.quiet && !arguments.json);
-  if (!arguments.dry_run) check_outputs(arguments);
   FuseFiles files = open_files(arguments);
   if (arguments.dry_run) return show_plan(arguments, files, *Device::create({.selector = arguments.device}));
+  check_written(arguments, files.model);
   console.note(describe(files));
   const FuseImages images = load_images(files, console);
   check_interrupted();
 
   const auto device = Device::create({.selector = arguments.device});
-  WrittenFiles written;
-  const FuseResult result = run_frame(arguments, files, images, *device, console, written);
+  StagedFiles staged;
+  const FuseResult result = run_frame(arguments, files, images, *device, console, staged);
   std::optional<Comparison> comparison;
   if (images.reference || !arguments.before_after.empty()) comparison = make_comparison(files, images);
-  write_outputs(arguments, files, images, comparison, result, console, written);
-  written.keep();
-
+  write_outputs(arguments, files, images, comparison, result, console, staged);
   const QualityTable quality =
       images.reference ? measure_all(images, *comparison, result.fused) : QualityTable{};
-  if (arguments.json) return print_json(files, device->info(), result, quality, console, watch.ms());
-  if (!result.report.passes.empty()) fmt::print("{}", profile_text(result.report));
-  if (!quality.empty()) fmt::print("{}", table(quality));
+  print(arguments.json ? json_text(files, device->info(), result, quality, console, watch.ms())
+                       : report_text(result.report, quality));
+  staged.commit();
   console.note(fmt::format("wrote {}: {:.0f} ms on the device, {:.0f} ms in all, {:.0f} MiB of its memory",
                            arguments.output, result.report.device_ms, watch.ms(),
                            double(result.allocated_bytes) / kMebibyte));

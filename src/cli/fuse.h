@@ -23,8 +23,9 @@ struct FuseArguments {
   bool keep_layers = false, profile = false, dry_run = false, json = false, quiet = false;
 
   std::vector<std::filesystem::path> inputs() const;
-  // All of them but the folder of --dump.
+  // Without the folder of --dump.
   std::vector<std::filesystem::path> outputs() const;
+  std::filesystem::path dump_folder() const;  // without a last slash
 };
 
 // The files, open, with all that can be known before their pixels are read.
@@ -67,7 +68,7 @@ struct FuseResult {
 
 // Runs one frame; writes what --dump asks for. Throws Cancelled after a signal.
 FuseResult run_frame(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images,
-                     const Device& device, Console& console, WrittenFiles& written);
+                     const Device& device, Console& console, StagedFiles& staged);
 
 // The images that fused is measured against and shown beside, all (3, H, W) of HRLS's data window.
 struct Comparison {
@@ -79,7 +80,7 @@ Comparison make_comparison(const FuseFiles& files, const FuseImages& images);
 // `comparison` is needed for --preview-before-after only.
 void write_outputs(const FuseArguments& arguments, FuseFiles& files, const FuseImages& images,
                    const std::optional<Comparison>& comparison, const FuseResult& result, Console& console,
-                   WrittenFiles& written);
+                   StagedFiles& staged);
 
 std::string profile_text(const FuseReport& report);
 nlohmann::ordered_json to_json(const std::vector<Warning>& warnings);

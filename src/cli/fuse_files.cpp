@@ -103,6 +103,11 @@ std::vector<fs::path> FuseArguments::outputs() const {
   return paths;
 }
 
+fs::path FuseArguments::dump_folder() const {
+  const fs::path folder = dump;
+  return folder.has_filename() ? folder : folder.parent_path();
+}
+
 FuseFiles open_files(const FuseArguments& arguments) {
   ExrFile lrhs(arguments.lrhs), hrls(arguments.hrls);
   LayerMap lrhs_map = map_layers(lrhs, lrhs_choice(arguments));

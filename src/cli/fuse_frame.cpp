@@ -6,15 +6,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
-void dump_layers(const fs::path& folder, Fuser& fuser, const Image& fused, WrittenFiles& written) {
+void dump_layers(const fs::path& folder, Fuser& fuser, const Image& fused, StagedFiles& staged) {
   const auto write = [&](const std::string& name, std::span<const float> values, const Shape& shape) {
-    const fs::path file = folder / (name + ".npy");
-    write_npy(file, values, shape.channels, shape.height, shape.width);
-    written.add(file);
+    staged.add(folder / (name + ".npy"), [&](const fs::path& file) {
+      write_npy(file, values, shape.channels, shape.height, shape.width);
+    });
   };
-  std::error_code error;
-  if (fs::create_directory(folder, error)) written.add(folder);
-  if (error) throw Error("cannot make the folder '{}': {}", folder.string(), error.message());
+  staged.add_folder(folder);
   for (const Pass& pass : fuser.graph().passes()) {
     check_interrupted();
     if (const Tensor* output = pass.output()) {
@@ -27,7 +25,7 @@ void dump_layers(const fs::path& folder, Fuser& fuser, const Image& fused, Writt
 
 FuseResult run_with(const FuserOptions& options, const FuseArguments& arguments, const FuseFiles& files,
                     const FuseImages& images, const Device& device, const Console& console,
-                    WrittenFiles& written) {
+                    StagedFiles& staged) {
   FuseResult result;
   result.storage = options.storage;
   console.note(fmt::format("fusing {} x {} with {} on {} ({})", images.hrls.width, images.hrls.height,
@@ -45,7 +43,7 @@ FuseResult run_with(const FuserOptions& options, const FuseArguments& arguments,
   result.report = fuser.fuse(images.lrhs, images.hrls, fused, progress);
   result.tiling = fuser.plan().tiling;
   result.allocated_bytes = fuser.allocated_bytes();
-  if (!arguments.dump.empty()) dump_layers(arguments.dump, fuser, fused, written);
+  if (!arguments.dump.empty()) dump_layers(arguments.dump_folder(), fuser, fused, staged);
   result.fused = seen_through(std::move(fused), files.canvas.hrls, files.hrls_windows.data);
   return result;
 }
@@ -64,11 +62,11 @@ FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& file
 
 // With "auto", whatever 16 bits cannot hold is done again in 32.
 FuseResult run_frame(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images,
-                     const Device& device, Console& console, WrittenFiles& written) {
+                     const Device& device, Console& console, StagedFiles& staged) {
   FuserOptions options = fuser_options(arguments, files, device.info());
   const bool may_repeat = arguments.precision == Precision::kAuto && options.storage == Storage::kFloat16;
   try {
-    FuseResult result = run_with(options, arguments, files, images, device, console, written);
+    FuseResult result = run_with(options, arguments, files, images, device, console, staged);
     const uint64_t saturated = result.report.status.saturated;
     if (saturated == 0) return result;
     const std::string what =
@@ -81,7 +79,7 @@ FuseResult run_frame(const FuseArguments& arguments, const FuseFiles& files, con
     console.warn(fmt::format("fp16: {}; fusing again in fp32", error.what()), 1);
   }
   options.storage = Storage::kFloat32;
-  return run_with(options, arguments, files, images, device, console, written);
+  return run_with(options, arguments, files, images, device, console, staged);
 }
 
 }  // namespace raymeld::cli

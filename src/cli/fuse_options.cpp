@@ -1,3 +1,5 @@
+#include <cmath>
+
 #include "cli/commands.h"
 #include "cli/fuse.h"
 
@@ -6,6 +8,10 @@ namespace {
 
 const std::map<std::string, Precision> kPrecisions = {
     {"auto", Precision::kAuto}, {"fp32", Precision::kFp32}, {"fp16", Precision::kFp16}};
+
+std::string finite(const std::string& text) {
+  return std::isfinite(std::strtof(text.c_str(), nullptr)) ? "" : text + " is not finite";
+}
 
 void add_files(CLI::App& command, FuseArguments& a) {
   command.add_option("--lrhs", a.lrhs, "The small, many-sample render: OpenEXR with colour")->required();
@@ -55,9 +61,10 @@ void add_reports(CLI::App& command, FuseArguments& a) {
   command.add_option("--preview", a.preview, "Writes the fused image as sRGB PNG too");
   command.add_option("--preview-before-after", a.before_after,
                      "Writes a PNG: bicubic LRHS, HRLS, fused and, if given, the reference side by side");
-  command.add_option("--exposure", a.exposure_stops, "Of the previews")->type_name("STOPS");
+  command.add_option("--exposure", a.exposure_stops, "Of the previews")->type_name("STOPS")->check(finite);
   command.add_option("--reference", a.reference, "Measures against this OpenEXR file");
-  command.add_flag("--profile", a.profile, "Shows the time of each layer");
+  command.add_flag("--profile", a.profile,
+                   "Shows the time of each layer; the frame runs twice, and the second run is measured");
   command.add_option("--dump", a.dump, "Writes each layer's output as NumPy file to this folder")
       ->type_name("DIR");
   command.add_flag("--json", a.json, "One JSON object on stdout");
@@ -73,6 +80,7 @@ void add_fuse(CLI::App& app) {
   add_run(*command, *arguments);
   add_reports(*command, *arguments);
   command->footer(
+      "In what is read, NaN counts as 0 and infinities as +-65504; a warning says how many there were.\n\n"
       "Examples:\n"
       "  raymeld fuse --lrhs low.exr --hrls high.exr -o fused.exr --preview fused.png\n"
       "  raymeld fuse --lrhs low.exr --hrls high.exr -o fused.exr --model x4-fast --reference truth.exr "

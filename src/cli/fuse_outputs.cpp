@@ -9,6 +9,8 @@
 namespace raymeld::cli {
 namespace {
 
+namespace fs = std::filesystem;
+
 Image first_three(const Image& image) {
   Image color(image.width, image.height, 3);
   std::copy_n(image.data.begin(), color.data.size(), color.data.begin());
@@ -57,8 +59,8 @@ std::vector<ExrRawChannel> passed_through(FuseFiles& files, bool keep_layers) {
   return channels;
 }
 
-void write_image(const FuseArguments& arguments, FuseFiles& files, const FuseResult& result,
-                 Console& console) {
+void write_image(const FuseArguments& arguments, FuseFiles& files, const FuseResult& result, Console& console,
+                 StagedFiles& staged) {
   ExrOutput output;
   output.source = output_header(files, result.storage);
   output.pass_through = passed_through(files, arguments.keep_layers);
@@ -66,7 +68,8 @@ void write_image(const FuseArguments& arguments, FuseFiles& files, const FuseRes
   const Imf::PixelType type = output_type(arguments.output_type, files.hrls_color().type);
   for (int c = 0; c < 3; ++c) output.planes.push_back({names[size_t(c)], type, result.fused.plane(c)});
   check_interrupted();
-  const size_t clamped = write_exr(arguments.output, output);
+  size_t clamped = 0;
+  staged.add(arguments.output, [&](const fs::path& file) { clamped = write_exr(file, output); });
   if (clamped > 0)
     console.warn(fmt::format("'{}': {} values passed the largest half, 65504, and were clamped",
                              arguments.output, clamped),
@@ -83,23 +86,22 @@ Comparison make_comparison(const FuseFiles& files, const FuseImages& images) {
           as_written(first_three(images.hrls))};
 }
 
-// The image itself comes last: it is there only when everything is.
+// The image itself comes last: it is renamed only when everything else is there.
 void write_outputs(const FuseArguments& arguments, FuseFiles& files, const FuseImages& images,
                    const std::optional<Comparison>& comparison, const FuseResult& result, Console& console,
-                   WrittenFiles& written) {
+                   StagedFiles& staged) {
   const auto picture = [&](const Image& image) { return to_srgb(image, arguments.exposure_stops); };
-  if (!arguments.preview.empty()) {
-    write_png(arguments.preview, picture(result.fused));
-    written.add(arguments.preview);
-  }
+  const auto write = [&](const std::string& target, const Picture& content) {
+    staged.add(target, [&](const fs::path& file) { write_png(file, content); });
+  };
+  if (!arguments.preview.empty()) write(arguments.preview, picture(result.fused));
   if (!arguments.before_after.empty()) {
     std::vector<Picture> pictures = {picture(comparison->bicubic), picture(comparison->hrls),
                                      picture(result.fused)};
     if (images.reference) pictures.push_back(picture(*images.reference));
-    write_png(arguments.before_after, side_by_side(pictures));
-    written.add(arguments.before_after);
+    write(arguments.before_after, side_by_side(pictures));
   }
-  write_image(arguments, files, result, console);
+  write_image(arguments, files, result, console, staged);
 }
 
 }  // namespace raymeld::cli

@@ -2,6 +2,7 @@
 #include <charconv>
 
 #include "cli/commands.h"
+#include "cli/console.h"
 #include "cli/graph_text.h"
 #include "cli/models.h"
 #include "network.h"
@@ -37,14 +38,11 @@ void show(const GraphArguments& arguments) {
   Graph graph(arguments.precision == "fp16" ? Storage::kFloat16 : Storage::kFloat32);
   network(graph, model, full.height / scale, full.width / scale, 0);
   graph.plan();
-  if (arguments.dot) {
-    fmt::print("{}", graph_dot(graph, model.name()));
-    return;
-  }
-  fmt::print("model {}, {} parameters, {} x {} pixels, {}, halo {} LRHS pixels\n\n", model.name(),
-             model.parameters(), full.width, full.height, arguments.precision,
-             receptive_halo(model.architecture()));
-  fmt::print("{}\n{}", passes_text(graph), memory_text(graph));
+  if (arguments.dot) return print(graph_dot(graph, model.name()));
+  print(fmt::format("model {}, {} parameters, {} x {} pixels, {}, halo {} LRHS pixels\n\n", model.name(),
+                    model.parameters(), full.width, full.height, arguments.precision,
+                    receptive_halo(model.architecture())));
+  print(passes_text(graph) + "\n" + memory_text(graph));
 }
 
 }  // namespace

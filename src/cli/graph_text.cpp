@@ -2,10 +2,10 @@
 
 #include <map>
 
+#include "cli/console.h"
+
 namespace raymeld::cli {
 namespace {
-
-constexpr double kMebibyte = 1048576;
 
 const char* slot_name(FrameSlot slot) {
   switch (slot) {
@@ -17,6 +17,16 @@ const char* slot_name(FrameSlot slot) {
       return "fused";
   }
   return "";
+}
+
+// As it stands between quotes in Graphviz's language.
+std::string escaped(const std::string& name) {
+  std::string text;
+  for (const char c : name) {
+    if (c == '"' || c == '\\') text += '\\';
+    text += c;
+  }
+  return text;
 }
 
 std::string shape_text(const Shape& shape) {
@@ -93,12 +103,12 @@ std::string memory_text(const Graph& graph) {
 }
 
 std::string graph_dot(const Graph& graph, const std::string& name) {
-  std::string text = fmt::format("digraph \"{}\" {{\n  node [shape=box];\n", name);
+  std::string text = fmt::format("digraph \"{}\" {{\n  node [shape=box];\n", escaped(name));
   for (FrameSlot slot : {FrameSlot::kLrhs, FrameSlot::kHrls, FrameSlot::kFused})
     text += fmt::format("  {} [shape=ellipse];\n", slot_name(slot));
   for (size_t i = 0; i < graph.passes().size(); ++i) {
     const Pass& pass = graph.passes()[i];
-    text += fmt::format("  p{} [label=\"{}\\n{}\"];\n", i, pass.name, pass.shader->name);
+    text += fmt::format("  p{} [label=\"{}\\n{}\"];\n", i, escaped(pass.name), pass.shader->name);
     text += edges(graph, i);
     const Binding* frame = pass.frame();
     if (!frame) continue;

@@ -12,7 +12,7 @@ namespace {
 constexpr int kInternalError = 1, kError = 2, kInterrupted = 130;
 
 int complain(int status, const char* message) {
-  fmt::print(stderr, "raymeld: error: {}\n", message);
+  std::fprintf(stderr, "raymeld: error: %s\n", message);
   return status;
 }
 
@@ -39,7 +39,10 @@ int parse_and_run(CLI::App& app, int argc, char** argv) try {
   return 0;
 } catch (const CLI::ParseError& error) {
   if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
-  complain(kError, error.what());
+  const std::vector<std::string> unknown = app.remaining();
+  const bool has_no_command = app.get_subcommands().empty() && !unknown.empty();
+  complain(kError,
+           has_no_command ? fmt::format("there is no command '{}'", unknown.front()).c_str() : error.what());
   fmt::print(stderr, "raymeld --help and raymeld COMMAND --help tell more.\n");
   return kError;
 }

@@ -12,14 +12,19 @@ namespace raymeld::cli {
 
 namespace fs = std::filesystem;
 
-void check_output(const fs::path& output, std::span<const fs::path> inputs) {
+namespace {
+
+bool is_same_file(const fs::path& a, const fs::path& b) {
+  std::error_code error;
+  const auto full = [&](const fs::path& path) { return fs::weakly_canonical(fs::absolute(path), error); };
+  return fs::equivalent(a, b, error) || full(a) == full(b);
+}
+
+void check_place(const fs::path& output) {
   std::error_code error;
   if (fs::is_directory(output, error)) throw Error("cannot write '{}': it is a folder", output.string());
-  for (const fs::path& input : inputs) {
-    if (fs::equivalent(output, input, error)) {
-      throw Error("cannot write '{}': it is the same file as the input '{}'", output.string(),
-                  input.string());
-    }
+  if (fs::exists(output, error) && !fs::is_regular_file(output, error)) {
+    throw Error("cannot write '{}': it is not a regular file", output.string());
   }
   const fs::path folder = output.has_parent_path() ? output.parent_path() : ".";
   if (!fs::is_directory(folder, error)) {
@@ -30,9 +35,70 @@ void check_output(const fs::path& output, std::span<const fs::path> inputs) {
   }
 }
 
-WrittenFiles::~WrittenFiles() {
+// A link is followed, so that the file behind it is replaced and not the link.
+fs::path resolved(const fs::path& path) {
   std::error_code error;
-  for (auto file = files_.rbegin(); file != files_.rend(); ++file) fs::remove(*file, error);
+  return fs::is_symlink(path, error) ? fs::weakly_canonical(path, error) : path;
+}
+
+std::string replaced(std::string text, const std::string& from, const std::string& to) {
+  if (const size_t at = text.find(from); at != std::string::npos) text.replace(at, from.size(), to);
+  return text;
+}
+
+}  // namespace
+
+void check_outputs(std::span<const fs::path> outputs, std::span<const fs::path> inputs) {
+  for (size_t i = 0; i < outputs.size(); ++i) {
+    const fs::path& output = outputs[i];
+    check_place(output);
+    for (const fs::path& input : inputs) {
+      if (is_same_file(output, input)) {
+        throw Error("cannot write '{}': it is the same file as the input '{}'", output.string(),
+                    input.string());
+      }
+    }
+    for (const fs::path& other : outputs.first(i)) {
+      if (is_same_file(output, other)) {
+        throw Error("cannot write '{}': it is the same file as the output '{}'", output.string(),
+                    other.string());
+      }
+    }
+  }
+}
+
+StagedFiles::~StagedFiles() {
+  std::error_code error;
+  for (const Staged& file : files_) fs::remove(file.temporary, error);
+  for (const fs::path& folder : folders_) fs::remove(folder, error);
+}
+
+void StagedFiles::add(const fs::path& file, const std::function<void(const fs::path&)>& write) {
+  const fs::path target = resolved(file);
+  const fs::path temporary =
+      target.parent_path() / fmt::format(".raymeld-{}-{}.part", getpid(), files_.size());
+  try {
+    write(temporary);
+  } catch (const Error& error) {
+    throw Error("{}", replaced(error.what(), temporary.string(), file.string()));
+  }
+  files_.push_back({temporary, target});
+}
+
+void StagedFiles::add_folder(const fs::path& folder) {
+  std::error_code error;
+  if (fs::create_directory(folder, error)) folders_.push_back(folder);
+  if (error) throw Error("cannot make the folder '{}': {}", folder.string(), error.message());
+}
+
+void StagedFiles::commit() {
+  for (const Staged& file : files_) {
+    std::error_code error;
+    fs::rename(file.temporary, file.target, error);
+    if (error) throw Error("cannot write '{}': {}", file.target.string(), error.message());
+  }
+  files_.clear();
+  folders_.clear();
 }
 
 void write_npy(const fs::path& path, std::span<const float> values, size_t channels, size_t height,
