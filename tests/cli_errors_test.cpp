@@ -86,6 +86,8 @@ TEST_F(CliErrors, LayersThatAreMissingAreNamed) {
   expect_error(fuse(), {"high.exr", "normal", "albedo", "Denoising Albedo"});
   expect_error(fuse({"--map", "albedo=paint"}), {"high.exr", "paint"});
   expect_error(fuse({"--map", "blender"}), {"blender", "cycles"});
+  write_image(folder_ / "low.exr", {"a.R", "b.R"}, random_image({"a.R", "b.R"}, 8, 6, 2));
+  expect_error(fuse(), {"low.exr", "color", "--map-lrhs"});
 }
 
 TEST_F(CliErrors, Models) {

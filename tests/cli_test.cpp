@@ -1,4 +1,5 @@
 #include <OpenEXR/ImfStringAttribute.h>
+#include <fmt/format.h>
 
 #include <cmath>
 #include <cstring>
@@ -149,25 +150,59 @@ TEST_F(Cli, DryRunShowsThePlanAndWritesNothing) {
   EXPECT_EQ(files(), before);
 }
 
-// Cut out by data windows, both images still belong to one frame, and what is outside counts as black.
+// Of a picture that is cut out by its data window only the cells that the window touches are fused.
 TEST_F(Cli, DataWindowsInsideTheDisplayWindow) {
   const Image cut = random_image(kLayeredNames, 15, 14, 4);
   write_image(folder_ / "cut.exr", kLayeredNames, cut, window(5, 3, 15, 14), window(0, 0, 32, 24));
-  Image padded(32, 24, cut.channels);
-  for (int c = 0; c < cut.channels; ++c)
-    for (int y = 0; y < cut.height; ++y)
-      std::copy_n(&cut.plane(c)[y * cut.width], cut.width, &padded.at(c, y + 3, 5));
+  Image padded(16, 20, cut.channels);  // from (4, 0) on
+  for (int c = 0; c < padded.channels; ++c)
+    for (int y = 0; y < padded.height; ++y)
+      for (int x = 0; x < padded.width; ++x)
+        padded.at(c, y, x) = cut.at(c, std::clamp(y - 3, 0, 13), std::clamp(x - 1, 0, 14));
   write_image(folder_ / "padded.exr", kLayeredNames, padded);
-  const auto fuse_to = [&](const std::string& hrls, const std::string& output) {
-    const ProcessResult result =
-        run({"fuse", "--lrhs", "low.exr", "--hrls", hrls, "-o", output, "--model", tiny_model(), "--quiet"});
-    EXPECT_EQ(result.exit_status, 0) << result.err;
+  write_image(folder_ / "cells.exr", kColorNames, crop(read("low.exr"), 1, 0, 4, 5));
+  const auto fuse_to = [&](const std::string& lrhs, const std::string& hrls, const std::string& output) {
+    return run_json(
+        {"fuse", "--lrhs", lrhs, "--hrls", hrls, "-o", output, "--model", tiny_model(), "--json"});
   };
-  fuse_to("cut.exr", "a.exr");
-  fuse_to("padded.exr", "b.exr");
+  const Json json = fuse_to("low.exr", "cut.exr", "a.exr");
+  EXPECT_EQ(json.at("peak_bytes"), fuse_to("cells.exr", "padded.exr", "b.exr").at("peak_bytes"));
+  EXPECT_EQ(json.at("warnings"), Json::array());
   EXPECT_EQ(ExrFile(folder_ / "a.exr").header().dataWindow(), window(5, 3, 15, 14));
   EXPECT_EQ(ExrFile(folder_ / "a.exr").header().displayWindow(), window(0, 0, 32, 24));
-  EXPECT_EQ(read("a.exr").data, crop(read("b.exr"), 5, 3, 15, 14).data);
+  EXPECT_EQ(read("a.exr").data, crop(read("b.exr"), 1, 3, 15, 14).data);
+}
+
+TEST_F(Cli, LrhsIsRepeatedWhereItHasNoData) {
+  const Image low = read("low.exr");
+  write_image(folder_ / "cut.exr", kColorNames, crop(low, 0, 0, 7, 6), window(0, 0, 7, 6),
+              window(0, 0, 8, 6));
+  Image repeated = low;
+  for (int c = 0; c < 3; ++c)
+    for (int y = 0; y < 6; ++y) repeated.at(c, y, 7) = low.at(c, y, 6);
+  write_image(folder_ / "low.exr", kColorNames, repeated);
+  run_json(fuse({"--json"}));
+  const Image expected = read("out.exr");
+  const Json warnings = run_json({"fuse", "--lrhs", "cut.exr", "--hrls", "high.exr", "-o", "out.exr",
+                                  "--model", tiny_model(), "--json"})
+                            .at("warnings");
+  ASSERT_EQ(warnings.size(), 1u);
+  EXPECT_EQ(warnings[0].at("count"), 6);
+  EXPECT_EQ(read("out.exr").data, expected.data);
+}
+
+TEST_F(Cli, MapOfHrlsDoesNotConcernAPlainLrhs) {
+  std::vector<std::string> names;
+  for (const char* pass : {"Combined", "Denoising Normal", "Denoising Albedo"})
+    for (const std::string& color : kColorNames) names.push_back(fmt::format("Left.{}.{}", pass, color));
+  write_image(folder_ / "high.exr", names, random_image(names, 32, 24, 2));
+  write_image(folder_ / "truth.exr", kColorNames, random_image(kColorNames, 32, 24, 3));
+  for (const char* item : {"viewlayer=Left", "color=Left.Combined", "cycles"}) {
+    const Json json = run_json(fuse({"--map", item, "--reference", "truth.exr", "--dry-run", "--json"}));
+    EXPECT_EQ(json.at("layers").at("lrhs").at("color").at("channels"), Json({{"R", "G", "B"}}));
+    EXPECT_EQ(json.at("layers").at("hrls").at("color").at("channels").at(0).at(0), "Left.Combined.R");
+    EXPECT_EQ(json.at("layers").at("hrls").at("variance").at("rule"), "variance");
+  }
 }
 
 TEST_F(Cli, TilesGiveTheSameBits) {
@@ -179,18 +214,6 @@ TEST_F(Cli, TilesGiveTheSameBits) {
   EXPECT_GT(tiled.at("tiles"), 1);
   EXPECT_LE(tiled.at("peak_bytes"), 1 << 20);
   EXPECT_EQ(read("out.exr").data, whole.data);
-}
-
-// Of 12 thousand million elements the first layer alone would be: too many for a shader to count.
-TEST_F(Cli, AnyFrameHasAPlan) {
-  const int side = 65536;
-  write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 9, 6, 1), window(0, 0, 9, 6),
-              window(0, 0, side, side));
-  write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 32, 24, 2),
-              window(0, 0, 32, 24), window(0, 0, 4 * side, 4 * side));
-  const Json json = run_json(fuse({"--dry-run", "--json"}));
-  EXPECT_GT(json.at("tiles"), 1);
-  EXPECT_LT(json.at("peak_bytes").get<double>(), 4.0 * side * side);
 }
 
 TEST_F(Cli, HalfPrecisionIsSaidAndUsed) {
@@ -307,6 +330,11 @@ TEST_F(Cli, CompareGivesThePapersMeasures) {
   EXPECT_NEAR(json.at("relmse_gharbi"), 0.0625 / (0.25 + 1e-4), 1e-9);
   EXPECT_EQ(png_size(folder_ / "map.png"), std::make_pair(8u, 6u));
   EXPECT_EQ(run_json({"compare", "half.exr", "half.exr", "--json"}).at("relmse_bcr"), 0);
+  half.at(1, 2, 3) = NAN;
+  write_image(folder_ / "half.exr", kColorNames, half);
+  const Json sanitized = run_json({"compare", "quarter.exr", "half.exr", "--json"});
+  EXPECT_TRUE(sanitized.at("psnr_db").is_number());
+  EXPECT_EQ(sanitized.at("warnings").at(0).at("count"), 1);
 }
 
 TEST_F(Cli, GraphNeedsNoDevice) {

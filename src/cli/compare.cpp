@@ -1,7 +1,7 @@
 #include <array>
 
 #include "cli/commands.h"
-#include "cli/console.h"
+#include "cli/inputs.h"
 #include "cli/outputs.h"
 #include "cli/quality.h"
 #include "error.h"
@@ -20,10 +20,11 @@ struct CompareArguments {
   bool json = false;
 };
 
-Image load_color(const fs::path& path, const LayerChoice& choice) {
+Image load_color(const char* role, const fs::path& path, const LayerChoice& choice, Console& console) {
   ExrFile file(path);
-  const std::array<std::string, 1> color = {"color"};
-  return load_layers(file, map_layers(file, choice), color);
+  Image image = load_layers(file, map_layers(file, choice), kColor);
+  sanitize_input(image, role, path, console);
+  return image;
 }
 
 void compare(const CompareArguments& arguments) {
@@ -32,8 +33,9 @@ void compare(const CompareArguments& arguments) {
   if (!arguments.error_map.empty()) outputs.push_back(arguments.error_map);
   check_outputs(outputs, inputs);
   const LayerChoice choice = parse_layer_choice(arguments.map);
-  const Image image = load_color(arguments.image, choice);
-  const Image reference = load_color(arguments.reference, choice);
+  Console console(false);
+  const Image image = load_color("image", arguments.image, choice, console);
+  const Image reference = load_color("reference", arguments.reference, choice, console);
   if (image.width != reference.width || image.height != reference.height) {
     throw Error("cannot compare '{}', {} x {}, with '{}', {} x {}: the sizes must be equal", arguments.image,
                 image.width, image.height, arguments.reference, reference.width, reference.height);
@@ -44,7 +46,9 @@ void compare(const CompareArguments& arguments) {
     staged.add(map, [&](const fs::path& file) { write_png(file, heat_map(relmse_map(image, reference))); });
   }
   const QualityTable rows = {{"image", quality}};
-  print(arguments.json ? to_json(rows)["image"].dump(2) + "\n" : table(rows));
+  nlohmann::ordered_json json = to_json(rows)["image"];
+  json["warnings"] = to_json(console.warnings());
+  print(arguments.json ? json.dump(2) + "\n" : table(rows));
   staged.commit();
 }
 

@@ -31,6 +31,13 @@ void Console::warn(const std::string& message, uint64_t count) {
   say("raymeld: warning: " + message + "\n");
 }
 
+nlohmann::ordered_json to_json(const std::vector<Warning>& warnings) {
+  auto json = nlohmann::ordered_json::array();
+  for (const Warning& warning : warnings)
+    json.push_back({{"message", warning.message}, {"count", warning.count}});
+  return json;
+}
+
 ProgressBar::ProgressBar(const Console& console)
     : shown_(console.notes()), terminal_(isatty(STDERR_FILENO) != 0) {
   update(0);

@@ -4,6 +4,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
@@ -18,6 +19,8 @@ struct Warning {
   std::string message;
   uint64_t count = 1;  // of the values or pixels concerned
 };
+
+nlohmann::ordered_json to_json(const std::vector<Warning>& warnings);
 
 // What the program says on stderr beside errors.
 class Console {

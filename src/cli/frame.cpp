@@ -38,10 +38,9 @@ std::optional<Canvas> fit(const Windows& lrhs, const Windows& hrls, int scale) {
   }
   if (!displays_match) return std::nullopt;
   // In LRHS pixels from the display window's corner, which both files share.
-  Box2i cells = moved(lrhs.display, -lrhs.display.min);
-  cells.extendBy(moved(lrhs.data, -lrhs.display.min));
-  cells.extendBy(divide_down(hrls.data.min - hrls.display.min, scale));
-  cells.extendBy(divide_down(hrls.data.max - hrls.display.min, scale));
+  const Box2i cells(divide_down(hrls.data.min - hrls.display.min, scale),
+                    divide_down(hrls.data.max - hrls.display.min, scale));
+  if (!cells.intersects(moved(lrhs.data, -lrhs.display.min))) return std::nullopt;
   const Box2i full(cells.min * scale, (cells.max + V2i(1)) * scale - V2i(1));
   return Canvas{scale, moved(cells, lrhs.display.min), moved(full, hrls.display.min)};
 }
@@ -49,14 +48,13 @@ std::optional<Canvas> fit(const Windows& lrhs, const Windows& hrls, int scale) {
 Image seen_through(Image image, const Box2i& from, const Box2i& to) {
   if (from == to) return image;
   Image result(width_of(to), height_of(to), image.channels);
-  const V2i first(std::max(from.min.x, to.min.x), std::max(from.min.y, to.min.y));
-  const V2i last(std::min(from.max.x, to.max.x), std::min(from.max.y, to.max.y));
-  if (first.x > last.x) return result;
   for (int c = 0; c < image.channels; ++c) {
-    for (int y = first.y; y <= last.y; ++y) {
-      std::copy_n(
-          &image.plane(c)[size_t(y - from.min.y) * size_t(image.width) + size_t(first.x - from.min.x)],
-          last.x - first.x + 1, &result.at(c, y - to.min.y, first.x - to.min.x));
+    for (int y = 0; y < result.height; ++y) {
+      const int from_y = std::clamp(y + to.min.y - from.min.y, 0, image.height - 1);
+      for (int x = 0; x < result.width; ++x) {
+        const int from_x = std::clamp(x + to.min.x - from.min.x, 0, image.width - 1);
+        result.at(c, y, x) = image.at(c, from_y, from_x);
+      }
     }
   }
   return result;

@@ -21,12 +21,12 @@ struct Canvas {
   Imath::Box2i lrhs, hrls;
 };
 
-// The data windows where these are `scale` apart, else the display windows, grown to hold all data. Empty
-// when neither are.
+// The data windows where these are `scale` apart; else, where the display windows are, the cells that HRLS's
+// data window touches. Empty when neither are, or LRHS has no data there.
 std::optional<Canvas> fit(const Windows& lrhs, const Windows& hrls, int scale);
 
-// `image`, whose pixels are those of `from`, seen through the window `to`: cropped, and zero where it has
-// none.
+// `image`, whose pixels are those of `from`, seen through the window `to`: cropped, and its edge repeated
+// where it has none.
 Image seen_through(Image image, const Imath::Box2i& from, const Imath::Box2i& to);
 
 }  // namespace raymeld::cli

@@ -62,6 +62,7 @@ void show_plan(const FuseArguments& arguments, const FuseFiles& files, const Dev
     json["peak_bytes"] = plan.peak_bytes();
     json["activation_bytes"] = plan.activation_bytes;
     json["unaliased_bytes"] = plan.unaliased_bytes;
+    json["layers"] = {{"lrhs", to_json(files.lrhs_map)}, {"hrls", to_json(files.hrls_map)}};
     json["hrls_layers"] = files.model.architecture().hrls_layers;
     print(json.dump(2) + "\n");
     return;

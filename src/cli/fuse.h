@@ -37,6 +37,7 @@ struct FuseFiles {
   Canvas canvas;
   float phase = 0;  // of LRHS samples; see FuserOptions
   std::optional<ExrFile> reference;
+  LayerMap reference_map;
 
   const ExrChannel& hrls_color() const { return hrls.channel(hrls_map.layers.at("color").terms[0][0]); }
 };
@@ -44,7 +45,10 @@ struct FuseFiles {
 // The whole command. Throws Error and Cancelled; then no output is left behind.
 void run_fuse(const FuseArguments& arguments);
 
-// Throws Error when a file, a layer or a model is missing, or the sizes do not fit.
+// The channels of HRLS that the output holds as they are: alpha, or all but the colour.
+std::vector<std::string> passed_channels(const FuseFiles& files, bool keep_layers);
+
+// Throws Error when a file, a layer or a model is missing, or sizes or windows do not fit.
 FuseFiles open_files(const FuseArguments& arguments);
 
 struct FuseImages {
@@ -83,7 +87,8 @@ void write_outputs(const FuseArguments& arguments, FuseFiles& files, const FuseI
                    StagedFiles& staged);
 
 std::string profile_text(const FuseReport& report);
-nlohmann::ordered_json to_json(const std::vector<Warning>& warnings);
 nlohmann::ordered_json to_json(const std::vector<PassTime>& passes);
+// {layer: {rule, channels}}, the channels three by three.
+nlohmann::ordered_json to_json(const LayerMap& map);
 
 }  // namespace raymeld::cli

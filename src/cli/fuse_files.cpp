@@ -1,8 +1,10 @@
 #include <OpenEXR/ImfStringAttribute.h>
 
+#include <algorithm>
 #include <array>
 
 #include "cli/fuse.h"
+#include "cli/inputs.h"
 #include "cli/models.h"
 #include "io/exr_window.h"
 
@@ -12,13 +14,14 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::array<int, 3> kScales = {2, 4, 8};
-const std::vector<std::string> kColor = {"color"};
 
-LayerChoice lrhs_choice(const FuseArguments& arguments) {
-  if (!arguments.lrhs_map.empty()) return parse_layer_choice(arguments.lrhs_map);
-  LayerChoice choice = parse_layer_choice(arguments.map);
-  std::erase_if(choice.overrides, [](const auto& item) { return item.first != "color"; });
-  return choice;
+LayerMap map_lrhs(const FuseArguments& arguments, const ExrFile& lrhs) try {
+  LayerMap map = arguments.lrhs_map.empty() ? map_color(lrhs, parse_layer_choice(arguments.map))
+                                            : map_layers(lrhs, parse_layer_choice(arguments.lrhs_map));
+  require_layers(map, kColor, lrhs.path().string());
+  return map;
+} catch (const Error& error) {
+  throw Error("{}; --map-lrhs chooses the channels of LRHS", error.what());
 }
 
 Windows color_windows(const ExrFile& file, const LayerMap& map) {
@@ -65,26 +68,33 @@ float find_phase(std::string sampling, const ExrFile& lrhs, const Architecture& 
 }
 
 // Throws Error unless the reference is as large as what it is to be compared with.
-ExrFile open_reference(const fs::path& path, const ExrFile& hrls, const Imath::Box2i& hrls_window) {
-  ExrFile reference(path);
-  const Imath::Box2i window = color_windows(reference, map_layers(reference)).data;
-  if (window.size() != hrls_window.size()) {
-    throw Error("the reference '{}' is {}, and HRLS '{}' is {}: the sizes must be equal", path.string(),
-                size_text(window), hrls.path().string(), size_text(hrls_window));
-  }
-  return reference;
+void check_reference(const ExrFile& reference, const LayerMap& map, const ExrFile& hrls,
+                     const Imath::Box2i& hrls_window) {
+  const Imath::Box2i window = color_windows(reference, map).data;
+  if (window.size() == hrls_window.size()) return;
+  throw Error("the reference '{}' is {}, and HRLS '{}' is {}: the sizes must be equal",
+              reference.path().string(), size_text(window), hrls.path().string(), size_text(hrls_window));
 }
 
-void sanitize_input(Image& image, const char* role, const fs::path& path, Console& console) {
-  const NonFinite counts = sanitize(image);
-  const auto warn = [&](size_t count, const char* what, const char* instead) {
-    if (count > 0)
-      console.warn(
-          fmt::format("{} '{}': {} values are {}; used as {}", role, path.string(), count, what, instead),
-          count);
+// How many pixels of the canvas LRHS has no data for.
+uint64_t pixels_outside(const Windows& lrhs, const Imath::Box2i& canvas) {
+  const auto area = [](const Imath::Box2i& window) {
+    return uint64_t(width_of(window)) * uint64_t(height_of(window));
   };
-  warn(counts.nan, "NaN", "0");
-  warn(counts.inf, "infinite", "+-65504");
+  const Imath::V2i first(std::max(lrhs.data.min.x, canvas.min.x), std::max(lrhs.data.min.y, canvas.min.y));
+  const Imath::V2i last(std::min(lrhs.data.max.x, canvas.max.x), std::min(lrhs.data.max.y, canvas.max.y));
+  return area(canvas) - area({first, last});
+}
+
+void check_passed_channels(const FuseFiles& files, bool keep_layers) {
+  for (const std::string& name : passed_channels(files, keep_layers)) {
+    const Imath::Box2i window = files.hrls.header(files.hrls.channel(name).part).dataWindow();
+    if (window == files.hrls_windows.data) continue;
+    throw Error(
+        "HRLS '{}': channel '{}' has another data window than the colour, {} instead of {}, and "
+        "cannot be passed through",
+        files.hrls.path().string(), name, size_text(window), size_text(files.hrls_windows.data));
+  }
 }
 
 }  // namespace
@@ -110,8 +120,8 @@ fs::path FuseArguments::dump_folder() const {
 
 FuseFiles open_files(const FuseArguments& arguments) {
   ExrFile lrhs(arguments.lrhs), hrls(arguments.hrls);
-  LayerMap lrhs_map = map_layers(lrhs, lrhs_choice(arguments));
-  LayerMap hrls_map = map_layers(hrls, parse_layer_choice(arguments.map));
+  const LayerChoice choice = parse_layer_choice(arguments.map);
+  LayerMap hrls_map = map_layers(hrls, choice), lrhs_map = map_lrhs(arguments, lrhs);
   const Windows lrhs_windows = color_windows(lrhs, lrhs_map), hrls_windows = color_windows(hrls, hrls_map);
   const auto canvas_of = [&](std::span<const int> scales) {
     return find_canvas(lrhs, lrhs_windows, hrls, hrls_windows, scales);
@@ -123,11 +133,18 @@ FuseFiles open_files(const FuseArguments& arguments) {
   const Canvas canvas = canvas_of(scale);
   require_layers(hrls_map, model.architecture().hrls_layers, hrls.path().string());
   std::optional<ExrFile> reference;
-  if (!arguments.reference.empty()) reference = open_reference(arguments.reference, hrls, hrls_windows.data);
+  LayerMap reference_map;
+  if (!arguments.reference.empty()) {
+    reference.emplace(arguments.reference);
+    reference_map = map_color(*reference, choice);
+    check_reference(*reference, reference_map, hrls, hrls_windows.data);
+  }
   const float phase = find_phase(arguments.sampling, lrhs, model.architecture());
-  return {std::move(lrhs), std::move(hrls),     std::move(lrhs_map), std::move(hrls_map),
-          lrhs_windows,    hrls_windows,        std::move(model),    canvas,
-          phase,           std::move(reference)};
+  FuseFiles files{std::move(lrhs), std::move(hrls),      std::move(lrhs_map),     std::move(hrls_map),
+                  lrhs_windows,    hrls_windows,         std::move(model),        canvas,
+                  phase,           std::move(reference), std::move(reference_map)};
+  check_passed_channels(files, arguments.keep_layers);
+  return files;
 }
 
 FuseImages load_images(FuseFiles& files, Console& console) {
@@ -136,10 +153,17 @@ FuseImages load_images(FuseFiles& files, Console& console) {
   images.hrls = load_layers(files.hrls, files.hrls_map, files.model.architecture().hrls_layers);
   sanitize_input(images.lrhs, "LRHS", files.lrhs.path(), console);
   sanitize_input(images.hrls, "HRLS", files.hrls.path(), console);
+  if (const uint64_t outside = pixels_outside(files.lrhs_windows, files.canvas.lrhs)) {
+    console.warn(
+        fmt::format("LRHS '{}': {} pixels that HRLS needs lie outside its data window, whose edge is "
+                    "repeated there",
+                    files.lrhs.path().string(), outside),
+        outside);
+  }
   images.lrhs = seen_through(std::move(images.lrhs), files.lrhs_windows.data, files.canvas.lrhs);
   images.hrls = seen_through(std::move(images.hrls), files.hrls_windows.data, files.canvas.hrls);
   if (files.reference) {
-    images.reference = load_layers(*files.reference, map_layers(*files.reference), kColor);
+    images.reference = load_layers(*files.reference, files.reference_map, kColor);
     sanitize_input(*images.reference, "reference", files.reference->path(), console);
   }
   return images;

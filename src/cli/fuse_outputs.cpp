@@ -43,19 +43,11 @@ ChannelTriple color_names(const FuseFiles& files, bool keep_layers) {
   return keep_layers && own[0] != own[1] ? own : ChannelTriple{"R", "G", "B"};
 }
 
-std::vector<ExrRawChannel> passed_through(FuseFiles& files, bool keep_layers) {
+std::vector<ExrRawChannel> read_passed(FuseFiles& files, bool keep_layers) {
   std::vector<ExrRawChannel> channels;
-  if (!keep_layers) {
-    if (!files.hrls_map.alpha) return channels;
-    channels.push_back(files.hrls.read_raw(*files.hrls_map.alpha));
-    channels.back().name.assign(1, 'A');
-    return channels;
-  }
-  const ChannelTriple& color = files.hrls_map.layers.at("color").terms[0];
-  for (const ExrChannel& channel : files.hrls.channels()) {
-    if (std::ranges::find(color, channel.name) == color.end())
-      channels.push_back(files.hrls.read_raw(channel.name));
-  }
+  for (const std::string& name : passed_channels(files, keep_layers))
+    channels.push_back(files.hrls.read_raw(name));
+  if (!keep_layers && !channels.empty()) channels[0].name.assign(1, 'A');
   return channels;
 }
 
@@ -63,7 +55,7 @@ void write_image(const FuseArguments& arguments, FuseFiles& files, const FuseRes
                  StagedFiles& staged) {
   ExrOutput output;
   output.source = output_header(files, result.storage);
-  output.pass_through = passed_through(files, arguments.keep_layers);
+  output.pass_through = read_passed(files, arguments.keep_layers);
   const ChannelTriple names = color_names(files, arguments.keep_layers);
   const Imf::PixelType type = output_type(arguments.output_type, files.hrls_color().type);
   for (int c = 0; c < 3; ++c) output.planes.push_back({names[size_t(c)], type, result.fused.plane(c)});
@@ -77,6 +69,16 @@ void write_image(const FuseArguments& arguments, FuseFiles& files, const FuseRes
 }
 
 }  // namespace
+
+std::vector<std::string> passed_channels(const FuseFiles& files, bool keep_layers) {
+  std::vector<std::string> names;
+  const auto& alpha = files.hrls_map.alpha;
+  const ChannelTriple& color = files.hrls_map.layers.at("color").terms[0];
+  for (const std::string& name : files.hrls.channel_names()) {
+    if (keep_layers ? std::ranges::find(color, name) == color.end() : name == alpha) names.push_back(name);
+  }
+  return names;
+}
 
 Comparison make_comparison(const FuseFiles& files, const FuseImages& images) {
   const auto as_written = [&](Image image) {

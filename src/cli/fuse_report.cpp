@@ -11,6 +11,20 @@ std::string row(const std::string& name, double time_ms, double flop, double byt
                      giga_per_second(bytes, time_ms));
 }
 
+const char* rule_name(LayerRule rule) {
+  switch (rule) {
+    case LayerRule::kRead:
+      return "read";
+    case LayerRule::kEquation2:
+      return "color * (direct + indirect)";
+    case LayerRule::kSum:
+      return "sum";
+    case LayerRule::kVariance:
+      return "variance";
+  }
+  return "";
+}
+
 }  // namespace
 
 std::string profile_text(const FuseReport& report) {
@@ -25,13 +39,6 @@ std::string profile_text(const FuseReport& report) {
   return text + row("total", total.time_ms, total.flop, total.bytes);
 }
 
-nlohmann::ordered_json to_json(const std::vector<Warning>& warnings) {
-  auto json = nlohmann::ordered_json::array();
-  for (const Warning& warning : warnings)
-    json.push_back({{"message", warning.message}, {"count", warning.count}});
-  return json;
-}
-
 nlohmann::ordered_json to_json(const std::vector<PassTime>& passes) {
   auto json = nlohmann::ordered_json::array();
   for (const PassTime& pass : passes) {
@@ -40,6 +47,13 @@ nlohmann::ordered_json to_json(const std::vector<PassTime>& passes) {
                     {"gflop_per_s", giga_per_second(pass.flop, pass.time_ms)},
                     {"gb_per_s", giga_per_second(pass.bytes, pass.time_ms)}});
   }
+  return json;
+}
+
+nlohmann::ordered_json to_json(const LayerMap& map) {
+  auto json = nlohmann::ordered_json::object();
+  for (const auto& [layer, source] : map.layers)
+    json[layer] = {{"rule", rule_name(source.rule)}, {"channels", source.terms}};
   return json;
 }
 

@@ -1,0 +1,17 @@
+// What fuse and compare do alike with the images they read.
+#pragma once
+
+#include "cli/console.h"
+#include "io/layers_from_exr.h"
+
+namespace raymeld::cli {
+
+extern const std::vector<std::string> kColor;  // the one layer that every image has
+
+// Finds the colour of a file that `choice` was not made for: what of it does not fit is found automatically.
+LayerMap map_color(const ExrFile& file, const LayerChoice& choice);
+
+// sanitize(), with a warning for NaN and one for infinities; `role` says what the file is.
+void sanitize_input(Image& image, const char* role, const std::filesystem::path& path, Console& console);
+
+}  // namespace raymeld::cli
