@@ -62,7 +62,7 @@ TEST(SafeTensors, RoundTripThroughAFile) {
   content.metadata = {{"name", "x4 \"quoted\" ü"}};
   content.tensors["w"] = {TensorType::kF32, {2, 2}, {1.5f, -0.0f, 1e-40f, 3e38f}};
   content.tensors["h"] = {TensorType::kF16, {2}, {0.25f, -65504.0f}};
-  write_safetensors(directory / "a.safetensors", content);
+  test::write_safetensors(directory / "a.safetensors", content);
   const SafeTensors read = read_safetensors(directory / "a.safetensors");
   EXPECT_EQ(read.metadata, content.metadata);
   ASSERT_EQ(read.tensors.size(), 2u);

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "io/safetensors.h"
 #include "reference.h"
 
 namespace raymeld::test {
@@ -55,6 +56,9 @@ class TemporaryDirectory {
  private:
   std::filesystem::path path_;
 };
+
+// Values are rounded to the tensor's type.
+void write_safetensors(const std::filesystem::path& path, const SafeTensors& content);
 
 std::string read_file(const std::filesystem::path& path);
 void write_file(const std::filesystem::path& path, std::string_view content);

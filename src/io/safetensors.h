@@ -31,7 +31,4 @@ SafeTensors parse_safetensors(std::string_view bytes, const std::string& name);
 
 SafeTensors read_safetensors(const std::filesystem::path& path);
 
-// Whole or not at all; values are rounded to the tensor's type. Throws Error.
-void write_safetensors(const std::filesystem::path& path, const SafeTensors& content);
-
 }  // namespace raymeld

@@ -4,10 +4,9 @@
 #include <cstring>
 #include <nlohmann/json.hpp>
 
-#include "io/atomic_file.h"
-#include "io/safetensors.h"
+#include "support.h"
 
-namespace raymeld {
+namespace raymeld::test {
 namespace {
 
 std::string stored(const TensorData& tensor) {
@@ -39,11 +38,7 @@ void write_safetensors(const std::filesystem::path& path, const SafeTensors& con
   std::string text = header.dump();
   text.resize((text.size() + 7) / 8 * 8, ' ');  // so that the data is aligned
   const uint64_t length = text.size();
-  AtomicFile file(path);
-  file.write(&length, sizeof(length));
-  file.write(text.data(), text.size());
-  file.write(data.data(), data.size());
-  file.commit();
+  write_file(path, std::string(reinterpret_cast<const char*>(&length), sizeof(length)) + text + data);
 }
 
-}  // namespace raymeld
+}  // namespace raymeld::test
