@@ -1,4 +1,10 @@
 // Whatever goes wrong: exit status 2 and a message that names it, and not a file more than before.
+#include <OpenEXR/ImfChannelList.h>
+#include <OpenEXR/ImfFrameBuffer.h>
+#include <OpenEXR/ImfMultiPartOutputFile.h>
+#include <OpenEXR/ImfOutputPart.h>
+#include <OpenEXR/ImfPartType.h>
+
 #include <csignal>
 
 #include "cli_fixture.h"
@@ -88,6 +94,35 @@ TEST_F(CliErrors, LayersThatAreMissingAreNamed) {
   expect_error(fuse({"--map", "blender"}), {"blender", "cycles"});
   write_image(folder_ / "low.exr", {"a.R", "b.R"}, random_image({"a.R", "b.R"}, 8, 6, 2));
   expect_error(fuse(), {"low.exr", "color", "--map-lrhs"});
+}
+
+// Parts of 32 x 24 with black colours, and one, "extra", of half that width.
+void write_parts(const fs::path& path) {
+  std::vector<Imf::Header> headers;
+  for (const char* name : {"beauty", "albedo", "normal", "extra"}) {
+    const Imath::Box2i whole = window(0, 0, 32, 24), half = window(0, 0, 16, 24);
+    headers.emplace_back(whole, std::string(name) == "extra" ? half : whole);
+    headers.back().setName(name);
+    headers.back().setType(Imf::SCANLINEIMAGE);
+    for (const std::string& color : kColorNames) headers.back().channels().insert(color, Imf::Channel());
+  }
+  Imf::MultiPartOutputFile file(path.c_str(), headers.data(), int(headers.size()));
+  const std::vector<uint16_t> black(32 * 24);
+  for (int part = 0; part < file.parts(); ++part) {
+    Imf::FrameBuffer frame;
+    for (const std::string& color : kColorNames)
+      frame.insert(color, Imf::Slice::Make(Imf::HALF, black.data(), headers[size_t(part)].dataWindow()));
+    Imf::OutputPart output(file, part);
+    output.setFrameBuffer(frame);
+    output.writePixels(24);
+  }
+}
+
+TEST_F(CliErrors, ChannelsThatCannotBePassedThrough) {
+  write_parts(folder_ / "high.exr");
+  EXPECT_EQ(run(fuse({"--map", "color=beauty", "--dry-run"})).exit_status, 0);
+  expect_error(fuse({"--map", "color=beauty", "--keep-layers", "--dry-run"}),
+               {"high.exr", "'extra.B'", "16 x 24", "32 x 24"});
 }
 
 TEST_F(CliErrors, Models) {
