@@ -251,6 +251,21 @@ TEST_F(FuserTest, PlansKeepTheLimitsOfTheDevice) {
   const FusePlan small = plan_fusion(model, 540, 960, device, {});
   EXPECT_GT(small.tiling.count(), 1u);
   EXPECT_LE(small.peak_bytes(), device.memory_bytes);
+
+  device.memory_bytes = uint64_t{64} << 30;
+  device.max_groups = {65535, 100, 65535};  // along y, a workgroup of the shuffles covers two rows
+  const FusePlan grouped = plan_fusion(model, 540, 960, device, {});
+  EXPECT_GT(grouped.tiling.count(), 1u);
+  EXPECT_LE(2 * grouped.tiling.tile.height, 200u);
+  device.max_groups = {65535, 1, 65535};
+  EXPECT_ERROR(plan_fusion(model, 540, 960, device, {}), model.name(), "workgroups along y");
+}
+
+TEST_F(FuserTest, AFrameTooLargeToAddressIsTiled) {
+  const Model model = model_of(make_subject(small_architecture(2), 1, 1, 1));
+  const FusePlan plan = plan_fusion(model, 65536, 65536, gpu().info(), {});
+  EXPECT_GT(plan.tiling.count(), 1u);
+  EXPECT_LE(plan.peak_bytes(), gpu().info().memory_bytes);
 }
 
 TEST_F(FuserTest, SplitDispatchesGiveTheSameBits) {
