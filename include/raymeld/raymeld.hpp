@@ -36,7 +36,7 @@ struct FusionOptions {
   uint64_t max_memory_bytes =
       0;  // of all buffers raymeld makes on the device; 0: what the device has to give
   LrhsSampling lrhs_sampling = LrhsSampling::kModel;
-  std::string device;  // index, UUID or part of the name; empty: the first GPU, else a CPU driver
+  std::string device = {};  // index, UUID or part of the name; empty: the first GPU, else a CPU driver
 };
 
 // A model made ready for frames of one size on one device. Externally synchronised.
