@@ -11,7 +11,8 @@ namespace {
 
 #define COUNTED_FUNCTIONS(X)                                                                                \
   X(AllocateMemory)                                                                                         \
-  X(CreateBuffer) X(MapMemory) X(CreateDescriptorSetLayout) X(CreatePipelineLayout) X(CreateDescriptorPool) \
+  X(CreateBuffer)                                                                                           \
+  X(MapMemory) X(CreateDescriptorSetLayout) X(CreatePipelineLayout) X(CreateDescriptorPool)                 \
       X(AllocateDescriptorSets) X(CreateCommandPool) X(AllocateCommandBuffers) X(CreateShaderModule)        \
           X(CreatePipelineCache) X(CreateComputePipelines) X(CreateFence) X(CreateQueryPool) X(QueueSubmit) \
               X(WaitForFences) X(DeviceWaitIdle)

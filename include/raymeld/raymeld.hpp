@@ -33,8 +33,8 @@ struct FusionStatus {
 
 struct FusionOptions {
   Precision precision = Precision::kAuto;
-  uint64_t max_memory_bytes =
-      0;  // of all buffers raymeld makes on the device; 0: what the device has to give
+  // Of all buffers raymeld makes on the device; 0: what the device has to give.
+  uint64_t max_memory_bytes = 0;
   LrhsSampling lrhs_sampling = LrhsSampling::kModel;
   std::string device = {};  // index, UUID or part of the name; empty: the first GPU, else a CPU driver
 };

@@ -1,9 +1,9 @@
-// Fuses a frame through the installed package: MODEL -> exit status 0 when the image is finite and not all zero.
-#include <raymeld/raymeld.hpp>
-
+// Fuses a frame through the installed package: MODEL -> exit status 0 when the image is finite and not all
+// zero.
 #include <cmath>
 #include <cstdio>
 #include <exception>
+#include <raymeld/raymeld.hpp>
 #include <vector>
 
 int main(int argc, char** argv) {
