@@ -83,12 +83,10 @@ void Fuser::prepare_host() {
 void Fuser::record_chunks(Host& host) const {
   const auto passes = graph_.passes();
   for (size_t first = 0; first < passes.size();) {
-    double work = passes[first].flop + passes[first].bytes;
+    double work = passes[first].work();
     size_t last = first + 1;
-    while (last < passes.size() &&
-           work + passes[last].flop + passes[last].bytes <= program_.max_submit_flop()) {
-      work += passes[last].flop + passes[last].bytes;
-      ++last;
+    while (last < passes.size() && work + passes[last].work() <= program_.max_submit_flop()) {
+      work += passes[last++].work();
     }
     VkCommandBuffer commands = host.pool.begin(fmt::format("passes {} to {}", first, last - 1));
     program_.record(commands, kHostSet, first, last, host.queries);
@@ -105,25 +103,18 @@ void Fuser::record_chunks(Host& host) const {
   }
 }
 
-uint32_t Fuser::hrls_channels() const {
-  return static_cast<uint32_t>(3 * model_.architecture().hrls_layers.size());
-}
-
 void Fuser::check_sizes(const Image& lrhs, const Image& hrls) const {
-  const auto [height, width] = plan_.tiling.frame;
-  const uint32_t s = model_.architecture().scale;
-  const auto is = [](const Image& image, uint32_t h, uint32_t w, uint32_t c) {
-    return image.height == static_cast<int>(h) && image.width == static_cast<int>(w) &&
-           image.channels == static_cast<int>(c);
+  const auto shapes = frame_shapes(model_, plan_.tiling.frame);
+  const auto check_size = [](const char* role, const Image& image, const Shape& shape) {
+    if (image.height == static_cast<int>(shape.height) && image.width == static_cast<int>(shape.width) &&
+        image.channels == static_cast<int>(shape.channels)) {
+      return;
+    }
+    throw Error("{} is {}x{} with {} channels, expected {}x{} with {}", role, image.width, image.height,
+                image.channels, shape.width, shape.height, shape.channels);
   };
-  if (!is(lrhs, height, width, 3)) {
-    throw Error("LRHS is {}x{} with {} channels, expected {}x{} with 3", lrhs.width, lrhs.height,
-                lrhs.channels, width, height);
-  }
-  if (!is(hrls, s * height, s * width, hrls_channels())) {
-    throw Error("HRLS is {}x{} with {} channels, expected {}x{} with {}", hrls.width, hrls.height,
-                hrls.channels, s * width, s * height, hrls_channels());
-  }
+  check_size("LRHS", lrhs, shapes[0]);
+  check_size("HRLS", hrls, shapes[1]);
 }
 
 FuseReport Fuser::fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress) {
@@ -172,7 +163,8 @@ void Fuser::upload(const float* lrhs, const float* hrls, const Tile& at) {
               lrhs_out + c * tile_plane, tile.width, tile.width, tile.height);
   }
   auto* hrls_out = static_cast<float*>(host_->hrls.mapped());
-  for (size_t c = 0; c < hrls_channels(); ++c) {
+  const size_t channels = frame_shapes(model_, tile)[1].channels;
+  for (size_t c = 0; c < channels; ++c) {
     copy_rows(hrls + s * s * c * frame_plane + s * at.y * s * frame.width + s * at.x, s * frame.width,
               hrls_out + s * s * c * tile_plane, s * tile.width, s * tile.width, s * tile.height);
   }

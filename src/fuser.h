@@ -78,7 +78,6 @@ class Fuser {
 
   void check_sizes(const Image& lrhs, const Image& hrls) const;
   FrameBindings bindings(const FrameBuffer& lrhs, const FrameBuffer& hrls, const FrameBuffer& fused) const;
-  uint32_t hrls_channels() const;
   void prepare_host();
   void record_chunks(Host& host) const;
   void upload(const float* lrhs, const float* hrls, const Tile& at);

@@ -4,11 +4,10 @@
 #include <optional>
 
 #include "network.h"
+#include "numbers.h"
 
 namespace raymeld {
 namespace {
-
-constexpr double kMebibyte = 1048576;
 
 FusePlan describe(const Graph& graph, const Model& model, const Tiling& tiling) {
   FusePlan plan;
@@ -85,9 +84,11 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
   // A driver that tells no budget still shares its heap with others.
   const uint64_t most_bytes =
       options.max_memory_bytes ? options.max_memory_bytes : device.memory_bytes / 5 * 4;
+  std::optional<Graph> graph;  // of the tile tried last
   std::optional<std::string> reason;
   const auto fits = [&](TileSize tile) {
-    reason = obstacle(build_graph(model, tile, options), model, tile, device, most_bytes);
+    graph = build_graph(model, tile, options);
+    reason = obstacle(*graph, model, tile, device, most_bytes);
     // Every layer's output stays readable in a frame of one tile only.
     if (reason && options.keep_activations)
       throw Error("keeping every layer's output takes one tile: {}", *reason);
@@ -95,7 +96,7 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
   };
   const Tiling tiling = choose_tiling({height, width}, receptive_halo(model.architecture()), fits);
   if (tiling.count() == 0) throw Error("model {}: the smallest tile does not fit: {}", model.name(), *reason);
-  return describe(build_graph(model, tiling.tile, options), model, tiling);
+  return describe(*graph, model, tiling);
 }
 
 }  // namespace raymeld

@@ -2,10 +2,10 @@
 
 #include <algorithm>
 
+#include "numbers.h"
+
 namespace raymeld {
 namespace {
-
-uint32_t divide_up(uint32_t a, uint32_t b) { return (a + b - 1) / b; }
 
 // Where a tile that keeps [core, core + core_size) starts, so that it has its halo or touches the frame's
 // edge.

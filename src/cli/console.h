@@ -8,9 +8,9 @@
 #include <string>
 #include <vector>
 
-namespace raymeld::cli {
+#include "numbers.h"
 
-inline constexpr double kMebibyte = 1048576;
+namespace raymeld::cli {
 
 // To stdout, at once. Throws Error.
 void print(const std::string& text);

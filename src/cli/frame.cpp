@@ -4,6 +4,7 @@
 #include <cstdlib>
 
 #include "io/exr_window.h"
+#include "numbers.h"
 
 namespace raymeld::cli {
 namespace {
@@ -16,9 +17,8 @@ bool is_scaled(const Box2i& small, const Box2i& large, int scale) {
          height_of(large) == int64_t{scale} * height_of(small);
 }
 
-int divide_down(int value, int divisor) { return value / divisor - (value % divisor < 0 ? 1 : 0); }
 V2i divide_down(V2i value, int divisor) {
-  return {divide_down(value.x, divisor), divide_down(value.y, divisor)};
+  return {raymeld::divide_down(value.x, divisor), raymeld::divide_down(value.y, divisor)};
 }
 
 Box2i moved(const Box2i& window, V2i by) { return {window.min + by, window.max + by}; }

@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "error.h"
+#include "numbers.h"
 
 namespace raymeld {
 namespace {
@@ -40,10 +41,10 @@ Buffer::Buffer(const Device& device, uint64_t size_bytes, Memory memory, const s
     : size_bytes_(size_bytes) {
   const VulkanFunctions& vk = device.vk();
   const std::string what =
-      fmt::format("allocating {:.1f} MiB for {} on {}", size_bytes / 1048576.0, name, device.info().name);
+      fmt::format("allocating {:.1f} MiB for {} on {}", size_bytes / kMebibyte, name, device.info().name);
   if (size_bytes > device.info().max_allocation_bytes) {
     throw Error("{}: the device allocates at most {:.1f} MiB at once", what,
-                device.info().max_allocation_bytes / 1048576.0);
+                device.info().max_allocation_bytes / kMebibyte);
   }
   device_ = &device;
   try {

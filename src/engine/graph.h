@@ -51,6 +51,8 @@ struct Pass {
   double flop = 0;   // multiply-adds count as two
   double bytes = 0;  // every operand once: the least traffic
 
+  // What dispatches and submits are measured by.
+  double work() const { return flop + bytes; }
   // Copies a structure of shaders/params.h into the push constants.
   template <typename Params>
   void set_push(const Params& params) {

@@ -236,7 +236,7 @@ void Program::record(VkCommandBuffer commands, uint32_t set, size_t first, size_
 // Splits along z (channels), then along y (rows).
 void Program::dispatch(VkCommandBuffer commands, const Pass& pass) const {
   const auto [x, y, z] = pass.groups;
-  const double pieces = std::max(1.0, std::ceil((pass.flop + pass.bytes) / max_dispatch_flop_));
+  const double pieces = std::max(1.0, std::ceil(pass.work() / max_dispatch_flop_));
   const auto z_step = static_cast<uint32_t>(std::max(1.0, std::floor(z / pieces)));
   const double y_pieces = std::max(1.0, std::ceil(pieces / z));
   const auto y_step = static_cast<uint32_t>(std::max(1.0, std::ceil(y / y_pieces)));

@@ -14,6 +14,7 @@
 #include "io/atomic_file.h"
 #include "io/exr.h"
 #include "io/exr_window.h"
+#include "numbers.h"
 
 namespace raymeld {
 namespace {
@@ -132,8 +133,6 @@ Frame make_frame(const ExrOutput& output) {
   }
   return frame;
 }
-
-int divide_down(int value, int divisor) { return value / divisor - (value % divisor < 0 ? 1 : 0); }
 
 Imath::Box2i degraded_window(const Imath::Box2i& window, int scale) {
   const Imath::V2i origin(divide_down(window.min.x, scale), divide_down(window.min.y, scale));

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "engine/graph.h"
+#include "numbers.h"
 
 namespace raymeld {
 
@@ -25,8 +26,6 @@ inline Binding constant_binding(uint32_t constant) {
 inline Binding frame_binding(FrameSlot slot, Access access) {
   return {.kind = Binding::Kind::kFrame, .access = access, .slot = slot};
 }
-
-constexpr uint32_t divide_up(uint32_t a, uint32_t b) { return (a + b - 1) / b; }
 
 // Workgroups of the shaders with one invocation for each element, 32 x 2 to a workgroup.
 constexpr std::array<uint32_t, 3> element_groups(const Shape& shape) {
