@@ -22,19 +22,47 @@ class Config:
     hrls_layers: tuple = LAYERS
     long_skip: str = "lrhs"
     merge_relu: bool = False
+    hrls_encoder: str = "full"
+    upscale: str = "stages"
+    upscaled_features: int = 0  # M; 0: as many as features
+    guide: str = "none"
+    head_features: int = 0
     transfer: str = "log"
     clip: float = 1000.0
     base: str = "bilinear"
-    lrhs_sampling: str = "nearest"
+    lrhs_sampling: tuple = ("nearest",)
+    optional_layers: tuple = ()
+    exposure_key: float = 0.0
+
+    def __post_init__(self):
+        self.upscaled_features = self.upscaled_features or self.features
 
     @property
     def halvings(self):
         return int(math.log2(self.scale))
 
     def metadata(self):
-        values = dataclasses.asdict(self) | {"hrls_layers": ",".join(self.hrls_layers)}
-        values["merge_relu"] = "true" if self.merge_relu else "false"
-        return {key: f"{value:g}" if isinstance(value, float) else str(value) for key, value in values.items()}
+        def text(value):
+            if isinstance(value, tuple):
+                return ",".join(value)
+            if isinstance(value, bool):
+                return "true" if value else "false"
+            return f"{value:g}" if isinstance(value, float) else str(value)
+
+        return {key: text(value) for key, value in dataclasses.asdict(self).items()}
+
+    @classmethod
+    def parse(cls, metadata):
+        """The inverse of metadata(); entries that are not the network's are left out."""
+
+        def value(field):
+            text = metadata[field.name]
+            kind = type(field.default)
+            if kind is tuple:
+                return tuple(text.split(",")) if text else ()
+            return text == "true" if kind is bool else kind(text)
+
+        return cls(**{field.name: value(field) for field in dataclasses.fields(cls)})
 
 
 def transfer(x, kind):
@@ -113,38 +141,69 @@ class Network(nn.Module):
     def __init__(self, config):
         super().__init__()
         self.config = config
-        c, halvings = config.features, config.halvings
+        c, s, halvings = config.features, config.scale, config.halvings
+        k, m = 3 * len(config.hrls_layers), config.upscaled_features
         self.lrhs = nn.Conv2d(3, c, 3, padding=1)
-        self.hrls = nn.Conv2d(3 * len(config.hrls_layers), c, 3, padding=1)
-        self.down = nn.ModuleList(nn.Conv2d(4 * c, c, 3, padding=1) for _ in range(halvings))
+        if len(config.lrhs_sampling) == 2:
+            self.lrhs.centered_bias = nn.Parameter(self.lrhs.bias.detach().clone())
+        if config.hrls_encoder == "full":
+            self.hrls = nn.Conv2d(k, c, 3, padding=1)
+            self.down = nn.ModuleList(nn.Conv2d(4 * c, c, 3, padding=1) for _ in range(halvings))
+        else:
+            self.hrls = nn.Conv2d(k * s * s, c, 3, padding=1)
         self.fuse = nn.Conv2d(2 * c, c, 1)
         self.groups = nn.ModuleList(Group(config) for _ in range(config.groups))
-        self.up = nn.ModuleList(nn.Conv2d(c, 4 * c, 3, padding=1) for _ in range(halvings))
-        self.rec = nn.Conv2d(c, 3, 3, padding=1)
+        if config.upscale == "stages":
+            self.up = nn.ModuleList(nn.Conv2d(c, 4 * c, 3, padding=1) for _ in range(halvings))
+        else:
+            self.up = nn.ModuleList([nn.Conv2d(c, m * s * s, 3, padding=1)])
+        last = m + (k if config.guide == "hrls" else 0)
+        if config.head_features:
+            self.head = nn.Conv2d(last, config.head_features, 3, padding=1)
+            last = config.head_features
+        self.rec = nn.Conv2d(last, 3, 3, padding=1)
         if config.base == "bilinear":
             nn.init.zeros_(self.rec.bias)
             self.rec.weight.data.mul_(0.1)
 
-    def forward(self, lrhs, hrls):
-        f_lrhs = F.relu(self.lrhs(lrhs))
+    def encode_hrls(self, hrls):
+        if self.config.hrls_encoder == "unshuffled":
+            return F.relu(self.hrls(F.pixel_unshuffle(hrls, self.config.scale)))
         f_hrls = F.relu(self.hrls(hrls))
         for conv in self.down:
             f_hrls = F.relu(conv(F.pixel_unshuffle(f_hrls, 2)))
-        fused = F.relu(self.fuse(torch.cat([f_lrhs, f_hrls], dim=1)))
+        return f_hrls
+
+    def encode_lrhs(self, lrhs, centered):
+        y = self.lrhs(lrhs)
+        if len(self.config.lrhs_sampling) == 2:
+            shift = (self.lrhs.centered_bias - self.lrhs.bias)[:, None, None]
+            y = torch.where(centered, y + shift, y)
+        return F.relu(y)
+
+    def forward(self, lrhs, hrls, centered=torch.tensor(False)):
+        """`centered`, boolean: whether LRHS samples lie in the centre of their cell; one, or [N, 1, 1, 1]."""
+        config = self.config
+        f_lrhs = self.encode_lrhs(lrhs, centered)
+        fused = F.relu(self.fuse(torch.cat([f_lrhs, self.encode_hrls(hrls)], dim=1)))
         y = fused
         for group in self.groups:
             y = group(y)
-        y = y + (f_lrhs if self.config.long_skip == "lrhs" else fused)
+        y = y + (f_lrhs if config.long_skip == "lrhs" else fused)
         for conv in self.up:
-            y = F.pixel_shuffle(F.relu(conv(y)), 2)
+            y = F.pixel_shuffle(F.relu(conv(y)), 2 if config.upscale == "stages" else config.scale)
+        if config.guide == "hrls":
+            y = torch.cat([y, hrls], dim=1)
+        if config.head_features:
+            y = F.relu(self.head(y))
         return self.rec(y)
 
 
-def predict(network, lrhs, hrls):
+def predict(network, lrhs, hrls, centered=False):
     """As rendered, lrhs [N, 3, h, w] and hrls [N, K, s*h, s*w] -> (encoded, scene linear) image [N, 3, s*h, s*w]."""
     config = network.config
     lrhs = encode(lrhs, ("color",), config)
-    y = network(lrhs, encode(hrls, config.hrls_layers, config))
+    y = network(lrhs, encode(hrls, config.hrls_layers, config), torch.tensor(centered))
     if config.base == "bilinear":
-        y = y + bilinear(lrhs, config.scale)
+        y = y + bilinear(lrhs, config.scale, (config.scale - 1) / 2 if centered else 0)
     return y, decode(y, config.transfer)
