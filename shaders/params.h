@@ -26,7 +26,7 @@ struct Conv2d {
   uint channels_out;
 };
 
-// Of the smaller image and of the larger one, whose sides are twice as long.
+// Of the smaller image and of the larger one, whose sides are r times as long.
 struct Shuffle {
   uint height;
   uint width;

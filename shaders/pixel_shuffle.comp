@@ -1,4 +1,4 @@
-// Pixel shuffle by 2 (PyTorch's pixel_shuffle): out(c, 2y + dy, 2x + dx) = in(4c + 2dy + dx, y, x).
+// Pixel shuffle by r (PyTorch's pixel_shuffle): out(c, r y + dy, r x + dx) = in(r r c + r dy + dx, y, x).
 // One invocation for each output element; z is the output channel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
@@ -6,14 +6,15 @@
 #include "tensor.glsl"
 
 layout(local_size_x = 32, local_size_y = 2) in;
+layout(constant_id = 0) const uint r = 2;
 layout(push_constant) uniform Push { Shuffle p; };
 layout(std430, binding = 1) readonly buffer Input { STORAGE in_data[]; };
 layout(std430, binding = 2) writeonly buffer Output { STORAGE out_data[]; };
 
 void main() {
   uvec3 id = gl_GlobalInvocationID;
-  if (id.x >= 2 * p.width || id.y >= 2 * p.height) return;
-  uint c = 4 * id.z + 2 * (id.y % 2) + id.x % 2;
-  out_data[address(id.z, id.y, id.x, p.plane_large, 2 * p.width)] =
-      in_data[address(c, id.y / 2, id.x / 2, p.plane, p.width)];
+  if (id.x >= r * p.width || id.y >= r * p.height) return;
+  uint c = r * r * id.z + r * (id.y % r) + id.x % r;
+  out_data[address(id.z, id.y, id.x, p.plane_large, r * p.width)] =
+      in_data[address(c, id.y / r, id.x / r, p.plane, p.width)];
 }

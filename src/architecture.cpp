@@ -1,8 +1,11 @@
 // The metadata of a model's file: docs/model-format.md lists the entries.
+#include <algorithm>
+#include <array>
 #include <bit>
 #include <charconv>
 #include <cmath>
 #include <set>
+#include <span>
 
 #include "io/layer_map.h"
 #include "model.h"
@@ -22,22 +25,24 @@ class Entries {
     return found->second;
   }
 
-  uint32_t integer(const std::string& key, uint32_t most) const {
+  uint32_t integer(const std::string& key, uint32_t least, uint32_t most) const {
     const std::string& value = text(key);
     uint32_t number = 0;
     const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), number);
-    if (error != std::errc() || end != value.data() + value.size() || number < 1 || number > most) {
-      reject(key, fmt::format("an integer from 1 to {}", most));
+    if (error != std::errc() || end != value.data() + value.size() || number < least || number > most) {
+      reject(key, fmt::format("an integer from {} to {}", least, most));
     }
     return number;
   }
 
-  float positive(const std::string& key) const {
+  // At least 0, and more unless `or_zero`.
+  float number(const std::string& key, bool or_zero) const {
     const std::string& value = text(key);
     float number = 0;
     const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), number);
-    if (error != std::errc() || end != value.data() + value.size() || !std::isfinite(number) || number <= 0) {
-      reject(key, "a positive number");
+    if (error != std::errc() || end != value.data() + value.size() || !std::isfinite(number) || number < 0 ||
+        (number == 0 && !or_zero)) {
+      reject(key, or_zero ? "a positive number or 0" : "a positive number");
     }
     return number;
   }
@@ -49,6 +54,18 @@ class Entries {
     return value == yes;
   }
 
+  // What stands between the commas; nothing where the entry is empty.
+  std::vector<std::string> list(const std::string& key) const {
+    const std::string& value = text(key);
+    std::vector<std::string> items;
+    for (size_t begin = 0; begin <= value.size() && !value.empty();) {
+      const size_t end = std::min(value.find(',', begin), value.size());
+      items.push_back(value.substr(begin, end - begin));
+      begin = end + 1;
+    }
+    return items;
+  }
+
   [[noreturn]] void reject(const std::string& key, const std::string& expected) const {
     throw Error("model {}: metadata entry \"{}\" is \"{}\", expected {}", file_, key, text(key), expected);
   }
@@ -58,23 +75,39 @@ class Entries {
   const std::string& file_;
 };
 
-std::vector<std::string> split_layers(const Entries& entries) {
-  const std::string expected = fmt::format("color, then any of {}, each once", fmt::join(kLayerNames, ", "));
-  const std::string& list = entries.text("hrls_layers");
-  std::vector<std::string> layers;
-  for (size_t begin = 0; begin <= list.size();) {
-    const size_t end = std::min(list.find(',', begin), list.size());
-    layers.push_back(list.substr(begin, end - begin));
-    begin = end + 1;
-  }
-  const std::set<std::string_view> known(kLayerNames.begin(), kLayerNames.end());
-  for (const std::string& layer : layers) {
-    if (!known.contains(layer)) entries.reject("hrls_layers", expected);
-  }
-  if (layers.front() != "color" || std::set(layers.begin(), layers.end()).size() != layers.size()) {
-    entries.reject("hrls_layers", expected);
+// Whether `items` are some of `known`, each once.
+template <typename Known>
+bool are_among(const std::vector<std::string>& items, const Known& known) {
+  const std::set<std::string_view> all(known.begin(), known.end());
+  return std::set(items.begin(), items.end()).size() == items.size() &&
+         std::ranges::all_of(items, [&](const std::string& item) { return all.contains(item); });
+}
+
+std::vector<std::string> hrls_layers(const Entries& entries) {
+  const std::vector<std::string> layers = entries.list("hrls_layers");
+  if (layers.empty() || layers.front() != "color" || !are_among(layers, kLayerNames)) {
+    entries.reject("hrls_layers",
+                   fmt::format("color, then any of {}, each once", fmt::join(kLayerNames, ", ")));
   }
   return layers;
+}
+
+std::vector<std::string> optional_layers(const Entries& entries, std::span<const std::string> of) {
+  const std::vector<std::string> layers = entries.list("optional_layers");
+  if (!are_among(layers, of.subspan(1))) {
+    entries.reject("optional_layers", "any of hrls_layers but color, each once");
+  }
+  return layers;
+}
+
+// Sets lrhs_centered and both_samplings.
+void parse_sampling(const Entries& entries, Architecture& a) {
+  const std::vector<std::string> samplings = entries.list("lrhs_sampling");
+  if (samplings.empty() || !are_among(samplings, std::array<std::string_view, 2>{"nearest", "centered"})) {
+    entries.reject("lrhs_sampling", "nearest, centered or both, the default first");
+  }
+  a.lrhs_centered = samplings.front() == "centered";
+  a.both_samplings = samplings.size() == 2;
 }
 
 }  // namespace
@@ -85,20 +118,32 @@ Architecture parse_architecture(const Metadata& metadata, const std::string& fil
   if (entries.text("format_version") != "1") entries.reject("format_version", "\"1\"");
   constexpr uint32_t kMostChannels = 1024, kMostRepeats = 64;
   Architecture a;
-  a.scale = entries.integer("scale", 8);
+  a.scale = entries.integer("scale", 2, 8);
   if (a.scale != 2 && a.scale != 4 && a.scale != 8) entries.reject("scale", "2, 4 or 8");
-  a.features = entries.integer("features", kMostChannels);
-  a.growth = entries.integer("growth", kMostChannels);
-  a.dense_layers = entries.integer("dense_layers", kMostRepeats);
-  a.blocks = entries.integer("blocks", kMostRepeats);
-  a.groups = entries.integer("groups", kMostRepeats);
-  a.hrls_layers = split_layers(entries);
+  a.features = entries.integer("features", 1, kMostChannels);
+  a.growth = entries.integer("growth", 1, kMostChannels);
+  a.dense_layers = entries.integer("dense_layers", 1, kMostRepeats);
+  a.blocks = entries.integer("blocks", 1, kMostRepeats);
+  a.groups = entries.integer("groups", 1, kMostRepeats);
+  a.hrls_layers = hrls_layers(entries);
+  a.optional_layers = optional_layers(entries, a.hrls_layers);
   a.long_skip = entries.choice("long_skip", "lrhs", "fused") ? LongSkip::kLrhs : LongSkip::kFused;
   a.merge_relu = entries.choice("merge_relu", "true", "false");
   a.transfer = entries.choice("transfer", "log", "linear") ? Transfer::kLog : Transfer::kLinear;
-  a.clip = entries.positive("clip");
+  a.clip = entries.number("clip", false);
+  a.exposure_key = entries.number("exposure_key", true);
   a.bilinear_base = entries.choice("base", "bilinear", "none");
-  a.lrhs_centered = entries.choice("lrhs_sampling", "centered", "nearest");
+  parse_sampling(entries, a);
+  a.hrls_encoder =
+      entries.choice("hrls_encoder", "full", "unshuffled") ? HrlsEncoder::kFull : HrlsEncoder::kUnshuffled;
+  a.upscale = entries.choice("upscale", "stages", "direct") ? Upscale::kStages : Upscale::kDirect;
+  a.upscaled_features = entries.integer("upscaled_features", 1, kMostChannels);
+  if (a.upscale == Upscale::kStages && a.upscaled_features != a.features) {
+    entries.reject("upscaled_features",
+                   fmt::format("{}, the features that are upscaled in stages", a.features));
+  }
+  a.hrls_guide = entries.choice("guide", "hrls", "none");
+  a.head_features = entries.integer("head_features", 0, kMostChannels);
   return a;
 }
 

@@ -30,6 +30,10 @@ void Model::check_tensors() const {
   network(graph, *this, 1, 1, 0);
   std::set<std::string> used;
   for (const ConstantRecord& constant : graph.constants()) used.insert(constant.name);
+  if (architecture_.both_samplings) {
+    tensor("lrhs.centered_bias", {architecture_.features});
+    used.insert("lrhs.centered_bias");
+  }
   for (const auto& [key, values] : tensors_) {
     if (!used.contains(key)) {
       throw Error("model {}: tensor {} belongs to no layer of the network that the metadata describes", file_,
@@ -50,8 +54,9 @@ std::span<const float> Model::tensor(const std::string& name, const std::vector<
   return found->second.values;
 }
 
-ConvWeights Model::conv(const std::string& name, uint32_t out, uint32_t in, uint32_t kernel) const {
-  return {tensor(name + ".weight", {out, in, kernel, kernel}), tensor(name + ".bias", {out})};
+ConvWeights Model::conv(const std::string& name, uint32_t out, uint32_t in, uint32_t kernel,
+                        const std::string& bias) const {
+  return {tensor(name + ".weight", {out, in, kernel, kernel}), tensor(name + "." + bias, {out})};
 }
 
 uint64_t Model::parameters() const {

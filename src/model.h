@@ -12,23 +12,39 @@ namespace raymeld {
 // What is added to the trunk: F_LRHS (section 4 and figure 4 of Hou et al. 2021) or F_0 (their Eq. 8).
 enum class LongSkip { kLrhs, kFused };
 
+// How HRLS comes to LRHS size: convolved at full size and halved step by step (their Eq. 5 and 6), or
+// unshuffled at once.
+enum class HrlsEncoder { kFull, kUnshuffled };
+
+// How features come to full size: doubled step by step (their Eq. 9), or at once.
+enum class Upscale { kStages, kDirect };
+
 // The choices of a network, all of them data of the model's file. Names as in the paper.
 struct Architecture {
-  uint32_t scale = 0;                    // s: 2, 4 or 8
-  uint32_t features = 0;                 // C
-  uint32_t growth = 0;                   // R
-  uint32_t dense_layers = 0;             // D, of a block
-  uint32_t blocks = 0;                   // B, of a group
-  uint32_t groups = 0;                   // G
-  std::vector<std::string> hrls_layers;  // three channels each, color first
+  uint32_t scale = 0;                        // s: 2, 4 or 8
+  uint32_t features = 0;                     // C
+  uint32_t growth = 0;                       // R
+  uint32_t dense_layers = 0;                 // D, of a block
+  uint32_t blocks = 0;                       // B, of a group
+  uint32_t groups = 0;                       // G
+  std::vector<std::string> hrls_layers;      // three channels each, color first
+  std::vector<std::string> optional_layers;  // those of them that may be all zero for want of the layer
   LongSkip long_skip = LongSkip::kLrhs;
   bool merge_relu = false;  // a ReLU after a block's 1x1
+  HrlsEncoder hrls_encoder = HrlsEncoder::kFull;
+  Upscale upscale = Upscale::kStages;
+  uint32_t upscaled_features = 0;  // M
+  bool hrls_guide = false;         // the encoded HRLS is read again beside the upscaled features
+  uint32_t head_features = 0;      // of a convolution before the last one; 0: none
   Transfer transfer = Transfer::kLinear;
-  float clip = 0;              // of radiance, scene linear
-  bool lrhs_centered = false;  // trained on LRHS samples in the centre of their cell, not its top-left pixel
-  bool bilinear_base = false;  // the output is a residual over the bilinearly upsampled LRHS
+  float exposure_key = 0;  // what exposure_of() brings LRHS to; 0: inputs are read as they are
+  float clip = 0;          // of radiance, scene linear
+  bool lrhs_centered = false;   // the default: LRHS samples in the centre of their cell, not its top-left pixel
+  bool both_samplings = false;  // trained on both, with a bias of its own for centered samples
+  bool bilinear_base = false;   // the output is a residual over the bilinearly upsampled LRHS
 
   uint32_t levels() const;  // log2(scale)
+  bool trained_on(bool centered) const { return both_samplings || centered == lrhs_centered; }
   std::vector<ChannelKind> hrls_kinds() const;
 };
 
@@ -45,8 +61,9 @@ class Model {
   const std::map<std::string, std::string>& metadata() const { return metadata_; }
   uint64_t parameters() const;
 
-  // The weights of layer `name`, whose shape must be [out][in][kernel][kernel].
-  ConvWeights conv(const std::string& name, uint32_t out, uint32_t in, uint32_t kernel) const;
+  // The weights of layer `name`, whose shape must be [out][in][kernel][kernel]; `bias`: which of its biases.
+  ConvWeights conv(const std::string& name, uint32_t out, uint32_t in, uint32_t kernel,
+                   const std::string& bias = "bias") const;
 
  private:
   struct Values {

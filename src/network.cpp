@@ -1,5 +1,5 @@
 // The network of Hou et al. 2021, section 4, as prose. A layer's name is the key of its weights.
-// h, w: the LRHS size; s: the scale; H = s h, W = s w; C, R, D, B, G, K as in Architecture.
+// h, w: the LRHS size; s: the scale; H = s h, W = s w; C, R, D, B, G, M, K as in Architecture.
 #include "network.h"
 
 namespace raymeld {
@@ -14,13 +14,20 @@ struct Builder {
     return graph.tensor(name, {height, width, channels});
   }
 
-  void conv(const std::string& name, const Tensor& in, const Tensor& out, const Conv2dOptions& options) {
+  void conv(const std::string& name, const Tensor& in, const Tensor& out, const Conv2dOptions& options,
+            const std::string& bias = "bias") {
     const uint32_t channels_out = out.shape.channels, channels_in = in.shape.channels;
-    conv2d(graph, name, in, out, model.conv(name, channels_out, channels_in, options.kernel), options);
+    conv2d(graph, name, in, out, model.conv(name, channels_out, channels_in, options.kernel, bias), options);
   }
 
-  // (H, W, K) -> F_HRLS (h, w, C), Eq. 5 and 6.
+  // (H, W, K) -> F_HRLS (h, w, C): Eq. 5 and 6, or one convolution of what is unshuffled by s.
   void hrls_encoder(const Tensor& hrls, const Tensor& f_hrls) {
+    if (a.hrls_encoder == HrlsEncoder::kUnshuffled) {
+      const Tensor deep = tensor("hrls.space_to_depth", f_hrls.shape.height, f_hrls.shape.width,
+                                 a.scale * a.scale * hrls.shape.channels);
+      space_to_depth(graph, "hrls.space_to_depth", hrls, deep);
+      return conv("hrls", deep, f_hrls, {.kernel = 3, .relu = true});
+    }
     Tensor x = tensor("hrls", hrls.shape.height, hrls.shape.width, a.features);
     conv("hrls", hrls, x, {.kernel = 3, .relu = true});
     for (uint32_t i = 0; i < a.levels(); ++i) {
@@ -68,16 +75,32 @@ struct Builder {
     return tensor(name, lrhs_height, lrhs_width, a.features + a.dense_layers * a.growth);
   }
 
-  // F_DF (h, w, C) -> (H, W, C), Eq. 9.
-  Tensor upscale(Tensor x) {
-    for (uint32_t i = 0; i < a.levels(); ++i) {
+  // F_DF (h, w, C) -> (H, W, M): Eq. 9, or by s at once.
+  void upscale(Tensor x, const Tensor& full) {
+    const bool direct = a.upscale == Upscale::kDirect;
+    const uint32_t steps = direct ? 1 : a.levels(), factor = direct ? a.scale : 2;
+    const uint32_t channels = full.shape.channels;
+    for (uint32_t i = 0; i < steps; ++i) {
       const std::string name = fmt::format("up.{}", i);
-      const Tensor deep = tensor(name, x.shape.height, x.shape.width, 4 * a.features);
+      const uint32_t height = x.shape.height, width = x.shape.width;
+      const Tensor deep = tensor(name, height, width, factor * factor * channels);
       conv(name, x, deep, {.kernel = 3, .relu = true});
-      x = tensor(name + ".pixel_shuffle", 2 * x.shape.height, 2 * x.shape.width, a.features);
+      x = i + 1 == steps ? full : tensor(name + ".pixel_shuffle", factor * height, factor * width, channels);
       pixel_shuffle(graph, name + ".pixel_shuffle", deep, x);
     }
-    return x;
+  }
+
+  // (H, W, M or M + K) -> (H, W, 3).
+  Tensor reconstruct(Tensor x) {
+    const auto [height, width, channels] = x.shape;
+    if (a.head_features > 0) {
+      const Tensor head = tensor("head", height, width, a.head_features);
+      conv("head", x, head, {.kernel = 3, .relu = true});
+      x = head;
+    }
+    const Tensor fused = tensor("rec", height, width, 3);
+    conv("rec", x, fused, {.kernel = 3});
+    return fused;
   }
 
   uint32_t lrhs_height, lrhs_width;
@@ -92,21 +115,28 @@ void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, 
   const std::vector<ChannelKind> hrls_kinds = a.hrls_kinds(), lrhs_kinds(3, ChannelKind::kRadiance);
 
   const Tensor lrhs = build.tensor("encode.lrhs", height, width, 3);
+  const uint32_t k = static_cast<uint32_t>(hrls_kinds.size()), m = a.upscaled_features;
+  // With a guide, one tensor holds the upscaled features and, from the start, the encoded HRLS behind them.
+  const Tensor guided = a.hrls_guide ? build.tensor("guided", full_height, full_width, m + k) : Tensor{};
   const Tensor hrls =
-      build.tensor("encode.hrls", full_height, full_width, static_cast<uint32_t>(hrls_kinds.size()));
+      a.hrls_guide ? guided.slice(m, k) : build.tensor("encode.hrls", full_height, full_width, k);
   encode(graph, "encode.lrhs", FrameSlot::kLrhs, lrhs, lrhs_kinds, a.transfer, a.clip);
   encode(graph, "encode.hrls", FrameSlot::kHrls, hrls, hrls_kinds, a.transfer, a.clip);
 
   const Tensor both = build.tensor("encoders", height, width, 2 * a.features);  // F_LRHS, F_HRLS
   const Tensor f_lrhs = both.slice(0, a.features), f_hrls = both.slice(a.features, a.features);
-  build.conv("lrhs", lrhs, f_lrhs, {.kernel = 3, .relu = true});  // Eq. 4
+  const bool centered = phase > 0;
+  build.conv("lrhs", lrhs, f_lrhs, {.kernel = 3, .relu = true},
+             a.both_samplings && centered ? "centered_bias" : "bias");  // Eq. 4
   build.hrls_encoder(hrls, f_hrls);
 
   const Tensor features = build.block_features(0, 0);
   build.conv("fuse", both, features.slice(0, a.features), {.kernel = 1, .relu = true});  // F_0
-  const Tensor full = build.upscale(build.trunk(f_lrhs, features));                      // (H, W, C)
-  const Tensor fused = build.tensor("rec", full_height, full_width, 3);
-  build.conv("rec", full, fused, {.kernel = 3});
+  const Tensor deep = build.trunk(f_lrhs, features);                                     // F_DF
+  const Tensor full =
+      a.hrls_guide ? guided.slice(0, m) : build.tensor("upscaled", full_height, full_width, m);
+  build.upscale(deep, full);
+  const Tensor fused = build.reconstruct(a.hrls_guide ? guided : full);
   decode(graph, "decode", fused, {a.transfer, a.bilinear_base ? &lrhs : nullptr, a.scale, phase});
 }
 
@@ -114,9 +144,14 @@ void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, 
 // its own resolution, a shuffle moves to the pixel of the other resolution that lies furthest out.
 uint32_t receptive_halo(const Architecture& a) {
   uint32_t x = a.scale - 1;
-  x += 1;                                                         // rec
-  for (uint32_t i = 0; i < a.levels(); ++i) x = x / 2 + 1;        // up.i
+  x += a.head_features > 0 ? 2 : 1;  // head, rec
+  if (a.upscale == Upscale::kDirect) {
+    x = x / a.scale + 1;  // up.0
+  } else {
+    for (uint32_t i = 0; i < a.levels(); ++i) x = x / 2 + 1;  // up.i
+  }
   x += a.groups * a.blocks * a.dense_layers;                      // the trunk
+  if (a.hrls_encoder == HrlsEncoder::kUnshuffled) return x + 1;   // hrls
   for (uint32_t i = 0; i < a.levels(); ++i) x = 2 * (x + 1) + 1;  // down.i
   x += 1;                                                         // hrls
   return x / a.scale;

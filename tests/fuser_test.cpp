@@ -66,13 +66,24 @@ TEST_F(FuserTest, FramesRepeatBitForBit) {
   EXPECT_EQ(fuse_once(model, subject, {}), first);
 }
 
-TEST_F(FuserTest, TiledAndUntiledGiveTheSameBits) {
+std::vector<Architecture> shapes() {
+  std::vector<Architecture> all;
   for (const int scale : {2, 4, 8}) {
-    const Subject subject = make_subject(small_architecture(scale), 27, 30, uint64_t(scale));
+    all.push_back(small_architecture(scale));
+    all.push_back(guided_architecture(scale));
+  }
+  return all;
+}
+
+TEST_F(FuserTest, TiledAndUntiledGiveTheSameBits) {
+  for (const Architecture& a : shapes()) {
+    const int scale = a.scale;
+    const Subject subject = make_subject(a, 27, 30, uint64_t(scale));
     const Model model = model_of(subject);
     for (const Precision precision : kPrecisions) {
       for (const bool centered : {false, true}) {
-        SCOPED_TRACE(fmt::format("x{} {} centered {}", scale, name_of(precision), centered));
+        SCOPED_TRACE(
+            fmt::format("x{} guide {} {} centered {}", scale, a.hrls_guide, name_of(precision), centered));
         const FuserOptions options{.storage = storage_of(precision),
                                    .phase = lrhs_phase(centered, uint32_t(scale))};
         const FuserOptions limited = tiled(model, subject, options);
@@ -103,8 +114,8 @@ Reach reach_of(const Fuser& fuser, const Planes& fused, int scale, int lit_cell,
 }
 
 TEST_F(FuserTest, TheHaloIsNeededAndEnough) {
-  for (const int scale : {2, 4, 8}) {
-    Architecture a = small_architecture(scale);
+  for (Architecture a : shapes()) {
+    const int scale = a.scale;
     a.bilinear_base = false;
     a.hrls_layers = {reference::LayerKind::kRadiance};
     a.features = 4;
@@ -118,7 +129,7 @@ TEST_F(FuserTest, TheHaloIsNeededAndEnough) {
     const Model model = model_of(subject);
     const int halo = int(receptive_halo(model.architecture())), lit = halo + 2, length = 2 * lit + 1;
     for (const bool rows : {false, true}) {
-      SCOPED_TRACE(fmt::format("x{}, {}", scale, rows ? "rows" : "columns"));
+      SCOPED_TRACE(fmt::format("x{}, guide {}, {}", scale, a.hrls_guide, rows ? "rows" : "columns"));
       const int h = rows ? length : 1, w = rows ? 1 : length;
       subject.lrhs = Planes(3, h, w);
       Fuser fuser = make_fuser(model, subject, {});

@@ -37,15 +37,24 @@ std::vector<LayerKind> layer_kinds(const std::string& list) {
 
 }  // namespace
 
-std::filesystem::path golden_model_path(int scale) {
-  return source_path(fmt::format("tests/golden/tiny-x{}.safetensors", scale));
+const std::vector<std::string>& golden_names() {
+  static const std::vector<std::string> names = {"tiny-x2",   "tiny-x4",   "tiny-x8",
+                                                 "guided-x2", "guided-x4", "guided-x8"};
+  return names;
 }
 
-Golden load_golden(int scale) {
-  const std::filesystem::path model = golden_model_path(scale);
+std::filesystem::path golden_model_path(const std::string& name) {
+  return source_path(fmt::format("tests/golden/{}.safetensors", name));
+}
+
+Golden load_golden(const std::string& name) {
+  const std::filesystem::path model = golden_model_path(name);
   Golden golden{load_architecture(model), load_weights(model), {}, {}, {}};
-  auto tensors =
-      read_safetensors(source_path(fmt::format("tests/golden/tiny-x{}.golden.safetensors", scale))).tensors;
+  SafeTensors content =
+      read_safetensors(source_path(fmt::format("tests/golden/{}.golden.safetensors", name)));
+  auto& tensors = content.tensors;
+  if (content.metadata.at("lrhs_sampling") == "centered")
+    golden.phase = (golden.architecture.scale - 1) / 2.0;
   golden.lrhs = take_planes(tensors, "lrhs_input");
   golden.hrls = take_planes(tensors, "hrls_input");
   golden.outputs["output"] = take_planes(tensors, "output");
@@ -68,7 +77,13 @@ Architecture load_architecture(const std::filesystem::path& model) {
           .merge_relu = metadata.at("merge_relu") == "true",
           .bilinear_base = metadata.at("base") == "bilinear",
           .transfer = metadata.at("transfer") == "log" ? Transfer::kLog : Transfer::kLinear,
-          .clip = std::stof(metadata.at("clip"))};
+          .clip = std::stof(metadata.at("clip")),
+          .hrls_unshuffled = metadata.at("hrls_encoder") == "unshuffled",
+          .upscale_direct = metadata.at("upscale") == "direct",
+          .hrls_guide = metadata.at("guide") == "hrls",
+          .both_samplings = metadata.at("lrhs_sampling").find(',') != std::string::npos,
+          .upscaled_features = number("upscaled_features"),
+          .head_features = number("head_features")};
 }
 
 reference::Weights load_weights(const std::filesystem::path& model) {
@@ -78,11 +93,14 @@ reference::Weights load_weights(const std::filesystem::path& model) {
     if (!key.ends_with(".weight")) continue;
     const std::string name = key.substr(0, key.rfind('.'));
     const std::vector<float>& bias = tensors.at(name + ".bias").values;
+    const auto centered = tensors.find(name + ".centered_bias");
     weights[name] = {.out = int(weight.shape.at(0)),
                      .in = int(weight.shape.at(1)),
                      .kernel = int(weight.shape.at(2)),
                      .weight = {weight.values.begin(), weight.values.end()},
                      .bias = {bias.begin(), bias.end()}};
+    if (centered == tensors.end()) continue;
+    weights[name].centered_bias = {centered->second.values.begin(), centered->second.values.end()};
   }
   return weights;
 }

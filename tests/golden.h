@@ -7,17 +7,23 @@
 namespace raymeld::test {
 
 // A tiny network with random weights, its raw inputs, and every layer's output as PyTorch computed it in
-// float64: tests/golden/tiny-x2 and so on.
+// float64: tests/golden/tiny-x2 and so on, and guided-x2 with the other choices of the network.
 struct Golden {
   reference::Architecture architecture;
   reference::Weights weights;
   reference::Planes lrhs, hrls;
   std::map<std::string, reference::Planes> outputs;  // by the names of reference::network
+  double phase = 0;                                  // of the LRHS samples
 };
 
 // Throws when a file is missing or holds other layers than its weights and "output".
-Golden load_golden(int scale);
-std::filesystem::path golden_model_path(int scale);
+Golden load_golden(const std::string& name);
+std::filesystem::path golden_model_path(const std::string& name);
+inline std::filesystem::path golden_model_path(int scale) {
+  return golden_model_path("tiny-x" + std::to_string(scale));
+}
+// The names there are.
+const std::vector<std::string>& golden_names();
 
 // Of any model file, for running the reference on it.
 reference::Architecture load_architecture(const std::filesystem::path& model);

@@ -201,7 +201,14 @@ std::map<std::string, std::string> model_metadata(const Architecture& a) {
           {"transfer", a.transfer == reference::Transfer::kLog ? "log" : "linear"},
           {"clip", fmt::format("{}", a.clip)},
           {"base", a.bilinear_base ? "bilinear" : "none"},
-          {"lrhs_sampling", "nearest"}};
+          {"hrls_encoder", a.hrls_unshuffled ? "unshuffled" : "full"},
+          {"upscale", a.upscale_direct ? "direct" : "stages"},
+          {"upscaled_features", std::to_string(a.upscaled())},
+          {"guide", a.hrls_guide ? "hrls" : "none"},
+          {"head_features", std::to_string(a.head_features)},
+          {"lrhs_sampling", a.both_samplings ? "nearest,centered" : "nearest"},
+          {"optional_layers", ""},
+          {"exposure_key", "0"}};
 }
 
 void write_model(const std::filesystem::path& path, const Architecture& architecture,
@@ -213,6 +220,9 @@ void write_model(const std::filesystem::path& path, const Architecture& architec
     content.tensors[name + ".weight"] = {
         TensorType::kF32, {out, in, kernel, kernel}, {conv.weight.begin(), conv.weight.end()}};
     content.tensors[name + ".bias"] = {TensorType::kF32, {out}, {conv.bias.begin(), conv.bias.end()}};
+    if (conv.centered_bias.empty()) continue;
+    content.tensors[name + ".centered_bias"] = {
+        TensorType::kF32, {out}, {conv.centered_bias.begin(), conv.centered_bias.end()}};
   }
   write_safetensors(path, content);
 }

@@ -51,14 +51,53 @@ TEST_F(ModelTest, TheGoldenModelsLoad) {
   EXPECT_EQ(a.transfer, Transfer::kLog);
   EXPECT_EQ(a.clip, 1000);
   EXPECT_TRUE(a.bilinear_base);
+  EXPECT_EQ(a.hrls_encoder, HrlsEncoder::kFull);
+  EXPECT_EQ(a.upscale, Upscale::kStages);
+  EXPECT_EQ(a.upscaled_features, 5u);
+  EXPECT_FALSE(a.hrls_guide);
+  EXPECT_EQ(a.head_features, 0u);
+  EXPECT_TRUE(a.optional_layers.empty());
+  EXPECT_TRUE(a.trained_on(false));
+  EXPECT_FALSE(a.trained_on(true));
   EXPECT_EQ(Model(golden_model_path(2)).architecture().levels(), 1u);
   EXPECT_EQ(Model(golden_model_path(8)).architecture().levels(), 3u);
 }
 
+TEST_F(ModelTest, TheOtherChoicesOfTheNetworkAreRead) {
+  const Architecture a = Model(golden_model_path("guided-x4")).architecture();
+  EXPECT_EQ(a.hrls_encoder, HrlsEncoder::kUnshuffled);
+  EXPECT_EQ(a.upscale, Upscale::kDirect);
+  EXPECT_EQ(a.upscaled_features, 3u);
+  EXPECT_TRUE(a.hrls_guide);
+  EXPECT_EQ(a.head_features, 6u);
+  EXPECT_EQ(a.optional_layers, (std::vector<std::string>{"albedo", "variance"}));
+  EXPECT_FALSE(a.lrhs_centered);
+  EXPECT_TRUE(a.trained_on(true));
+  EXPECT_TRUE(a.trained_on(false));
+  EXPECT_TRUE(Model(golden_model_path("guided-x2")).architecture().lrhs_centered);
+}
+
+TEST_F(ModelTest, ABiasForCenteredSamplesBelongsToBothSamplings) {
+  SafeTensors content = read_safetensors(golden_model_path("guided-x4"));
+  const auto error_now = [&] {
+    write_safetensors(file_, content);
+    return error_of([&] { Model model(file_); });
+  };
+  content.metadata["lrhs_sampling"] = "centered";
+  EXPECT_TRUE(contains(error_now(), "tensor lrhs.centered_bias"));
+  content.metadata["lrhs_sampling"] = "centered,nearest";
+  write_safetensors(file_, content);
+  EXPECT_NO_THROW(Model{file_});
+  content.tensors.erase("lrhs.centered_bias");
+  EXPECT_TRUE(contains(error_now(), "tensor lrhs.centered_bias of shape [5] is missing"));
+}
+
 TEST_F(ModelTest, EveryEntryIsNeeded) {
   for (const char* key :
-       {"format", "format_version", "scale", "features", "growth", "dense_layers", "blocks", "groups",
-        "hrls_layers", "long_skip", "merge_relu", "transfer", "clip", "base", "lrhs_sampling"}) {
+       {"format", "format_version", "scale",           "features",     "growth",     "dense_layers",
+        "blocks", "groups",         "hrls_layers",     "long_skip",    "merge_relu", "transfer",
+        "clip",   "base",           "lrhs_sampling",   "hrls_encoder", "upscale",    "upscaled_features",
+        "guide",  "head_features",  "optional_layers", "exposure_key"}) {
     const std::string message = error_after([&](SafeTensors& content) { content.metadata.erase(key); });
     EXPECT_TRUE(contains(message, fmt::format("\"{}\" is missing", key))) << message;
   }
@@ -82,7 +121,14 @@ TEST_F(ModelTest, WrongEntriesAreNamed) {
       {"transfer", {"", "pu", "Log"}},
       {"clip", {"0", "-1", "inf", "nan", "", "100 ", "1e99"}},
       {"base", {"", "bicubic"}},
-      {"lrhs_sampling", {"", "centre"}},
+      {"lrhs_sampling", {"", "centre", "nearest,", "nearest,nearest", "nearest, centered"}},
+      {"hrls_encoder", {"", "half", "unshuffled "}},
+      {"upscale", {"", "stage", "Direct"}},
+      {"upscaled_features", {"", "0", "-5", "4", "1025"}},
+      {"guide", {"", "lrhs", "color"}},
+      {"head_features", {"", "-1", "1025", "2.5"}},
+      {"optional_layers", {"color", "depth", "diffuse", "albedo,albedo", "albedo,", "albedo, normal"}},
+      {"exposure_key", {"", "-0.1", "inf", "nan", "auto", "1e99"}},
   };
   for (const auto& [key, values] : wrong) {
     for (const std::string& value : values) {

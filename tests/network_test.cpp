@@ -81,13 +81,13 @@ void check_against_reference(const std::filesystem::path& file, const Subject& s
 }
 
 TEST_F(NetworkTest, GoldenNetworksLayerByLayer) {
-  for (const int scale : {2, 4, 8}) {
-    const Golden golden = load_golden(scale);
+  for (const std::string& name : golden_names()) {
+    const Golden golden = load_golden(name);
     const Subject subject{golden.architecture, golden.weights, golden.lrhs, golden.hrls};
     for (const Precision precision : kPrecisions) {
-      for (const float phase : {0.0f, (float(scale) - 1) / 2}) {
-        SCOPED_TRACE(fmt::format("x{} {} phase {}", scale, name_of(precision), phase));
-        check_against_reference(golden_model_path(scale), subject, phase, precision);
+      for (const float phase : {0.0f, (float(golden.architecture.scale) - 1) / 2}) {
+        SCOPED_TRACE(fmt::format("{} {} phase {}", name, name_of(precision), phase));
+        check_against_reference(golden_model_path(name), subject, phase, precision);
       }
     }
   }
@@ -96,24 +96,24 @@ TEST_F(NetworkTest, GoldenNetworksLayerByLayer) {
 // Against PyTorch's float64, which the file stores as floats: the carried bound and that rounding. The
 // weights of the golden models are halves, so that both precisions compute the same network.
 TEST_F(NetworkTest, GoldenOutputs) {
-  for (const int scale : {2, 4, 8}) {
-    const Golden golden = load_golden(scale);
+  for (const std::string& name : golden_names()) {
+    const Golden golden = load_golden(name);
     for (const Precision precision : kPrecisions) {
-      SCOPED_TRACE(fmt::format("x{} {}", scale, name_of(precision)));
-      const DeviceRun run =
-          run_on_gpu(golden_model_path(scale), golden.architecture, golden.lrhs, golden.hrls, 0, precision);
-      const Outputs carried =
-          reference::network(golden.architecture, golden.weights, golden.lrhs, golden.hrls, 0, precision);
-      const auto check = [&](const std::string& name, const Planes& device) {
-        const auto known = golden.outputs.find(name);
+      SCOPED_TRACE(fmt::format("{} {}", name, name_of(precision)));
+      const DeviceRun run = run_on_gpu(golden_model_path(name), golden.architecture, golden.lrhs, golden.hrls,
+                                       float(golden.phase), precision);
+      const Outputs carried = reference::network(golden.architecture, golden.weights, golden.lrhs,
+                                                 golden.hrls, golden.phase, precision);
+      const auto check = [&](const std::string& layer, const Planes& device) {
+        const auto known = golden.outputs.find(layer);
         if (known == golden.outputs.end()) return;  // sums over groups have no weights, so no golden
-        Bounded expected{known->second, carried.at(name).bound};
+        Bounded expected{known->second, carried.at(layer).bound};
         for (size_t i = 0; i < expected.bound.data.size(); ++i) {
           expected.bound.data[i] += reference::kUnit * std::abs(expected.value.data[i]);
         }
-        EXPECT_TRUE(within_bounds("golden " + name, device, expected));
+        EXPECT_TRUE(within_bounds("golden " + layer, device, expected));
       };
-      for (const auto& [name, device] : run.layers) check(name, device);
+      for (const auto& [layer, device] : run.layers) check(layer, device);
       check("output", run.output);
     }
   }
@@ -148,6 +148,34 @@ std::vector<Variant> variants() {
        5},
       {{4, 4, 3, 1, 1, 3, {kRadiance, kAlbedo, kNormal}, false, false, false, kLog, 50}, 9, 5},
       {{8, 5, 2, 2, 1, 1, {kRadiance}, true, true, false, kLog, 1000}, 1, 7},
+      // further: unshuffled HRLS, direct upscaling, guide, both samplings, M, head
+      {{2, 3, 2, 1, 1, 1, {kRadiance}, false, false, true, kLog, 100, true, true, true, true, 5, 0}, 1, 1},
+      {{4, 5, 3, 1, 1, 1, {kRadiance, kNormal}, true, false, true, kLog, 100, true, true, false, true, 2, 3},
+       1,
+       7},
+      {{8, 2, 3, 1, 2, 1, {kRadiance}, false, true, false, kLinear, 10, false, true, false, false, 1, 4},
+       3,
+       1},
+      {{4,
+        4,
+        2,
+        1,
+        1,
+        2,
+        {kRadiance, kAlbedo},
+        false,
+        false,
+        true,
+        kLinear,
+        50,
+        true,
+        false,
+        false,
+        true,
+        0,
+        9},
+       9,
+       5},
   };
 }
 

@@ -89,13 +89,15 @@ Bounded concat(const Bounded& a, const Bounded& b) {
   return {join(a.value, b.value), join(a.bound, b.bound)};
 }
 
-Bounded space_to_depth(const Bounded& x) {
-  expect(x.value.h % 2 == 0 && x.value.w % 2 == 0, "space_to_depth: odd size");
-  const auto move = [](const Planes& from) {
-    Planes to(from.c * 4, from.h / 2, from.w / 2);
+Bounded space_to_depth(const Bounded& x, int r) {
+  expect(x.value.h % r == 0 && x.value.w % r == 0, "space_to_depth: the size is no multiple");
+  const auto move = [&](const Planes& from) {
+    Planes to(from.c * r * r, from.h / r, from.w / r);
     for (int c = 0; c < from.c; ++c) {
       for (int y = 0; y < from.h; ++y) {
-        for (int x = 0; x < from.w; ++x) to.at(c * 4 + 2 * (y % 2) + x % 2, y / 2, x / 2) = from.at(c, y, x);
+        for (int x = 0; x < from.w; ++x) {
+          to.at(c * r * r + r * (y % r) + x % r, y / r, x / r) = from.at(c, y, x);
+        }
       }
     }
     return to;
@@ -103,13 +105,15 @@ Bounded space_to_depth(const Bounded& x) {
   return {move(x.value), move(x.bound)};
 }
 
-Bounded pixel_shuffle(const Bounded& x) {
-  expect(x.value.c % 4 == 0, "pixel_shuffle: the channels are no multiple of 4");
-  const auto move = [](const Planes& from) {
-    Planes to(from.c / 4, from.h * 2, from.w * 2);
+Bounded pixel_shuffle(const Bounded& x, int r) {
+  expect(x.value.c % (r * r) == 0, "pixel_shuffle: the channels are no multiple");
+  const auto move = [&](const Planes& from) {
+    Planes to(from.c / (r * r), from.h * r, from.w * r);
     for (int c = 0; c < to.c; ++c) {
       for (int y = 0; y < to.h; ++y) {
-        for (int x = 0; x < to.w; ++x) to.at(c, y, x) = from.at(c * 4 + 2 * (y % 2) + x % 2, y / 2, x / 2);
+        for (int x = 0; x < to.w; ++x) {
+          to.at(c, y, x) = from.at(c * r * r + r * (y % r) + x % r, y / r, x / r);
+        }
       }
     }
     return to;

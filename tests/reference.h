@@ -11,10 +11,11 @@
 // images are what the device reads: the caller rounds them to the storage type (round_to).
 namespace raymeld::reference {
 
-// A convolution's weights [out][in][kernel][kernel] and bias [out]; the kernel is 1 or 3.
+// A convolution's weights [out][in][kernel][kernel] and bias [out]; the kernel is 1 or 3. centered_bias: what
+// the network reads instead of the bias where LRHS samples lie centered; empty where it makes no difference.
 struct Conv {
   int out = 0, in = 0, kernel = 0;
-  std::vector<double> weight, bias;
+  std::vector<double> weight, bias, centered_bias = {};
 
   double at(int o, int i, int ky, int kx) const {
     return weight[((size_t(o) * in + i) * kernel + ky) * kernel + kx];
@@ -28,10 +29,10 @@ Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precisio
 
 Bounded concat(const Bounded& a, const Bounded& b);  // along c
 
-// (c, 2h, 2w) -> (4c, h, w) and back: channel c*4 + 2*dy + dx, as PyTorch's pixel_unshuffle and
+// (c, r*h, r*w) -> (r*r*c, h, w) and back: channel c*r*r + r*dy + dx, as PyTorch's pixel_unshuffle and
 // pixel_shuffle.
-Bounded space_to_depth(const Bounded& x);
-Bounded pixel_shuffle(const Bounded& x);
+Bounded space_to_depth(const Bounded& x, int r);
+Bounded pixel_shuffle(const Bounded& x, int r);
 
 enum class LayerKind { kRadiance, kAlbedo, kNormal };
 enum class Transfer { kLinear, kLog };
@@ -53,6 +54,10 @@ struct Architecture {
   bool long_skip_fused = false, merge_relu = false, bilinear_base = false;
   Transfer transfer = Transfer::kLinear;
   double clip = 0;
+  bool hrls_unshuffled = false, upscale_direct = false, hrls_guide = false, both_samplings = false;
+  int upscaled_features = 0, head_features = 0;  // upscaled_features 0: as many as features
+
+  int upscaled() const { return upscaled_features > 0 ? upscaled_features : features; }
 };
 
 using Weights = std::map<std::string, Conv>;     // by the layer's name: "groups.0.blocks.1.merge"
@@ -60,10 +65,10 @@ using Outputs = std::map<std::string, Bounded>;  // by the same, and those that 
 
 // Every layer's output by the name of its weights: `merge` with the block's input added, `up.i` after the
 // shuffle. Further encode.lrhs, encode.hrls; groups.0 and so on, the last merge with the group's input added
-// too; trunk, the last of these with the long skip; output (3, s*h, s*w), which is fp32. lrhs (3, h, w) and
-// hrls (3 * layers, s*h, s*w) are raw images. Layers named in `given` are computed and then replaced by the
-// given values as exact: with a device's own outputs each layer is checked against what the device itself fed
-// it, and bounds do not pile up.
+// too; trunk, the last of these with the long skip; output (3, s*h, s*w), which is fp32. phase > 0 is
+// centered. lrhs (3, h, w) and hrls (3 * layers, s*h, s*w) are raw images. Layers named in `given` are
+// computed and then replaced by the given values as exact: with a device's own outputs each layer is checked
+// against what the device itself fed it, and bounds do not pile up.
 Outputs network(const Architecture& architecture, const Weights& weights, const Planes& lrhs,
                 const Planes& hrls, double phase, Precision precision,
                 const std::map<std::string, Planes>& given = {});

@@ -1,4 +1,3 @@
-#include <bit>
 #include <stdexcept>
 
 #include "reference.h"
@@ -27,8 +26,14 @@ class Run {
     return keep(name, conv2d(x, weights(weights_name), relu, precision_, residuals));
   }
 
-  Bounded conv_and_shuffle(const std::string& name, const Bounded& x) {
-    return keep(name, pixel_shuffle(conv2d(x, weights(name), true, precision_)));
+  Bounded conv_lrhs(const Bounded& x, bool centered) {
+    Conv conv = weights("lrhs");
+    if (centered && !conv.centered_bias.empty()) conv.bias = conv.centered_bias;
+    return keep("lrhs", conv2d(x, conv, true, precision_));
+  }
+
+  Bounded conv_and_shuffle(const std::string& name, const Bounded& x, int r) {
+    return keep(name, pixel_shuffle(conv2d(x, weights(name), true, precision_), r));
   }
 
   Outputs take() { return std::move(outputs_); }
@@ -86,20 +91,32 @@ Bounded trunk(Run& run, const Architecture& a, const Bounded& fused, const Bound
   return x;
 }
 
+Bounded encode_hrls(Run& run, const Architecture& a, const Bounded& hrls) {
+  if (a.hrls_unshuffled) return run.conv("hrls", space_to_depth(hrls, a.scale));
+  Bounded x = run.conv("hrls", hrls);
+  for (int i = 0; 1 << i < a.scale; ++i) x = run.conv("down." + std::to_string(i), space_to_depth(x, 2));
+  return x;
+}
+
+Bounded upscale(Run& run, const Architecture& a, Bounded x) {
+  if (a.upscale_direct) return run.conv_and_shuffle("up.0", x, a.scale);
+  for (int i = 0; 1 << i < a.scale; ++i) x = run.conv_and_shuffle("up." + std::to_string(i), x, 2);
+  return x;
+}
+
 }  // namespace
 
 Outputs network(const Architecture& a, const Weights& weights, const Planes& lrhs, const Planes& hrls,
                 double phase, Precision precision, const std::map<std::string, Planes>& given) {
-  const int steps = std::countr_zero(unsigned(a.scale));
   Run run(weights, precision, given);
   const Bounded low =
       run.keep("encode.lrhs", encode(lrhs, LayerKind::kRadiance, a.transfer, a.clip, precision));
-  const Bounded f_lrhs = run.conv("lrhs", low);
-  Bounded x = run.conv("hrls", run.keep("encode.hrls", encode_all(a, hrls, precision)));
-  for (int i = 0; i < steps; ++i) x = run.conv("down." + std::to_string(i), space_to_depth(x));
-  const Bounded fused = run.conv("fuse", concat(f_lrhs, x));
-  x = trunk(run, a, fused, a.long_skip_fused ? fused : f_lrhs);
-  for (int i = 0; i < steps; ++i) x = run.conv_and_shuffle("up." + std::to_string(i), x);
+  const Bounded high = run.keep("encode.hrls", encode_all(a, hrls, precision));
+  const Bounded f_lrhs = run.conv_lrhs(low, phase > 0);
+  const Bounded fused = run.conv("fuse", concat(f_lrhs, encode_hrls(run, a, high)));
+  Bounded x = upscale(run, a, trunk(run, a, fused, a.long_skip_fused ? fused : f_lrhs));
+  if (a.hrls_guide) x = concat(x, high);
+  if (a.head_features > 0) x = run.conv("head", x);
   const Bounded rec = run.conv("rec", x, false);
   const Bounded base = bilinear(low, a.scale, phase);
   run.keep("output", decode(rec, a.bilinear_base ? &base : nullptr, a.transfer, Precision::kFp32));

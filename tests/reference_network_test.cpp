@@ -146,13 +146,13 @@ TEST(Network, GivenOutputsBlameOnlyTheLayerThatIsWrong) {
   EXPECT_TRUE(fits("trunk"));
 }
 
-class NetworkGolden : public testing::TestWithParam<int> {};
+class NetworkGolden : public testing::TestWithParam<std::string> {};
 
 // Both sides count in float64; the goldens were then rounded to fp32.
 TEST_P(NetworkGolden, EveryLayerIsPyTorchs) {
   const test::Golden golden = test::load_golden(GetParam());
   const Outputs y =
-      network(golden.architecture, golden.weights, golden.lrhs, golden.hrls, 0, Precision::kFp32);
+      network(golden.architecture, golden.weights, golden.lrhs, golden.hrls, golden.phase, Precision::kFp32);
   for (const auto& [name, expected] : golden.outputs) {
     double largest = 0;
     for (const double v : expected.data) largest = std::max(largest, std::abs(v));
@@ -165,9 +165,10 @@ TEST_P(NetworkGolden, EveryLayerIsPyTorchs) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Scales, NetworkGolden, testing::Values(2, 4, 8), testing::PrintToStringParamName());
+INSTANTIATE_TEST_SUITE_P(Models, NetworkGolden, testing::ValuesIn(test::golden_names()),
+                         [](const auto& info) { return "n" + std::to_string(info.index); });
 
-TEST(Network, AMissingGoldenIsAFailure) { EXPECT_ANY_THROW(test::load_golden(3)); }
+TEST(Network, AMissingGoldenIsAFailure) { EXPECT_ANY_THROW(test::load_golden("tiny-x3")); }
 
 TEST(Network, RefusesWhatDoesNotFit) {
   Case c(small(2), Precision::kFp32, 1, 1);

@@ -158,22 +158,29 @@ TEST(Concat, AppendsChannels) {
 
 TEST(SpaceToDepth, PyTorchsChannelOrder) {
   const Bounded y =
-      space_to_depth(exact(Planes(2, 2, 4, {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15})));
+      space_to_depth(exact(Planes(2, 2, 4, {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15})), 2);
   EXPECT_EQ(y.value.c, 8);
   EXPECT_EQ(y.value.h, 1);
   EXPECT_EQ(y.value.w, 2);
   EXPECT_EQ(y.value.data, (std::vector<double>{0, 2, 1, 3, 4, 6, 5, 7, 8, 10, 9, 11, 12, 14, 13, 15}));
-  EXPECT_THROW(space_to_depth(exact(Planes(1, 3, 2))), std::invalid_argument);
+  const Planes row =
+      space_to_depth(exact(Planes(1, 4, 4, {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15})), 4).value;
+  EXPECT_EQ(row.c, 16);
+  EXPECT_EQ(row.data, (std::vector<double>{0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15}));
+  EXPECT_THROW(space_to_depth(exact(Planes(1, 3, 2)), 2), std::invalid_argument);
 }
 
 TEST(PixelShuffle, UndoesSpaceToDepth) {
-  const Bounded x = {random_planes(3, 6, 10, Fill::kUniform, 5), random_planes(3, 6, 10, Fill::kUniform, 6)};
-  const Bounded back = pixel_shuffle(space_to_depth(x));
-  EXPECT_EQ(back.value.data, x.value.data);
-  EXPECT_EQ(back.bound.data, x.bound.data);
-  EXPECT_EQ(pixel_shuffle(exact(Planes(4, 1, 1, {1, 2, 3, 4}))).value.data,
+  for (const int r : {2, 4, 8}) {
+    const Bounded x = {random_planes(3, 3 * r, 5 * r, Fill::kUniform, 5),
+                       random_planes(3, 3 * r, 5 * r, Fill::kUniform, 6)};
+    const Bounded back = pixel_shuffle(space_to_depth(x, r), r);
+    EXPECT_EQ(back.value.data, x.value.data);
+    EXPECT_EQ(back.bound.data, x.bound.data);
+  }
+  EXPECT_EQ(pixel_shuffle(exact(Planes(4, 1, 1, {1, 2, 3, 4})), 2).value.data,
             (std::vector<double>{1, 2, 3, 4}));
-  EXPECT_THROW(pixel_shuffle(exact(Planes(6, 1, 1))), std::invalid_argument);
+  EXPECT_THROW(pixel_shuffle(exact(Planes(6, 1, 1)), 2), std::invalid_argument);
 }
 
 TEST(Encode, ClampsByKind) {

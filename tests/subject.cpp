@@ -18,6 +18,14 @@ Architecture small_architecture(int scale) {
           .clip = 100};
 }
 
+Architecture guided_architecture(int scale) {
+  Architecture a = small_architecture(scale);
+  a.hrls_unshuffled = a.upscale_direct = a.hrls_guide = a.both_samplings = true;
+  a.upscaled_features = 3;
+  a.head_features = 4;
+  return a;
+}
+
 Subject make_subject(const Architecture& a, int height, int width, uint64_t seed) {
   return {a, random_weights(a, reference::Precision::kFp32, seed),
           random_planes(3, height, width, Fill::kUniform, seed + 1000),

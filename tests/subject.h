@@ -14,6 +14,8 @@ struct Subject {
 
 // x2, x4 or x8, with a bilinear base, so that the phase matters. Its halo is at most 5 LRHS pixels.
 reference::Architecture small_architecture(int scale);
+// The same with HRLS unshuffled, upscaling at once, a guide, a head and a bias for centered samples.
+reference::Architecture guided_architecture(int scale);
 Subject make_subject(const reference::Architecture& architecture, int height, int width, uint64_t seed);
 
 Image image_of(const reference::Planes& planes);

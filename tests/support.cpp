@@ -65,6 +65,7 @@ Conv random_conv(int out, int in, int kernel, Fill fill, uint64_t seed) {
 Conv round_to(Conv conv, Precision precision) {
   for (double& v : conv.weight) v = reference::round_to(v, precision);
   for (double& v : conv.bias) v = float(v);
+  for (double& v : conv.centered_bias) v = float(v);
   return conv;
 }
 
@@ -74,9 +75,14 @@ reference::Weights random_weights(const Architecture& a, Precision precision, ui
     weights[name] = round_to(random_conv(out, in, kernel, Fill::kUniform, seed + weights.size()), precision);
   };
   const int features = a.features, steps = std::countr_zero(unsigned(a.scale));
+  const int hrls = 3 * int(a.hrls_layers.size());
   make("lrhs", features, 3, 3);
-  make("hrls", features, 3 * int(a.hrls_layers.size()), 3);
-  for (int i = 0; i < steps; ++i) make(fmt::format("down.{}", i), features, 4 * features, 3);
+  if (a.both_samplings) {
+    weights.at("lrhs").centered_bias = random_conv(features, 1, 1, Fill::kUniform, seed + 1000).bias;
+  }
+  make("hrls", features, a.hrls_unshuffled ? a.scale * a.scale * hrls : hrls, 3);
+  for (int i = 0; i < (a.hrls_unshuffled ? 0 : steps); ++i)
+    make(fmt::format("down.{}", i), features, 4 * features, 3);
   make("fuse", features, 2 * features, 1);
   for (int g = 0; g < a.groups; ++g) {
     for (int b = 0; b < a.blocks; ++b) {
@@ -87,8 +93,12 @@ reference::Weights random_weights(const Architecture& a, Precision precision, ui
       make(block + ".merge", features, features + a.dense_layers * a.growth, 1);
     }
   }
-  for (int i = 0; i < steps; ++i) make(fmt::format("up.{}", i), 4 * features, features, 3);
-  make("rec", 3, features, 3);
+  if (a.upscale_direct) make("up.0", a.scale * a.scale * a.upscaled(), features, 3);
+  for (int i = 0; i < (a.upscale_direct ? 0 : steps); ++i)
+    make(fmt::format("up.{}", i), 4 * features, features, 3);
+  int last = a.upscaled() + (a.hrls_guide ? hrls : 0);
+  if (a.head_features > 0) make("head", a.head_features, last, 3), last = a.head_features;
+  make("rec", 3, last, 3);
   return weights;
 }
 

@@ -10,14 +10,58 @@ import export
 import model
 import safetensors
 
-CASES = (
-    ((5, 7), model.Config(2, 6, 5, 2, 2, 1, transfer="linear", clip=100.0, base="none")),
-    (
+CASES = {
+    "tiny-x2": ((5, 7), model.Config(2, 6, 5, 2, 2, 1, transfer="linear", clip=100.0, base="none")),
+    "tiny-x4": (
         (7, 5),
         model.Config(4, 5, 3, 3, 1, 2, ("color", "normal", "albedo"), "fused", True, base="bilinear"),
     ),
-    ((3, 5), model.Config(8, 4, 6, 1, 2, 1, long_skip="fused", transfer="log", base="none")),
-)
+    "tiny-x8": ((3, 5), model.Config(8, 4, 6, 1, 2, 1, long_skip="fused", transfer="log", base="none")),
+    "guided-x2": (
+        (5, 3),
+        model.Config(
+            2,
+            4,
+            3,
+            1,
+            1,
+            1,
+            ("color", "normal"),
+            hrls_encoder="unshuffled",
+            guide="hrls",
+            head_features=5,
+            lrhs_sampling=("centered", "nearest"),
+            optional_layers=("normal",),
+        ),
+    ),
+    "guided-x4": (
+        (3, 5),
+        model.Config(
+            4,
+            5,
+            3,
+            1,
+            1,
+            1,
+            ("color", "albedo", "normal", "variance"),
+            hrls_encoder="unshuffled",
+            upscale="direct",
+            upscaled_features=3,
+            guide="hrls",
+            head_features=6,
+            lrhs_sampling=("nearest", "centered"),
+            optional_layers=("albedo", "variance"),
+            exposure_key=0.2,
+        ),
+    ),
+    "guided-x8": (
+        (2, 3),
+        model.Config(
+            8, 3, 2, 1, 1, 1, ("color", "diffuse"), upscale="direct", upscaled_features=2, guide="hrls", base="none"
+        ),
+    ),
+}
+CENTERED = ("guided-x4",)  # read as centered; the others as nearest samples
 
 
 def random_network(config, generator):
@@ -39,21 +83,25 @@ def random_inputs(shape, config, generator):
     lrhs[0, :, 1, 2] = torch.tensor([5000.0, 20.0, 60000.0])
     hrls[0, :, 3, 4] = 300.0
     hrls[0, 0, -1, -1] = 60000.0
-    normal = 3 * config.hrls_layers.index("normal")
-    hrls[:, normal : normal + 3] = hrls[:, normal : normal + 3] - 1.5
+    if "normal" in config.hrls_layers:
+        normal = 3 * config.hrls_layers.index("normal")
+        hrls[:, normal : normal + 3] -= 1.5
     return lrhs.float(), hrls.float()
 
 
 def layer_outputs(network, run):
     """Output of each layer by name, after its activation, shuffle or addition."""
     seen = {}
+    factor = 2 if network.config.upscale == "stages" else network.config.scale
     after = {
         "": lambda y: y.relu(),
-        "up": lambda y: torch.pixel_shuffle(y.relu(), 2),
+        "up": lambda y: torch.pixel_shuffle(y.relu(), factor),
         "rec": lambda y: y,
     }
+    encode_lrhs = network.encode_lrhs  # adds the bias of centered samples after its convolution
+    network.encode_lrhs = lambda *inputs: seen.setdefault("lrhs", encode_lrhs(*inputs))
     for name, part in network.named_modules():
-        if isinstance(part, torch.nn.Conv2d) and not name.endswith("merge"):
+        if isinstance(part, torch.nn.Conv2d) and name != "lrhs" and not name.endswith("merge"):
             then = after.get(name.split(".")[0], after[""])
             part.register_forward_hook(lambda _, __, y, name=name, then=then: seen.update({name: then(y)}))
         elif isinstance(part, model.Block):
@@ -62,23 +110,25 @@ def layer_outputs(network, run):
     return seen | {"output": output}
 
 
-def write_case(folder, shape, config):
+def write_case(folder, name, shape, config):
     generator = torch.Generator().manual_seed(config.scale)
     network = random_network(config, generator)
     lrhs, hrls = random_inputs(shape, config, generator)
     tensors = {"lrhs_input": lrhs, "hrls_input": hrls}
-    tensors |= layer_outputs(network, lambda: model.predict(network, lrhs.double(), hrls.double())[1])
-    name = f"tiny-x{config.scale}"
-    export.write(folder / f"{name}.safetensors", name, config, network.float().state_dict(), {"untrained": True})
+    centered = torch.tensor(name in CENTERED)
+    tensors |= layer_outputs(network, lambda: model.predict(network, lrhs.double(), hrls.double(), centered)[1])
+    half = not name.startswith("tiny")
+    export.write(folder / f"{name}.safetensors", name, config, network.float().state_dict(), {"untrained": True}, half)
     stored = {key: value[0].float().numpy() for key, value in tensors.items()}
-    safetensors.save(folder / f"{name}.golden.safetensors", stored, {"model": name})
+    metadata = {"model": name, "lrhs_sampling": "centered" if centered else "nearest"}
+    safetensors.save(folder / f"{name}.golden.safetensors", stored, metadata)
 
 
 def main():
     torch.set_grad_enabled(False)
     folder = pathlib.Path(sys.argv[1])
-    for shape, config in CASES:
-        write_case(folder, shape, config)
+    for name, case in CASES.items():
+        write_case(folder, name, *case)
 
 
 main()

@@ -27,10 +27,10 @@ struct Conv2dOptions {
 void conv2d(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out,
             const ConvWeights& weights, const Conv2dOptions& options);
 
-// (2h, 2w, c) -> (h, w, 4c), PyTorch's channel order: 4c + 2dy + dx.
+// (r h, r w, c) -> (h, w, r r c), PyTorch's channel order: r r c + r dy + dx. r follows from the shapes.
 void space_to_depth(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out);
 
-// (h, w, 4c) -> (2h, 2w, c), the inverse.
+// (h, w, r r c) -> (r h, r w, c), the inverse.
 void pixel_shuffle(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out);
 
 // How a channel of an input image is brought into the network's range.

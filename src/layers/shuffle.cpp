@@ -5,21 +5,23 @@
 namespace raymeld {
 namespace {
 
-// `small` is (h, w, 4c), `large` (2h, 2w, c).
-void check_shapes(const std::string& name, const Shape& small, const Shape& large) {
-  if (large.height != 2 * small.height || large.width != 2 * small.width ||
-      small.channels != 4 * large.channels) {
-    throw Error("layer {}: {}x{}x{} and {}x{}x{} are not a shuffle by 2", name, small.height, small.width,
-                small.channels, large.height, large.width, large.channels);
+// r, where `small` is (h, w, r r c) and `large` (r h, r w, c).
+uint32_t factor_of(const std::string& name, const Shape& small, const Shape& large) {
+  const uint32_t factor = large.height / small.height;
+  if (large.height != factor * small.height || large.width != factor * small.width ||
+      small.channels != factor * factor * large.channels) {
+    throw Error("layer {}: {}x{}x{} and {}x{}x{} are not a shuffle of each other", name, small.height,
+                small.width, small.channels, large.height, large.width, large.channels);
   }
+  return factor;
 }
 
 Pass shuffle(const Graph& graph, const std::string& name, const Shader& shader, const Tensor& in,
              const Tensor& out, const Shape& small, const Shape& large) {
-  check_shapes(name, small, large);
   Pass pass;
   pass.name = name;
   pass.shader = &shader;
+  pass.constants = {factor_of(name, small, large)};
   pass.bindings = {read_binding(in), write_binding(out)};
   pass.set_push(params::Shuffle{small.height, small.width,
                                 static_cast<uint32_t>(plane_stride(small.pixels(), graph.storage())),
