@@ -1,29 +1,32 @@
 """Models of Sweet Home 3D catalogues (.sh3f: a zip of OBJ, MTL and textures)."""
 
+import json
 import pathlib
 import zipfile
 
 import bpy
 from mathutils import Matrix, Vector
 
-# These crash Blender 3.4's OBJ importer.
-CRASHING = {"MIDI-keyboard"}
+# {catalogue file name: {model path: why}}, written by probe.py
+SKIP = json.loads(pathlib.Path(__file__).with_name("skip.json").read_text())
 LEFT_OUT_CATEGORIES = ("Doors and windows", "Doors", "Windows", "Staircases")
 
 
 class Model:
     """One catalogue entry; size_m is (width, depth, height)."""
 
-    def __init__(self, archive, entry):
+    def __init__(self, archive, entry, about):
         self.archive = archive
         self.path = entry["model"].lstrip("/")
         self.name = pathlib.PurePosixPath(self.path).stem
         self.category = entry.get("category", "")
+        self.credit = {"catalogue": pathlib.Path(archive).name, "path": self.path} | about
+        if "creator" in entry:
+            self.credit["creator"] = entry["creator"]
         self.size_m = Vector([float(entry[k]) / 100 for k in ("width", "depth", "height")])
         self.hangs = float(entry.get("elevation", 0)) > 50
-        self.usable = (
-            self.name not in CRASHING
-            and self.category not in LEFT_OUT_CATEGORIES
+        self.importable = (
+            self.category not in LEFT_OUT_CATEGORIES
             and "modelRotation" not in entry
             and self.path.lower().endswith(".obj")
             and max(self.size_m) < 4
@@ -39,7 +42,7 @@ class Model:
         # Some hold degenerate faces, which crash Blender unless removed.
         bpy.ops.wm.obj_import(filepath=str(pathlib.Path(folder) / self.path), validate_meshes=True)
         parts = [o for o in bpy.context.selected_objects if o.type == "MESH"]
-        if not parts:
+        if not any(o.data.polygons for o in parts):
             raise ValueError(f"no mesh in {self.path}")
         return fit(parts, self.size_m)
 
@@ -60,16 +63,23 @@ def fit(parts, size_m):
 
 
 def read_catalogue(archive_path):
+    """Models that can be imported, among them those that probe.py found to be unusable."""
     with zipfile.ZipFile(archive_path) as archive:
         text = archive.read("PluginFurnitureCatalog.properties").decode("latin-1")
-    entries = {}
+    entries, about = {}, {}
     for line in text.splitlines():
         key, _, value = line.partition("=")
         name, _, index = key.partition("#")
         if index and not line.startswith("#"):
             entries.setdefault(index, {})[name] = value.strip()
-    models = [Model(archive_path, e) for e in entries.values() if "model" in e]
-    return [m for m in models if m.usable]
+        elif key in ("license", "provider"):
+            about[key] = value.strip()
+    models = [Model(archive_path, e, about) for e in entries.values() if "model" in e]
+    return [m for m in models if m.importable]
+
+
+def is_skipped(model):
+    return model.path in SKIP.get(pathlib.Path(model.archive).name, {})
 
 
 def read_textures(archive_path):

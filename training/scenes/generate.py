@@ -1,12 +1,13 @@
-#!/usr/bin/env python3
+#!/usr/bin/python3
 """Renders many seeded views, one Blender process each; run it again to go on after a stop.
 
-A view is whole once its folder has its final name. A view that crashes Blender leaves NAME.failed with the log's end
-and costs nothing else; remove that file to try it again.
+A view is whole once its folder has its final name. A view that is not worth keeping leaves NAME.dropped (its
+view.json), one that crashes Blender or runs out of time NAME.failed with the log's end; remove either to try again.
 """
 
 import argparse
 import concurrent.futures
+import json
 import pathlib
 import shutil
 import subprocess
@@ -20,43 +21,52 @@ def parse():
     parser.add_argument("--catalogue", required=True, nargs="+")
     parser.add_argument("--seeds", required=True, help="FIRST:LAST, the last excluded")
     parser.add_argument("--size", type=int, default=192)
-    parser.add_argument("--spp", type=int, nargs="+", default=[1, 2, 4, 8])
-    parser.add_argument("--plain-spp", type=int, nargs="+", default=[16, 32, 64])
+    parser.add_argument("--spp", type=int, nargs="+", default=[1, 2, 4, 8, 16, 32, 64])
+    parser.add_argument("--reference-spp", type=int, default=512)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--timeout-s", type=float, default=600)
+    parser.add_argument("--timeout-s", type=float, default=1500)
     return parser.parse_args()
 
 
-def view(args, seed):
-    final = args.out / f"view-{seed:05}"
-    failed = final.with_suffix(".failed")
-    if final.exists() or failed.exists():
+def run_view(final, arguments, timeout_s, script=SCRIPT):
+    """Renders into `final`, a folder, or leaves .dropped or .failed beside it; does nothing where one of them is."""
+    dropped, failed, partial = (final.with_suffix(s) for s in (".dropped", ".failed", ".part"))
+    if final.exists() or dropped.exists() or failed.exists():
         return
-    partial = final.with_suffix(".part")
-    shutil.rmtree(partial, ignore_errors=True)
-    command = ["blender", "-b", "--factory-startup", "-P", str(SCRIPT), "--", "--out", str(partial), "--seed", str(seed)]
-    command += ["--width", str(args.size), "--height", str(args.size), "--catalogue", *args.catalogue]
-    command += ["--spp", *map(str, args.spp), "--plain-spp", *map(str, args.plain_spp)]
+    command = ["blender", "-b", "--factory-startup", "-P", str(script), "--", "--out", str(partial), *arguments]
     try:
-        run = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=args.timeout_s)
-        log = run.stdout
+        log = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=timeout_s).stdout
     except subprocess.TimeoutExpired as expired:
         log = (expired.stdout or b"") + b"\nout of time"
-    if (partial / "view.json").exists():
+    record_path = partial / "view.json"
+    record = json.loads(record_path.read_text()) if record_path.exists() else {}
+    if record.get("whole"):
         partial.rename(final)
-        print("rendered", final.name, flush=True)
+        outcome = "rendered"
+    elif "dropped" in record:
+        record_path.rename(dropped)
+        shutil.rmtree(partial)
+        outcome = "dropped"
     else:
         shutil.rmtree(partial, ignore_errors=True)
         failed.write_bytes(log[-4000:])
-        print("failed", final.name, flush=True)
+        outcome = "failed"
+    print(outcome, final.name, flush=True)
 
 
 def main():
     args = parse()
     args.out.mkdir(parents=True, exist_ok=True)
     first, last = map(int, args.seeds.split(":"))
+    common = ["--width", str(args.size), "--height", str(args.size), "--catalogue", *args.catalogue]
+    common += ["--spp", *map(str, args.spp), "--reference-spp", str(args.reference_spp)]
+
+    def view(seed):
+        run_view(args.out / f"view-{seed:05}", ["--seed", str(seed), *common], args.timeout_s)
+
     with concurrent.futures.ThreadPoolExecutor(args.jobs) as pool:
-        list(pool.map(lambda seed: view(args, seed), range(first, last)))
+        list(pool.map(view, range(first, last)))
 
 
-main()
+if __name__ == "__main__":
+    main()

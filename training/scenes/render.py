@@ -1,6 +1,9 @@
-"""Renders one seeded view at several sample counts, each a multilayer EXR with its own noise.
+"""Renders one seeded view: noisy renders, each with its own noise, and the reference in two independent halves.
 
-blender -b -P training/scenes/render.py -- --out VIEW --seed 7 --catalogue A.sh3f [...] --spp 1 2 4 8 --plain-spp 16 64
+blender -b --factory-startup -P training/scenes/render.py -- --out VIEW --seed 7 --catalogue A.sh3f [...] --spp 1 2 4
+
+Run again, it goes on with the files that are missing. VIEW/view.json tells what the files are; it has `noise` once all
+are there. A view that is flat, black, white or too noisy to learn from leaves only view.json, with `dropped`.
 """
 
 import argparse
@@ -10,23 +13,38 @@ import pathlib
 import random
 import sys
 import tempfile
+import time
 
 import bpy
 import numpy
+import OpenImageIO as oiio
 
 sys.path.insert(0, str(pathlib.Path(__file__).parent))
 import build
 import furniture
+import kinds
 import room
+import shapes
 
 faulthandler.enable()
-KINDS = {"room": room.room, "studio": build.studio, "outdoor": build.outdoor}
+VERSION = 2  # of the generator: of what a seed gives
+KINDS = {
+    "room": (room.room, 36),
+    "tabletop": (kinds.tabletop, 18),
+    "studio": (kinds.studio, 14),
+    "outdoor": (kinds.outdoor, 12),
+    "landscape": (kinds.landscape, 10),
+    "architecture": (kinds.architecture, 10),
+}
 LAYERS = (
     "diffuse_direct diffuse_indirect diffuse_color glossy_direct glossy_indirect glossy_color "
     "transmission_direct transmission_indirect transmission_color emit environment normal z"
 ).split()
 # The layers that a fusion reads: no transmission, emission, environment, shading normal or depth.
 FUSION_LAYERS = LAYERS[:6]
+# A reference noisier than this would be told from a good reconstruction, whose error is at some 30 dB.
+LEAST_PSNR = 34
+MOST_RELMSE = 0.01
 
 
 def parse():
@@ -37,10 +55,11 @@ def parse():
     parser.add_argument("--kind", choices=KINDS, help="default: by seed")
     parser.add_argument("--width", type=int, default=192)
     parser.add_argument("--height", type=int, default=192)
-    parser.add_argument("--spp", type=int, nargs="*", default=[], help="renders with every layer")
-    parser.add_argument("--plain-spp", type=int, nargs="*", default=[], help="renders with the colour only; a count that comes again gets another seed")
+    parser.add_argument("--spp", type=int, nargs="*", default=[], help="renders with layers")
     parser.add_argument("--layers", choices=("all", "fusion"), default="fusion")
-    parser.add_argument("--depth", choices=("16", "32"), default="16", help="bits a channel")
+    parser.add_argument("--plain-spp", type=int, nargs="*", default=[], help="renders with the colour only")
+    parser.add_argument("--reference-spp", type=int, default=0, help="of both halves together")
+    parser.add_argument("--depth", choices=("16", "32"), default="32", help="bits a channel")
     parser.add_argument("--threads", type=int, default=1)
     return parser.parse_args(sys.argv[sys.argv.index("--") + 1 :])
 
@@ -69,56 +88,150 @@ def choose_layers(scene, names):
 
 
 def render(scene, path, spp, seed):
+    """Returns the seconds it took."""
     scene.cycles.samples = spp
     scene.cycles.seed = seed
     partial = path.with_suffix(".part.exr")
     scene.render.filepath = str(partial)
+    start = time.perf_counter()
     bpy.ops.render.render(write_still=True)
+    seconds = time.perf_counter() - start
     partial.rename(path)
+    return round(seconds, 3)
 
 
-def expose(scene, rng, folder):
-    """Sets the exposure that brings the mean display value of a small probe to a random 0.28..0.5."""
+def read_colour(path):
+    """[H, W, 3], float32."""
+    image = oiio.ImageBuf(str(path))
+    pixels = image.get_pixels(oiio.FLOAT)
+    names = [name.split(".", 1)[-1] for name in image.spec().channelnames]
+    return pixels[..., [names.index("Combined." + c) for c in "RGB"]]
+
+
+def srgb(linear):
+    x = numpy.clip(linear, 0, 1)
+    return numpy.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+
+
+def noise(a, b):
+    """Error of the mean of two independent renders: {"relmse", "psnr"}; their difference has its statistics, twofold."""
+    mean, error = (a + b) / 2, (a - b) / 2
+    relmse = 0.5 * error**2 / (mean**2 + 0.01)
+    mse = numpy.mean((srgb(mean + error) - srgb(mean)) ** 2)
+    return {"relmse": float(relmse.mean()), "psnr": float(min(100, -10 * numpy.log10(max(mse, 1e-10))))}
+
+
+def too_noisy(noise):
+    return noise["psnr"] < LEAST_PSNR or noise["relmse"] > MOST_RELMSE
+
+
+def dull(linear):
+    """Whether a picture shows hardly anything, in words, or None."""
+    shown = srgb(linear).mean(axis=2)
+    if (shown < 0.02).mean() > 0.6:
+        return "black"
+    if (shown > 0.98).mean() > 0.5:
+        return "white"
+    if shown.std() < 0.05:
+        return "flat"
+    return None
+
+
+def probe(scene, rng, folder, reference_spp):
+    """Two small renders give (exposure, why the view is to be dropped or None).
+
+    The exposure brings the mean display value to a random 0.28..0.5.
+    """
     size = scene.render.resolution_x, scene.render.resolution_y
-    scene.render.resolution_percentage = max(5, 100 * 48 // max(size))
+    scene.render.resolution_percentage = max(5, 100 * 64 // max(size))
     choose_layers(scene, ())
-    probe = pathlib.Path(folder) / "probe.exr"
-    scene.render.image_settings.file_format = "OPEN_EXR"
-    render(scene, probe, 16, 1)
-    scene.render.image_settings.file_format = "OPEN_EXR_MULTILAYER"
+    halves = []
+    for seed in (1, 2):
+        path = pathlib.Path(folder) / f"probe-{seed}.exr"
+        render(scene, path, 16, seed)
+        halves.append(read_colour(path))
     scene.render.resolution_percentage = 100
-    pixels = numpy.array(bpy.data.images.load(str(probe)).pixels[:]).reshape(-1, 4)[:, :3]
+    mean = sum(halves) / 2
     target, low, high = rng.uniform(0.28, 0.5), 1e-4, 1e4
     for _ in range(40):
-        middle = (low * high) ** 0.5
-        shown = numpy.clip(pixels * middle, 0, 1) ** (1 / 2.2)
-        low, high = (middle, high) if shown.mean() < target else (low, middle)
-    scene.cycles.film_exposure = min(middle, 10000)
-    return float(scene.cycles.film_exposure)
+        exposure = (low * high) ** 0.5
+        low, high = (exposure, high) if srgb(mean * exposure).mean() < target else (low, exposure)
+    exposed = noise(exposure * halves[0], exposure * halves[1])
+    # Noise falls as the root of the count; 3 dB are left for the probe's own uncertainty.
+    if reference_spp and exposed["psnr"] + 10 * numpy.log10(reference_spp / 32) < LEAST_PSNR - 3:
+        return exposure, "noise of the probe"
+    return exposure, dull(mean * exposure)
+
+
+def models_used(models):
+    return list({m.path: m.credit for m in models}.values())
 
 
 def main():
     args = parse()
     rng = random.Random(args.seed)
-    kind = args.kind or rng.choices(list(KINDS), (75, 15, 10))[0]
+    # Add-ons draw from these.
+    random.seed(args.seed)
+    numpy.random.seed(args.seed)
+    kind = args.kind or rng.choices(list(KINDS), [share for _, share in KINDS.values()])[0]
     models = [m for path in args.catalogue for m in furniture.read_catalogue(path)]
     textures = [t for path in args.catalogue for t in furniture.read_textures(path)]
     bpy.ops.wm.read_factory_settings(use_empty=True)
+    shapes.enable_add_ons()
     with tempfile.TemporaryDirectory() as folder:
         builder = build.Builder(rng, models, textures, folder)
-        KINDS[kind](builder)
+        extent_m = KINDS[kind][0](builder)
+        if rng.random() < 0.12:
+            builder.motion(extent_m)
+        if kind != "room" and rng.random() < 0.05:
+            builder.haze((-30 * extent_m,) * 3, (30 * extent_m,) * 3, rng.uniform(1, 3))
         scene = set_up(args)
-        exposure = expose(scene, rng, folder)
+        record_path = args.out / "view.json"
+        if record_path.exists():
+            record = json.loads(record_path.read_text())
+        else:
+            exposure, dropped = probe(scene, rng, folder, args.reference_spp)
+            record = {"version": VERSION, "seed": args.seed, "kind": kind, "exposure": exposure}
+            record |= {"hdri": builder.hdri, "models": models_used(builder.used), "files": {}}
+            if dropped:
+                record["dropped"] = dropped
         args.out.mkdir(parents=True, exist_ok=True)
-        for names, counts in ((FUSION_LAYERS if args.layers == "fusion" else LAYERS, args.spp), ((), args.plain_spp)):
-            choose_layers(scene, names)
-            for index, spp in enumerate(counts):
-                repeat = counts[:index].count(spp)
-                path = args.out / (f"{spp:04}-{repeat}.exr" if repeat else f"{spp:04}.exr")
-                if not path.exists():
-                    render(scene, path, spp, args.seed * 10007 + spp + 100000 * repeat)
-    record = {"seed": args.seed, "kind": kind, "exposure": exposure, "models": builder.used}
-    (args.out / "view.json").write_text(json.dumps(record, indent=1) + "\n")
+        scene.cycles.film_exposure = record["exposure"]
+        # The clamp on indirect light acts before the exposure.
+        scene.cycles.sample_clamp_indirect = 10 / record["exposure"]
+
+        def write():
+            record_path.write_text(json.dumps(record, indent=1) + "\n")
+
+        def renders(name, spp, seed, **about):
+            path = args.out / name
+            if not path.exists() or name not in record["files"]:
+                seconds = render(scene, path, spp, args.seed * 10007 + seed)
+                record["files"][name] = {"spp": spp, "seconds": seconds} | about
+                write()
+            return path
+
+        if "dropped" in record:
+            return write()
+        if args.reference_spp:
+            choose_layers(scene, ())
+            halves = [renders(f"reference-{h}.exr", args.reference_spp // 2, 5000 + i) for i, h in enumerate("ab")]
+            halves = [read_colour(half) for half in halves]
+            record["noise"] = noise(*halves)
+            dropped = "noise" if too_noisy(record["noise"]) else dull(sum(halves) / 2)
+            if dropped:
+                record["dropped"] = dropped
+                for name in record["files"]:
+                    (args.out / name).unlink(missing_ok=True)
+                return write()
+        choose_layers(scene, FUSION_LAYERS if args.layers == "fusion" else LAYERS)
+        for spp in args.spp:
+            renders(f"{spp:04}.exr", spp, spp, layers=args.layers)
+        choose_layers(scene, ())
+        for spp in args.plain_spp:
+            renders(f"{spp:04}.exr", spp, spp)
+        record["whole"] = True
+        write()
 
 
 main()

@@ -4,6 +4,7 @@ import math
 
 from mathutils import Matrix, Vector
 
+import build
 import materials
 
 
@@ -47,8 +48,11 @@ def pictures(b, width, depth, height):
         length, distance = ((width, depth / 2), (depth, width / 2))[side % 2]
         spot = Matrix.Translation((rng.uniform(w - length, length - w) / 2, distance - 0.02, rng.uniform(1.1, height - h)))
         matrix = Matrix.Rotation(side * math.pi / 2, 4, "Z") @ spot @ upright
-        uv = lambda tree: tree.nodes.new("ShaderNodeTexCoord").outputs["Generated"]
-        b.panel([(-w / 2, 0, w / 2, h)], matrix, materials.picture(rng, b.textures, b.folder, uv))
+        if rng.random() < 0.2:
+            material = b.glowing(rng.uniform(0.5, 3))
+        else:
+            material = materials.picture(rng, b.textures, b.folder, build.generated)
+        b.panel([(-w / 2, 0, w / 2, h)], matrix, material)
     if rng.random() < 0.5:
         w, h = rng.uniform(0.6, 1.4), rng.uniform(0.5, 1)
         b.panel([(-w, -h, w, h)], Matrix.Translation((rng.uniform(-0.5, 0.5), 0, 0.008)), b.surface(plain=0))
@@ -82,7 +86,7 @@ def furnish(b, width, depth, eye):
     taken = [(eye[0] - 0.9, eye[1] - 0.9, eye[0] + 0.9, eye[1] + 1.2)]
     tops = []
     for _ in range(rng.randint(16, 30)):
-        model = rng.choice(standing)
+        model = b.pick(standing)
         location, side = spot_for(b, model, width, depth)
         area = footprint(model, location, side)
         if len(tops) > 9 or any(overlaps(area, t) for t in taken):
@@ -92,9 +96,16 @@ def furnish(b, width, depth, eye):
         tops.append((model, location))
     for model, location in tops:
         if small and 0.35 < model.size_m.z < 1.2 and min(model.size_m.x, model.size_m.y) > 0.4:
-            b.place(rng.choice(small), location + Vector((0, 0, model.size_m.z)), rng.uniform(0, 6.28))
-        elif rng.random() < 0.2 and model.size_m.z < 1.2:
-            b.shape(location + Vector((0, 0, model.size_m.z)), rng.uniform(0.06, 0.15))
+            b.place(b.pick(small), location + Vector((0, 0, model.size_m.z)), rng.uniform(0, 6.28))
+        elif rng.random() < 0.3 and model.size_m.z < 1.2:
+            b.shape(location + Vector((0, 0, model.size_m.z)), rng.uniform(0.1, 0.3))
+    for _ in range(rng.randint(0, 3)):
+        size = rng.uniform(0.2, 0.7)
+        spot = Vector((rng.uniform(-0.4, 0.4) * width, rng.uniform(-0.2, 0.4) * depth, 0))
+        area = (spot.x - size / 2, spot.y - size / 2, spot.x + size / 2, spot.y + size / 2)
+        if not any(overlaps(area, t) for t in taken):
+            taken.append(area)
+            b.shape(spot, size)
 
 
 def lamps(b, width, depth, height, window):
@@ -107,15 +118,24 @@ def lamps(b, width, depth, height, window):
         b.light("AREA", outside, outside - Vector((sign, 0, 0.25)), rng.uniform(80, 250), window_w * 1.1)
         if rng.random() < 0.4:
             b.light("SUN", (sign * 3, -1, rng.uniform(1, 3)), (0, 0, 0), rng.uniform(1, 6), rng.uniform(0.5, 5))
-    b.sky(rng.uniform(0.3, 3), textured=False)
+    if lighting == "evening":
+        b.plain_sky(rng.uniform(0.02, 0.1))
+    elif rng.random() < 0.3:
+        b.hdri_sky(rng.uniform(0.2, 0.8))
+    else:
+        b.plain_sky(rng.uniform(0.3, 2))
+    # Rooms lit through a window alone are too noisy to learn from.
+    if rng.random() < 0.75:
+        top = Vector((0, 0.1 * depth, height - 0.02))
+        b.light("AREA", top, top - Vector((0, 0, 1)), rng.uniform(40, 150), rng.uniform(0.8, 2.5))
     if lighting == "day":
         return
     for _ in range(rng.randint(1, 3)):
         spot = Vector((rng.uniform(-0.35, 0.35) * width, rng.uniform(-0.35, 0.35) * depth, height - 0.15))
-        kind = rng.choice(("AREA", "POINT", "bulb"))
+        kind = rng.choice(("AREA", "POINT", "SPOT", "bulb"))
         if kind == "bulb":
-            bulb = b.shape(spot - Vector((0, 0, 0.4)), 0.1)
-            bulb.data.materials[0] = materials.light_emitter(rng, rng.uniform(20, 80))
+            emitter = materials.light_emitter(rng, rng.uniform(20, 80))
+            b.shape(spot - Vector((0, 0, 0.4)), 0.2, rng.choice(("sphere", "torus", "dome", "cube")), emitter)
         else:
             b.light(kind, spot, spot - Vector((0, 0, 1)), rng.uniform(20, 120), rng.uniform(0.05, 0.6))
 
@@ -130,3 +150,4 @@ def room(b):
     lamps(b, width, depth, height, window)
     target = Vector((rng.uniform(-0.3, 0.3) * width, depth / 2, rng.uniform(0.4, 1.1)))
     b.camera(eye, target, rng.uniform(20, 40))
+    return 2
