@@ -1,67 +1,109 @@
-#!/usr/bin/env python3
-"""PSNR (sRGB) and RelMSE (0.5, 0.01) of a model file on one pair, next to bicubic LRHS and HRLS itself."""
+#!/usr/bin/python3
+"""Measures the raymeld program on the test set: tables as CSV, and docs/quality.md.
+
+What was measured before is not measured again, so that a stop, a new model or a new view costs only what is missing.
+"""
 
 import argparse
+import pathlib
+import sys
 
 import torch
 
-import dataset
-import loss
-import model
-import safetensors
+from evaluation import agreement, pictures, tables, test_set
+from evaluation.jobs import Model, Store
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+TABLES = ("main", "grid", "ablations", "losses", "robustness", "equal-time")
 
 
-def load(path):
-    tensors, metadata = safetensors.load(path)
-    numbers = (int(metadata[key]) for key in ("scale", "features", "growth", "dense_layers", "blocks", "groups"))
-    config = model.Config(
-        *numbers,
-        hrls_layers=tuple(metadata["hrls_layers"].split(",")),
-        long_skip=metadata["long_skip"],
-        merge_relu=metadata["merge_relu"] == "true",
-        transfer=metadata["transfer"],
-        clip=float(metadata["clip"]),
-        base=metadata["base"],
-    )
-    network = model.Network(config)
-    network.load_state_dict({key: torch.from_numpy(value.astype("float32")) for key, value in tensors.items()})
-    return network.eval()
+def parse():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--views", required=True, help="folder of the test set")
+    parser.add_argument("--models", type=pathlib.Path, nargs="+", default=sorted(ROOT.glob("models/*.safetensors")))
+    parser.add_argument("--ablations", type=pathlib.Path, help="folder of models that were trained without an input")
+    parser.add_argument("--losses", type=pathlib.Path, nargs="*", default=[], help="models trained with other losses")
+    parser.add_argument("--program", type=pathlib.Path, default=ROOT / "build/release/raymeld")
+    parser.add_argument("--out", type=pathlib.Path, default=ROOT / "bench/quality")
+    only = parser.add_argument_group("only")
+    only.add_argument("--tables", nargs="+", choices=TABLES, default=TABLES)
+    only.add_argument("--scales", type=int, nargs="+", default=(2, 4, 8))
+    only.add_argument("--first", type=int, help="that many views")
+    only.add_argument("--measured", action="store_true", help="measure nothing, write the tables of what there is")
+    parser.add_argument("--no-check", action="store_true", help="do not compare the program with PyTorch")
+    parser.add_argument("--write-docs", action="store_true", help="put the tables into docs/quality.md, with pictures")
+    return parser.parse_args()
 
 
-def bicubic(x, scale, a=-0.5):
-    """Keys' kernel; LR sample i sits at HR coordinate s*i; edges replicated."""
-    for axis in (-2, -1):
-        size = x.shape[axis]
-        u = torch.arange(size * scale) / scale
-        total = 0
-        for tap in range(-1, 3):
-            d = (u - u.floor() - tap).abs()
-            near, far = ((a + 2) * d - (a + 3)) * d * d + 1, ((a * d - 5 * a) * d + 8 * a) * d - 4 * a
-            weight = torch.where(d <= 1, near, far)
-            index = (u.floor().long() + tap).clamp(0, size - 1)
-            total = total + x.index_select(axis, index) * (weight[:, None] if axis == -2 else weight)
-        x = total
-    return x
+def models_of(paths, scales):
+    models = [Model.load(path) for path in paths]
+    return sorted((m for m in models if m.scale in scales), key=lambda m: (m.scale, m.path.stat().st_size))
+
+
+def measure(plans, views, store):
+    jobs = list(dict.fromkeys(job for plan in plans for job in plan.jobs()))
+    todo = [(job, view) for job in jobs for view in views if not store.get(job, view)]
+    for i, (job, view) in enumerate(todo):
+        score = store.measure(job, view)
+        what = " ".join(filter(None, (job.model.name if job.model else "", job.lrhs, job.hrls, job.change)))
+        print(f"{i + 1}/{len(todo)} {view.name} {job.method} {what}: {tables.text(score)}, {score.seconds:.1f} s")
+        sys.stdout.flush()
+
+
+def check(models, view, program):
+    """Whether all agree."""
+    good = True
+    for model in models:
+        results = agreement.check(model, view, program)
+        good &= agreement.agrees(results)
+        for what, (value, limit) in results.items():
+            print(f"{model.name}: {what}: {value:.2g}, at most {limit:.2g}{'' if value <= limit else ' EXCEEDED'}")
+    return good
+
+
+def write_docs(sheets, models, losses, views, store):
+    docs = ROOT / "docs"
+    page = docs / "quality.md"
+    page.write_text(tables.insert(page.read_text(), sheets))
+    shown = [m for m in models if m.scale == 4][:1]
+    if shown and all(tables.lead(shown[0], 0, view, store) for view in views):
+        print("pictures:", *(view.name for view in pictures.write_worst(shown[0], views, store, docs)))
+    if losses and all(tables.mean(job, views, store) for job in tables.losses_plan(losses).jobs()):
+        pictures.write_losses(losses, views, store, docs / "quality-losses.png")
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    for name in ("model", "lrhs", "hrls", "reference"):
-        parser.add_argument("--" + name, required=True)
-    args = parser.parse_args()
-    torch.set_grad_enabled(False)
-    network = load(args.model)
-    lrhs = dataset.read(args.lrhs, ("color",))[None]
-    layers = dataset.read(args.hrls, ("color", "albedo", "normal", "diffuse", "specular"))
-    hrls = dataset.with_variance(layers)[None]
-    reference = dataset.read(args.reference, ("color",))[None]
-    images = {
-        "fused": model.predict(network, lrhs, hrls)[1],
-        "bicubic LRHS": bicubic(lrhs, network.config.scale),
-        "HRLS": hrls[:, :3],
+    args = parse()
+    torch.set_num_threads(1)
+    views = test_set.load(args.views)[: args.first]
+    models = models_of(args.models, args.scales)
+    ablations = models_of(sorted(args.ablations.glob("*.safetensors")) if args.ablations else [], (4,))
+    losses = models_of(args.losses, (4,))
+    store = Store(args.out / "results.csv", args.program)
+
+    plans = {
+        "main": [tables.main_plan(models)],
+        "robustness": [tables.robustness_plan(models)],
+        "ablations": [tables.ablation_plan(models, ablations)],
+        "losses": [tables.losses_plan(losses)],
+        "equal-time": [tables.equal_time_plan(models)],
+        "grid": [tables.grid_plan(model) for model in models if model.scale == 4],
     }
-    for name, image in images.items():
-        print(f"{name:13} {loss.psnr(image, reference):6.2f} dB  RelMSE {loss.relmse(image, reference):.4f}")
+    plans = [plan for name, group in plans.items() if name in args.tables for plan in group if plan.rows]
+    if not args.measured:
+        measure(plans, views, store)
+    sheets = [tables.sheet(plan, views, store) for plan in plans if plan.name != "plain"]
+    if "main" in args.tables:
+        sheets += [tables.lead_sheet(models, views, store), tables.scenes_sheet(models, views, store)]
+    if "equal-time" in args.tables:
+        sheets += tables.equal_time_sheets(models, views, store)
+    for sheet in sheets:
+        sheet.write_csv(args.out)
+        print(f"\n{sheet.name}\n{sheet.markdown()}")
+    if args.write_docs:
+        write_docs(sheets, models, losses, views, store)
+    if not args.no_check and not check([*models, *ablations, *losses], views[0], args.program):
+        sys.exit("the program and PyTorch do not agree")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,72 @@
+"""What can be done to a pair of renders before they are fused."""
+
+import dataclasses
+from typing import Callable
+
+import numpy
+
+FIREFLY_SHARE, FIREFLY_GAIN = 1e-3, 1000
+EXPOSURES = (-8, -4, 4, 8)  # stops
+
+
+@dataclasses.dataclass(frozen=True)
+class Change:
+    """apply(lrhs, hrls, scale) changes both Exr in place; the fused image is multiplied by `gain`."""
+
+    apply: Callable
+    gain: float = 1.0
+
+
+def is_radiance(layer):
+    return layer == "Combined" or layer.endswith(("Dir", "Ind"))
+
+
+def radiance(exr):
+    return [i for i in exr.indices(is_radiance) if not exr.channels[i].endswith(".A")]
+
+
+def exposed(stops):
+    def apply(lrhs, hrls, scale):
+        for exr in (lrhs, hrls):
+            exr.pixels[..., radiance(exr)] *= 2.0**stops
+
+    return Change(apply, gain=2.0**-stops)
+
+
+def fireflies(lrhs, hrls, scale):
+    struck = numpy.random.default_rng(1).random(hrls.pixels.shape[:2]) < FIREFLY_SHARE
+    gain = numpy.where(struck, FIREFLY_GAIN, 1).astype("float32")
+    hrls.pixels[..., radiance(hrls)] *= gain[..., None]
+
+
+def alpha(lrhs, hrls, scale):
+    """A ramp from 0 to 1; the colour stays as it is, so the fused one must."""
+    index = [i for i, name in enumerate(hrls.channels) if name.endswith("Combined.A")]
+    hrls.pixels[..., index] = numpy.linspace(0, 1, hrls.pixels.shape[1], dtype="float32")[:, None]
+
+
+def rgb(lrhs, hrls, scale):
+    hrls.pixels[..., hrls.indices(lambda layer: layer != "Combined")] = 0
+
+
+def no_hrls(lrhs, hrls, scale):
+    hrls.pixels[:] = 0
+
+
+def no_lrhs(lrhs, hrls, scale):
+    lrhs.pixels[:] = 0
+
+
+def subsampled(lrhs, hrls, scale):
+    """LRHS is a full-size image."""
+    lrhs.pixels = lrhs.pixels[::scale, ::scale]
+
+
+CHANGES = {
+    "fireflies": Change(fireflies),
+    "alpha": Change(alpha),
+    "rgb": Change(rgb),
+    "no-hrls": Change(no_hrls),
+    "no-lrhs": Change(no_lrhs),
+    "subsampled": Change(subsampled),
+} | {f"exposure {stops:+}": exposed(stops) for stops in EXPOSURES}

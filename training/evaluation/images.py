@@ -1,0 +1,69 @@
+"""EXR files as arrays, and how far an image is from its reference."""
+
+import dataclasses
+
+import numpy
+import OpenImageIO as oiio
+import torch
+
+import dataset
+import loss
+
+CLIP = 100.0  # section 3.2 of the paper: whatever is brighter is taken for a firefly
+
+
+def layers(path, names):
+    """[H, W, 3], float32, for each of the names; as dataset.read."""
+    planes = dataset.read(path, names).numpy()
+    return [numpy.ascontiguousarray(layer.transpose(1, 2, 0)) for layer in numpy.split(planes, len(names))]
+
+
+def clipped(image):
+    return torch.from_numpy(numpy.ascontiguousarray(image)).double().clamp(0, CLIP)
+
+
+def psnr(image, reference):
+    """In sRGB (Equation 3), decibels."""
+    return loss.psnr(clipped(image), clipped(reference))
+
+
+def relmse(image, reference):
+    """With (0.5, 0.01), scene linear."""
+    return loss.relmse(clipped(image), clipped(reference))
+
+
+@dataclasses.dataclass
+class Exr:
+    """All channels of a file: pixels [H, W, C], float32."""
+
+    channels: list
+    pixels: numpy.ndarray
+
+    @classmethod
+    def read(cls, path):
+        image = oiio.ImageBuf(str(path))
+        pixels = image.get_pixels(oiio.FLOAT)
+        if image.has_error:
+            raise OSError(f"{path}: {image.geterror()}")
+        return cls(list(image.spec().channelnames), pixels)
+
+    def write(self, path):
+        height, width, count = self.pixels.shape
+        spec = oiio.ImageSpec(width, height, count, oiio.FLOAT)
+        spec.channelnames = self.channels
+        spec["compression"] = "zips"
+        out = oiio.ImageBuf(spec)
+        out.set_pixels(oiio.ROI(), self.pixels)
+        if not out.write(str(path)):
+            raise OSError(f"{path}: {out.geterror()}")
+
+    def indices(self, wanted):
+        """Of the channels whose layer, without its view layer's name, is wanted(layer)."""
+        return [i for i, name in enumerate(self.channels) if wanted(name.rsplit(".", 1)[0].split(".", 1)[-1])]
+
+
+def read(path):
+    """The colour of a render or of what the program wrote, [H, W, 3]."""
+    exr = Exr.read(path)
+    prefix = "" if "R" in exr.channels else exr.channels[exr.indices(lambda layer: layer == "Combined")[0]][:-1]
+    return exr.pixels[..., [exr.channels.index(prefix + c) for c in "RGB"]]

@@ -1,0 +1,144 @@
+"""One image to be made and measured, and the file that keeps what was measured."""
+
+import csv
+import dataclasses
+import hashlib
+import json
+import pathlib
+import subprocess
+import tempfile
+import time
+from typing import NamedTuple
+
+import safetensors
+from evaluation import test_set
+from evaluation.baselines import Atrous, atrous, bicubic
+from evaluation.changes import CHANGES
+from evaluation.images import Exr, layers, psnr, read, relmse
+
+
+@dataclasses.dataclass(frozen=True)
+class Model:
+    path: pathlib.Path
+    digest: str
+    scale: int
+    training: str = dataclasses.field(compare=False)  # JSON
+
+    @classmethod
+    def load(cls, path):
+        metadata = safetensors.load(path)[1]
+        return cls(path, test_set.digest(path), int(metadata["scale"]), metadata.get("training", "{}"))
+
+    @property
+    def name(self):
+        return self.path.stem
+
+    def trained(self, key, default=None):
+        return json.loads(self.training).get(key, default)
+
+
+@dataclasses.dataclass(frozen=True)
+class Job:
+    """`method` is half (of the reference), render, atrous, bicubic or fused; `lrhs` and `hrls` are a view's files."""
+
+    method: str
+    lrhs: str = ""
+    hrls: str = ""
+    model: Model = None
+    change: str = ""
+
+    def halves(self):
+        """Those of the reference to measure against: what is also an input would be noise in common."""
+        return tuple(half for half in test_set.HALVES if half != self.lrhs)
+
+    def key(self, view):
+        """Of all that the result depends on, except the program."""
+        files = [name for name in (self.lrhs, self.hrls, *test_set.HALVES) if name]
+        parts = [self.method, self.lrhs, self.change, *(test_set.digest(view.folder / name) for name in files)]
+        parts += [self.model.digest] if self.model else []
+        parts += [str(Atrous())] if self.method == "atrous" else []
+        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
+
+    def changed_files(self, view, folder):
+        """(LRHS, HRLS, what to multiply the result by); new files go to `folder`."""
+        paths = [view.folder / self.lrhs, view.folder / self.hrls]
+        if not self.change:
+            return *paths, 1.0
+        change, pair = CHANGES[self.change], [Exr.read(path) for path in paths]
+        change.apply(*pair, self.model.scale)
+        paths = [folder / "lrhs.exr", folder / "hrls.exr"]
+        for exr, path in zip(pair, paths):
+            exr.write(path)
+        return *paths, change.gain
+
+    def fuse(self, view, program):
+        with tempfile.TemporaryDirectory() as folder:
+            folder = pathlib.Path(folder)
+            lrhs, hrls, gain = self.changed_files(view, folder)
+            sampling = "centered" if self.lrhs == test_set.LOW_RESOLUTION else "nearest"
+            report = fuse(program, self.model, lrhs, hrls, folder / "fused.exr", sampling)
+            return read(folder / "fused.exr") * gain, report["device_ms"] / 1000
+
+    def image(self, view, program):
+        """(image, seconds)"""
+        start = time.perf_counter()
+        if self.method == "fused":
+            return self.fuse(view, program)
+        if self.method == "half":
+            result = read(view.folder / test_set.HALVES[0])
+        elif self.method == "render":
+            result = read(view.folder / self.hrls)
+        elif self.method == "atrous":
+            result = atrous(*layers(view.folder / self.hrls, ("color", "albedo", "normal")))
+        else:
+            low = read(view.folder / self.lrhs)
+            result = bicubic(low, view.reference().shape[0] // low.shape[0])
+        return result, time.perf_counter() - start
+
+
+def fuse(program, model, lrhs, hrls, output, sampling="nearest"):
+    """What the program reports, as a dictionary."""
+    command = [program, "fuse", "--json", "--output-type", "float", "--lrhs-sampling", sampling]
+    command += ["--model", model.path.resolve(), "--lrhs", lrhs, "--hrls", hrls, "-o", output]
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(map(str, command))}: {done.stderr}")
+    return json.loads(done.stdout)
+
+
+class Score(NamedTuple):
+    psnr: float
+    relmse: float
+    seconds: float
+
+
+class Store:
+    """The scores so far, a CSV file that grows by a line as soon as something is measured."""
+
+    COLUMNS = ("key", "view", "method", "model", "lrhs", "hrls", "change", *Score._fields)
+
+    def __init__(self, path, program):
+        self.path, self.program, self.scores = path, program, {}
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self.append(self.COLUMNS)
+        with open(path, newline="") as file:
+            for row in csv.DictReader(file):
+                self.scores[row["key"]] = Score(*(float(row[name]) for name in Score._fields))
+
+    def append(self, row):
+        with open(self.path, "a", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerow(row)
+
+    def get(self, job, view):
+        """None where it was not measured."""
+        return self.scores.get(job.key(view)) if job else None
+
+    def measure(self, job, view):
+        image, seconds = job.image(view, self.program)
+        reference = view.reference(job.halves())
+        score = Score(psnr(image, reference), relmse(image, reference), seconds)
+        self.scores[job.key(view)] = score
+        what = (view.name, job.method, job.model.name if job.model else "", job.lrhs, job.hrls, job.change)
+        self.append((job.key(view), *what, f"{score.psnr:.4f}", f"{score.relmse:.6f}", f"{seconds:.3f}"))
+        return score

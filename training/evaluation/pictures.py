@@ -1,0 +1,59 @@
+"""PNG files for docs/quality.md."""
+
+import matplotlib
+import numpy
+import torch
+
+import loss
+from evaluation.jobs import Job
+from evaluation.tables import base, baselines_of, lead, losses_plan, mean
+from evaluation.test_set import PAIRS, render
+
+matplotlib.use("Agg")
+from matplotlib import pyplot
+
+CROP = 144
+
+
+def srgb(image):
+    return loss.srgb(torch.from_numpy(numpy.ascontiguousarray(image))).numpy()
+
+
+def worst_crop(fused, reference):
+    """Top left of the CROP x CROP pixels, on a grid of half their size, where the fused image is off most."""
+    error = ((srgb(fused) - srgb(reference)) ** 2).sum(-1)
+    ys, xs = (range(0, size - CROP + 1, CROP // 2) for size in error.shape)
+    return max(((y, x) for y in ys for x in xs), key=lambda s: error[s[0] : s[0] + CROP, s[1] : s[1] + CROP].sum())
+
+
+def crops(model, view, program):
+    """Bicubic LRHS, HRLS, a-trous filter of the plain render at the same average, fused, reference, side by side."""
+    _, atrous, bicubic = baselines_of(model, 0)
+    hrls = Job("render", hrls=render(PAIRS[model.scale][0][1]))
+    images = [job.image(view, program)[0] for job in (bicubic, hrls, atrous, base(model))]
+    images.append(view.reference())
+    y, x = worst_crop(images[3], images[4])
+    return numpy.concatenate([srgb(image[y : y + CROP, x : x + CROP]) for image in images], axis=1)
+
+
+def write_worst(model, views, store, folder, count=3):
+    """The views in which the model leads the best baseline least, one file each, the last first; all are measured."""
+    order = sorted(views, key=lambda view: lead(model, 0, view, store)[0])
+    for i, view in enumerate(order[:count]):
+        pyplot.imsave(folder / f"quality-worst-{i + 1}.png", crops(model, view, store.program))
+    return order[:count]
+
+
+def write_losses(models, views, store, path):
+    """PSNR and RelMSE over the beta of the robust loss; L1 as a line."""
+    scores = {model: mean(job, views, store) for model, (_, [job]) in zip(models, losses_plan(models).rows)}
+    robust = sorted((m.trained("beta"), s) for m, s in scores.items() if m.trained("loss") == "robust")
+    figure, axes = pyplot.subplots(1, 2, figsize=(7, 2.6), layout="constrained")
+    for axis, metric in zip(axes, ("psnr", "relmse")):
+        axis.semilogx([beta for beta, _ in robust], [getattr(s, metric) for _, s in robust], "o-", label="robust")
+        for m, s in scores.items():
+            if m.trained("loss") == "l1":
+                axis.axhline(getattr(s, metric), color="C1", label="L1, encoded")
+        axis.set(xlabel="beta", ylabel={"psnr": "PSNR, dB", "relmse": "RelMSE"}[metric])
+        axis.legend()
+    figure.savefig(path, dpi=90)

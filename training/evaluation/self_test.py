@@ -1,0 +1,162 @@
+#!/usr/bin/python3
+"""Tests of the evaluation: self_test.py [PROGRAM [MODEL]]; with both also of the program, on a made-up view.
+
+Exits with 77, skipped, where a Python package is missing.
+"""
+
+import json
+import pathlib
+import sys
+import tempfile
+import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent))
+try:
+    import numpy
+
+    from evaluation import agreement, tables, test_set
+    from evaluation.baselines import atrous, bicubic
+    from evaluation.changes import CHANGES
+    from evaluation.images import Exr, psnr, read, relmse
+    from evaluation.jobs import Job, Model, Score, Store
+except ImportError as missing:
+    print(missing)
+    sys.exit(77)
+
+SIZE = 64
+LAYERS = ("Combined", "DiffDir", "DiffInd", "DiffCol", "GlossDir", "GlossInd", "GlossCol", "Denoising Albedo")
+PROGRAM = MODEL = None
+
+
+def scene(noise, seed):
+    """A lit ramp over two albedos: (color, albedo, normal), [SIZE, SIZE, 3] each."""
+    rng = numpy.random.default_rng(seed)
+    ramp = numpy.linspace(0.2, 1, SIZE, dtype="float32")[:, None, None] * numpy.ones((1, SIZE, 3), "float32")
+    albedo = numpy.where(numpy.arange(SIZE) < SIZE // 2, 0.2, 0.8).astype("float32")[None, :, None] * ramp**0
+    normal = numpy.float32((0, 0, 1)) * ramp**0
+    return (albedo * ramp * rng.gamma(1 / noise, noise, ramp.shape)).astype("float32"), albedo, normal
+
+
+def exr(noise, seed):
+    color, albedo, normal = scene(noise, seed)
+    parts = [color, color / albedo, 0 * color, albedo, 0 * color, 0 * color, 0 * color, albedo, normal]
+    names = [f"ViewLayer.{layer}.{c}" for layer in LAYERS for c in "RGB"]
+    names += [f"ViewLayer.Denoising Normal.{c}" for c in "XYZ"] + ["ViewLayer.Combined.A"]
+    return Exr(names, numpy.concatenate([*parts, color[..., :1] ** 0], axis=-1))
+
+
+def write_view(folder):
+    folder.mkdir()
+    names = {test_set.render(n): 1 / n for n in test_set.PLAIN} | dict.fromkeys(test_set.HALVES, 1e-3)
+    for seed, (name, noise) in enumerate(names.items()):
+        exr(noise, seed).write(folder / name)
+    low = exr(1 / 16, 100)
+    low.pixels = low.pixels[::4, ::4]
+    low.write(folder / test_set.lrhs(4, 16))
+    (folder / "view.json").write_text(json.dumps({"kind": "ramp", "files": {}}))
+    return test_set.View(folder)
+
+
+class Measures(unittest.TestCase):
+    def test_error_of_a_known_size(self):
+        reference = numpy.full((4, 4, 3), 0.5, "float32")
+        self.assertAlmostEqual(relmse(reference + 0.1, reference), 0.5 * 0.01 / 0.26, 6)
+        self.assertAlmostEqual(psnr(0 * reference, reference**0), 0, 5)
+
+    def test_what_is_brighter_than_the_clip_is_equal(self):
+        bright = numpy.full((4, 4, 3), 200, "float32")
+        self.assertEqual(relmse(bright, bright * 3), 0)
+
+
+class Baselines(unittest.TestCase):
+    def test_bicubic_keeps_samples_and_ramps(self):
+        full = numpy.linspace(0, 1, SIZE)[:, None, None] * numpy.ones((1, SIZE, 3))
+        up = bicubic(full[::4, ::4], 4)
+        numpy.testing.assert_allclose(up[::4, ::4], full[::4, ::4], atol=1e-6)
+        numpy.testing.assert_allclose(up[4:-8], full[4:-8], atol=1e-6)
+
+    def test_atrous_removes_noise_and_keeps_edges(self):
+        truth = numpy.prod(numpy.broadcast_arrays(*scene(1e-9, 0)[:2]), axis=0) / scene(1e-9, 0)[1]
+        noisy, albedo, normal = scene(0.5, 1)
+        self.assertLess(relmse(atrous(noisy, albedo, normal), truth), relmse(noisy, truth) / 20)
+
+    def test_atrous_keeps_what_is_flat(self):
+        flat = numpy.full((8, 8, 3), 0.3, "float32")
+        numpy.testing.assert_allclose(atrous(flat, flat, flat), flat, rtol=1e-5)
+
+
+class EqualCost(unittest.TestCase):
+    def test_interpolates_and_extrapolates(self):
+        spp = numpy.array(test_set.PLAIN, float)
+        self.assertAlmostEqual(tables.equal_cost(spp, 1 / spp, 1 / 5.0)[0], 5)
+        self.assertFalse(tables.equal_cost(spp, 1 / spp, 1 / 5.0)[1])
+        self.assertEqual(tables.equal_cost(spp, 1 / spp, 1 / 128), (128, True))
+
+
+class Tables(unittest.TestCase):
+    def test_fill_a_page_between_marks(self):
+        sheet = tables.Sheet("main", ["", "a"], [["x", Score(30, 0.01, 1)], ["y", None]])
+        page = tables.insert("before\n<!-- begin main -->\nold\n<!-- end -->\nafter", [sheet])
+        self.assertIn("| x | 30.00 / 0.0100 |\n| y |  |\n<!-- end -->\nafter", page)
+        self.assertNotIn("old", page)
+
+
+class Views(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.addCleanup(self.folder.cleanup)
+        self.path = pathlib.Path(self.folder.name)
+        self.view = write_view(self.path / "view-00001")
+
+    def test_files_are_read_as_written(self):
+        path = self.view.folder / test_set.render(1)
+        written = exr(1.0, 0)
+        numpy.testing.assert_array_equal(read(path), written.pixels[..., :3])
+        self.assertEqual(sorted(Exr.read(path).channels), sorted(written.channels))
+
+    def test_scores_are_kept(self):
+        path, job = self.path / "results.csv", Job("render", hrls=test_set.render(4))
+        score = Store(path, None).measure(job, self.view)
+        self.assertAlmostEqual(Store(path, None).get(job, self.view).psnr, score.psnr, 3)
+        self.assertIsNone(Store(path, None).get(Job("render", hrls=test_set.render(8)), self.view))
+
+    def test_means_are_only_of_all_views(self):
+        store, job = Store(self.path / "results.csv", None), Job("half")
+        self.assertIsNone(tables.mean(job, [self.view], store))
+        store.measure(job, self.view)
+        self.assertGreater(tables.mean(job, [self.view], store).psnr, 30)
+
+    def test_changes_touch_what_they_name(self):
+        before = exr(1.0, 0)
+        lit = {"Combined", "DiffDir"}
+        expected = {
+            "exposure +4": lit,
+            "fireflies": lit,
+            "rgb": {"DiffDir", "DiffCol", "Denoising Albedo", "Denoising Normal"},
+            "no-hrls": {"Combined", "DiffDir", "DiffCol", "Denoising Albedo", "Denoising Normal"},
+            "alpha": {"Combined"},
+        }
+        for name, layers in expected.items():
+            after = exr(1.0, 0)
+            CHANGES[name].apply(exr(1.0, 1), after, 4)
+            differ = (after.pixels != before.pixels).any((0, 1))
+            touched = {channel.split(".")[1] for channel, differs in zip(before.channels, differ) if differs}
+            self.assertEqual(touched, layers, name)
+
+    def test_program_agrees_with_pytorch(self):
+        if not MODEL:
+            self.skipTest("no program or model")
+        results = agreement.check(Model.load(MODEL), self.view, PROGRAM)
+        self.assertTrue(agreement.agrees(results), results)
+
+    def test_alpha_changes_nothing(self):
+        if not MODEL:
+            self.skipTest("no program or model")
+        model = Model.load(MODEL)
+        plain, ramp = (tables.base(model, change).image(self.view, PROGRAM)[0] for change in ("", "alpha"))
+        numpy.testing.assert_array_equal(plain, ramp)
+
+
+if __name__ == "__main__":
+    PROGRAM, MODEL = (list(map(pathlib.Path, sys.argv[1:3])) + [None, None])[:2]
+    unittest.main(argv=sys.argv[:1])

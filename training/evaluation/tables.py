@@ -1,0 +1,268 @@
+"""Which images make which table, and tables as CSV and Markdown."""
+
+import csv
+import dataclasses
+import re
+import statistics
+
+import numpy
+
+from evaluation.changes import EXPOSURES
+from evaluation.jobs import Job, Score
+from evaluation.test_set import AVERAGES, HALVES, LOW_RESOLUTION, PAIRS, PLAIN, lrhs, render
+
+BASELINES = ("render", "atrous", "bicubic")
+
+
+@dataclasses.dataclass
+class Plan:
+    """A table whose cells are jobs, None where there is nothing to measure."""
+
+    name: str
+    head: str
+    columns: list
+    rows: list  # (label, [job for each column])
+
+    def jobs(self):
+        return [job for _, row in self.rows for job in row if job]
+
+
+@dataclasses.dataclass
+class Sheet:
+    """A table of texts and Scores, None where something is still to be measured."""
+
+    name: str
+    head: list
+    rows: list
+
+    def markdown(self):
+        lines = [self.head, ["---"] * len(self.head), *([text(cell) for cell in row] for row in self.rows)]
+        return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+    def write_csv(self, folder):
+        scores = [any(isinstance(row[i], Score) for row in self.rows) for i in range(len(self.head))]
+        head = [[f"{name} PSNR", f"{name} RelMSE"] if two else [name] for name, two in zip(self.head, scores)]
+        with open(folder / f"{self.name}.csv", "w", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(sum(head, []))
+            for row in self.rows:
+                writer.writerow(sum((csv_cells(cell, two) for cell, two in zip(row, scores)), []))
+
+
+def text(cell):
+    if isinstance(cell, Score):
+        return f"{cell.psnr:.2f} / {cell.relmse:.4f}"
+    return str(cell or "")
+
+
+def csv_cells(cell, two):
+    if isinstance(cell, Score):
+        return [f"{cell.psnr:.3f}", f"{cell.relmse:.5f}"]
+    return [cell or "", ""] if two else [cell or ""]
+
+
+def mean(job, views, store):
+    """None unless all views were measured: means over different views cannot be compared."""
+    scores = [store.get(job, view) for view in views]
+    return Score(*numpy.mean(scores, axis=0)) if scores and all(scores) else None
+
+
+def sheet(plan, views, store):
+    rows = [[label, *(mean(job, views, store) for job in row)] for label, row in plan.rows]
+    return Sheet(plan.name, [plan.head, *plan.columns], rows)
+
+
+def fused(model, pair, change=""):
+    return Job("fused", lrhs(model.scale, pair[0]), render(pair[1]), model, change)
+
+
+def base(model, change=""):
+    """At two samples a pixel together."""
+    return fused(model, PAIRS[model.scale][0], change)
+
+
+def bicubic(scale, pair):
+    return Job("bicubic", lrhs(scale, pair[0]))
+
+
+def pairs_text(scale):
+    return ", ".join(f"{low}-{high}" for low, high in PAIRS[scale])
+
+
+def main_plan(models):
+    rows = [
+        ("the reference's own noise", [Job("half")] * 3),
+        ("plain render", [Job("render", hrls=render(spp)) for spp in AVERAGES]),
+        ("a-trous filter of it", [Job("atrous", hrls=render(spp)) for spp in AVERAGES]),
+    ]
+    for scale in sorted({model.scale for model in models}):
+        pairs = PAIRS[scale]
+        rows.append((f"bicubic of LRHS, x{scale}", [bicubic(scale, pair) for pair in pairs]))
+        for model in models:
+            if model.scale == scale:
+                rows.append((f"{model.name} ({pairs_text(scale)})", [fused(model, pair) for pair in pairs]))
+    return Plan("main", "", [f"{spp} spp" for spp in AVERAGES], rows)
+
+
+def grid_plan(model):
+    columns = (1, 2, 4, 8)
+    cells = lambda low: [fused(model, (low, high)) if high < low else None for high in columns]
+    rows = [(f"{low} spp", cells(low)) for low in (4, 8, 16, 32, 64)]
+    return Plan(f"grid-{model.name}", "LRHS \\ HRLS", [f"{spp} spp" for spp in columns], rows)
+
+
+def ablation_plan(models, ablations):
+    """`ablations` are models that say in `training` what they were trained without."""
+    rows = [("bicubic of LRHS, 16 spp", bicubic(4, (16, 1)))] if ablations else []
+    for model in models:
+        first = PAIRS[model.scale][0]
+        rows.append((f"{model.name}, {first[0]}-{first[1]}", base(model)))
+        rows.append((f"{model.name}, given RGB only", base(model, "rgb")))
+    for model in ablations:
+        without = model.trained("without")
+        pairs = {"hrls": ((16, 1), (32, 1)), "lrhs": ((16, 1), (16, 2)), "layers": ((16, 1),)}[without]
+        change = {"hrls": "no-hrls", "lrhs": "no-lrhs", "layers": "rgb"}[without]
+        for low, high in pairs:
+            inputs = {"hrls": f"LRHS alone, {low} spp", "lrhs": f"HRLS alone, {high} spp", "layers": f"{low}-{high}"}
+            rows.append((f"{model.name}, {inputs[without]}", fused(model, (low, high), change)))
+    return Plan("ablations", "", ["PSNR / RelMSE"], [(label, [job]) for label, job in rows])
+
+
+def loss_label(model):
+    kind = model.trained("loss", "?")
+    return f"robust, beta {model.trained('beta'):g}" if kind == "robust" else kind
+
+
+def losses_plan(models):
+    return Plan("losses", "loss", ["PSNR / RelMSE"], [(loss_label(model), [base(model)]) for model in models])
+
+
+def robustness_plan(models):
+    last = {2: (16, 8), 4: (64, 8), 8: (256, 8)}
+    changes = [f"exposure {stops:+}" for stops in EXPOSURES] + ["fireflies", "alpha"]
+    labels = [f"both inputs x 2^{stops}, result / 2^{stops}" for stops in EXPOSURES]
+    labels += ["fireflies: 0.1 % of the HRLS pixels x 1000", "alpha: a ramp from 0 to 1"]
+    low_resolution = lambda m: Job("fused", LOW_RESOLUTION, render(1), m) if m.scale == 4 else None
+    rows = [("as in training, 2 spp together", [base(model) for model in models])]
+    rows += [(label, [base(model, change) for model in models]) for label, change in zip(labels, changes)]
+    rows += [
+        ("LRHS really rendered at low resolution, centered", [low_resolution(model) for model in models]),
+        ("most samples (16-8, 64-8, 256-8)", [fused(model, last[model.scale]) for model in models]),
+        (
+            "LRHS of half the reference, 8 spp HRLS",
+            [Job("fused", HALVES[0], render(8), model, "subsampled") for model in models],
+        ),
+    ]
+    return Plan("robustness", "", [model.name for model in models], rows)
+
+
+def baselines_of(model, i):
+    """The i-th pair's rivals at the same average."""
+    hrls = render(AVERAGES[i])
+    return [Job("render", hrls=hrls), Job("atrous", hrls=hrls), bicubic(model.scale, PAIRS[model.scale][i])]
+
+
+def lead(model, i, view, store):
+    """(decibels, RelMSE of the best baseline over that of the model) or None."""
+    scores = [store.get(job, view) for job in [fused(model, PAIRS[model.scale][i]), *baselines_of(model, i)]]
+    if not all(scores):
+        return None
+    own, *others = scores
+    return own.psnr - max(s.psnr for s in others), min(s.relmse for s in others) / own.relmse
+
+
+def lead_sheet(models, views, store):
+    rows = []
+    for model in models:
+        for i, (low, high) in enumerate(PAIRS[model.scale]):
+            leads = [lead(model, i, view, store) for view in views]
+            if not leads or not all(leads):
+                continue
+            psnr, relmse = zip(*leads)
+            ahead = [f"{sum(p > 0 for p in psnr)} of {len(views)}", f"{sum(r > 1 for r in relmse)} of {len(views)}"]
+            decibels = [f"{value:+.2f}" for value in (statistics.median(psnr), min(psnr), max(psnr))]
+            rows.append([f"{model.name}, {low}-{high}", *ahead, *decibels, f"{statistics.median(relmse):.2f}"])
+    head = ["", "ahead in PSNR", "ahead in RelMSE", "lead, median dB", "least", "most", "RelMSE / own, median"]
+    return Sheet("lead", head, rows)
+
+
+def scenes_sheet(models, views, store):
+    jobs = [("own noise", Job("half")), ("render, 2 spp", Job("render", hrls=render(2)))]
+    jobs += [("a-trous, 2 spp", Job("atrous", hrls=render(2)))]
+    for scale in sorted({model.scale for model in models}):
+        jobs.append((f"bicubic x{scale}", bicubic(scale, PAIRS[scale][0])))
+        jobs += [(model.name, base(model)) for model in models if model.scale == scale]
+    rows = [[f"{v.name[5:]} {v.record['kind']}", *(store.get(job, v) for _, job in jobs)] for v in views]
+    return Sheet("scenes", ["view", *(name for name, _ in jobs)], rows)
+
+
+def equal_cost(costs, errors, target):
+    """(cost at which a plain render's error falls to `target`, whether that lies beyond the last one).
+
+    Interpolated between logarithms; beyond the last render the error is taken to fall as 1 / N, as its variance does.
+    """
+    errors = numpy.minimum.accumulate(errors)
+    if target < errors[-1]:
+        return costs[-1] * errors[-1] / target, True
+    order = slice(None, None, -1)
+    return float(numpy.exp(numpy.interp(numpy.log(target), numpy.log(errors[order]), numpy.log(costs[order])))), False
+
+
+def equal_time(model, i, view, store):
+    """For PSNR's squared error and RelMSE: {spp, beyond, ratio, ratio_fusing}; None where not all was measured."""
+    pair = PAIRS[model.scale][i]
+    own, plain = store.get(fused(model, pair), view), [store.get(Job("render", hrls=render(n)), view) for n in PLAIN]
+    if not own or not all(plain):
+        return None
+    inputs_s = view.seconds(lrhs(model.scale, pair[0])) + view.seconds(render(pair[1]))
+    seconds = numpy.array([view.seconds(render(n)) for n in PLAIN])
+    result = {"inputs": inputs_s, "fusion": own.seconds}
+    for metric, error in (("PSNR", lambda s: 10 ** (-s.psnr / 10)), ("RelMSE", lambda s: s.relmse)):
+        errors = [error(s) for s in plain]
+        spp, beyond = equal_cost(numpy.array(PLAIN), errors, error(own))
+        plain_s, _ = equal_cost(seconds, errors, error(own))
+        ratios = {"ratio": plain_s / inputs_s, "ratio_fusing": plain_s / (inputs_s + own.seconds)}
+        result[metric] = {"spp": spp, "beyond": beyond, "seconds": plain_s} | ratios
+    return result
+
+
+def equal_time_sheets(models, views, store):
+    """(medians, one row for each view)"""
+    head = ["", "inputs, s", "fusing, s"]
+    for metric in ("PSNR", "RelMSE"):
+        head += [f"spp of equal {metric}", "beyond 64 spp", "its time / inputs", "its time / (inputs + fusing)"]
+    medians, rows = [], []
+    for model in models:
+        for i, pair in enumerate(PAIRS[model.scale]):
+            results = [equal_time(model, i, view, store) for view in views]
+            if not results or not all(results):
+                continue
+            label = f"{model.name}, {pair[0]}-{pair[1]}"
+            rows += [[f"{view.name} {label}", *equal_time_cells([result])] for view, result in zip(views, results)]
+            medians.append([label, *equal_time_cells(results)])
+    return Sheet("equal-time", head, medians), Sheet("equal-time-views", head, rows)
+
+
+def equal_time_cells(results):
+    median = lambda values: f"{statistics.median(values):.1f}"
+    cells = [median([r["inputs"] for r in results]), median([r["fusion"] for r in results])]
+    for metric in ("PSNR", "RelMSE"):
+        own = [r[metric] for r in results]
+        cells += [median([r["spp"] for r in own]), f"{sum(r['beyond'] for r in own)} of {len(own)}"]
+        cells += [median([r[key] for r in own]) for key in ("ratio", "ratio_fusing")]
+    return cells
+
+
+def equal_time_plan(models):
+    """The plain renders, and what is compared with them."""
+    rows = [("plain render", [Job("render", hrls=render(spp)) for spp in PLAIN])]
+    rows += [(model.name, [fused(model, pair) for pair in PAIRS[model.scale]]) for model in models]
+    return Plan("plain", "", [f"{spp} spp" for spp in PLAIN], rows)
+
+
+def insert(document, sheets):
+    """Replaces what stands between `<!-- begin NAME -->` and `<!-- end -->` by the sheet of that name."""
+    for one in sheets:
+        pattern = rf"(<!-- begin {re.escape(one.name)} -->\n).*?(<!-- end -->)"
+        document = re.sub(pattern, lambda m: m[1] + one.markdown() + "\n" + m[2], document, flags=re.DOTALL)
+    return document
