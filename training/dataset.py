@@ -1,11 +1,13 @@
-"""Views in memory, and random training pairs out of them."""
+"""Rendered views in memory, and random training pairs out of them."""
 
+import math
 import pathlib
 import random
 
 import numpy
 import OpenImageIO as oiio
 import torch
+import torch.nn.functional as F
 
 import model
 
@@ -14,6 +16,11 @@ PASSES = {
     "albedo": "Denoising Albedo.RGB",
     "normal": "Denoising Normal.XYZ",
 }
+HRLS_SPP = (1, 2, 4, 8)
+# Channels of a view's layers that carry radiance; the normal has 6, 7 and 8.
+RADIANCE = [0, 1, 2, 9, 10, 11, 12, 13, 14]
+LAYERS = ("color", "albedo", "normal", "diffuse", "specular")
+TARGET_CLIP = 100.0  # as in section 3.2 of Hou et al. 2021
 
 
 def read(path, passes):
@@ -37,23 +44,27 @@ def read(path, passes):
 
 
 class View:
-    """All renders of one view. `layers[spp]`: color, albedo, normal, diffuse, specular; `colors[spp]`: color only."""
+    """All renders of one view, in half precision.
+
+    layers[spp] [15, H, W]: LAYERS; colors[spp] [3, H, W]; reference [3, H, W]: the mean of both halves.
+    """
 
     def __init__(self, folder):
-        self.layers, self.colors = {}, {}
-        for path in sorted(folder.glob("[0-9]*.exr")):
-            spp = int(path.stem)
-            if spp <= 8:
-                self.layers[spp] = read(path, ("color", "albedo", "normal", "diffuse", "specular")).half()
-                self.colors[spp] = self.layers[spp][:3]
-            else:
-                self.colors[spp] = read(path, ("color",)).half()
-        self.total = sum(spp * color.float() for spp, color in self.colors.items())
+        spp = sorted(int(path.stem) for path in folder.glob("[0-9]*.exr"))
+        half = lambda image: image.clamp(-model.HALF_MAX, model.HALF_MAX).half()
+        self.layers = {s: half(read(folder / f"{s:04}.exr", LAYERS)) for s in spp if s in HRLS_SPP}
+        self.colors = {s: half(read(folder / f"{s:04}.exr", ("color",))) for s in spp}
+        halves = [read(folder / f"reference-{half}.exr", ("color",)).clamp(0, TARGET_CLIP) for half in "ab"]
+        reference = sum(halves) / 2
+        self.reference = reference.half()
+        self.mean_sqrt = float(model.luminance(reference).sqrt().mean())
 
-    def reference(self, *used):
-        """Mean of all renders but those used as inputs, whose noise it must not share."""
-        spp = sum(self.colors) - sum(used)
-        return (self.total - sum(s * self.colors[s].float() for s in used)) / spp
+    def lrhs(self, spp, hrls_spp):
+        """The full-size render LRHS is made of; beyond the largest: the mean of all others than HRLS."""
+        if spp in self.colors:
+            return self.colors[spp].float()
+        others = [s for s in self.colors if s != hrls_spp]
+        return sum(s * self.colors[s].float() for s in others) / sum(others)
 
 
 def load(folder):
@@ -64,19 +75,41 @@ def load(folder):
 
 
 def with_variance(layers):
+    """[15, H, W] -> [18, H, W]."""
     return torch.cat([layers, model.variance(layers[None, :3])[0]])
 
 
-def pairs_of(view, highest_lrhs_spp):
-    return [(low, high) for low in view.colors for high in view.layers if high < low <= highest_lrhs_spp and low >= 4]
+def blackman_harris(scale):
+    """[1, 1, T, T], sum 1: what Cycles' pixel filter, 1.5 pixels wide, sees of full-size pixels at 1/scale of the size."""
+    width = 1.5 * scale
+    x = torch.arange(-scale + 0.5, scale)
+    phase = 2 * math.pi * (x / width + 0.5)
+    window = 0.35875 - 0.48829 * torch.cos(phase) + 0.14128 * torch.cos(2 * phase) - 0.01168 * torch.cos(3 * phase)
+    window = torch.where(x.abs() < width / 2, window, torch.zeros(()))
+    return (window[:, None] * window / window.sum() ** 2)[None, None]
 
 
-def augment(layers, reference, lrhs, rng):
-    """The same random mirroring, transposition, exposure and colour permutation for all three.
+def centered(color, scale):
+    """[3, H, W] of n spp -> [3, H/s, W/s] as a low-resolution render of about n (0.75 s)^2 spp."""
+    padded = F.pad(color[:, None], [scale // 2] * 4, mode="replicate")
+    return F.conv2d(padded, blackman_harris(scale), stride=scale)[:, 0]
+
+
+def spp_pair(scale, rng):
+    """(LRHS, HRLS) samples a pixel; half the time one of the paper's Table 2."""
+    if rng.random() < 0.5:
+        high = rng.choice((1, 1, 2, 4))
+        return scale * scale * high, high
+    high = rng.choice(HRLS_SPP)
+    return rng.choice([s for s in (4, 8, 16, 32, 64) if s > high]), high
+
+
+def augment(layers, reference, color, rng):
+    """The same random mirroring, transposition and permutation of the color channels for all three.
 
     Normals are in camera space (x right, y up), so they follow the mirroring.
     """
-    images = [layers.clone(), reference, lrhs]
+    images = [layers, reference, color]
     if rng.random() < 0.5:
         images = [i.flip(-1) for i in images]
         images[0][6] *= -1
@@ -88,30 +121,52 @@ def augment(layers, reference, lrhs, rng):
         images[0][6:8] = -images[0][6:8].flip(0)
     order = rng.sample(range(3), 3)
     rgb = lambda start: [start + c for c in order]
-    images = [images[0][rgb(0) + rgb(3) + [6, 7, 8] + rgb(9) + rgb(12)], images[1][order], images[2][order]]
-    exposure = 2 ** rng.uniform(-1.5, 1.5)
-    images[0][[0, 1, 2, 9, 10, 11, 12, 13, 14]] *= exposure
-    return images[0], images[1] * exposure, images[2] * exposure
+    return images[0][rgb(0) + rgb(3) + [6, 7, 8] + rgb(9) + rgb(12)], images[1][order], images[2][order]
 
 
-def sample(views, scale, size, rng, highest_lrhs_spp=32):
-    """One random crop: lrhs [3, size/s, size/s], hrls [18, size, size], reference [3, size, size]."""
+def drop_layers(hrls, config, rng):
+    """Blanks optional layers as if the file lacked them: all of them, or one, each in a tenth of the samples."""
+    chance = rng.random()
+    if not config.optional_layers or chance > 0.2:
+        return
+    dropped = config.optional_layers if chance < 0.1 else [rng.choice(config.optional_layers)]
+    for name in dropped:
+        start = 3 * config.hrls_layers.index(name)
+        hrls[start : start + 3] = 0
+
+
+def sample(views, config, size, rng):
+    """One random crop: lrhs [3, size/s, size/s], hrls [K, size, size], reference [3, size, size], centered or not."""
+    scale = config.scale
     view = rng.choice(views)
-    low, high = rng.choice(pairs_of(view, highest_lrhs_spp))
-    height, width = view.total.shape[-2:]
+    low, high = spp_pair(scale, rng)
+    is_centered = "centered" in config.lrhs_sampling and rng.random() < 0.25
+    if is_centered:  # filtering gathers samples, so a render with fewer gives as many
+        low = rng.choice([s for s in (2, 2, 4, 8) if s != high])
+    height, width = view.reference.shape[-2:]
     y, x = rng.randint(0, height - size), rng.randint(0, width - size)
     cut = (slice(None), slice(y, y + size), slice(x, x + size))
-    layers, reference = view.layers[high].float()[cut], view.reference(low, high)[cut]
-    layers, reference, lrhs = augment(layers, reference, view.colors[low].float()[cut], rng)
-    return lrhs[:, ::scale, ::scale], with_variance(layers), reference
+    images = (view.layers[high].float()[cut], view.reference[cut].float(), view.lrhs(low, high)[cut])
+    layers, reference, color = augment(*images, rng)
+    exposure = 2 ** rng.uniform(-1.5, 1.5)
+    if config.exposure_key:
+        exposure *= config.exposure_key / max(view.mean_sqrt, 1e-3) ** 2
+    layers[RADIANCE] *= exposure
+    hrls = with_variance(layers)
+    drop_layers(hrls, config, rng)
+    lrhs = centered(color, scale) if is_centered else color[:, ::scale, ::scale]
+    return lrhs * exposure, hrls, reference * exposure, torch.tensor(is_centered).reshape(1, 1, 1)
 
 
-def batch(views, scale, size, count, seed):
+def batch(views, config, size, count, seed):
     rng = random.Random(seed)
-    return tuple(torch.stack(images) for images in zip(*(sample(views, scale, size, rng) for _ in range(count))))
+    return tuple(torch.stack(images) for images in zip(*(sample(views, config, size, rng) for _ in range(count))))
 
 
-def pair(view, scale, low=16, high=1):
-    """A whole view, batch of one, for validation."""
-    lrhs = view.colors[low].float()[None, :, ::scale, ::scale]
-    return lrhs, with_variance(view.layers[high].float())[None], view.reference(low, high)[None]
+def pair(view, config, low, high):
+    """A whole view as the network reads it, batch of one: lrhs, hrls, reference, and the exposure of all three."""
+    exposure = config.exposure_key / max(view.mean_sqrt, 1e-3) ** 2 if config.exposure_key else 1.0
+    layers = view.layers[high].float()
+    layers[RADIANCE] *= exposure
+    lrhs = view.lrhs(low, high)[None, :, :: config.scale, :: config.scale]
+    return lrhs * exposure, with_variance(layers)[None], view.reference.float()[None] * exposure, exposure

@@ -8,6 +8,7 @@ import torch
 
 import model
 import safetensors
+import stock
 
 LICENSE = "CC-BY-4.0"
 ATTRIBUTION = (
@@ -24,6 +25,12 @@ def write(path, name, config, state, provenance, half=False):
     safetensors.save(path, {key: value.to(kind).numpy() for key, value in state.items()}, metadata)
 
 
+def untrained_config(shape, choices):
+    """A stock model's, or of "scale,features,growth,dense_layers,blocks,groups", with metadata entries changed."""
+    config = stock.config(shape) if shape in stock.names() else model.Config(*map(int, shape.split(",")))
+    return model.Config.parse(config.metadata() | dict(choice.split("=") for choice in choices))
+
+
 def parse():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", required=True)
@@ -31,7 +38,8 @@ def parse():
     parser.add_argument("--half", action="store_true", help="store the weights as F16")
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("--checkpoint")
-    source.add_argument("--untrained", help="scale,features,growth,dense_layers,blocks,groups")
+    source.add_argument("--untrained", metavar="SHAPE", help="a stock model's name, or scale,features,growth,dense_layers,blocks,groups")
+    parser.add_argument("--choice", nargs="*", default=[], metavar="ENTRY=VALUE", help="with --untrained: metadata entries")
     return parser.parse_args()
 
 
@@ -42,7 +50,7 @@ def main():
         write(args.out, args.name, model.Config(**saved["config"]), saved["average"], saved["provenance"], args.half)
         return
     torch.manual_seed(1)
-    config = model.Config(*map(int, args.untrained.split(",")))
+    config = untrained_config(args.untrained, args.choice)
     write(args.out, args.name, config, model.Network(config).state_dict(), {"untrained": True}, args.half)
 
 

@@ -199,11 +199,32 @@ class Network(nn.Module):
         return self.rec(y)
 
 
-def predict(network, lrhs, hrls, centered=False):
-    """As rendered, lrhs [N, 3, h, w] and hrls [N, K, s*h, s*w] -> (encoded, scene linear) image [N, 3, s*h, s*w]."""
+def predict(network, lrhs, hrls, centered=torch.tensor(False)):
+    """As rendered, lrhs [N, 3, h, w] and hrls [N, K, s*h, s*w] -> (encoded, scene linear) image [N, 3, s*h, s*w].
+
+    `centered` as in Network.forward.
+    """
     config = network.config
     lrhs = encode(lrhs, ("color",), config)
-    y = network(lrhs, encode(hrls, config.hrls_layers, config), torch.tensor(centered))
+    y = network(lrhs, encode(hrls, config.hrls_layers, config), centered)
     if config.base == "bilinear":
-        y = y + bilinear(lrhs, config.scale, (config.scale - 1) / 2 if centered else 0)
+        bases = [bilinear(lrhs, config.scale)]
+        if centered.any():
+            bases.append(bilinear(lrhs, config.scale, (config.scale - 1) / 2))
+        y = y + torch.where(centered, bases[-1], bases[0])
     return y, decode(y, config.transfer)
+
+
+def luminance(color):
+    """[..., 3, H, W] -> [..., H, W], Rec. 709."""
+    red, green, blue = color.unbind(-3)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+def exposure(lrhs, config):
+    """What radiance is multiplied by for the network: brings the power mean of LRHS's luminance to exposure_key."""
+    if not config.exposure_key:
+        return 1.0
+    color = torch.nan_to_num(lrhs, nan=0.0, posinf=HALF_MAX, neginf=0.0).clamp(0, HALF_MAX)
+    mean = float(luminance(color).sqrt().mean()) ** 2
+    return min(max(config.exposure_key / mean, 2.0**-24), 2.0**24) if mean > 0 else 1.0

@@ -4,6 +4,7 @@
 import argparse
 import csv
 import dataclasses
+import json
 import math
 import pathlib
 import time
@@ -13,53 +14,78 @@ import torch
 import dataset
 import loss
 import model
+import safetensors
+import stock
+
+# Table 2 of Hou et al. 2021, two samples a pixel together.
+VALIDATION_SPP = {2: (4, 1), 4: (16, 1), 8: (64, 1)}
+WITHOUT = ("none", "hrls", "lrhs", "layers")
 
 
 def parse():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--views", required=True, help="folder of rendered views")
     parser.add_argument("--run", required=True, type=pathlib.Path, help="folder for checkpoint.pt and log.csv")
-    parser.add_argument("--shape", default="4,24,16,3,2,1", help="scale,features,growth,dense_layers,blocks,groups")
-    parser.add_argument("--transfer", choices=("linear", "log"), default="log")
-    parser.add_argument("--base", choices=("none", "bilinear"), default="bilinear")
+    parser.add_argument("--model", required=True, choices=stock.names(), help="which stock model")
+    parser.add_argument("--without", choices=WITHOUT, default="none", help="ablation: without an input, or with RGB only")
+    parser.add_argument("--init", help="model file whose tensors of the same shape are the start")
     parser.add_argument("--loss", choices=("l1", "robust"), default="l1")
-    parser.add_argument("--steps", type=int, default=6000)
+    parser.add_argument("--beta", type=float, default=0.1, help="of the robust loss")
+    parser.add_argument("--minutes", type=float, required=True, help="training time; ends the cosine decay of the rate")
     parser.add_argument("--batch", type=int, default=8)
     parser.add_argument("--size", type=int, default=96, help="crop of the full-size image, pixels")
-    parser.add_argument("--rate", type=float, default=1e-3)
-    parser.add_argument("--minutes", type=float, help="end the cosine decay after this much time, whatever --steps says")
-    parser.add_argument("--validate-every", type=int, default=500)
+    parser.add_argument("--rate", type=float, default=2e-3)
+    parser.add_argument("--validate-every", type=float, default=3, help="minutes of training")
     parser.add_argument("--fp32", action="store_true", help="no bfloat16 autocast")
     parser.add_argument("--threads", type=int, default=1)
     return parser.parse_args()
+
+
+def config_of(args):
+    config = stock.config(args.model)
+    if args.without == "lrhs":
+        config = dataclasses.replace(config, base="none")
+    return stock.rgb_only(config) if args.without == "layers" else config
 
 
 class Run:
     def __init__(self, args):
         self.args, self.step, self.seconds = args, 0, 0.0
         torch.manual_seed(1)
-        config = model.Config(*map(int, args.shape.split(",")), transfer=args.transfer, base=args.base)
-        self.network = model.Network(config).to(memory_format=torch.channels_last)
-        self.average = {k: v.clone() for k, v in self.network.state_dict().items()}
+        self.config = config_of(args)
+        self.network = model.Network(self.config).to(memory_format=torch.channels_last)
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=args.rate)
         args.run.mkdir(parents=True, exist_ok=True)
         self.checkpoint = args.run / "checkpoint.pt"
+        self.earlier = self.start_from(args.init) if args.init else {}
+        self.average = {key: value.clone() for key, value in self.network.state_dict().items()}
         if self.checkpoint.exists():
             saved = torch.load(self.checkpoint)
             self.network.load_state_dict(saved["network"])
             self.optimizer.load_state_dict(saved["optimizer"])
             self.average, self.step, self.seconds = saved["average"], saved["step"], saved["seconds"]
 
+    def start_from(self, path):
+        """Takes what fits from a model file; returns how that was trained."""
+        tensors, metadata = safetensors.load(path)
+        own = self.network.state_dict()
+        same = {key: torch.tensor(value).float() for key, value in tensors.items() if key in own}
+        same = {key: value for key, value in same.items() if own[key].shape == value.shape}
+        self.network.load_state_dict(own | same)
+        print("started from", len(same), "of", len(own), "tensors", flush=True)
+        return {"started_from": {"name": metadata["name"], "training": json.loads(metadata["training"])}}
+
     def save(self, views):
-        args = {k: v for k, v in vars(self.args).items() if k not in ("views", "run", "threads")}
-        provenance = args | {"steps_done": self.step, "hours": round(self.seconds / 3600, 2), "training_views": views}
+        args = {key: value for key, value in vars(self.args).items() if key not in ("views", "run", "threads", "init")}
+        provenance = args | {"steps": self.step, "hours": round(self.seconds / 3600, 2), "training_views": views}
+        provenance |= self.earlier
         saved = {
             "network": self.network.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "average": self.average,
             "step": self.step,
             "seconds": self.seconds,
-            "config": dataclasses.asdict(self.network.config),
+            "config": dataclasses.asdict(self.config),
             "provenance": provenance,
         }
         partial = self.checkpoint.with_suffix(".part")
@@ -67,22 +93,32 @@ class Run:
         partial.rename(self.checkpoint)
 
     def progress(self):
-        if self.args.minutes:
-            return min(1.0, self.seconds / 60 / self.args.minutes)
-        return min(1.0, self.step / self.args.steps)
+        return min(1.0, self.seconds / 60 / self.args.minutes)
+
+    def blank(self, lrhs, hrls):
+        """Zeros in the place of an input that the network is trained without."""
+        if self.args.without == "lrhs":
+            return torch.zeros_like(lrhs), hrls
+        return lrhs, torch.zeros_like(hrls) if self.args.without == "hrls" else hrls
+
+    def inputs(self, lrhs, hrls):
+        layers = hrls.split(3, dim=1)
+        if self.args.without == "layers":
+            hrls = torch.cat([layers[model.LAYERS.index(name)] for name in self.config.hrls_layers], dim=1)
+        return self.blank(lrhs, hrls.contiguous(memory_format=torch.channels_last))
 
     def train_step(self, views):
-        args, config = self.args, self.network.config
+        args = self.args
         rate = args.rate * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * self.progress())))
         for group in self.optimizer.param_groups:
             group["lr"] = rate * min(1, (self.step + 1) / 200)
-        lrhs, hrls, reference = dataset.batch(views, config.scale, args.size, args.batch, self.step)
+        lrhs, hrls, reference, centered = dataset.batch(views, self.config, args.size, args.batch, self.step)
         with torch.autocast("cpu", torch.bfloat16, enabled=not args.fp32):
-            encoded, linear = model.predict(self.network, lrhs, hrls.contiguous(memory_format=torch.channels_last))
+            encoded, linear = model.predict(self.network, *self.inputs(lrhs, hrls), centered)
         if args.loss == "l1":
-            error = loss.l1(encoded.float(), model.encode_layer(reference, "color", config))
+            error = loss.l1(encoded.float(), model.encode_layer(reference, "color", self.config))
         else:
-            error = loss.robust(linear.float(), reference.clamp(0, config.clip))
+            error = loss.robust(linear.float(), reference.clamp(0, self.config.clip), args.beta)
         self.optimizer.zero_grad(set_to_none=True)
         error.backward()
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
@@ -95,13 +131,14 @@ class Run:
 
     @torch.no_grad()
     def validate(self, views):
-        """Mean (PSNR, RelMSE) of the averaged weights over whole views at 16 and 1 spp, fp32."""
-        network = model.Network(self.network.config)
+        """Mean (PSNR, RelMSE) of the averaged weights over whole views at 2 samples a pixel together, fp32."""
+        network = model.Network(self.config)
         network.load_state_dict(self.average)
         scores = []
         for view in views:
-            lrhs, hrls, reference = dataset.pair(view, self.network.config.scale)
-            fused = model.predict(network, lrhs, hrls)[1]
+            lrhs, hrls, reference, exposure = dataset.pair(view, self.config, *VALIDATION_SPP[self.config.scale])
+            fused = model.predict(network, *self.inputs(lrhs, hrls))[1] / exposure
+            reference = reference / exposure
             scores.append((loss.psnr(fused, reference), loss.relmse(fused, reference)))
         return [sum(column) / len(scores) for column in zip(*scores)]
 
@@ -123,13 +160,14 @@ def main():
     run = Run(args)
     training, held_out = dataset.load(args.views)
     print(len(training), "training views,", len(held_out), "held out", flush=True)
-    error, mean_error = 0.0, 0.0
+    mean_error, next_validation = 0.0, run.seconds + 60 * args.validate_every
     while run.progress() < 1:
-        start = time.monotonic()
+        start = time.process_time() / args.threads
         error = run.train_step(training)
         mean_error = error if not mean_error else 0.99 * mean_error + 0.01 * error
-        run.seconds += time.monotonic() - start
-        if run.step % args.validate_every == 0 or run.progress() >= 1:
+        run.seconds += time.process_time() / args.threads - start
+        if run.seconds >= next_validation or run.progress() >= 1:
+            next_validation = run.seconds + 60 * args.validate_every
             run.log(mean_error, *run.validate(held_out))
             run.save(len(training))
 
