@@ -1,5 +1,5 @@
 // From the network's output, plus the upsampled encoded LRHS where the model predicts a residual, to scene linear
-// floats in [0, 65504]. One invocation for each element; z is the channel.
+// floats in [0, 65504], un-exposed. One invocation for each element; z is the channel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -10,6 +10,7 @@ layout(push_constant) uniform Push { Decode p; };
 layout(std430, binding = 1) readonly buffer Input { STORAGE in_data[]; };
 layout(std430, binding = 2) readonly buffer Lrhs { STORAGE lrhs[]; };
 layout(std430, binding = 3) writeonly buffer Frame { float frame[]; };
+layout(std430, binding = 4) readonly buffer Exposure { float exposure, inverse_exposure; };
 
 float lrhs_at(uint c, uint y, uint x) { return float(lrhs[address(c, y, x, p.lrhs_plane, p.lrhs_width)]); }
 
@@ -36,9 +37,10 @@ void main() {
     atomicAdd(status.not_finite, 1u);
     value = 0.0;
   }
-  // exp overflows where the result would be clamped anyway: log(1 + 8 * 65504) / 3 < 4.4.
-  if (p.log_transfer != 0) value = (exp(3.0 * min(value, 4.4)) - 1.0) / 8.0;
-  value = clamp(value, 0.0, 65504.0);
+  // exp overflows where the result would be clamped anyway: log(1 + 8 * 65504 * 2^24) / 3 < 10, 2^24 being the
+  // largest exposure.
+  if (p.log_transfer != 0) value = (exp(3.0 * min(value, 10.0)) - 1.0) / 8.0;
+  value = clamp(value * inverse_exposure, 0.0, 65504.0);
   frame[p.frame.offset + id.z * p.frame.channel_stride + id.y * p.frame.row_stride + id.x * p.frame.pixel_stride] =
       value;
 }

@@ -10,6 +10,7 @@ layout(push_constant) uniform Push { Encode p; };
 layout(std430, binding = 1) readonly buffer Kinds { uint kinds[]; };
 layout(std430, binding = 2) readonly buffer Frame { float frame[]; };
 layout(std430, binding = 3) writeonly buffer Output { STORAGE out_data[]; };
+layout(std430, binding = 4) readonly buffer Exposure { float exposure; };
 
 // Comparisons rather than min and max, whose result for NaN is undefined in GLSL.
 float clamp_finite(float value, float low, float high) {
@@ -28,6 +29,7 @@ void main() {
   } else if (kind == RAYMELD_NORMAL) {
     value = clamp_finite(value, -1.0, 1.0);
   } else {
+    value *= kind == RAYMELD_VARIANCE ? exposure * exposure : exposure;
     value = clamp_finite(value, 0.0, p.clip);
     if (p.log_transfer != 0) value = log(1.0 + 8.0 * value) / 3.0;
   }

@@ -62,8 +62,9 @@ struct Decode {
 #endif
 
 // How an input channel is encoded.
-#define RAYMELD_RADIANCE 0  // clamped to [0, clip], then the transfer function
+#define RAYMELD_RADIANCE 0  // times the exposure, clamped to [0, clip], then the transfer function
 #define RAYMELD_ALBEDO 1    // clamped to [0, 1]
 #define RAYMELD_NORMAL 2    // clamped to [-1, 1]
+#define RAYMELD_VARIANCE 3  // as radiance, but times the square of the exposure
 
 #endif

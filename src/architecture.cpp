@@ -152,9 +152,10 @@ uint32_t Architecture::levels() const { return static_cast<uint32_t>(std::countr
 std::vector<ChannelKind> Architecture::hrls_kinds() const {
   std::vector<ChannelKind> kinds;
   for (const std::string& layer : hrls_layers) {
-    const ChannelKind kind = layer == "albedo"   ? ChannelKind::kAlbedo
-                             : layer == "normal" ? ChannelKind::kNormal
-                                                 : ChannelKind::kRadiance;
+    const ChannelKind kind = layer == "albedo"     ? ChannelKind::kAlbedo
+                             : layer == "normal"   ? ChannelKind::kNormal
+                             : layer == "variance" ? ChannelKind::kVariance
+                                                   : ChannelKind::kRadiance;
     kinds.insert(kinds.end(), 3, kind);
   }
   return kinds;

@@ -4,6 +4,8 @@
 #include <chrono>
 #include <cstring>
 
+#include "exposure.h"
+
 namespace raymeld {
 namespace {
 
@@ -34,6 +36,7 @@ Fuser::Fuser(const Device& device, const Model& model, uint32_t height, uint32_t
   if (options.profile && device.info().timestamp_period_ns == 0) {
     throw Error("device {} has no timestamps to profile with", device.info().name);
   }
+  if (options.exposure != 0) check_exposure(options.exposure);
   cache_.save();
 }
 
@@ -54,10 +57,18 @@ FrameBindings Fuser::bindings(const FrameBuffer& lrhs, const FrameBuffer& hrls,
 }
 
 void Fuser::record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
-                   const FrameBuffer& fused) {
+                   const FrameBuffer& fused, float exposure) {
+  check_exposure(exposure);
   program_.bind(next_set_, bindings(lrhs, hrls, fused));
+  program_.set_exposure(next_set_, exposure);
   program_.record(commands, next_set_, 0, graph_.passes().size());
   next_set_ = (next_set_ + 1) % kFramesInFlight;
+}
+
+float Fuser::exposure(const float* lrhs) const {
+  if (options_.exposure != 0) return options_.exposure;
+  const auto [height, width] = plan_.tiling.frame;
+  return exposure_of(lrhs, size_t{height} * width, model_.architecture().exposure_key);
 }
 
 void Fuser::prepare_host() {
@@ -128,6 +139,8 @@ FuseReport Fuser::fuse(const Image& lrhs, const Image& hrls, Image& fused, const
 FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress) {
   prepare_host();
   FuseReport report;
+  report.exposure = exposure(lrhs);  // of the frame, so that it is the same for all tiles
+  program_.set_exposure(kHostSet, report.exposure);
   program_.reset_status();
   const double steps = static_cast<double>(plan_.tiling.count() * host_->chunks.size());
   double done = 0;

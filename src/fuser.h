@@ -21,6 +21,7 @@ struct PassTime {
 };
 
 struct FuseReport {
+  float exposure = 1;    // what radiance was multiplied by for the network
   double device_ms = 0;  // from the first submit of a tile to its end, summed over the tiles
   Status status;
   std::vector<PassTime> passes;  // with FuserOptions::profile
@@ -32,7 +33,7 @@ using Progress = std::function<bool(double)>;
 class Fuser {
  public:
   // Frames that may be recorded by record() and not yet done on the device.
-  static constexpr uint32_t kFramesInFlight = 3;
+  static constexpr uint32_t kFramesInFlight = Fusion::kFramesInFlight;
 
   // Allocates all that frames of (height, width) LRHS pixels need, and compiles the pipelines through the
   // cache on disk. `device` and `model` must outlive the Fuser. Throws Error.
@@ -52,10 +53,14 @@ class Fuser {
   // tile, with views that start at each tile. The inputs must be visible to
   // VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT / VK_ACCESS_SHADER_READ_BIT; the output is written by that stage
   // with VK_ACCESS_SHADER_WRITE_BIT. At most kFramesInFlight recordings may be pending, each submitted at
-  // most once, to one queue. program().status() counts what went wrong. Throws Error when a view passes the
-  // device's limits.
+  // most once, to one queue. program().status() counts what went wrong. `exposure`: what radiance is
+  // multiplied by for the network; FuserOptions::exposure has no say here. Throws Error when a view passes
+  // the device's limits.
   void record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
-              const FrameBuffer& fused);
+              const FrameBuffer& fused, float exposure = 1);
+
+  // The exposure that fuse() uses for this LRHS (3, h, w), planar and dense.
+  float exposure(const float* lrhs) const;
 
   // Fuses one frame: lrhs (3, h, w) and hrls (K, s h, s w) to fused (3, s h, s w), scene linear. Runs tile by
   // tile and waits. The first call allocates and records; later ones only submit. Throws Error, also when the

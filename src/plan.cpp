@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <optional>
 
+#include "engine/program.h"
 #include "network.h"
 #include "numbers.h"
 
@@ -15,7 +16,7 @@ FusePlan describe(const Graph& graph, const Model& model, const Tiling& tiling) 
   plan.constant_bytes = graph.constant_bytes();
   plan.activation_bytes = graph.activation_bytes();
   plan.unaliased_bytes = graph.unaliased_bytes();
-  plan.frame_bytes = sizeof(Status);
+  plan.frame_bytes = Program::host_bytes(Fusion::kFramesInFlight + 1);
   for (const Shape& shape : frame_shapes(model, tiling.tile)) plan.frame_bytes += frame_bytes(shape);
   for (const Pass& pass : graph.passes()) plan.flop += pass.flop * tiling.count();
   return plan;

@@ -12,6 +12,7 @@ FuserOptions fuser_options(const FusionOptions& options, const DeviceInfo& devic
   const bool centered = options.lrhs_sampling == LrhsSampling::kModel
                             ? model.architecture().lrhs_centered
                             : options.lrhs_sampling == LrhsSampling::kCentered;
+  result.exposure = options.exposure;
   result.phase = lrhs_phase(centered, model.architecture().scale);
   return result;
 }
@@ -50,14 +51,20 @@ const std::vector<std::string>& Fusion::hrls_layers() const {
   return state_->model.architecture().hrls_layers;
 }
 
+const std::vector<std::string>& Fusion::optional_layers() const {
+  return state_->model.architecture().optional_layers;
+}
+
 uint32_t Fusion::tile_height() const { return state_->fuser.plan().tiling.tile.height; }
 
 uint32_t Fusion::tile_width() const { return state_->fuser.plan().tiling.tile.width; }
 
 void Fusion::record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
-                    const FrameBuffer& fused) {
-  state_->fuser.record(commands, lrhs, hrls, fused);
+                    const FrameBuffer& fused, float exposure) {
+  state_->fuser.record(commands, lrhs, hrls, fused, exposure);
 }
+
+float Fusion::exposure(const float* lrhs) const { return state_->fuser.exposure(lrhs); }
 
 FusionStatus Fusion::fuse(const float* lrhs, const float* hrls, float* fused) {
   const FusionStatus status = to_public(state_->fuser.fuse(lrhs, hrls, fused).status);

@@ -53,6 +53,8 @@ TEST_F(CliErrors, Usage) {
   expect_error(fuse({"--precision", "fp8"}), {"--precision", "fp16"});
   expect_error(fuse({"--max-memory", "-3"}), {"--max-memory"});
   expect_error(fuse({"--exposure", "nan"}), {"--exposure", "not finite"});
+  for (const char* bad : {"on", "1x", "", "0", "-1", "nan", "1e9"})
+    expect_error(fuse({"--input-exposure", bad}), {"--input-exposure", bad});
   expect_error({"degrade", "high.exr", "--scale", "3", "-o", "out.exr"}, {"--scale"});
   expect_error({"graph", "--model", tiny_model(), "--size", "64"}, {"--size", "'64'", "WxH"});
   expect_error({"graph", "--model", tiny_model(), "--size", "66x48"}, {"66x48", "scale 4"});

@@ -317,6 +317,72 @@ TEST_F(Cli, SamplingIsWhatTheUserTheFileOrTheModelSays) {
   EXPECT_EQ(sampling("degraded.exr", "auto"), "nearest");
 }
 
+TEST_F(Cli, WhatAModelWasNotTrainedOnIsSaid) {
+  const auto notices = [&](const std::string& model, const std::string& sampling) {
+    return run({"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "--model", model, "--dry-run",
+                "--lrhs-sampling", sampling})
+        .out;
+  };
+  const std::string both = source_path("tests/golden/guided-x4.safetensors").string();
+  EXPECT_NE(notices(tiny_model(), "centered").find("tiny-x4 was not trained on centered LRHS"),
+            std::string::npos);
+  EXPECT_EQ(notices(tiny_model(), "nearest").find("not trained"), std::string::npos);
+  for (const char* sampling : {"nearest", "centered"})
+    EXPECT_EQ(notices(both, sampling).find("not trained"), std::string::npos);
+}
+
+// The model takes color, albedo, normal and variance, and does without albedo and variance.
+TEST_F(Cli, LayersThatTheModelDoesWithoutAreZero) {
+  const std::string model = source_path("tests/golden/guided-x4.safetensors").string();
+  std::vector<std::string> names = kLayeredNames;
+  Image image = read("high.exr", names);
+  for (int c = 6; c < 9; ++c) std::fill_n(image.plane(c), image.plane_size(), 0.0f);
+  write_image(folder_ / "zero.exr", names, image);
+  names.erase(names.begin() + 6, names.begin() + 9);
+  std::copy_n(image.plane(9), image.plane_size(), image.plane(6));
+  write_image(folder_ / "none.exr", names, image);
+  const auto fuse_hrls = [&](const std::string& hrls, const std::string& output, const char* how) {
+    return run({"fuse", "--lrhs", "low.exr", "--hrls", hrls, "-o", output, "--model", model, how});
+  };
+  EXPECT_EQ(Json::parse(fuse_hrls("zero.exr", "a.exr", "--json").out).at("absent_layers"), Json::array());
+  EXPECT_EQ(Json::parse(fuse_hrls("none.exr", "b.exr", "--json").out).at("absent_layers"), Json({"albedo"}));
+  EXPECT_EQ(read("b.exr").data, read("a.exr").data);
+  for (const char* how : {"--keep-layers", "--dry-run"}) {
+    const ProcessResult result = fuse_hrls("none.exr", "b.exr", how);
+    EXPECT_NE((result.out + result.err).find("HRLS has no layer albedo"), std::string::npos) << result.err;
+  }
+  names.erase(names.begin() + 3, names.begin() + 6);
+  write_image(folder_ / "none.exr", names, image);
+  const ProcessResult result = fuse_hrls("none.exr", "c.exr", "--json");
+  EXPECT_EQ(result.exit_status, 2);
+  EXPECT_NE(result.err.find("normal: looked for"), std::string::npos) << result.err;
+  EXPECT_EQ(result.err.find("albedo: looked for"), std::string::npos) << result.err;
+}
+
+TEST_F(Cli, InputExposureIsFoundOrGiven) {
+  const std::string model = source_path("tests/golden/guided-x4.safetensors").string();
+  const auto exposure = [&](const std::string& of, std::vector<std::string> more) {
+    more.insert(more.begin(), {"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "-o", "out.exr", "--model",
+                               of, "--json", "--output-type", "float"});
+    return run_json(more).at("input_exposure").get<double>();
+  };
+  double sum = 0;
+  const Image low = read("low.exr");
+  for (size_t i = 0; i < low.plane_size(); ++i)
+    sum += std::sqrt(0.2126 * low.plane(0)[i] + 0.7152 * low.plane(1)[i] + 0.0722 * low.plane(2)[i]);
+  const double expected = 0.2 / std::pow(sum / double(low.plane_size()), 2);
+  EXPECT_NEAR(exposure(model, {"--dry-run"}), expected, 1e-6);
+  EXPECT_NEAR(exposure(model, {}), expected, 1e-6);
+  const Image fused = read("out.exr");
+  EXPECT_EQ(exposure(model, {"--input-exposure", "off"}), 1);
+  EXPECT_NE(read("out.exr").data, fused.data);
+  EXPECT_EQ(exposure(model, {"--input-exposure", "0.125"}), 0.125);
+  EXPECT_EQ(exposure(tiny_model(), {}), 1);
+  EXPECT_EQ(exposure(tiny_model(), {"--input-exposure", "4", "--dry-run"}), 4);
+  EXPECT_NE(run(fuse({"--dry-run", "--input-exposure", "4"})).out.find("input exposure 4"),
+            std::string::npos);
+}
+
 TEST_F(Cli, CompareGivesThePapersMeasures) {
   Image quarter(8, 6, 3), half(8, 6, 3);
   std::ranges::fill(quarter.data, 0.25f);

@@ -20,6 +20,7 @@ struct Options {
   bool log = false, bilinear = false;
   int scale = 2;
   float phase = 0;
+  float exposure = 1;
 };
 
 struct Decoded {
@@ -39,7 +40,7 @@ Decoded decode_on_gpu(const Planes& rec, const Planes* base, const Options& opti
   decode(run.graph(), "decode", in,
          {options.log ? Transfer::kLog : Transfer::kLinear, base ? &lrhs : nullptr, uint32_t(options.scale),
           options.phase});
-  run.run({FrameBinding{}, FrameBinding{}, frame.binding()});
+  run.run({FrameBinding{}, FrameBinding{}, frame.binding()}, options.exposure);
   return {frame.read(), frame.touched_outside(), run.status()};
 }
 
@@ -51,9 +52,10 @@ void check(const Size& size, const Options& options, Precision precision, const 
   const Planes base = round_to(random_planes(3, size.h, size.w, Fill::kUniform, seed + 1), precision);
   const Bounded upsampled = reference::bilinear(exact(base), options.scale, options.phase);
   const Decoded result = decode_on_gpu(rec, options.bilinear ? &base : nullptr, options, precision, layout);
-  const Bounded expected = reference::decode(
-      exact(rec), options.bilinear ? &upsampled : nullptr,
-      options.log ? reference::Transfer::kLog : reference::Transfer::kLinear, Precision::kFp32);
+  const Bounded expected =
+      reference::decode(exact(rec), options.bilinear ? &upsampled : nullptr,
+                        options.log ? reference::Transfer::kLog : reference::Transfer::kLinear,
+                        Precision::kFp32, options.exposure);
   EXPECT_TRUE(within_bounds(
       fmt::format("decode {} {}", options.log ? "log" : "linear", options.bilinear ? "bilinear" : "none"),
       result.device, expected));
@@ -73,7 +75,8 @@ TEST_F(DecodeTest, EveryTransferBaseScalePhaseAndLayout) {
           SCOPED_TRACE(fmt::format("{}, x{}, {}, {}, phase {}, {} x {}", name_of(precision), scale,
                                    log ? "log" : "linear", bilinear ? "bilinear" : "none", phase, size.h,
                                    size.w));
-          check(size, {log, bilinear, scale, phase}, precision, layout, next);
+          const float exposure = std::array{1.0f, 0.013f, 770.0f}[next % 3];
+          check(size, {log, bilinear, scale, phase, exposure}, precision, layout, next);
         }
       }
     }
@@ -103,6 +106,27 @@ TEST_F(DecodeTest, NotFiniteBecomesZeroAndIsCounted) {
       EXPECT_EQ(result.status.not_finite, 4u);
       for (const int x : {0, 1, 2, 3, 4, 6}) EXPECT_EQ(result.device.at(0, 0, x), 0) << x;
       EXPECT_GT(result.device.at(0, 0, 5), 0);
+    }
+  }
+}
+
+// What the output holds is limited after the exposure is undone, so that none of the range is lost.
+TEST_F(DecodeTest, AnyExposureLeavesTheRangeOfHalf) {
+  for (const float exposure : {0x1p-24f, 0x1p-7f, 1.0f, 0x1p7f, 0x1p24f}) {
+    for (const bool log : {false, true}) {
+      Planes rec(1, 1, 4);
+      const std::array radiance{0.25, 60000.0, 65504.0, 1e6};
+      for (size_t i = 0; i < radiance.size(); ++i) {
+        const double exposed = radiance[i] * exposure;
+        rec.data[i] = float(log ? std::log1p(8 * exposed) / 3 : exposed);
+      }
+      const Options options{.log = log, .exposure = exposure};
+      const Planes decoded = decode_on_gpu(rec, nullptr, options, Precision::kFp32, {}).device;
+      SCOPED_TRACE(fmt::format("{}, exposure {}", log ? "log" : "linear", exposure));
+      // Near 0 log(1 + 8 x) keeps no more of x than 1 + 8 x does.
+      for (size_t i = 0; i < 3; ++i)
+        EXPECT_NEAR(decoded.data[i], radiance[i], 2e-5 * radiance[i] + (log ? 2e-7 / exposure : 0));
+      EXPECT_EQ(decoded.data[3], 65504);
     }
   }
 }

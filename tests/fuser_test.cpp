@@ -21,9 +21,9 @@ using reference::Precision;
 
 class FuserTest : public GpuTest {
  protected:
-  Model model_of(const Subject& subject) {
+  Model model_of(const Subject& subject, const std::string& exposure_key = "0") {
     const std::filesystem::path file = folder_ / "model.safetensors";
-    write_model(file, subject.architecture, subject.weights);
+    write_model(file, subject.architecture, subject.weights, {{"exposure_key", exposure_key}});
     return Model(file);
   }
 
@@ -153,6 +153,61 @@ TEST_F(FuserTest, TheHaloIsNeededAndEnough) {
       EXPECT_LE(low.most, halo);
       EXPECT_GT(low.most, 0);
     }
+  }
+}
+
+// Powers of two scale without rounding: what is exposed is then the same to the bit, and so is the output.
+TEST_F(FuserTest, AKeyMakesTheOutputFollowTheBrightness) {
+  Architecture a = guided_architecture(4);
+  a.hrls_layers.push_back(reference::LayerKind::kVariance);
+  Subject subject = make_subject(a, 27, 30, 13);
+  for (double& v : subject.lrhs.data) v = std::abs(v);
+  const Model model = model_of(subject, "0.2");
+  for (const Precision precision : kPrecisions) {
+    const FuserOptions options{.storage = storage_of(precision)};
+    Fuser fuser = make_fuser(model, subject, tiled(model, subject, options));
+    EXPECT_GT(fuser.plan().tiling.count(), 1u);
+    const std::vector<float> plain = fuse(fuser, subject.lrhs, subject.hrls);
+    EXPECT_TRUE(same_bits(fuse_once(model, subject, options), plain));
+    for (const double scale : {0x1p-10, 0x1p-2, 0x1p10}) {
+      SCOPED_TRACE(fmt::format("{}, {}", name_of(precision), scale));
+      Planes lrhs = subject.lrhs, hrls = subject.hrls;
+      for (double& v : lrhs.data) v *= scale;
+      const size_t layer = hrls.data.size() / 4;  // color, albedo, normal, variance
+      for (size_t i = 0; i < layer; ++i) {
+        hrls.data[i] *= scale;
+        hrls.data[3 * layer + i] *= scale * scale;
+      }
+      std::vector<float> expected = plain;
+      for (float& v : expected) v = std::min(float(v * scale), 65504.0f);
+      EXPECT_TRUE(same_bits(fuse(fuser, lrhs, hrls), expected));
+    }
+    FuserOptions off = options;
+    off.exposure = 1;
+    EXPECT_NE(fuse_once(model, subject, off), plain);
+  }
+}
+
+TEST_F(FuserTest, ExposuresAreLimitedAndReported) {
+  const Subject subject = make_subject(small_architecture(2), 3, 4, 6);
+  const Model model = model_of(subject, "0.25");
+  Fuser fuser = make_fuser(model, subject, {});
+  const auto exposure_of_all = [&](float value) {
+    Planes lrhs = subject.lrhs;
+    std::ranges::fill(lrhs.data, double(value));
+    Image fused;
+    const FuseReport report = fuser.fuse(image_of(lrhs), image_of(subject.hrls), fused);
+    for (const float v : fused.data) EXPECT_TRUE(std::isfinite(v) && v >= 0 && v <= 65504) << v;
+    return report.exposure;
+  };
+  EXPECT_FLOAT_EQ(exposure_of_all(0.5f), 0.5f);
+  EXPECT_FLOAT_EQ(exposure_of_all(1e30f), 0.25f / 65504);
+  EXPECT_EQ(exposure_of_all(FLT_TRUE_MIN), 0x1p24f);
+  for (const float black : {0.0f, -1.0f, std::numeric_limits<float>::quiet_NaN()}) {
+    EXPECT_EQ(exposure_of_all(black), 1);
+  }
+  for (const float bad : {-1.0f, 0x1p-25f, 0x1p25f, std::numeric_limits<float>::quiet_NaN()}) {
+    EXPECT_ERROR(make_fuser(model, subject, {.exposure = bad}), "exposure");
   }
 }
 

@@ -48,6 +48,17 @@ TEST_F(FusionTest, SamplesLieWhereTheModelOrTheCallerSays) {
   EXPECT_NE(fused_with(LrhsSampling::kCentered), nearest);
 }
 
+TEST_F(FusionTest, LayersThatMayBeZeroAndTheExposureAreTold) {
+  const std::filesystem::path file = folder_ / "model.safetensors";
+  write_model(file, subject_.architecture, subject_.weights,
+              {{"optional_layers", "normal"}, {"exposure_key", "0.2"}});
+  Fusion fusion(file.string(), 5, 6);
+  EXPECT_EQ(fusion.optional_layers(), std::vector<std::string>{"normal"});
+  const std::vector<float> grey(3 * 5 * 6, 0.4f);
+  EXPECT_FLOAT_EQ(fusion.exposure(grey.data()), 0.5f);
+  EXPECT_EQ(Fusion(file.string(), 5, 6, {.exposure = 3}).exposure(grey.data()), 3);
+}
+
 TEST_F(FusionTest, SaturationIsToldOnce) {
   Fusion sound(model_of(subject_), 5, 6, {.precision = Precision::kFp16});
   EXPECT_EQ(fuse(sound, subject_).status.saturated, 0u);

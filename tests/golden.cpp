@@ -28,9 +28,10 @@ std::vector<LayerKind> layer_kinds(const std::string& list) {
   std::vector<LayerKind> kinds;
   std::istringstream stream(list);
   for (std::string name; std::getline(stream, name, ',');) {
-    kinds.push_back(name == "albedo"   ? LayerKind::kAlbedo
-                    : name == "normal" ? LayerKind::kNormal
-                                       : LayerKind::kRadiance);
+    kinds.push_back(name == "albedo"     ? LayerKind::kAlbedo
+                    : name == "normal"   ? LayerKind::kNormal
+                    : name == "variance" ? LayerKind::kVariance
+                                         : LayerKind::kRadiance);
   }
   return kinds;
 }
@@ -55,6 +56,7 @@ Golden load_golden(const std::string& name) {
   auto& tensors = content.tensors;
   if (content.metadata.at("lrhs_sampling") == "centered")
     golden.phase = (golden.architecture.scale - 1) / 2.0;
+  golden.exposure = std::stod(content.metadata.at("exposure"));
   golden.lrhs = take_planes(tensors, "lrhs_input");
   golden.hrls = take_planes(tensors, "hrls_input");
   golden.outputs["output"] = take_planes(tensors, "output");

@@ -14,6 +14,7 @@ struct Golden {
   reference::Planes lrhs, hrls;
   std::map<std::string, reference::Planes> outputs;  // by the names of reference::network
   double phase = 0;                                  // of the LRHS samples
+  double exposure = 1;
 };
 
 // Throws when a file is missing or holds other layers than its weights and "output".

@@ -150,11 +150,12 @@ ConvWeights LayerRun::weights(const reference::Conv& conv) {
   return {weight, bias};
 }
 
-void LayerRun::run(const FrameBindings& frame) {
+void LayerRun::run(const FrameBindings& frame, float exposure) {
   graph_.plan(false);
   program_ = std::make_unique<Program>(gpu(), graph_, shared_cache(), 1);
   for (const auto& [tensor, values] : inputs_) program_->write(tensor, values);
   program_->bind(0, frame);
+  program_->set_exposure(0, exposure);
   run_passes(*program_, graph_);
 }
 
@@ -176,13 +177,15 @@ PipelineCache& shared_cache() {
 
 std::map<std::string, std::string> model_metadata(const Architecture& a) {
   // Layers are known by kind here; one name for each kind and place will do.
-  std::vector<std::string> radiance{"color", "diffuse", "specular", "variance"}, layers;
+  std::vector<std::string> radiance{"color", "diffuse", "specular"}, layers;
   for (const LayerKind kind : a.hrls_layers) {
     if (kind == LayerKind::kRadiance) {
       layers.push_back(radiance.front());
       radiance.erase(radiance.begin());
     } else {
-      layers.push_back(kind == LayerKind::kAlbedo ? "albedo" : "normal");
+      layers.push_back(kind == LayerKind::kAlbedo   ? "albedo"
+                       : kind == LayerKind::kNormal ? "normal"
+                                                    : "variance");
     }
   }
   return {{"format", "raymeld.model"},
@@ -212,9 +215,10 @@ std::map<std::string, std::string> model_metadata(const Architecture& a) {
 }
 
 void write_model(const std::filesystem::path& path, const Architecture& architecture,
-                 const reference::Weights& weights) {
+                 const reference::Weights& weights, const std::map<std::string, std::string>& other) {
   SafeTensors content;
-  content.metadata = model_metadata(architecture);
+  content.metadata = other;
+  content.metadata.merge(model_metadata(architecture));
   for (const auto& [name, conv] : weights) {
     const auto [out, in, kernel] = std::tuple(size_t(conv.out), size_t(conv.in), size_t(conv.kernel));
     content.tensors[name + ".weight"] = {

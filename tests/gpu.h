@@ -88,7 +88,7 @@ class LayerRun {
   // Keeps the weights for as long as the run.
   ConvWeights weights(const reference::Conv& conv);
 
-  void run(const FrameBindings& frame = {});
+  void run(const FrameBindings& frame = {}, float exposure = 1);
   reference::Planes read(const Tensor& tensor) const;
   Status status() const { return program_->status(); }
 
@@ -103,9 +103,9 @@ class LayerRun {
 PipelineCache& shared_cache();
 std::filesystem::path shared_cache_folder();
 
-// A model file as training/ writes it.
+// A model file as training/ writes it; `other` metadata take the place of what follows from the architecture.
 std::map<std::string, std::string> model_metadata(const reference::Architecture& architecture);
 void write_model(const std::filesystem::path& path, const reference::Architecture& architecture,
-                 const reference::Weights& weights);
+                 const reference::Weights& weights, const std::map<std::string, std::string>& other = {});
 
 }  // namespace raymeld::test

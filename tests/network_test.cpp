@@ -42,11 +42,13 @@ struct DeviceRun {
 };
 
 DeviceRun run_on_gpu(const std::filesystem::path& file, const reference::Architecture& architecture,
-                     const Planes& lrhs, const Planes& hrls, float phase, Precision precision) {
+                     const Planes& lrhs, const Planes& hrls, float phase, Precision precision,
+                     float exposure) {
   const Model model(file);
-  Fuser fuser(gpu(), model, uint32_t(lrhs.h), uint32_t(lrhs.w),
-              {.storage = storage_of(precision), .phase = phase, .keep_activations = true},
-              shared_cache_folder());
+  Fuser fuser(
+      gpu(), model, uint32_t(lrhs.h), uint32_t(lrhs.w),
+      {.storage = storage_of(precision), .phase = phase, .exposure = exposure, .keep_activations = true},
+      shared_cache_folder());
   Image fused;
   DeviceRun run;
   run.report = fuser.fuse(image_of(lrhs), image_of(hrls), fused);
@@ -64,18 +66,19 @@ DeviceRun run_on_gpu(const std::filesystem::path& file, const reference::Archite
 // Each layer against the reference fed with the device's own values, then the whole with bounds carried
 // through all layers.
 void check_against_reference(const std::filesystem::path& file, const Subject& subject, float phase,
-                             Precision precision) {
-  const DeviceRun run = run_on_gpu(file, subject.architecture, subject.lrhs, subject.hrls, phase, precision);
+                             Precision precision, float exposure) {
+  const DeviceRun run =
+      run_on_gpu(file, subject.architecture, subject.lrhs, subject.hrls, phase, precision, exposure);
   reference::Weights weights;
   for (const auto& [name, conv] : subject.weights) weights[name] = round_to(conv, precision);
   const Outputs layers = reference::network(subject.architecture, weights, subject.lrhs, subject.hrls, phase,
-                                            precision, run.layers);
+                                            precision, run.layers, exposure);
   for (const auto& [name, device] : run.layers) {
     EXPECT_TRUE(within_bounds(fmt::format("{} {}", name, name_of(precision)), device, layers.at(name)));
   }
   EXPECT_TRUE(within_bounds("output " + name_of(precision), run.output, layers.at("output")));
-  const Outputs carried =
-      reference::network(subject.architecture, weights, subject.lrhs, subject.hrls, phase, precision);
+  const Outputs carried = reference::network(subject.architecture, weights, subject.lrhs, subject.hrls, phase,
+                                             precision, {}, exposure);
   EXPECT_TRUE(within_bounds("carried " + name_of(precision), run.output, carried.at("output")));
   EXPECT_EQ(run.report.status.saturated, 0u);
 }
@@ -87,7 +90,7 @@ TEST_F(NetworkTest, GoldenNetworksLayerByLayer) {
     for (const Precision precision : kPrecisions) {
       for (const float phase : {0.0f, (float(golden.architecture.scale) - 1) / 2}) {
         SCOPED_TRACE(fmt::format("{} {} phase {}", name, name_of(precision), phase));
-        check_against_reference(golden_model_path(name), subject, phase, precision);
+        check_against_reference(golden_model_path(name), subject, phase, precision, float(golden.exposure));
       }
     }
   }
@@ -101,9 +104,11 @@ TEST_F(NetworkTest, GoldenOutputs) {
     for (const Precision precision : kPrecisions) {
       SCOPED_TRACE(fmt::format("{} {}", name, name_of(precision)));
       const DeviceRun run = run_on_gpu(golden_model_path(name), golden.architecture, golden.lrhs, golden.hrls,
-                                       float(golden.phase), precision);
-      const Outputs carried = reference::network(golden.architecture, golden.weights, golden.lrhs,
-                                                 golden.hrls, golden.phase, precision);
+                                       float(golden.phase), precision, 0);
+      EXPECT_NEAR(run.report.exposure, golden.exposure, 1e-6 * golden.exposure);
+      const Outputs carried =
+          reference::network(golden.architecture, golden.weights, golden.lrhs, golden.hrls, golden.phase,
+                             precision, {}, run.report.exposure);
       const auto check = [&](const std::string& layer, const Planes& device) {
         const auto known = golden.outputs.find(layer);
         if (known == golden.outputs.end()) return;  // sums over groups have no weights, so no golden
@@ -138,7 +143,7 @@ std::vector<Variant> variants() {
         3,
         2,
         1,
-        {kRadiance, kAlbedo, kNormal, kRadiance, kRadiance, kRadiance},
+        {kRadiance, kAlbedo, kNormal, kRadiance, kRadiance, kVariance},
         true,
         true,
         true,
@@ -188,7 +193,8 @@ TEST_F(NetworkTest, OtherArchitecturesLayerByLayer) {
     const std::filesystem::path file = folder / "model.safetensors";
     write_model(file, a, subject.weights);
     for (const Precision precision : kPrecisions) {
-      check_against_reference(file, subject, (float(a.scale) - 1) / 2, precision);
+      const float exposure = std::array{1.0f, 0.037f, 2.3f}[seed % 3];
+      check_against_reference(file, subject, (float(a.scale) - 1) / 2, precision, exposure);
     }
   }
 }

@@ -108,6 +108,36 @@ TEST_F(RecordTest, AnyLayoutGivesTheBitsOfFuse) {
   }
 }
 
+TEST_F(RecordTest, EachRecordingHasItsExposure) {
+  write_model(file_, subject_.architecture, subject_.weights, {{"exposure_key", "0.2"}});
+  CallerDevice caller;
+  const std::unique_ptr<Device> device = Device::wrap(caller.external());
+  Fusion fusion(file_.string(), 6, 9, {}, caller.external());
+  const std::vector<float> lrhs_values = floats(subject_.lrhs), hrls_values = floats(subject_.hrls);
+  const float found = fusion.exposure(lrhs_values.data());
+  EXPECT_NE(found, 1);
+  const FrameImage lrhs(*device, subject_.lrhs), hrls(*device, subject_.hrls);
+  std::vector<FrameImage> images;
+  Commands pool(*device);
+  const std::array exposures{1.0f, found, 3.0f};
+  for (const float exposure : exposures) {
+    images.emplace_back(*device, Shape{12, 18, 3}, Memory::kReadback, FrameImage::Layout{});
+    const VkCommandBuffer commands = pool.begin("frame");
+    fusion.record(commands, lrhs.view(), hrls.view(), images.back().view(), exposure);
+    end_and_submit(*device, pool, commands);
+  }
+  check(device->vk().DeviceWaitIdle(device->handle()), "waiting");
+  for (size_t i = 0; i < images.size(); ++i) {
+    // 0: what the model asks for, which is what was found.
+    Fusion same(file_.string(), 6, 9, {.exposure = i == 1 ? 0 : exposures[i]}, caller.external());
+    std::vector<float> expected(3 * 12 * 18);
+    same.fuse(lrhs_values.data(), hrls_values.data(), expected.data());
+    EXPECT_TRUE(same_bits(floats(images[i].read()), expected)) << exposures[i];
+  }
+  EXPECT_THROW(fusion.record(VK_NULL_HANDLE, lrhs.view(), hrls.view(), images[0].view(), 0),
+               std::runtime_error);
+}
+
 TEST_F(RecordTest, ThreeRecordingsInFlight) {
   CallerDevice caller;
   const std::unique_ptr<Device> device = Device::wrap(caller.external());

@@ -122,16 +122,25 @@ Bounded pixel_shuffle(const Bounded& x, int r) {
 }
 
 // The device's log is within 3 ULP, or 2^-21 absolute in [0.5, 2] (Vulkan 1.3, "Precision and Operation of
-// SPIR-V Instructions"); 1 + 8x rounds once and is at least 1; the division takes 2.5 ULP.
-Bounded encode(const Planes& image, LayerKind kind, Transfer transfer, double clip, Precision precision) {
-  const double low = kind == LayerKind::kNormal ? -1 : 0, high = kind == LayerKind::kRadiance ? clip : 1;
+// SPIR-V Instructions"); 1 + 8x rounds once and is at least 1; the division takes 2.5 ULP. An exposure other
+// than 1 rounds once, its square twice.
+Bounded encode(const Planes& image, LayerKind kind, Transfer transfer, double clip, Precision precision,
+               double exposure) {
+  const bool radiance = kind == LayerKind::kRadiance || kind == LayerKind::kVariance;
+  const double low = kind == LayerKind::kNormal ? -1 : 0, high = radiance ? clip : 1;
+  const double factor = !radiance ? 1 : kind == LayerKind::kVariance ? exposure * exposure : exposure;
   Bounded result = exact(image);
   for (size_t i = 0; i < image.data.size(); ++i) {
     double &value = result.value.data[i], &bound = result.bound.data[i];
-    value = std::isnan(value) ? 0 : std::clamp(value, low, high);
-    if (kind == LayerKind::kRadiance && transfer == Transfer::kLog) {
+    const double scaled = std::isnan(value) ? 0 : value * factor;
+    const double off = factor == 1 || std::isinf(scaled) ? 0 : gamma(2) * std::abs(scaled) + kFlush;
+    const double least = std::clamp(scaled - off, low, high), most = std::clamp(scaled + off, low, high);
+    value = std::clamp(scaled, low, high);
+    bound = std::max(most - value, value - least);
+    if (radiance && transfer == Transfer::kLog) {
       const double log = std::log1p(8 * value);
-      const double log_bound = gamma(1) + std::max(3 * kUlp * log, 0x1p-21);
+      const double carried = std::max(std::log1p(8 * most) - log, log - std::log1p(8 * least));
+      const double log_bound = gamma(1) + std::max(3 * kUlp * log, 0x1p-21) + carried;
       value = log / 3;
       bound = log_bound / 3 + 2.5 * kUlp * (value + log_bound);
     }
@@ -176,19 +185,21 @@ constexpr double kLargestOutput = 65504;
 // Beyond this exponent the output is clamped whatever the roundings; exp stays finite in fp32.
 constexpr double kLargestExponent = 80;
 
-// (exp(3y) - 1) / 8 clamped, with every rounding pushed up (direction 1), down (-1) or left out (0). The
+// (exp(3y) - 1) / 8, with every rounding pushed up (direction 1), down (-1) or left out (0). The
 // device's exp(x) is within 3 + 2|x| ULP, its division within 2.5 (source as for log).
 double decode_log(double y, int direction) {
   const double x = std::min(3 * y + direction * kUnit * std::abs(3 * y), kLargestExponent);
-  if (direction == 0) return std::clamp(std::expm1(x) / 8, 0.0, kLargestOutput);
+  if (direction == 0) return std::expm1(x) / 8;
   const double e = std::exp(x) * std::max(0.0, 1 + direction * (3 + 2 * std::abs(x)) * kUlp);
   const double z = e - 1 + direction * (kUnit * std::abs(e - 1) + kFlush);
-  return std::clamp((z + direction * 2.5 * kUlp * std::abs(z)) / 8, 0.0, kLargestOutput);
+  return (z + direction * 2.5 * kUlp * std::abs(z)) / 8;
 }
 
 }  // namespace
 
-Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Precision precision) {
+// The device multiplies by the exposure's inverse: two roundings, unless it is 1.
+Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Precision precision,
+               double exposure) {
   Bounded result = rec;
   if (base) expect_same_shape(base->value, rec.value);
   for (size_t i = 0; i < rec.value.data.size(); ++i) {
@@ -199,7 +210,9 @@ Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Preci
     }
     if (!std::isfinite(bound)) continue;
     const auto curve = [&](double y, int direction) {
-      return transfer == Transfer::kLog ? decode_log(y, direction) : std::clamp(y, 0.0, kLargestOutput);
+      const double x = (transfer == Transfer::kLog ? decode_log(y, direction) : y) / exposure;
+      const double off = exposure == 1 ? 0 : gamma(2) * std::abs(x) + kFlush;
+      return std::clamp(x + direction * off, 0.0, kLargestOutput);
     };
     const double low = curve(value - bound, -1), high = curve(value + bound, 1);
     value = curve(value, 0);

@@ -34,18 +34,22 @@ Bounded concat(const Bounded& a, const Bounded& b);  // along c
 Bounded space_to_depth(const Bounded& x, int r);
 Bounded pixel_shuffle(const Bounded& x, int r);
 
-enum class LayerKind { kRadiance, kAlbedo, kNormal };
+enum class LayerKind { kRadiance, kAlbedo, kNormal, kVariance };
 enum class Transfer { kLinear, kLog };
 
-// One image layer as the network reads it: NaN -> 0; radiance clamped to [0, clip] and transferred
-// (linear x, log ln(1 + 8x) / 3), albedo clamped to [0, 1], normal to [-1, 1].
-Bounded encode(const Planes& image, LayerKind kind, Transfer transfer, double clip, Precision precision);
+// One image layer as the network reads it: NaN -> 0; radiance times `exposure` (a float), variance times its
+// square, clamped to [0, clip] and transferred (linear x, log ln(1 + 8x) / 3), albedo clamped to [0, 1],
+// normal to [-1, 1].
+Bounded encode(const Planes& image, LayerKind kind, Transfer transfer, double clip, Precision precision,
+               double exposure = 1);
 
 // (c, h, w) -> (c, s*h, s*w): output X reads u = (X - phase) / s clamped to [0, w - 1], likewise y. Unstored.
 Bounded bilinear(const Bounded& x, int scale, double phase);
 
-// y = rec (+ base), then linear y or log (exp(3y) - 1) / 8, clamped to [0, 65504]. base may be null.
-Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Precision precision);
+// y = rec (+ base), then linear y or log (exp(3y) - 1) / 8, over `exposure`, clamped to [0, 65504]. base may
+// be null.
+Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Precision precision,
+               double exposure = 1);
 
 // What the model file's metadata says.
 struct Architecture {
@@ -71,6 +75,6 @@ using Outputs = std::map<std::string, Bounded>;  // by the same, and those that 
 // against what the device itself fed it, and bounds do not pile up.
 Outputs network(const Architecture& architecture, const Weights& weights, const Planes& lrhs,
                 const Planes& hrls, double phase, Precision precision,
-                const std::map<std::string, Planes>& given = {});
+                const std::map<std::string, Planes>& given = {}, double exposure = 1);
 
 }  // namespace raymeld::reference

@@ -51,13 +51,13 @@ class Run {
   Outputs outputs_;
 };
 
-Bounded encode_all(const Architecture& a, const Planes& hrls, Precision precision) {
+Bounded encode_all(const Architecture& a, const Planes& hrls, Precision precision, double exposure) {
   if (hrls.c != 3 * int(a.hrls_layers.size())) throw std::invalid_argument("reference: HRLS channels");
   Bounded result;
   for (size_t i = 0; i < a.hrls_layers.size(); ++i) {
     const auto first = hrls.data.begin() + hrls.index(3 * int(i), 0, 0);
     const Planes layer(3, hrls.h, hrls.w, {first, first + 3 * size_t(hrls.h) * hrls.w});
-    const Bounded encoded = encode(layer, a.hrls_layers[i], a.transfer, a.clip, precision);
+    const Bounded encoded = encode(layer, a.hrls_layers[i], a.transfer, a.clip, precision, exposure);
     result = i == 0 ? encoded : concat(result, encoded);
   }
   return result;
@@ -107,11 +107,12 @@ Bounded upscale(Run& run, const Architecture& a, Bounded x) {
 }  // namespace
 
 Outputs network(const Architecture& a, const Weights& weights, const Planes& lrhs, const Planes& hrls,
-                double phase, Precision precision, const std::map<std::string, Planes>& given) {
+                double phase, Precision precision, const std::map<std::string, Planes>& given,
+                double exposure) {
   Run run(weights, precision, given);
   const Bounded low =
-      run.keep("encode.lrhs", encode(lrhs, LayerKind::kRadiance, a.transfer, a.clip, precision));
-  const Bounded high = run.keep("encode.hrls", encode_all(a, hrls, precision));
+      run.keep("encode.lrhs", encode(lrhs, LayerKind::kRadiance, a.transfer, a.clip, precision, exposure));
+  const Bounded high = run.keep("encode.hrls", encode_all(a, hrls, precision, exposure));
   const Bounded f_lrhs = run.conv_lrhs(low, phase > 0);
   const Bounded fused = run.conv("fuse", concat(f_lrhs, encode_hrls(run, a, high)));
   Bounded x = upscale(run, a, trunk(run, a, fused, a.long_skip_fused ? fused : f_lrhs));
@@ -119,7 +120,7 @@ Outputs network(const Architecture& a, const Weights& weights, const Planes& lrh
   if (a.head_features > 0) x = run.conv("head", x);
   const Bounded rec = run.conv("rec", x, false);
   const Bounded base = bilinear(low, a.scale, phase);
-  run.keep("output", decode(rec, a.bilinear_base ? &base : nullptr, a.transfer, Precision::kFp32));
+  run.keep("output", decode(rec, a.bilinear_base ? &base : nullptr, a.transfer, Precision::kFp32, exposure));
   return run.take();
 }
 

@@ -151,8 +151,8 @@ class NetworkGolden : public testing::TestWithParam<std::string> {};
 // Both sides count in float64; the goldens were then rounded to fp32.
 TEST_P(NetworkGolden, EveryLayerIsPyTorchs) {
   const test::Golden golden = test::load_golden(GetParam());
-  const Outputs y =
-      network(golden.architecture, golden.weights, golden.lrhs, golden.hrls, golden.phase, Precision::kFp32);
+  const Outputs y = network(golden.architecture, golden.weights, golden.lrhs, golden.hrls, golden.phase,
+                            Precision::kFp32, {}, golden.exposure);
   for (const auto& [name, expected] : golden.outputs) {
     double largest = 0;
     for (const double v : expected.data) largest = std::max(largest, std::abs(v));

@@ -4,6 +4,7 @@
 import pathlib
 import sys
 
+import numpy
 import torch
 
 import export
@@ -110,17 +111,30 @@ def layer_outputs(network, run):
     return seen | {"output": output}
 
 
+def exposed(hrls, config, exposure):
+    """HRLS as a network with an exposure_key reads it."""
+    power = {"albedo": 0, "normal": 0, "variance": 2}
+    layers = zip(hrls.split(3, dim=1), config.hrls_layers, strict=True)
+    return torch.cat([layer * exposure ** power.get(name, 1) for layer, name in layers], dim=1)
+
+
 def write_case(folder, name, shape, config):
     generator = torch.Generator().manual_seed(config.scale)
     network = random_network(config, generator)
     lrhs, hrls = random_inputs(shape, config, generator)
     tensors = {"lrhs_input": lrhs, "hrls_input": hrls}
     centered = torch.tensor(name in CENTERED)
-    tensors |= layer_outputs(network, lambda: model.predict(network, lrhs.double(), hrls.double(), centered)[1])
+    exposure = float(numpy.float32(model.exposure(lrhs.double(), config)))
+
+    def run():
+        inputs = lrhs.double() * exposure, exposed(hrls.double(), config, exposure)
+        return (model.predict(network, *inputs, centered)[1] / exposure).clamp(max=model.HALF_MAX)
+
+    tensors |= layer_outputs(network, run)
     half = not name.startswith("tiny")
     export.write(folder / f"{name}.safetensors", name, config, network.float().state_dict(), {"untrained": True}, half)
     stored = {key: value[0].float().numpy() for key, value in tensors.items()}
-    metadata = {"model": name, "lrhs_sampling": "centered" if centered else "nearest"}
+    metadata = {"model": name, "lrhs_sampling": "centered" if centered else "nearest", "exposure": repr(exposure)}
     safetensors.save(folder / f"{name}.golden.safetensors", stored, metadata)
 
 

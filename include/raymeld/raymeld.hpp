@@ -36,6 +36,9 @@ struct FusionOptions {
   // Of all buffers raymeld makes on the device; 0: what the device has to give.
   uint64_t max_memory_bytes = 0;
   LrhsSampling lrhs_sampling = LrhsSampling::kModel;
+  // What fuse() multiplies radiance by for the network, from 2^-24 to 2^24, and divides its output by; 0:
+  // what suits the model, see Fusion::exposure().
+  float exposure = 0;
   std::string device = {};  // index, UUID or part of the name; empty: the first GPU, else a CPU driver
 };
 
@@ -58,6 +61,8 @@ class Fusion {
   // The layers of HRLS that the model reads, three channels each, in order: color, albedo, normal, diffuse,
   // specular, variance or some of them.
   const std::vector<std::string>& hrls_layers() const;
+  // Those of them that the model was trained to do without: a caller who lacks one passes zeros.
+  const std::vector<std::string>& optional_layers() const;
   // The LRHS size that one recording computes: (height, width) unless memory or limits force tiles.
   uint32_t tile_height() const;
   uint32_t tile_width() const;
@@ -67,9 +72,15 @@ class Fusion {
   // tile_height, s tile_width, 3), scene linear. The inputs must be visible to
   // VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with VK_ACCESS_SHADER_READ_BIT; the output is written in that stage
   // with VK_ACCESS_SHADER_WRITE_BIT. At most kFramesInFlight recordings may be pending, on one queue, each
-  // submitted once.
+  // submitted once. `exposure`: what radiance is multiplied by for the network, from 2^-24 to 2^24, and the
+  // output divided by; a renderer knows it of its last frames, as LRHS itself is not looked at here.
   void record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
-              const FrameBuffer& fused);
+              const FrameBuffer& fused, float exposure = 1);
+
+  // What fuse() multiplies radiance by for an LRHS, in host memory, planar and dense (3, h, w):
+  // FusionOptions:: exposure, else what brings LRHS to the brightness that the model was trained at; 1 for
+  // models that ask for none.
+  float exposure(const float* lrhs) const;
 
   // Fuses one frame of host memory, planar and dense: lrhs (3, h, w), hrls (3 layers, s h, s w), fused (3, s
   // h, s w). Tiles as needed, submits to the device's queue and waits.

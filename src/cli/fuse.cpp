@@ -3,6 +3,7 @@
 #include <fmt/ranges.h>
 
 #include "cli/interrupt.h"
+#include "exposure.h"
 #include "io/exr_window.h"
 
 namespace raymeld::cli {
@@ -29,16 +30,30 @@ void check_written(const FuseArguments& arguments, const Model& model) {
 
 const char* sampling_name(const FuseFiles& files) { return files.phase == 0 ? "nearest" : "centered"; }
 
+// What the model was not made for, or does without; each line ends with \n.
+std::string notices(const FuseFiles& files) {
+  std::string text;
+  for (const std::string& layer : files.absent_layers) {
+    text += fmt::format("HRLS has no layer {}; model {} does without it\n", layer, files.model.name());
+  }
+  if (!files.model.architecture().trained_on(files.phase > 0)) {
+    text += fmt::format("model {} was not trained on {} LRHS\n", files.model.name(), sampling_name(files));
+  }
+  return text;
+}
+
 std::string describe(const FuseFiles& files) {
-  return fmt::format("LRHS {}: color from {}; {} samples\nHRLS {}: {}model {}, scale {}: takes {}",
+  return notices(files) +
+         fmt::format("LRHS {}: color from {}; {} samples\nHRLS {}: {}model {}, scale {}: takes {}",
                      files.lrhs.path().string(), fmt::join(files.lrhs_map.layers.at("color").terms[0], ", "),
                      sampling_name(files), files.hrls.path().string(), raymeld::describe(files.hrls_map),
                      files.model.name(), files.canvas.scale,
                      fmt::join(files.model.architecture().hrls_layers, ", "));
 }
 
-// What text and JSON both begin with.
-Json facts(const FuseFiles& files, const DeviceInfo& device, Storage storage, const Tiling& tiling) {
+// Of the fused frame, or of one that would be.
+Json facts(const FuseFiles& files, const DeviceInfo& device, Storage storage, const Tiling& tiling,
+           float exposure) {
   return {{"device", device.name},
           {"model", files.model.name()},
           {"precision", precision_name(storage)},
@@ -46,16 +61,27 @@ Json facts(const FuseFiles& files, const DeviceInfo& device, Storage storage, co
           {"width", width_of(files.hrls_windows.data)},
           {"height", height_of(files.hrls_windows.data)},
           {"lrhs_sampling", sampling_name(files)},
+          {"absent_layers", files.absent_layers},
+          {"input_exposure", exposure},
           {"tiles", tiling.count()}};
 }
 
-void show_plan(const FuseArguments& arguments, const FuseFiles& files, const Device& device) {
+float find_exposure(const FuseArguments& arguments, FuseFiles& files, Console& console) {
+  const float key = files.model.architecture().exposure_key;
+  if (arguments.input_exposure != 0) return arguments.input_exposure;
+  if (key == 0) return 1;
+  const Image lrhs = load_lrhs(files, console);
+  return exposure_of(lrhs.data.data(), lrhs.plane_size(), key);
+}
+
+void show_plan(const FuseArguments& arguments, FuseFiles& files, const Device& device, Console& console) {
+  const float exposure = find_exposure(arguments, files, console);
   const FuserOptions options = fuser_options(arguments, files, device.info());
   const FusePlan plan = plan_fusion(files.model, uint32_t(height_of(files.canvas.lrhs)),
                                     uint32_t(width_of(files.canvas.lrhs)), device.info(), options);
   const Tiling& tiling = plan.tiling;
   if (arguments.json) {
-    Json json = facts(files, device.info(), options.storage, tiling);
+    Json json = facts(files, device.info(), options.storage, tiling, exposure);
     json["tile_width"] = tiling.tile.width, json["tile_height"] = tiling.tile.height;
     json["halo"] = tiling.halo;
     json["gflop"] = plan.flop * 1e-9;
@@ -67,8 +93,8 @@ void show_plan(const FuseArguments& arguments, const FuseFiles& files, const Dev
     print(json.dump(2) + "\n");
     return;
   }
-  print(fmt::format("{}\ndevice {} ({})\n", describe(files), device.info().name,
-                    precision_name(options.storage)));
+  print(fmt::format("{}\ninput exposure {:.4g}\ndevice {} ({})\n", describe(files), exposure,
+                    device.info().name, precision_name(options.storage)));
   print(fmt::format("{} tile(s) of {} x {} LRHS pixels, halo {}; {:.3f} GFLOP, {:.1f} % of it for halos\n",
                     tiling.count(), tiling.tile.width, tiling.tile.height, tiling.halo, plan.flop * 1e-9,
                     100 - 100 / tiling.overhead()));
@@ -87,7 +113,7 @@ QualityTable measure_all(const FuseImages& images, const Comparison& comparison,
 
 std::string json_text(const FuseFiles& files, const DeviceInfo& device, const FuseResult& result,
                       const QualityTable& quality, const Console& console, double total_ms) {
-  Json json = facts(files, device, result.storage, result.tiling);
+  Json json = facts(files, device, result.storage, result.tiling, result.report.exposure);
   json["device_ms"] = result.report.device_ms;
   json["total_ms"] = total_ms;
   json["peak_bytes"] = result.allocated_bytes;
@@ -107,7 +133,9 @@ void run_fuse(const FuseArguments& arguments) {
   const Stopwatch watch;
   Console console(!arguments.quiet && !arguments.json);
   FuseFiles files = open_files(arguments);
-  if (arguments.dry_run) return show_plan(arguments, files, *Device::create({.selector = arguments.device}));
+  if (arguments.dry_run) {
+    return show_plan(arguments, files, *Device::create({.selector = arguments.device}), console);
+  }
   check_written(arguments, files.model);
   console.note(describe(files));
   const FuseImages images = load_images(files, console);
@@ -124,9 +152,10 @@ void run_fuse(const FuseArguments& arguments) {
   print(arguments.json ? json_text(files, device->info(), result, quality, console, watch.ms())
                        : report_text(result.report, quality));
   staged.commit();
-  console.note(fmt::format("wrote {}: {:.0f} ms on the device, {:.0f} ms in all, {:.0f} MiB of its memory",
-                           arguments.output, result.report.device_ms, watch.ms(),
-                           double(result.allocated_bytes) / kMebibyte));
+  console.note(fmt::format(
+      "wrote {}: input exposure {:.4g}, {:.0f} ms on the device, {:.0f} ms in all, {:.0f} MiB of its memory",
+      arguments.output, result.report.exposure, result.report.device_ms, watch.ms(),
+      double(result.allocated_bytes) / kMebibyte));
 }
 
 }  // namespace raymeld::cli

@@ -19,6 +19,7 @@ struct FuseArguments {
   std::string sampling = "auto", output_type = "auto";
   std::vector<std::string> map, lrhs_map;
   float exposure_stops = 0;
+  float input_exposure = 0;  // 0: what the model asks for
   uint64_t max_memory_mib = 0;
   bool keep_layers = false, profile = false, dry_run = false, json = false, quiet = false;
 
@@ -35,7 +36,8 @@ struct FuseFiles {
   Windows lrhs_windows, hrls_windows;  // of the colour's part
   Model model;
   Canvas canvas;
-  float phase = 0;  // of LRHS samples; see FuserOptions
+  std::vector<std::string> absent_layers;  // that the model takes and does without
+  float phase = 0;                         // of LRHS samples; see FuserOptions
   std::optional<ExrFile> reference;
   LayerMap reference_map;
 
@@ -55,6 +57,9 @@ struct FuseImages {
   Image lrhs, hrls;                // of the canvas: (3, h, w) and (K, s h, s w), all finite
   std::optional<Image> reference;  // (3, H, W) of HRLS's data window
 };
+
+// The canvas's (3, h, w), all finite.
+Image load_lrhs(FuseFiles& files, Console& console);
 
 FuseImages load_images(FuseFiles& files, Console& console);
 

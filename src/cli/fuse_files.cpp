@@ -67,6 +67,32 @@ float find_phase(std::string sampling, const ExrFile& lrhs, const Architecture& 
   return lrhs_phase(centered, model.scale);
 }
 
+std::vector<std::string> absent_layers(const LayerMap& hrls, const Architecture& model) {
+  std::vector<std::string> absent = model.optional_layers;
+  std::erase_if(absent, [&](const std::string& layer) { return hrls.layers.contains(layer); });
+  return absent;
+}
+
+std::vector<std::string> without(std::vector<std::string> layers, std::span<const std::string> absent) {
+  std::erase_if(layers,
+                [&](const std::string& layer) { return std::ranges::find(absent, layer) != absent.end(); });
+  return layers;
+}
+
+// All layers that the model takes; absent ones are zero.
+Image load_hrls(FuseFiles& files) {
+  const std::vector<std::string>& wanted = files.model.architecture().hrls_layers;
+  const std::vector<std::string> present = without(wanted, files.absent_layers);
+  Image loaded = load_layers(files.hrls, files.hrls_map, present);
+  if (files.absent_layers.empty()) return loaded;
+  Image all(loaded.width, loaded.height, 3 * int(wanted.size()));
+  for (size_t from = 0, to = 0; to < wanted.size(); ++to) {
+    if (from == present.size() || present[from] != wanted[to]) continue;
+    std::copy_n(loaded.plane(3 * int(from++)), 3 * loaded.plane_size(), all.plane(3 * int(to)));
+  }
+  return all;
+}
+
 // Throws Error unless the reference is as large as what it is to be compared with.
 void check_reference(const ExrFile& reference, const LayerMap& map, const ExrFile& hrls,
                      const Imath::Box2i& hrls_window) {
@@ -131,7 +157,8 @@ FuseFiles open_files(const FuseArguments& arguments) {
   Model model(model_file);
   const std::array<int, 1> scale = {int(model.architecture().scale)};
   const Canvas canvas = canvas_of(scale);
-  require_layers(hrls_map, model.architecture().hrls_layers, hrls.path().string());
+  const std::vector<std::string> absent = absent_layers(hrls_map, model.architecture());
+  require_layers(hrls_map, without(model.architecture().hrls_layers, absent), hrls.path().string());
   std::optional<ExrFile> reference;
   LayerMap reference_map;
   if (!arguments.reference.empty()) {
@@ -140,19 +167,16 @@ FuseFiles open_files(const FuseArguments& arguments) {
     check_reference(*reference, reference_map, hrls, hrls_windows.data);
   }
   const float phase = find_phase(arguments.sampling, lrhs, model.architecture());
-  FuseFiles files{std::move(lrhs), std::move(hrls),      std::move(lrhs_map),     std::move(hrls_map),
-                  lrhs_windows,    hrls_windows,         std::move(model),        canvas,
-                  phase,           std::move(reference), std::move(reference_map)};
+  FuseFiles files{std::move(lrhs), std::move(hrls), std::move(lrhs_map),  std::move(hrls_map),
+                  lrhs_windows,    hrls_windows,    std::move(model),     canvas,
+                  absent,          phase,           std::move(reference), std::move(reference_map)};
   check_passed_channels(files, arguments.keep_layers);
   return files;
 }
 
-FuseImages load_images(FuseFiles& files, Console& console) {
-  FuseImages images;
-  images.lrhs = load_layers(files.lrhs, files.lrhs_map, kColor);
-  images.hrls = load_layers(files.hrls, files.hrls_map, files.model.architecture().hrls_layers);
-  sanitize_input(images.lrhs, "LRHS", files.lrhs.path(), console);
-  sanitize_input(images.hrls, "HRLS", files.hrls.path(), console);
+Image load_lrhs(FuseFiles& files, Console& console) {
+  Image lrhs = load_layers(files.lrhs, files.lrhs_map, kColor);
+  sanitize_input(lrhs, "LRHS", files.lrhs.path(), console);
   if (const uint64_t outside = pixels_outside(files.lrhs_windows, files.canvas.lrhs)) {
     console.warn(
         fmt::format("LRHS '{}': {} pixels that HRLS needs lie outside its data window, whose edge is "
@@ -160,7 +184,14 @@ FuseImages load_images(FuseFiles& files, Console& console) {
                     files.lrhs.path().string(), outside),
         outside);
   }
-  images.lrhs = seen_through(std::move(images.lrhs), files.lrhs_windows.data, files.canvas.lrhs);
+  return seen_through(std::move(lrhs), files.lrhs_windows.data, files.canvas.lrhs);
+}
+
+FuseImages load_images(FuseFiles& files, Console& console) {
+  FuseImages images;
+  images.lrhs = load_lrhs(files, console);
+  images.hrls = load_hrls(files);
+  sanitize_input(images.hrls, "HRLS", files.hrls.path(), console);
   images.hrls = seen_through(std::move(images.hrls), files.hrls_windows.data, files.canvas.hrls);
   if (files.reference) {
     images.reference = load_layers(*files.reference, files.reference_map, kColor);

@@ -56,6 +56,7 @@ FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& file
   return {.storage = storage_for(arguments.precision, device),
           .max_memory_bytes = arguments.max_memory_mib << 20,
           .phase = files.phase,
+          .exposure = arguments.input_exposure,
           .keep_activations = !arguments.dump.empty(),
           .profile = arguments.profile};
 }

@@ -2,6 +2,7 @@
 
 #include "cli/commands.h"
 #include "cli/fuse.h"
+#include "exposure.h"
 
 namespace raymeld::cli {
 namespace {
@@ -11,6 +12,19 @@ const std::map<std::string, Precision> kPrecisions = {
 
 std::string finite(const std::string& text) {
   return std::isfinite(std::strtof(text.c_str(), nullptr)) ? "" : text + " is not finite";
+}
+
+// 0 for "auto". Throws CLI::ValidationError.
+float parse_exposure(const std::string& text) try {
+  if (text == "auto") return 0;
+  if (text == "off") return 1;
+  char* end = nullptr;
+  const float exposure = std::strtof(text.c_str(), &end);
+  if (*end != '\0') throw Error("expected auto, off or a number");
+  check_exposure(exposure);
+  return exposure;
+} catch (const Error& error) {
+  throw CLI::ValidationError("--input-exposure", fmt::format("'{}': {}", text, error.what()));
 }
 
 void add_files(CLI::App& command, FuseArguments& a) {
@@ -34,6 +48,13 @@ void add_files(CLI::App& command, FuseArguments& a) {
                   "real low-resolution render), auto (what the file says, else as the model was trained)")
       ->check(CLI::IsMember({"auto", "nearest", "centered"}))
       ->capture_default_str();
+  command
+      .add_option_function<std::string>(
+          "--input-exposure", [&a](const std::string& text) { a.input_exposure = parse_exposure(text); },
+          "What radiance is multiplied by for the network, and the output divided by: a factor, off (1), or "
+          "auto (from LRHS, for models that were trained at one brightness; else 1)")
+      ->type_name("auto|off|FACTOR")
+      ->default_str("auto");
   command.add_option("--output-type", a.output_type, "half, float, or auto: as the HRLS colour")
       ->check(CLI::IsMember({"auto", "half", "float"}))
       ->capture_default_str();

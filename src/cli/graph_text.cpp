@@ -41,7 +41,7 @@ std::string binding_text(const Binding& binding) {
 std::string operands_text(const Pass& pass) {
   std::string from, to;
   for (const Binding& binding : pass.bindings) {
-    if (binding.kind == Binding::Kind::kConstant) continue;
+    if (binding.kind == Binding::Kind::kConstant || binding.kind == Binding::Kind::kExposure) continue;
     std::string& operand = binding.access == Access::kWrite ? to : from;
     if (operand.empty()) operand = binding_text(binding);
   }

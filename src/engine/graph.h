@@ -25,11 +25,17 @@ struct Status {
   uint32_t not_finite = 0;  // output values that were NaN or infinite, written as 0
 };
 
+// What the images of a recording are multiplied by on their way in, and divided by on their way out.
+struct Exposure {
+  float factor = 1;
+  float inverse = 1;
+};
+
 enum class Access { kRead, kWrite };
 
-// One storage buffer binding of a pass.
+// One storage buffer binding of a pass. What kFrame and kExposure mean differs from recording to recording.
 struct Binding {
-  enum class Kind { kTensor, kConstant, kFrame };
+  enum class Kind { kTensor, kConstant, kFrame, kExposure };
   Kind kind = Kind::kTensor;
   Access access = Access::kRead;
   Tensor tensor = {};                 // kTensor

@@ -17,6 +17,10 @@ double dispatch_limit_flop(const DeviceInfo& info) {
   return info.type == "discrete GPU" ? 4e10 : 4e9;
 }
 
+// From one set's exposure to the next: the largest alignment that Vulkan lets a device ask of a binding's
+// offset.
+constexpr uint64_t kExposureStrideBytes = 256;
+
 void full_barrier(const VulkanFunctions& vk, VkCommandBuffer commands, VkPipelineStageFlags source,
                   VkAccessFlags source_access) {
   auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
@@ -58,6 +62,8 @@ Program::Program(const Device& device, const Graph& graph, PipelineCache& cache,
   activations_ = Buffer(device, graph.activation_bytes(), Memory::kDevice, "activations");
   status_ = Buffer(device, sizeof(Status), Memory::kUpload, "status");
   reset_status();
+  exposures_ = Buffer(device, sets * kExposureStrideBytes, Memory::kUpload, "exposures");
+  for (uint32_t set = 0; set < sets; ++set) set_exposure(set, 1);
   if (graph.constant_bytes() > 0) upload_constants();
   create_kernels(cache);
   try {
@@ -138,13 +144,16 @@ void Program::create_sets(uint32_t sets) {
       }
       row.push_back(*next++);
       device_.name(VK_OBJECT_TYPE_DESCRIPTOR_SET, row.back(), pass.name);
-      if (!pass.frame()) write_set(row.back(), pass, nullptr);
     }
     sets_.push_back(std::move(row));
   }
+  for (size_t i = 0; i < graph_.passes().size(); ++i) {
+    if (!graph_.passes()[i].frame()) write_set(0, i, nullptr);
+  }
 }
 
-VkDescriptorBufferInfo Program::buffer_info(const Binding& binding, const FrameBindings* frame) const {
+VkDescriptorBufferInfo Program::buffer_info(const Binding& binding, uint32_t set,
+                                            const FrameBindings* frame) const {
   switch (binding.kind) {
     case Binding::Kind::kTensor:
       return {activations_.handle(), graph_.offset_bytes(binding.tensor), graph_.size_bytes(binding.tensor)};
@@ -152,6 +161,8 @@ VkDescriptorBufferInfo Program::buffer_info(const Binding& binding, const FrameB
       const ConstantRecord& constant = graph_.constants()[binding.constant];
       return {constants_.handle(), constant.offset_bytes, constant.size_bytes};
     }
+    case Binding::Kind::kExposure:
+      return {exposures_.handle(), set * kExposureStrideBytes, sizeof(Exposure)};
     case Binding::Kind::kFrame:
       break;
   }
@@ -170,7 +181,8 @@ VkDescriptorBufferInfo Program::buffer_info(const Binding& binding, const FrameB
   return {view.buffer, begin, range};
 }
 
-void Program::write_set(VkDescriptorSet set, const Pass& pass, const FrameBindings* frame) const {
+void Program::write_set(uint32_t set, size_t index, const FrameBindings* frame) const {
+  const Pass& pass = graph_.passes()[index];
   constexpr size_t kMostBindings = 8;
   std::array<VkDescriptorBufferInfo, kMostBindings> infos{};
   std::array<VkWriteDescriptorSet, kMostBindings> writes{};
@@ -179,9 +191,9 @@ void Program::write_set(VkDescriptorSet set, const Pass& pass, const FrameBindin
     throw Error("layer {} has {} bindings, at most {} fit", pass.name, count, kMostBindings);
   for (uint32_t i = 0; i < count; ++i) {
     infos[i] = i == 0 ? VkDescriptorBufferInfo{status_.handle(), 0, sizeof(Status)}
-                      : buffer_info(pass.bindings[i - 1], frame);
+                      : buffer_info(pass.bindings[i - 1], set, frame);
     writes[i].sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET;
-    writes[i].dstSet = set;
+    writes[i].dstSet = sets_.at(set)[index];
     writes[i].dstBinding = i;
     writes[i].descriptorCount = 1;
     writes[i].descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER;
@@ -195,12 +207,18 @@ void Program::bind(uint32_t set, const FrameBindings& frame) {
     const Pass& pass = graph_.passes()[i];
     const Binding* binding = pass.frame();
     if (!binding) continue;
-    write_set(sets_.at(set)[i], pass, &frame);
+    write_set(set, i, &frame);
     const FrameBuffer& view = frame[static_cast<size_t>(binding->slot)].view;
     const auto remainder =
         static_cast<uint32_t>(view.offset_bytes % device_.info().storage_alignment_bytes / 4);
     views_[set][i] = {remainder, view.pixel_stride, view.row_stride, view.channel_stride};
   }
+}
+
+void Program::set_exposure(uint32_t set, float exposure) {
+  const Exposure values{exposure, 1 / exposure};
+  std::memcpy(static_cast<std::byte*>(exposures_.mapped()) + set * kExposureStrideBytes, &values,
+              sizeof(values));
 }
 
 void Program::record(VkCommandBuffer commands, uint32_t set, size_t first, size_t last,
@@ -300,7 +318,9 @@ std::vector<float> Program::read(const Tensor& tensor) const {
 }
 
 uint64_t Program::allocated_bytes() const {
-  return constants_.size_bytes() + activations_.size_bytes() + status_.size_bytes();
+  return constants_.size_bytes() + activations_.size_bytes() + status_.size_bytes() + exposures_.size_bytes();
 }
+
+uint64_t Program::host_bytes(uint32_t sets) { return sizeof(Status) + sets * kExposureStrideBytes; }
 
 }  // namespace raymeld

@@ -33,6 +33,10 @@ class Program {
   // Throws Error when a binding would pass the device's maxStorageBufferRange.
   void bind(uint32_t set, const FrameBindings& frame);
 
+  // What recordings with descriptor set `set` multiply by and divide by, from their next submit on; 1 until
+  // it is set. None may be pending.
+  void set_exposure(uint32_t set, float exposure);
+
   // Records passes [first, last) with descriptor set `set`, after a barrier against all earlier compute work.
   // A dispatch of more than max_dispatch_flop is split. With `queries`, pass i is followed by a barrier and
   // timestamp i + 1; timestamp 0 comes before pass 0.
@@ -54,18 +58,21 @@ class Program {
   std::vector<float> read(const Tensor& tensor) const;
 
   uint64_t allocated_bytes() const;
+  // What a Program takes beside its graph's constants and activations.
+  static uint64_t host_bytes(uint32_t sets);
 
  private:
   void create_kernels(PipelineCache& cache);
   void upload_constants();
   void create_sets(uint32_t sets);
-  void write_set(VkDescriptorSet set, const Pass& pass, const FrameBindings* frame) const;
-  VkDescriptorBufferInfo buffer_info(const Binding& binding, const FrameBindings* frame) const;
+  // Of descriptor set `set`; `frame` is null where the pass touches no frame image.
+  void write_set(uint32_t set, size_t index, const FrameBindings* frame) const;
+  VkDescriptorBufferInfo buffer_info(const Binding& binding, uint32_t set, const FrameBindings* frame) const;
   void dispatch(VkCommandBuffer commands, const Pass& pass) const;
 
   const Device& device_;
   const Graph& graph_;
-  Buffer constants_, activations_, status_;
+  Buffer constants_, activations_, status_, exposures_;
   std::map<std::vector<uint32_t>, Kernel> kernels_;
   std::vector<const Kernel*> pass_kernels_;
   VkDescriptorPool pool_ = VK_NULL_HANDLE;

@@ -12,6 +12,7 @@ namespace {
 static_assert(static_cast<int>(ChannelKind::kRadiance) == RAYMELD_RADIANCE);
 static_assert(static_cast<int>(ChannelKind::kAlbedo) == RAYMELD_ALBEDO);
 static_assert(static_cast<int>(ChannelKind::kNormal) == RAYMELD_NORMAL);
+static_assert(static_cast<int>(ChannelKind::kVariance) == RAYMELD_VARIANCE);
 
 uint32_t plane_of(const Graph& graph, const Tensor& tensor) {
   return static_cast<uint32_t>(plane_stride(tensor.shape.pixels(), graph.storage()));
@@ -37,7 +38,8 @@ void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor&
   Pass pass;
   pass.name = name;
   pass.shader = &shaders::kEncode;
-  pass.bindings = {constant_binding(table), frame_binding(slot, Access::kRead), write_binding(out)};
+  pass.bindings = {constant_binding(table), frame_binding(slot, Access::kRead), write_binding(out),
+                   exposure_binding()};
   pass.set_push(params::Encode{
       {}, out.shape.height, out.shape.width, plane_of(graph, out), transfer == Transfer::kLog, clip});
   pass.groups = element_groups(out.shape);
@@ -57,7 +59,8 @@ void decode(Graph& graph, const std::string& name, const Tensor& in, const Decod
   Pass pass;
   pass.name = name;
   pass.shader = &shaders::kDecode;
-  pass.bindings = {read_binding(in), read_binding(base), frame_binding(FrameSlot::kFused, Access::kWrite)};
+  pass.bindings = {read_binding(in), read_binding(base), frame_binding(FrameSlot::kFused, Access::kWrite),
+                   exposure_binding()};
   pass.set_push(params::Decode{{},
                                in.shape.height,
                                in.shape.width,

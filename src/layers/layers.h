@@ -34,11 +34,12 @@ void space_to_depth(Graph& graph, const std::string& name, const Tensor& in, con
 void pixel_shuffle(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out);
 
 // How a channel of an input image is brought into the network's range.
-enum class ChannelKind : uint32_t { kRadiance, kAlbedo, kNormal };
+enum class ChannelKind : uint32_t { kRadiance, kAlbedo, kNormal, kVariance };
 enum class Transfer { kLinear, kLog };
 
 // From the image in `slot`, scene linear, to (h, w, c). NaN becomes 0, infinities are clamped like any value:
-// radiance to [0, clip], then y = x or y = log(1 + 8 x) / 3; albedo to [0, 1]; normals to [-1, 1].
+// radiance times the recording's exposure, and variance times its square, to [0, clip], then y = x or
+// y = log(1 + 8 x) / 3; albedo to [0, 1]; normals to [-1, 1].
 void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor& out,
             std::span<const ChannelKind> kinds, Transfer transfer, float clip);
 
@@ -50,7 +51,7 @@ struct DecodeOptions {
 };
 
 // From (H, W, c) to the image in FrameSlot::kFused: adds the bilinearly upsampled base, inverts the transfer,
-// clamps to [0, 65504].
+// divides by the recording's exposure, clamps to [0, 65504].
 void decode(Graph& graph, const std::string& name, const Tensor& in, const DecodeOptions& options);
 
 }  // namespace raymeld

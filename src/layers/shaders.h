@@ -27,6 +27,9 @@ inline Binding frame_binding(FrameSlot slot, Access access) {
   return {.kind = Binding::Kind::kFrame, .access = access, .slot = slot};
 }
 
+// Of passes with a frame_binding() only.
+inline Binding exposure_binding() { return {.kind = Binding::Kind::kExposure, .access = Access::kRead}; }
+
 // Workgroups of the shaders with one invocation for each element, 32 x 2 to a workgroup.
 constexpr std::array<uint32_t, 3> element_groups(const Shape& shape) {
   return {divide_up(shape.width, 32), divide_up(shape.height, 2), shape.channels};
