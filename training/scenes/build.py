@@ -206,7 +206,8 @@ class Builder:
         scene.render.use_motion_blur = True
         if rng.random() < 0.4 or not self.movable:
             camera = scene.camera
-            self.animate(camera, Vector([rng.uniform(-0.04, 0.04) * extent_m for _ in range(3)]), rng.uniform(-0.03, 0.03))
+            shift = Vector([rng.uniform(-0.04, 0.04) * extent_m for _ in range(3)])
+            self.animate(camera, shift, rng.uniform(-0.03, 0.03))
         else:
             for moved in rng.sample(self.movable, min(len(self.movable), rng.randint(1, 3))):
                 shift = Vector((rng.uniform(-0.2, 0.2), rng.uniform(-0.2, 0.2), rng.uniform(0, 0.1))) * extent_m

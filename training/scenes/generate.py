@@ -3,6 +3,7 @@
 
 A view is whole once its folder has its final name. A view that is not worth keeping leaves NAME.dropped (its
 view.json), one that crashes Blender or runs out of time NAME.failed with the log's end; remove either to try again.
+In the end manifest.jsonl lists all views of the folder; for that alone give no seeds, as 0:0.
 """
 
 import argparse
@@ -54,6 +55,17 @@ def run_view(final, arguments, timeout_s, script=SCRIPT):
     print(outcome, final.name, flush=True)
 
 
+def write_manifest(folder):
+    """manifest.jsonl: what every view is and whose models it shows; the files of dropped ones are gone."""
+    lines = []
+    for path in sorted([*folder.glob("view-*[0-9]/view.json"), *folder.glob("view-*.dropped")]):
+        record = json.loads(path.read_text())
+        record["spp"] = {name: file["spp"] for name, file in record.pop("files").items()}
+        record.pop("whole", None)
+        lines.append(json.dumps(record) + "\n")
+    (folder / "manifest.jsonl").write_text("".join(lines))
+
+
 def main():
     args = parse()
     args.out.mkdir(parents=True, exist_ok=True)
@@ -66,6 +78,7 @@ def main():
 
     with concurrent.futures.ThreadPoolExecutor(args.jobs) as pool:
         list(pool.map(view, range(first, last)))
+    write_manifest(args.out)
 
 
 if __name__ == "__main__":

@@ -185,7 +185,8 @@ def facade(b, x, y, width, height, depth):
         for j in range(int(height / up)):
             left, low = x + (i + 0.5) * across - w / 2, (j + 0.5) * up - h / 2
             panes.append(((left, y - 0.02, low), (left + w, y, low + h)))
-            frames += [((left + f * w - bar / 2, y - 0.08, low), (left + f * w + bar / 2, y, low + h)) for f in (0, 0.5, 1)]
+            for f in (0, 0.5, 1):
+                frames.append(((left + f * w - bar / 2, y - 0.08, low), (left + f * w + bar / 2, y, low + h)))
             frames += [((left, y - 0.08, low + f * h), (left + w, y, low + f * h + bar)) for f in (0, 0.6, 1)]
             frames.append(((left - 0.1, y - 0.2, low - 0.1), (left + w + 0.1, y, low)))
     if frames:

@@ -7,6 +7,7 @@ are there. A view that is flat, black, white or too noisy to learn from leaves o
 """
 
 import argparse
+import contextlib
 import faulthandler
 import json
 import pathlib
@@ -25,6 +26,7 @@ import furniture
 import kinds
 import room
 import shapes
+import test_scenes
 
 faulthandler.enable()
 VERSION = 2  # of the generator: of what a seed gives
@@ -47,17 +49,25 @@ LEAST_PSNR = 34
 MOST_RELMSE = 0.01
 
 
+def scaled(text):
+    """SCALE:SPP"""
+    scale, spp = map(int, text.split(":"))
+    return scale, spp
+
+
 def parse():
     parser = argparse.ArgumentParser()
     parser.add_argument("--out", required=True, type=pathlib.Path, help="folder of this view")
     parser.add_argument("--seed", required=True, type=int)
     parser.add_argument("--catalogue", required=True, nargs="+")
-    parser.add_argument("--kind", choices=KINDS, help="default: by seed")
+    parser.add_argument("--kind", choices=[*KINDS, *test_scenes.KINDS], help="default: one for training, by seed")
     parser.add_argument("--width", type=int, default=192)
     parser.add_argument("--height", type=int, default=192)
     parser.add_argument("--spp", type=int, nargs="*", default=[], help="renders with layers")
     parser.add_argument("--layers", choices=("all", "fusion"), default="fusion")
     parser.add_argument("--plain-spp", type=int, nargs="*", default=[], help="renders with the colour only")
+    parser.add_argument("--lrhs", type=scaled, nargs="*", default=[], help="SCALE:SPP, every SCALE-th pixel")
+    parser.add_argument("--lowres", type=scaled, nargs="*", default=[], help="SCALE:SPP, ordinary smaller renders")
     parser.add_argument("--reference-spp", type=int, default=0, help="of both halves together")
     parser.add_argument("--depth", choices=("16", "32"), default="32", help="bits a channel")
     parser.add_argument("--threads", type=int, default=1)
@@ -80,11 +90,32 @@ def set_up(args):
     return scene
 
 
-def choose_layers(scene, names):
+def choose_layers(scene, names, albedo=None):
+    """Passes beside the colour; albedo and normal come with any other unless told."""
     layer = scene.view_layers[0]
     for name in LAYERS:
         setattr(layer, "use_pass_" + name, name in names)
-    layer.cycles.denoising_store_passes = bool(names)
+    layer.cycles.denoising_store_passes = bool(names) if albedo is None else albedo
+
+
+@contextlib.contextmanager
+def smaller(scene, scale, nearest):
+    """Renders are 1/scale of the size; if nearest, their samples are those of each cell's top-left full-size pixel."""
+    render, camera = scene.render, scene.camera.data
+    size = render.resolution_x, render.resolution_y
+    if any(n % scale for n in size):
+        raise ValueError(f"{size} is not a multiple of {scale}")
+    render.resolution_x, render.resolution_y = (n // scale for n in size)
+    width = scene.cycles.filter_width
+    if nearest:
+        # A pixel is as wide as `scale` full-size ones: the filter shrinks, and the centre moves up and to the left.
+        scene.cycles.filter_width = width / scale
+        offset = (scale - 1) / 2 / max(size)
+        camera.shift_x, camera.shift_y = -offset, offset
+    yield
+    render.resolution_x, render.resolution_y = size
+    scene.cycles.filter_width = width
+    camera.shift_x = camera.shift_y = 0
 
 
 def render(scene, path, spp, seed):
@@ -114,7 +145,7 @@ def srgb(linear):
 
 
 def noise(a, b):
-    """Error of the mean of two independent renders: {"relmse", "psnr"}; their difference has its statistics, twofold."""
+    """{"relmse", "psnr"} of the mean of two independent renders; half their difference is as noisy as their mean."""
     mean, error = (a + b) / 2, (a - b) / 2
     relmse = 0.5 * error**2 / (mean**2 + 0.01)
     mse = numpy.mean((srgb(mean + error) - srgb(mean)) ** 2)
@@ -180,7 +211,8 @@ def main():
     shapes.enable_add_ons()
     with tempfile.TemporaryDirectory() as folder:
         builder = build.Builder(rng, models, textures, folder)
-        extent_m = KINDS[kind][0](builder)
+        layout = test_scenes.KINDS[kind] if kind in test_scenes.KINDS else KINDS[kind][0]
+        extent_m = layout(builder)
         if rng.random() < 0.12:
             builder.motion(extent_m)
         if kind != "room" and rng.random() < 0.05:
@@ -230,6 +262,14 @@ def main():
         choose_layers(scene, ())
         for spp in args.plain_spp:
             renders(f"{spp:04}.exr", spp, spp)
+        for scale, spp in args.lrhs:
+            choose_layers(scene, (), albedo=True)
+            with smaller(scene, scale, nearest=True):
+                renders(f"lrhs-x{scale}-{spp:04}.exr", spp, 10000 * scale + spp, scale=scale, layers="albedo")
+        for scale, spp in args.lowres:
+            choose_layers(scene, ())
+            with smaller(scene, scale, nearest=False):
+                renders(f"lowres-x{scale}-{spp:04}.exr", spp, 10000 * scale + 5000 + spp, scale=scale)
         record["whole"] = True
         write()
 

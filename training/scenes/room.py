@@ -46,8 +46,8 @@ def pictures(b, width, depth, height):
         w, h = rng.uniform(0.3, 1.2), rng.uniform(0.3, 0.9)
         side = rng.choice((0, 0, 1, 3))
         length, distance = ((width, depth / 2), (depth, width / 2))[side % 2]
-        spot = Matrix.Translation((rng.uniform(w - length, length - w) / 2, distance - 0.02, rng.uniform(1.1, height - h)))
-        matrix = Matrix.Rotation(side * math.pi / 2, 4, "Z") @ spot @ upright
+        spot = (rng.uniform(w - length, length - w) / 2, distance - 0.02, rng.uniform(1.1, height - h))
+        matrix = Matrix.Rotation(side * math.pi / 2, 4, "Z") @ Matrix.Translation(spot) @ upright
         if rng.random() < 0.2:
             material = b.glowing(rng.uniform(0.5, 3))
         else:

@@ -44,7 +44,8 @@ def made_by(operator, **settings):
 
 def gear(rng):
     teeth = rng.randint(8, 24)
-    return bpy.ops.mesh.primitive_gear, dict(number_of_teeth=teeth, width=rng.uniform(0.1, 0.5), skew=rng.choice((0, 0.2)))
+    width, skew = rng.uniform(0.1, 0.5), rng.choice((0, 0.2))
+    return bpy.ops.mesh.primitive_gear, dict(number_of_teeth=teeth, width=width, skew=skew)
 
 
 def worm(rng):
@@ -132,7 +133,8 @@ def mesh(rng, name, size_m):
 
 
 def cylinder(radius_m, height_m, middle):
-    part = made_by(bpy.ops.mesh.primitive_cylinder_add, radius=radius_m, depth=height_m, location=middle, vertices=48)[0]
+    sizes = dict(radius=radius_m, depth=height_m, location=middle, vertices=48)
+    part = made_by(bpy.ops.mesh.primitive_cylinder_add, **sizes)[0]
     part.data.use_auto_smooth = True
     part.data.polygons.foreach_set("use_smooth", [True] * len(part.data.polygons))
     return part
