@@ -1,0 +1,64 @@
+#!/usr/bin/python3
+"""Renders the public test set, or its first views, one Blender process each; run it again to go on after a stop.
+
+Models of Scopia.sh3f in layouts of test_scenes.py, neither of which any training uses. Each view: HRLS of 1 to 8 spp
+(with layers), plain renders of 16 to 64 spp, LRHS of three scales, an ordinary small render, and the reference.
+"""
+
+import argparse
+import pathlib
+
+import generate
+
+CATALOGUE = "/usr/share/sweethome3d/furniture/Scopia.sh3f"
+# (kind, seed); any first views of the list are varied.
+VIEWS = [
+    ("gallery", 1),
+    ("courtyard", 2),
+    ("counter", 3),
+    ("library", 4),
+    ("terrace", 5),
+    ("shop", 6),
+    ("workshop", 7),
+    ("washroom", 8),
+    ("courtyard", 9),
+    ("counter", 10),
+    ("gallery", 11),
+    ("terrace", 12),
+    ("library", 13),
+    ("workshop", 14),
+    ("shop", 15),
+    ("washroom", 16),
+]
+LRHS = {2: (4, 8, 16), 4: (4, 8, 16, 32, 64), 8: (64, 128, 256)}
+
+
+def parse():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", required=True, type=pathlib.Path)
+    parser.add_argument("--catalogue", default=CATALOGUE)
+    parser.add_argument("--views", type=int, default=len(VIEWS), help="how many, from the first")
+    parser.add_argument("--size", type=int, default=512)
+    parser.add_argument("--reference-spp", type=int, default=512)
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--timeout-s", type=float, default=7200)
+    parser.add_argument("--look", action="store_true", help="only 16 spp, to look at")
+    return parser.parse_args()
+
+
+def main():
+    args = parse()
+    args.out.mkdir(parents=True, exist_ok=True)
+    for kind, seed in VIEWS[: args.views]:
+        arguments = ["--kind", kind, "--seed", str(seed), "--catalogue", args.catalogue, "--threads", str(args.threads)]
+        arguments += ["--width", str(args.size), "--height", str(args.size)]
+        if args.look:
+            arguments += ["--plain-spp", "16"]
+        else:
+            arguments += ["--spp", "1", "2", "4", "8", "--plain-spp", "16", "32", "64"]
+            arguments += ["--lrhs", *(f"{scale}:{spp}" for scale, counts in LRHS.items() for spp in counts)]
+            arguments += ["--lowres", "4:16", "--reference-spp", str(args.reference_spp)]
+        generate.run_view(args.out / f"view-{seed:05}", arguments, args.timeout_s)
+
+
+main()
