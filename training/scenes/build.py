@@ -122,6 +122,7 @@ class Builder:
         sky.sun_intensity = self.rng.uniform(0.2, 1)
         sky.dust_density = self.rng.uniform(0, 5)
         tree.links.new(sky.outputs["Color"], background.inputs["Color"])
+        return sky
 
     def hdri_sky(self, strength, names=None):
         files = hdris()

@@ -44,6 +44,10 @@ class Model:
         parts = [o for o in bpy.context.selected_objects if o.type == "MESH"]
         if not any(o.data.polygons for o in parts):
             raise ValueError(f"no mesh in {self.path}")
+        for layer in (layer for o in parts for layer in o.data.uv_layers):
+            for corner in layer.data:
+                if max(map(abs, corner.uv)) > 1e4:
+                    corner.uv = (0, 0)  # Cycles' texture lookup overflows
         return fit(parts, self.size_m)
 
 

@@ -176,7 +176,10 @@ class Set:
 
     def put(self, name, x, y, z=0, degrees=0):
         """Returns the height of its top."""
-        self.b.place(self.by_name[name], (x, y, z), math.radians(degrees))
+        root = self.b.place(self.by_name[name], (x, y, z), math.radians(degrees))
+        for material in {m for part in root.children for m in part.data.materials if m}:
+            # Most files say 1, at which glass cannot be seen.
+            material.node_tree.nodes["Principled BSDF"].inputs["IOR"].default_value = 1.45
         return z + self.by_name[name].size_m.z
 
     def width(self, name):
@@ -305,7 +308,10 @@ def courtyard(b):
     s.put("rattanTable", 1.7, -1.1, 0, 30)
     s.put(rng.choice(("dog", "cat", "rabbit")), 0.2, -0.8, 0, rng.uniform(-60, 60))
     s.put(rng.choice(("bicycle", "scooter2", "child_swing")), 3.2, 2.2, 0, rng.uniform(0, 90))
-    b.nishita_sky(1)
+    sky = b.nishita_sky(1)
+    # From behind the camera, where no wall is.
+    sky.sun_rotation, sky.sun_elevation = math.pi + rng.uniform(-0.9, 0.9), math.radians(rng.uniform(30, 50))
+    sky.sun_size, sky.sun_intensity = math.radians(2), 1
     b.camera((rng.uniform(-2, 2), -5.2, rng.uniform(1.5, 2.6)), (0, 1.4, 0.7), rng.uniform(26, 34), blur=0)
     return 3
 
