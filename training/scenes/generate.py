@@ -24,6 +24,7 @@ def parse():
     parser.add_argument("--size", type=int, default=192)
     parser.add_argument("--spp", type=int, nargs="+", default=[1, 2, 4, 8, 16, 32, 64])
     parser.add_argument("--reference-spp", type=int, default=512)
+    parser.add_argument("--reference-psnr", type=float, help="noise at which a reference has samples enough, dB")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--timeout-s", type=float, default=1500)
     return parser.parse_args()
@@ -72,6 +73,8 @@ def main():
     first, last = map(int, args.seeds.split(":"))
     common = ["--width", str(args.size), "--height", str(args.size), "--catalogue", *args.catalogue]
     common += ["--spp", *map(str, args.spp), "--reference-spp", str(args.reference_spp)]
+    if args.reference_psnr:
+        common += ["--reference-psnr", str(args.reference_psnr)]
 
     def view(seed):
         run_view(args.out / f"view-{seed:05}", ["--seed", str(seed), *common], args.timeout_s)

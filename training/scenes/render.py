@@ -47,6 +47,7 @@ FUSION_LAYERS = LAYERS[:6]
 # A reference noisier than this would be told from a good reconstruction, whose error is at some 30 dB.
 LEAST_PSNR = 34
 MOST_RELMSE = 0.01
+PILOT_SPP = 32  # of a half, to tell how many samples it needs
 
 
 def scaled(text):
@@ -68,7 +69,8 @@ def parse():
     parser.add_argument("--plain-spp", type=int, nargs="*", default=[], help="renders with the colour only")
     parser.add_argument("--lrhs", type=scaled, nargs="*", default=[], help="SCALE:SPP, every SCALE-th pixel")
     parser.add_argument("--lowres", type=scaled, nargs="*", default=[], help="SCALE:SPP, ordinary smaller renders")
-    parser.add_argument("--reference-spp", type=int, default=0, help="of both halves together")
+    parser.add_argument("--reference-spp", type=int, default=0, help="at most, of both halves together")
+    parser.add_argument("--reference-psnr", type=float, help="enough: fewer samples, if these will have this noise, dB")
     parser.add_argument("--depth", choices=("16", "32"), default="32", help="bits a channel")
     parser.add_argument("--threads", type=int, default=1)
     return parser.parse_args(sys.argv[sys.argv.index("--") + 1 :])
@@ -150,6 +152,17 @@ def noise(a, b):
     relmse = 0.5 * error**2 / (mean**2 + 0.01)
     mse = numpy.mean((srgb(mean + error) - srgb(mean)) ** 2)
     return {"relmse": float(relmse.mean()), "psnr": float(min(100, -10 * numpy.log10(max(mse, 1e-10))))}
+
+
+def write_mean(path, first, first_spp, second, second_spp):
+    """Merges two renders of one picture, weighted by their samples, into `path`; both are removed."""
+    images = [oiio.ImageBuf(str(p)) for p in (first, second)]
+    pixels = [i.get_pixels(oiio.FLOAT) for i in images]
+    merged = oiio.ImageBuf(images[0].spec())
+    merged.set_pixels(images[0].spec().roi, (first_spp * pixels[0] + second_spp * pixels[1]) / (first_spp + second_spp))
+    merged.write(str(path))
+    first.unlink()
+    second.unlink()
 
 
 def too_noisy(noise):
@@ -246,10 +259,39 @@ def main():
 
         if "dropped" in record:
             return write()
+
+        def reference_half(name, spp, seed, pilot):
+            """A pilot of `pilot` samples first, when it is not 0, is merged into it."""
+            if name in record["files"]:
+                return args.out / name
+            rest, seconds = args.out / f"rest-{name}", 0
+            if spp > pilot:
+                seconds = render(scene, rest, spp - pilot, args.seed * 10007 + seed)
+            if pilot:
+                seconds += record["files"][f"pilot-{name}"]["seconds"]
+                if spp > pilot:
+                    write_mean(args.out / name, args.out / f"pilot-{name}", pilot, rest, spp - pilot)
+                else:
+                    (args.out / f"pilot-{name}").rename(args.out / name)
+                del record["files"][f"pilot-{name}"]
+            else:
+                rest.rename(args.out / name)
+            record["files"][name] = {"spp": spp, "seconds": round(seconds, 3)}
+            write()
+            return args.out / name
+
         if args.reference_spp:
             choose_layers(scene, ())
-            halves = [renders(f"reference-{h}.exr", args.reference_spp // 2, 5000 + i) for i, h in enumerate("ab")]
-            halves = [read_colour(half) for half in halves]
+            names = ("reference-a.exr", "reference-b.exr")
+            spp, pilot = args.reference_spp // 2, 0
+            if args.reference_psnr:
+                pilot = PILOT_SPP
+                if "reference_spp" not in record:
+                    pilots = [read_colour(renders("pilot-" + n, pilot, 6000 + i)) for i, n in enumerate(names)]
+                    missing = args.reference_psnr - noise(*pilots)["psnr"]
+                    record["reference_spp"] = 2 * max(pilot, min(spp, round(pilot * 10 ** (missing / 10))))
+                spp = record["reference_spp"] // 2
+            halves = [read_colour(reference_half(n, spp, 5000 + i, pilot)) for i, n in enumerate(names)]
             record["noise"] = noise(*halves)
             dropped = "noise" if too_noisy(record["noise"]) else dull(sum(halves) / 2)
             if dropped:
