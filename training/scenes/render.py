@@ -154,17 +154,6 @@ def noise(a, b):
     return {"relmse": float(relmse.mean()), "psnr": float(min(100, -10 * numpy.log10(max(mse, 1e-10))))}
 
 
-def write_mean(path, first, first_spp, second, second_spp):
-    """Merges two renders of one picture, weighted by their samples, into `path`; both are removed."""
-    images = [oiio.ImageBuf(str(p)) for p in (first, second)]
-    pixels = [i.get_pixels(oiio.FLOAT) for i in images]
-    merged = oiio.ImageBuf(images[0].spec())
-    merged.set_pixels(images[0].spec().roi, (first_spp * pixels[0] + second_spp * pixels[1]) / (first_spp + second_spp))
-    merged.write(str(path))
-    first.unlink()
-    second.unlink()
-
-
 def too_noisy(noise):
     return noise["psnr"] < LEAST_PSNR or noise["relmse"] > MOST_RELMSE
 
@@ -211,25 +200,117 @@ def models_used(models):
     return list({m.path: m.credit for m in models}.values())
 
 
+class View:
+    """The files of a view and view.json, its record, which is written after each of them."""
+
+    def __init__(self, args, scene, record):
+        self.args, self.scene, self.record = args, scene, record
+        args.out.mkdir(parents=True, exist_ok=True)
+
+    def write(self):
+        (self.args.out / "view.json").write_text(json.dumps(self.record, indent=1) + "\n")
+
+    def renders(self, name, spp, seed, **about):
+        """The path of a render; made unless it is there."""
+        path = self.args.out / name
+        if not path.exists() or name not in self.record["files"]:
+            seconds = render(self.scene, path, spp, self.args.seed * 10007 + seed)
+            self.record["files"][name] = {"spp": spp, "seconds": seconds} | about
+            self.write()
+        return path
+
+    def merges(self, name, parts):
+        """The path of a render that takes the place of its parts (or a single one): their mean by samples."""
+        path, files = self.args.out / name, self.record["files"]
+        if name not in files:
+            spp = [files[part]["spp"] for part in parts]
+            images = [oiio.ImageBuf(str(self.args.out / part)) for part in parts]
+            merged = oiio.ImageBuf(images[0].spec())
+            mean = sum(n * image.get_pixels(oiio.FLOAT) for n, image in zip(spp, images)) / sum(spp)
+            merged.set_pixels(images[0].spec().roi, mean)
+            if not merged.write(str(path)):
+                raise OSError(f"{path}: {merged.geterror()}")
+            files[name] = {"spp": sum(spp), "seconds": round(sum(files.pop(part)["seconds"] for part in parts), 3)}
+            self.write()
+        for part in parts:
+            (self.args.out / part).unlink(missing_ok=True)
+        return path
+
+    def reference(self):
+        """Renders both halves; returns (a, b), [H, W, 3]."""
+        choose_layers(self.scene, ())
+        half_spp = self.args.reference_spp // 2
+        if not self.args.reference_psnr:
+            return [read_colour(self.renders(f"reference-{h}.exr", half_spp, 5000 + i)) for i, h in enumerate("ab")]
+        pilots = ["pilot-a.exr", "pilot-b.exr"]
+        if "reference_spp" not in self.record:
+            images = [read_colour(self.renders(pilot, PILOT_SPP, 6000 + i)) for i, pilot in enumerate(pilots)]
+            wanted = PILOT_SPP * 10 ** ((self.args.reference_psnr - noise(*images)["psnr"]) / 10)
+            self.record["reference_spp"] = 2 * max(PILOT_SPP, min(half_spp, round(wanted)))
+        rest_spp = self.record["reference_spp"] // 2 - PILOT_SPP
+        halves = []
+        for i, (half, pilot) in enumerate(zip("ab", pilots)):
+            name, rest = f"reference-{half}.exr", f"rest-{half}.exr"
+            if rest_spp and name not in self.record["files"]:
+                self.renders(rest, rest_spp, 5000 + i)
+            halves.append(read_colour(self.merges(name, [pilot, rest] if rest_spp else [pilot])))
+        return halves
+
+    def drop(self, why):
+        self.record["dropped"] = why
+        for name in self.record["files"]:
+            (self.args.out / name).unlink(missing_ok=True)
+
+    def render_all(self):
+        args, scene = self.args, self.scene
+        if args.reference_spp:
+            halves = self.reference()
+            self.record["noise"] = noise(*halves)
+            why = "noise" if too_noisy(self.record["noise"]) else dull(sum(halves) / 2)
+            if why:
+                return self.drop(why)
+        choose_layers(scene, FUSION_LAYERS if args.layers == "fusion" else LAYERS)
+        for spp in args.spp:
+            self.renders(f"{spp:04}.exr", spp, spp, layers=args.layers)
+        choose_layers(scene, ())
+        for spp in args.plain_spp:
+            self.renders(f"{spp:04}.exr", spp, spp)
+        for scale, spp in args.lrhs:
+            choose_layers(scene, (), albedo=True)
+            with smaller(scene, scale, nearest=True):
+                self.renders(f"lrhs-x{scale}-{spp:04}.exr", spp, 10000 * scale + spp, scale=scale, layers="albedo")
+        for scale, spp in args.lowres:
+            choose_layers(scene, ())
+            with smaller(scene, scale, nearest=False):
+                self.renders(f"lowres-x{scale}-{spp:04}.exr", spp, 10000 * scale + 5000 + spp, scale=scale)
+        self.record["whole"] = True
+
+
+def build_scene(args, rng, folder):
+    """Returns (kind, Builder) of the seed's scene."""
+    kind = args.kind or rng.choices(list(KINDS), [share for _, share in KINDS.values()])[0]
+    models = [m for path in args.catalogue for m in furniture.read_catalogue(path)]
+    textures = [t for path in args.catalogue for t in furniture.read_textures(path)]
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    shapes.enable_add_ons()
+    builder = build.Builder(rng, models, textures, folder)
+    layout = test_scenes.KINDS[kind] if kind in test_scenes.KINDS else KINDS[kind][0]
+    extent_m = layout(builder)
+    if rng.random() < 0.12:
+        builder.motion(extent_m)
+    if kind != "room" and rng.random() < 0.05:
+        builder.haze((-30 * extent_m,) * 3, (30 * extent_m,) * 3, rng.uniform(1, 3))
+    return kind, builder
+
+
 def main():
     args = parse()
     rng = random.Random(args.seed)
     # Add-ons draw from these.
     random.seed(args.seed)
     numpy.random.seed(args.seed)
-    kind = args.kind or rng.choices(list(KINDS), [share for _, share in KINDS.values()])[0]
-    models = [m for path in args.catalogue for m in furniture.read_catalogue(path)]
-    textures = [t for path in args.catalogue for t in furniture.read_textures(path)]
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    shapes.enable_add_ons()
     with tempfile.TemporaryDirectory() as folder:
-        builder = build.Builder(rng, models, textures, folder)
-        layout = test_scenes.KINDS[kind] if kind in test_scenes.KINDS else KINDS[kind][0]
-        extent_m = layout(builder)
-        if rng.random() < 0.12:
-            builder.motion(extent_m)
-        if kind != "room" and rng.random() < 0.05:
-            builder.haze((-30 * extent_m,) * 3, (30 * extent_m,) * 3, rng.uniform(1, 3))
+        kind, builder = build_scene(args, rng, folder)
         scene = set_up(args)
         record_path = args.out / "view.json"
         if record_path.exists():
@@ -241,80 +322,13 @@ def main():
             record |= {"hdri": builder.hdri, "models": models_used(builder.used), "files": {}}
             if dropped:
                 record["dropped"] = dropped
-        args.out.mkdir(parents=True, exist_ok=True)
         scene.cycles.film_exposure = record["exposure"]
         # The clamp on indirect light acts before the exposure.
         scene.cycles.sample_clamp_indirect = 10 / record["exposure"]
-
-        def write():
-            record_path.write_text(json.dumps(record, indent=1) + "\n")
-
-        def renders(name, spp, seed, **about):
-            path = args.out / name
-            if not path.exists() or name not in record["files"]:
-                seconds = render(scene, path, spp, args.seed * 10007 + seed)
-                record["files"][name] = {"spp": spp, "seconds": seconds} | about
-                write()
-            return path
-
-        if "dropped" in record:
-            return write()
-
-        def reference_half(name, spp, seed, pilot):
-            """A pilot of `pilot` samples first, when it is not 0, is merged into it."""
-            if name in record["files"]:
-                return args.out / name
-            rest, seconds = args.out / f"rest-{name}", 0
-            if spp > pilot:
-                seconds = render(scene, rest, spp - pilot, args.seed * 10007 + seed)
-            if pilot:
-                seconds += record["files"][f"pilot-{name}"]["seconds"]
-                if spp > pilot:
-                    write_mean(args.out / name, args.out / f"pilot-{name}", pilot, rest, spp - pilot)
-                else:
-                    (args.out / f"pilot-{name}").rename(args.out / name)
-                del record["files"][f"pilot-{name}"]
-            else:
-                rest.rename(args.out / name)
-            record["files"][name] = {"spp": spp, "seconds": round(seconds, 3)}
-            write()
-            return args.out / name
-
-        if args.reference_spp:
-            choose_layers(scene, ())
-            names = ("reference-a.exr", "reference-b.exr")
-            spp, pilot = args.reference_spp // 2, 0
-            if args.reference_psnr:
-                pilot = PILOT_SPP
-                if "reference_spp" not in record:
-                    pilots = [read_colour(renders("pilot-" + n, pilot, 6000 + i)) for i, n in enumerate(names)]
-                    missing = args.reference_psnr - noise(*pilots)["psnr"]
-                    record["reference_spp"] = 2 * max(pilot, min(spp, round(pilot * 10 ** (missing / 10))))
-                spp = record["reference_spp"] // 2
-            halves = [read_colour(reference_half(n, spp, 5000 + i, pilot)) for i, n in enumerate(names)]
-            record["noise"] = noise(*halves)
-            dropped = "noise" if too_noisy(record["noise"]) else dull(sum(halves) / 2)
-            if dropped:
-                record["dropped"] = dropped
-                for name in record["files"]:
-                    (args.out / name).unlink(missing_ok=True)
-                return write()
-        choose_layers(scene, FUSION_LAYERS if args.layers == "fusion" else LAYERS)
-        for spp in args.spp:
-            renders(f"{spp:04}.exr", spp, spp, layers=args.layers)
-        choose_layers(scene, ())
-        for spp in args.plain_spp:
-            renders(f"{spp:04}.exr", spp, spp)
-        for scale, spp in args.lrhs:
-            choose_layers(scene, (), albedo=True)
-            with smaller(scene, scale, nearest=True):
-                renders(f"lrhs-x{scale}-{spp:04}.exr", spp, 10000 * scale + spp, scale=scale, layers="albedo")
-        for scale, spp in args.lowres:
-            choose_layers(scene, ())
-            with smaller(scene, scale, nearest=False):
-                renders(f"lowres-x{scale}-{spp:04}.exr", spp, 10000 * scale + 5000 + spp, scale=scale)
-        record["whole"] = True
-        write()
+        view = View(args, scene, record)
+        if "dropped" not in record:
+            view.render_all()
+        view.write()
 
 
 main()
