@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import safetensors
 from evaluation import test_set
-from evaluation.baselines import Atrous, atrous, bicubic
+from evaluation.baselines import TUNED, atrous, bicubic
 from evaluation.changes import CHANGES
 from evaluation.images import Exr, layers, psnr, read, relmse
 
@@ -56,8 +56,11 @@ class Job:
         files = [name for name in (self.lrhs, self.hrls, *test_set.HALVES) if name]
         parts = [self.method, self.lrhs, self.change, *(test_set.digest(view.folder / name) for name in files)]
         parts += [self.model.digest] if self.model else []
-        parts += [str(Atrous())] if self.method == "atrous" else []
+        parts += [str(self.filter())] if self.method == "atrous" else []
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
+
+    def filter(self):
+        return TUNED[int(pathlib.Path(self.hrls).stem)]
 
     def changed_files(self, view, folder):
         """(LRHS, HRLS, what to multiply the result by); new files go to `folder`."""
@@ -89,7 +92,7 @@ class Job:
         elif self.method == "render":
             result = read(view.folder / self.hrls)
         elif self.method == "atrous":
-            result = atrous(*layers(view.folder / self.hrls, ("color", "albedo", "normal")))
+            result = atrous(*layers(view.folder / self.hrls, ("color", "albedo", "normal")), self.filter())
         else:
             low = read(view.folder / self.lrhs)
             result = bicubic(low, view.reference().shape[0] // low.shape[0])

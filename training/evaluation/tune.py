@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tunes the a-trous filter, parameter by parameter, on training views: tune.py VIEWS [COUNT [SPP ...]]."""
+"""Tunes the a-trous filter, parameter by parameter, on training views: tune.py VIEWS [COUNT]."""
 
 import dataclasses
 import pathlib
@@ -10,29 +10,25 @@ import torch
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent))
 from evaluation import test_set
-from evaluation.baselines import Atrous, atrous
+from evaluation.baselines import TUNED, atrous
 from evaluation.images import layers, psnr, relmse
 
 STEPS = (2.0, 1.4)
 WORTHWHILE_DB = 0.005
 
 
-def load(view, counts):
-    """(reference, [(color, albedo, normal) by spp])"""
-    return view.reference(), [layers(view.folder / test_set.render(n), ("color", "albedo", "normal")) for n in counts]
+def load(view, spp):
+    """(reference, (color, albedo, normal))"""
+    return view.reference(), layers(view.folder / test_set.render(spp), ("color", "albedo", "normal"))
 
 
 def score(views, parameters):
-    """Mean of PSNR and of RelMSE in decibels, summed: no scene outweighs another."""
-    scores = []
-    for reference, renders in views:
-        for render in renders:
-            image = atrous(*render, parameters)
-            scores.append((psnr(image, reference), -10 * numpy.log10(relmse(image, reference))))
-    return numpy.mean(scores, axis=0)
+    """Mean of PSNR and of RelMSE in decibels, to be summed: no scene outweighs another."""
+    images = [(atrous(*render, parameters), reference) for reference, render in views]
+    return numpy.mean([(psnr(*pair), -10 * numpy.log10(relmse(*pair))) for pair in images], axis=0)
 
 
-def tune(views, best=Atrous()):
+def tune(views, best):
     best_score = score(views, best)
     for step in STEPS:
         for name in dataclasses.asdict(best):
@@ -48,10 +44,12 @@ def tune(views, best=Atrous()):
 
 def main():
     torch.set_num_threads(1)
-    count, *counts = map(int, sys.argv[2:] or [10])
+    count = int(sys.argv[2]) if len(sys.argv) > 2 else 20
     views = test_set.load(sys.argv[1])
-    step = max(1, len(views) // count)
-    tune([load(view, counts or test_set.AVERAGES) for view in views[::step][:count]])
+    views = views[:: max(1, len(views) // count)][:count]
+    for spp, best in TUNED.items():
+        print(f"{spp} spp")
+        tune([load(view, spp) for view in views], best)
 
 
 main()
