@@ -1,8 +1,5 @@
 #!/usr/bin/python3
-"""Tests of the evaluation: self_test.py [PROGRAM [MODEL]]; with both also of the program, on a made-up view.
-
-Exits with 77, skipped, where a Python package is missing.
-"""
+"""Tests of the evaluation: self_test.py [PROGRAM [MODEL]]; with both also of the program, on a made-up view."""
 
 import json
 import pathlib
@@ -11,17 +8,14 @@ import tempfile
 import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent))
-try:
-    import numpy
 
-    from evaluation import agreement, tables, test_set
-    from evaluation.baselines import TUNED, atrous, bicubic
-    from evaluation.changes import CHANGES
-    from evaluation.images import Exr, psnr, read, relmse
-    from evaluation.jobs import Job, Model, Score, Store
-except ImportError as missing:
-    print(missing)
-    sys.exit(77)
+import numpy
+
+from evaluation import agreement, tables, test_set
+from evaluation.baselines import TUNED, atrous, bicubic
+from evaluation.changes import CHANGES
+from evaluation.images import Exr, psnr, read, relmse
+from evaluation.jobs import Job, Model, Score, Store
 
 SIZE = 64
 LAYERS = ("Combined", "DiffDir", "DiffInd", "DiffCol", "GlossDir", "GlossInd", "GlossCol", "Denoising Albedo")

@@ -1,0 +1,101 @@
+#!/usr/bin/python3
+"""Tests of the network's choices and of the making of training pairs."""
+
+import dataclasses
+import random
+import unittest
+
+import torch
+
+import dataset
+import model
+import stock
+
+
+class Lookalike:
+    """A view whose images are smooth ramps, so that every crop tells where it comes from."""
+
+    def __init__(self, size=96):
+        y, x = torch.meshgrid(torch.arange(size) / size, torch.arange(size) / size, indexing="ij")
+        color = torch.stack([0.2 + x, 0.3 + y, 0.4 + x * y])
+        normal = torch.stack([x - 0.5, 0.5 - y, x**0])  # y points up
+        layers = torch.cat([color, color / 2, normal, color, 0 * color])
+        self.layers = {spp: layers.half() for spp in dataset.HRLS_SPP}
+        self.colors = {spp: color.half() for spp in (1, 2, 4, 8, 16, 32, 64)}
+        self.reference, self.mean_sqrt = color.half(), float(model.luminance(color).sqrt().mean())
+
+    lrhs = dataset.View.lrhs
+
+
+def bent(config, **choices):
+    return dataclasses.replace(config, **choices)
+
+
+class Choices(unittest.TestCase):
+    def test_metadata_comes_back(self):
+        for config in [stock.config(name) for name in stock.names()] + [model.Config(), model.Config(2, merge_relu=True)]:
+            self.assertEqual(model.Config.parse(config.metadata()), config)
+
+    def test_shapes(self):
+        for choices in ({}, {"hrls_encoder": "unshuffled"}, {"upscale": "direct", "upscaled_features": 5, "guide": "hrls"}):
+            config = model.Config(4, 6, 4, 2, 1, 1, **choices)
+            fused = model.predict(model.Network(config), torch.rand(2, 3, 4, 5), torch.rand(2, 18, 16, 20))[1]
+            self.assertEqual(tuple(fused.shape), (2, 3, 16, 20))
+
+    def test_centered_lrhs_has_a_bias_of_its_own(self):
+        config = bent(stock.config("x4-fast"), base="none")
+        network = model.Network(config)
+        network.lrhs.centered_bias.data += 1
+        images = torch.rand(1, 3, 4, 4), torch.rand(1, 18, 16, 16)
+        alike = [model.predict(network, *images, torch.tensor(centered))[0] for centered in (False, True)]
+        self.assertFalse(torch.equal(*alike))
+
+    def test_exposure_follows_the_inputs(self):
+        config, lrhs = stock.config("x4-fast"), torch.rand(1, 3, 8, 8)
+        self.assertAlmostEqual(model.exposure(lrhs, config) / model.exposure(8 * lrhs, config), 8, places=4)
+        self.assertEqual(model.exposure(0 * lrhs, config), 1)
+
+
+class Pairs(unittest.TestCase):
+    def test_nearest_samples_lie_on_the_reference(self):
+        """Whatever the mirroring, transposition, exposure and order of channels, all images still show one scene."""
+        config = bent(stock.config("x4-fast"), lrhs_sampling=("nearest",))
+        for seed in range(20):
+            lrhs, hrls, reference, centered = dataset.sample([Lookalike()], config, 32, random.Random(seed))
+            self.assertFalse(centered.any())
+            torch.testing.assert_close(lrhs, reference[:, ::4, ::4])
+            torch.testing.assert_close(hrls[:3], reference)
+
+    def test_centered_samples_lie_in_the_middle_of_their_cells(self):
+        for scale in (2, 4, 8):
+            ramp = torch.arange(64.0).expand(3, 64, 64)
+            cells = dataset.centered(ramp, scale)
+            torch.testing.assert_close(cells[0, 4, 2:-2], torch.arange(64 // scale)[2:-2] * scale + (scale - 1) / 2)
+
+    def test_normals_turn_with_the_image(self):
+        """The surface bends to the right and downwards; so it must in every augmented image."""
+        for seed in range(20):
+            layers = Lookalike().layers[1].float()
+            color = layers[:3].clone()
+            normal = dataset.augment(layers, color, color, random.Random(seed))[0][6:9]
+            self.assertGreater(float((normal[0, :, 1:] - normal[0, :, :-1]).min()), 0)
+            self.assertLess(float((normal[1, 1:] - normal[1, :-1]).max()), 0)
+
+    def test_fewer_samples_for_hrls(self):
+        rng = random.Random(1)
+        for scale in (2, 4, 8):
+            self.assertTrue(all(high < low for low, high in (dataset.spp_pair(scale, rng) for _ in range(200))))
+
+    def test_dropped_layers_are_black(self):
+        config, rng = stock.config("x4-fast"), random.Random(1)
+        seen = set()
+        for _ in range(200):
+            hrls = torch.ones(18, 4, 4)
+            dataset.drop_layers(hrls, config, rng)
+            self.assertTrue((hrls[:3] == 1).all() and (hrls[15:] == 1).all())
+            seen.add(int((hrls == 0).sum()) // 48)
+        self.assertEqual(seen, {0, 1, 4})
+
+
+if __name__ == "__main__":
+    unittest.main()
