@@ -39,7 +39,8 @@ struct Architecture {
   Transfer transfer = Transfer::kLinear;
   float exposure_key = 0;  // what exposure_of() brings LRHS to; 0: inputs are read as they are
   float clip = 0;          // of radiance, scene linear
-  bool lrhs_centered = false;   // the default: LRHS samples in the centre of their cell, not its top-left pixel
+  bool lrhs_centered =
+      false;  // the default: LRHS samples in the centre of their cell, not its top-left pixel
   bool both_samplings = false;  // trained on both, with a bias of its own for centered samples
   bool bilinear_base = false;   // the output is a residual over the bilinearly upsampled LRHS
 

@@ -9,13 +9,14 @@
 namespace raymeld::test {
 namespace {
 
-#define COUNTED_FUNCTIONS(X)                                                                                \
-  X(AllocateMemory)                                                                                         \
-  X(CreateBuffer)                                                                                           \
-  X(MapMemory) X(CreateDescriptorSetLayout) X(CreatePipelineLayout) X(CreateDescriptorPool)                 \
-      X(AllocateDescriptorSets) X(CreateCommandPool) X(AllocateCommandBuffers) X(CreateShaderModule)        \
-          X(CreatePipelineCache) X(CreateComputePipelines) X(CreateFence) X(CreateQueryPool) X(QueueSubmit) \
-              X(WaitForFences) X(DeviceWaitIdle)
+#define COUNTED_FUNCTIONS(X)                                                                             \
+  X(AllocateMemory)                                                                                      \
+  X(CreateBuffer)                                                                                        \
+  X(MapMemory)                                                                                           \
+  X(CreateDescriptorSetLayout) X(CreatePipelineLayout) X(CreateDescriptorPool) X(AllocateDescriptorSets) \
+      X(CreateCommandPool) X(AllocateCommandBuffers) X(CreateShaderModule) X(CreatePipelineCache)        \
+          X(CreateComputePipelines) X(CreateFence) X(CreateQueryPool) X(QueueSubmit) X(WaitForFences)    \
+              X(DeviceWaitIdle)
 
 std::map<std::string, int> calls;
 
