@@ -37,10 +37,9 @@ struct Architecture {
   bool hrls_guide = false;         // the encoded HRLS is read again beside the upscaled features
   uint32_t head_features = 0;      // of a convolution before the last one; 0: none
   Transfer transfer = Transfer::kLinear;
-  float exposure_key = 0;  // what exposure_of() brings LRHS to; 0: inputs are read as they are
-  float clip = 0;          // of radiance, scene linear
-  bool lrhs_centered =
-      false;  // the default: LRHS samples in the centre of their cell, not its top-left pixel
+  float exposure_key = 0;       // what exposure_of() brings LRHS to; 0: inputs are read as they are
+  float clip = 0;               // of radiance, scene linear
+  bool lrhs_centered = false;   // by default LRHS samples lie in the centre of their cell, not top left
   bool both_samplings = false;  // trained on both, with a bias of its own for centered samples
   bool bilinear_base = false;   // the output is a residual over the bilinearly upsampled LRHS
 

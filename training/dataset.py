@@ -53,7 +53,8 @@ class View:
         spp = sorted(int(path.stem) for path in folder.glob("[0-9]*.exr"))
         half = lambda image: image.clamp(-model.HALF_MAX, model.HALF_MAX).half()
         self.layers = {s: half(read(folder / f"{s:04}.exr", LAYERS)) for s in spp if s in HRLS_SPP}
-        self.colors = {s: half(read(folder / f"{s:04}.exr", ("color",))) for s in spp}
+        color = lambda s: self.layers[s][:3] if s in self.layers else half(read(folder / f"{s:04}.exr", ("color",)))
+        self.colors = {s: color(s) for s in spp}
         halves = [read(folder / f"reference-{half}.exr", ("color",)).clamp(0, TARGET_CLIP) for half in "ab"]
         reference = sum(halves) / 2
         self.reference = reference.half()
@@ -65,6 +66,10 @@ class View:
             return self.colors[spp].float()
         others = [s for s in self.colors if s != hrls_spp]
         return sum(s * self.colors[s].float() for s in others) / sum(others)
+
+    def exposure(self, config):
+        """As model.exposure of a clean LRHS."""
+        return config.exposure_key / max(self.mean_sqrt, 1e-3) ** 2 if config.exposure_key else 1.0
 
 
 def load(folder):
@@ -148,9 +153,7 @@ def sample(views, config, size, rng):
     cut = (slice(None), slice(y, y + size), slice(x, x + size))
     images = (view.layers[high].float()[cut], view.reference[cut].float(), view.lrhs(low, high)[cut])
     layers, reference, color = augment(*images, rng)
-    exposure = 2 ** rng.uniform(-1.5, 1.5)
-    if config.exposure_key:
-        exposure *= config.exposure_key / max(view.mean_sqrt, 1e-3) ** 2
+    exposure = 2 ** rng.uniform(-1.5, 1.5) * view.exposure(config)
     layers[RADIANCE] *= exposure
     hrls = with_variance(layers)
     drop_layers(hrls, config, rng)
@@ -165,7 +168,7 @@ def batch(views, config, size, count, seed):
 
 def pair(view, config, low, high):
     """A whole view as the network reads it, batch of one: lrhs, hrls, reference, and the exposure of all three."""
-    exposure = config.exposure_key / max(view.mean_sqrt, 1e-3) ** 2 if config.exposure_key else 1.0
+    exposure = view.exposure(config)
     layers = view.layers[high].float()
     layers[RADIANCE] *= exposure
     lrhs = view.lrhs(low, high)[None, :, :: config.scale, :: config.scale]

@@ -24,7 +24,7 @@ class Lookalike:
         self.colors = {spp: color.half() for spp in (1, 2, 4, 8, 16, 32, 64)}
         self.reference, self.mean_sqrt = color.half(), float(model.luminance(color).sqrt().mean())
 
-    lrhs = dataset.View.lrhs
+    lrhs, exposure = dataset.View.lrhs, dataset.View.exposure
 
 
 def bent(config, **choices):

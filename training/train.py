@@ -102,8 +102,8 @@ class Run:
         return lrhs, torch.zeros_like(hrls) if self.args.without == "hrls" else hrls
 
     def inputs(self, lrhs, hrls):
-        layers = hrls.split(3, dim=1)
         if self.args.without == "layers":
+            layers = hrls.split(3, dim=1)
             hrls = torch.cat([layers[model.LAYERS.index(name)] for name in self.config.hrls_layers], dim=1)
         return self.blank(lrhs, hrls.contiguous(memory_format=torch.channels_last))
 

@@ -77,9 +77,9 @@ class Fusion {
   void record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
               const FrameBuffer& fused, float exposure = 1);
 
-  // What fuse() multiplies radiance by for an LRHS, in host memory, planar and dense (3, h, w):
-  // FusionOptions:: exposure, else what brings LRHS to the brightness that the model was trained at; 1 for
-  // models that ask for none.
+  // What fuse() multiplies radiance by for an LRHS, in host memory, planar and dense (3, h, w): the option
+  // exposure, else what brings LRHS to the brightness that the model was trained at; 1 for models that ask
+  // for none.
   float exposure(const float* lrhs) const;
 
   // Fuses one frame of host memory, planar and dense: lrhs (3, h, w), hrls (3 layers, s h, s w), fused (3, s

@@ -7,6 +7,8 @@ import zipfile
 import bpy
 from mathutils import Matrix, Vector
 
+import shapes
+
 # {catalogue file name: {model path: why}}, written by probe.py
 SKIP = json.loads(pathlib.Path(__file__).with_name("skip.json").read_text())
 LEFT_OUT_CATEGORIES = ("Doors and windows", "Doors", "Windows", "Staircases")
@@ -52,10 +54,7 @@ class Model:
 
 
 def fit(parts, size_m):
-    corners = [o.matrix_world @ Vector(c) for o in parts for c in o.bound_box]
-    low = Vector(min(c[i] for c in corners) for i in range(3))
-    high = Vector(max(c[i] for c in corners) for i in range(3))
-    base = Vector(((low.x + high.x) / 2, (low.y + high.y) / 2, low.z))
+    low, high, base = shapes.bounds(parts)
     scale = [size_m[i] / max(high[i] - low[i], 1e-4) for i in range(3)]
     fitted = Matrix.Diagonal((*scale, 1)) @ Matrix.Translation(-base)
     root = bpy.data.objects.new("model", None)

@@ -144,8 +144,7 @@ def landscape(b):
         return shapes.height_at(land, x, y)
 
     if rng.random() < 0.3:
-        lake = materials.new_material("water")[0]
-        shader = lake.node_tree.nodes["Principled BSDF"]
+        lake, _, shader = materials.new_material("water")
         shader.inputs["Base Color"].default_value = (0.02, 0.06, 0.08, 1)
         shader.inputs["Roughness"].default_value = rng.uniform(0.02, 0.2)
         level = sorted(ground(rng.uniform(-20, 20), rng.uniform(-20, 20)) for _ in range(20))[6]
@@ -191,8 +190,7 @@ def facade(b, x, y, width, height, depth):
             frames.append(((left - 0.1, y - 0.2, low - 0.1), (left + w + 0.1, y, low)))
     if frames:
         b.boxes(frames, b.surface(plain=0.6))
-        pane = materials.new_material("pane")[0]
-        shader = pane.node_tree.nodes["Principled BSDF"]
+        pane, _, shader = materials.new_material("pane")
         shader.inputs["Base Color"].default_value = (0.03, 0.04, 0.05, 1)
         shader.inputs["Roughness"].default_value = 0.03
         b.boxes(panes, rng.choice((pane, pane, materials.light_emitter(rng, 2), b.glowing(2))))

@@ -22,12 +22,17 @@ def enable_add_ons():
         addon_utils.enable(name)
 
 
-def stand(parts, size_m):
-    """Scales meshes together to a largest extent of size_m and stands them on the origin; returns the parts."""
+def bounds(parts):
+    """The lowest and the highest corner of meshes' common bounding box, and the middle of its bottom."""
     corners = [o.matrix_world @ Vector(c) for o in parts for c in o.bound_box]
     low = Vector(min(c[i] for c in corners) for i in range(3))
     high = Vector(max(c[i] for c in corners) for i in range(3))
-    base = Vector(((low.x + high.x) / 2, (low.y + high.y) / 2, low.z))
+    return low, high, Vector(((low.x + high.x) / 2, (low.y + high.y) / 2, low.z))
+
+
+def stand(parts, size_m):
+    """Scales meshes together to a largest extent of size_m and stands them on the origin; returns the parts."""
+    low, high, base = bounds(parts)
     change = Matrix.Scale(size_m / max(high - low), 4) @ Matrix.Translation(-base)
     for part in parts:
         part.data.transform(change @ part.matrix_world)
