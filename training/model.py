@@ -7,8 +7,15 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
+from joint_filter import joint_filter
+
 LAYERS = ("color", "albedo", "normal", "diffuse", "specular", "variance")
 HALF_MAX = 65504.0
+ALBEDO_FLOOR = 0.4
+# The joint filter: what it filters is log(1 + JOINT_COMPRESS x) / JOINT_COMPRESS; the widths of its guides; the levels kept.
+JOINT_COMPRESS = 0.2
+JOINT_ALBEDO, JOINT_NORMAL, JOINT_IRRADIANCE = 3.0, 1.2, 0.0667
+JOINT_LEVELS = (1, 3, 5)
 
 
 @dataclasses.dataclass
@@ -20,6 +27,7 @@ class Config:
     blocks: int = 2
     groups: int = 1
     hrls_layers: tuple = LAYERS
+    lrhs_layers: tuple = ("color",)
     long_skip: str = "lrhs"
     merge_relu: bool = False
     hrls_encoder: str = "full"
@@ -41,6 +49,10 @@ class Config:
     def halvings(self):
         return int(math.log2(self.scale))
 
+    @property
+    def joint_layers(self):
+        return len(JOINT_LEVELS) if self.base == "joint" else 0
+
     def metadata(self):
         def text(value):
             if isinstance(value, tuple):
@@ -53,7 +65,7 @@ class Config:
 
     @classmethod
     def parse(cls, metadata):
-        """The inverse of metadata(); entries that are not the network's are left out."""
+        """The inverse of metadata(); entries that are not the network's are left out, missing ones have the default."""
 
         def value(field):
             text = metadata[field.name]
@@ -62,7 +74,7 @@ class Config:
                 return tuple(text.split(",")) if text else ()
             return text == "true" if kind is bool else kind(text)
 
-        return cls(**{field.name: value(field) for field in dataclasses.fields(cls)})
+        return cls(**{field.name: value(field) for field in dataclasses.fields(cls) if field.name in metadata})
 
 
 def transfer(x, kind):
@@ -80,9 +92,21 @@ def encode_layer(x, name, config):
     return x if name in ("albedo", "normal") else transfer(x, config.transfer)
 
 
-def encode(x, names, config):
-    layers = x.split(3, dim=1)
-    return torch.cat([encode_layer(layer, name, config) for layer, name in zip(layers, names, strict=True)], dim=1)
+def texture(albedo):
+    """What irradiance is multiplied by; the floor is for what reflects light without an albedo."""
+    return torch.nan_to_num(albedo, nan=0.0).clamp(0, 1) + ALBEDO_FLOOR
+
+
+def encode(layers, names, config):
+    """The encoded layers of these names, out of {name: [N, 3, H, W]} as rendered; irradiance is derived."""
+
+    def encoded(name):
+        if name == "irradiance":
+            color = torch.nan_to_num(layers["color"], nan=0.0, posinf=config.clip, neginf=0.0).clamp(0, config.clip)
+            return transfer(color / texture(layers["albedo"]), config.transfer)
+        return encode_layer(layers[name], name, config)
+
+    return torch.cat([encoded(name) for name in names], dim=1)
 
 
 def variance(color):
@@ -136,14 +160,17 @@ class Group(nn.Module):
 
 
 class Network(nn.Module):
-    """Encoded lrhs [N, 3, h, w] and hrls [N, K, s*h, s*w] -> encoded image [N, 3, s*h, s*w]."""
+    """Encoded lrhs [N, 3 or 6, h, w] and hrls [N, K, s*h, s*w] -> encoded image [N, 3, s*h, s*w].
+
+    With a joint base: a residual and the logarithm of a weight for each candidate, and K counts those of the filter.
+    """
 
     def __init__(self, config):
         super().__init__()
         self.config = config
         c, s, halvings = config.features, config.scale, config.halvings
-        k, m = 3 * len(config.hrls_layers), config.upscaled_features
-        self.lrhs = nn.Conv2d(3, c, 3, padding=1)
+        k, m = 3 * (len(config.hrls_layers) + config.joint_layers), config.upscaled_features
+        self.lrhs = nn.Conv2d(3 * len(config.lrhs_layers), c, 3, padding=1)
         if len(config.lrhs_sampling) == 2:
             self.lrhs.centered_bias = nn.Parameter(self.lrhs.bias.detach().clone())
         if config.hrls_encoder == "full":
@@ -161,8 +188,9 @@ class Network(nn.Module):
         if config.head_features:
             self.head = nn.Conv2d(last, config.head_features, 3, padding=1)
             last = config.head_features
-        self.rec = nn.Conv2d(last, 3, 3, padding=1)
-        if config.base == "bilinear":
+        candidates = 2 + config.joint_layers if config.base == "joint" else 0
+        self.rec = nn.Conv2d(last, 3 + candidates, 3, padding=1)
+        if config.base != "none":
             nn.init.zeros_(self.rec.bias)
             self.rec.weight.data.mul_(0.1)
 
@@ -199,19 +227,46 @@ class Network(nn.Module):
         return self.rec(y)
 
 
+@torch.no_grad()
+def joint_candidates(low, hrls, config):
+    """What the output is mixed of, encoded: LRHS (`low`, upsampled), its irradiance textured, the levels of the filter."""
+    high = texture(hrls["albedo"])
+    lit = torch.nan_to_num(hrls["color"], nan=0.0, posinf=config.clip, neginf=0.0).clamp(0, config.clip) / high
+    guides = encode_layer(hrls["albedo"], "albedo", config) / JOINT_ALBEDO, encode_layer(hrls["normal"], "normal", config) / JOINT_NORMAL
+    guides = torch.cat([*guides, luminance(low[:, 3:6])[:, None] / JOINT_IRRADIANCE], dim=1)
+    levels = joint_filter(torch.log1p(JOINT_COMPRESS * lit) / JOINT_COMPRESS, guides, max(JOINT_LEVELS))
+    filtered = [torch.expm1(JOINT_COMPRESS * levels[level - 1]) / JOINT_COMPRESS for level in JOINT_LEVELS]
+    irradiance = decode(low[:, 3:6].float(), config.transfer)
+    return low[:, :3], *(transfer(light * high, config.transfer) for light in (irradiance, *filtered))
+
+
 def predict(network, lrhs, hrls, centered=torch.tensor(False)):
-    """As rendered, lrhs [N, 3, h, w] and hrls [N, K, s*h, s*w] -> (encoded, scene linear) image [N, 3, s*h, s*w].
+    """{layer: image} as rendered, lrhs [N, 3, h, w], hrls [N, 3, s*h, s*w] -> (encoded, scene linear) [N, 3, s*h, s*w].
 
     `centered` as in Network.forward.
     """
     config = network.config
-    lrhs = encode(lrhs, ("color",), config)
-    y = network(lrhs, encode(hrls, config.hrls_layers, config), centered)
-    if config.base == "bilinear":
-        bases = [bilinear(lrhs, config.scale)]
+    # Conversions of its own, layer by layer, would take a third of a training step.
+    dtype = torch.bfloat16 if torch.is_autocast_cpu_enabled() else torch.float32
+    ready = lambda x: x.to(dtype, memory_format=torch.channels_last)
+    low = encode(lrhs, config.lrhs_layers, config)
+    high = encode(hrls, config.hrls_layers, config)
+
+    def upsampled(x):
+        bases = [bilinear(x, config.scale)]
         if centered.any():
-            bases.append(bilinear(lrhs, config.scale, (config.scale - 1) / 2))
-        y = y + torch.where(centered, bases[-1], bases[0])
+            bases.append(bilinear(x, config.scale, (config.scale - 1) / 2))
+        return torch.where(centered, bases[-1], bases[0])
+
+    if config.base == "joint":
+        candidates = joint_candidates(upsampled(low), hrls, config)
+        y = network(ready(low), ready(torch.cat([high, *candidates[2:]], dim=1)), centered).float()
+        weights = torch.softmax(y[:, 3:], dim=1).unbind(1)
+        y = y[:, :3] + sum(w[:, None] * candidate for w, candidate in zip(weights, candidates, strict=True))
+    else:
+        y = network(ready(low), ready(high), centered)
+        if config.base == "bilinear":
+            y = y + upsampled(low[:, :3])
     return y, decode(y, config.transfer)
 
 

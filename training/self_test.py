@@ -8,6 +8,7 @@ import unittest
 import torch
 
 import dataset
+import grow
 import model
 import stock
 
@@ -54,6 +55,22 @@ class Choices(unittest.TestCase):
         config, lrhs = stock.config("x4-fast"), torch.rand(1, 3, 8, 8)
         self.assertAlmostEqual(model.exposure(lrhs, config) / model.exposure(8 * lrhs, config), 8, places=4)
         self.assertEqual(model.exposure(0 * lrhs, config), 1)
+
+
+class Grow(unittest.TestCase):
+    def test_grown_network_computes_the_same(self):
+        small = model.Config(4, 6, 4, 2, 1, 1, hrls_encoder="unshuffled", upscale="direct", upscaled_features=5)
+        large = bent(small, features=9, growth=7, dense_layers=3, blocks=3, groups=3)
+        networks = model.Network(small), model.Network(large)
+        self.assertTrue(grow.is_smaller(small, large))
+        self.assertFalse(grow.is_smaller(large, small))
+        networks[1].load_state_dict(grow.grow(networks[0].state_dict(), small, large, networks[1].state_dict()))
+        lrhs, hrls = torch.rand(2, 3, 6, 5), torch.rand(2, 18, 24, 20)
+        a, b = (network(lrhs, hrls) for network in networks)
+        torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-5)
+        # All that is new learns, at once or a step later.
+        b.sum().backward()
+        self.assertGreater(float(networks[1].groups[0].blocks[0].merge.weight.grad.abs().sum()), 0)
 
 
 class Pairs(unittest.TestCase):

@@ -1,6 +1,4 @@
-"""The stock models: x{2,4,8}-{full,balanced,fast}, and single-input versions of them for comparison."""
-
-import dataclasses
+"""The stock models: x{2,4,8}-{full,balanced,fast}."""
 
 from model import Config
 
@@ -15,6 +13,8 @@ CHOICES = dict(
     lrhs_sampling=("nearest", "centered"),
     optional_layers=("albedo", "normal", "diffuse", "specular"),
     exposure_key=0.18,
+    base="joint",
+    lrhs_layers=("color", "irradiance"),
     clip=100.0,
 )
 # features, growth, dense_layers, blocks, groups; full has the trunk of Hou et al. 2021.
@@ -25,10 +25,6 @@ def config(name):
     """The Config of a stock model's name."""
     scale, size = name.removeprefix("x").split("-")
     return Config(int(scale), *SIZES[size], **CHOICES)
-
-
-def rgb_only(config):
-    return dataclasses.replace(config, hrls_layers=("color", "variance"), optional_layers=())
 
 
 def names():

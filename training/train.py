@@ -12,6 +12,7 @@ import time
 import torch
 
 import dataset
+import grow
 import loss
 import model
 import safetensors
@@ -28,7 +29,7 @@ def parse():
     parser.add_argument("--run", required=True, type=pathlib.Path, help="folder for checkpoint.pt and log.csv")
     parser.add_argument("--model", required=True, choices=stock.names(), help="which stock model")
     parser.add_argument("--without", choices=WITHOUT, default="none", help="ablation: without an input, or with RGB only")
-    parser.add_argument("--init", help="model file whose tensors of the same shape are the start")
+    parser.add_argument("--init", help="model file to start from: a smaller model, or what fits of another's tensors")
     parser.add_argument("--loss", choices=("l1", "robust"), default="l1")
     parser.add_argument("--beta", type=float, default=0.1, help="of the robust loss")
     parser.add_argument("--minutes", type=float, required=True, help="training time; ends the cosine decay of the rate")
@@ -41,18 +42,20 @@ def parse():
     return parser.parse_args()
 
 
-def config_of(args):
-    config = stock.config(args.model)
-    if args.without == "lrhs":
-        config = dataclasses.replace(config, base="none")
-    return stock.rgb_only(config) if args.without == "layers" else config
+def overlaid(own, value):
+    """`own` with the corner that `value` fills; what else reads the inputs of it starts at zero."""
+    corner = tuple(slice(0, min(sizes)) for sizes in zip(own.shape, value.shape))
+    result = own.clone()
+    result[corner[0]] = 0
+    result[corner] = value[corner]
+    return result
 
 
 class Run:
     def __init__(self, args):
         self.args, self.step, self.seconds = args, 0, 0.0
         torch.manual_seed(1)
-        self.config = config_of(args)
+        self.config = stock.config(args.model)
         self.network = model.Network(self.config).to(memory_format=torch.channels_last)
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=args.rate)
         args.run.mkdir(parents=True, exist_ok=True)
@@ -66,13 +69,15 @@ class Run:
             self.average, self.step, self.seconds = saved["average"], saved["step"], saved["seconds"]
 
     def start_from(self, path):
-        """Takes what fits from a model file; returns how that was trained."""
+        """Becomes a model that is no larger, or takes what fits of another's tensors; returns how that was trained."""
         tensors, metadata = safetensors.load(path)
-        own = self.network.state_dict()
-        same = {key: torch.tensor(value).float() for key, value in tensors.items() if key in own}
-        same = {key: value for key, value in same.items() if own[key].shape == value.shape}
+        tensors = {key: torch.tensor(value).float() for key, value in tensors.items()}
+        own, small = self.network.state_dict(), model.Config.parse(metadata)
+        if grow.is_smaller(small, self.config):
+            same = grow.grow(tensors, small, self.config, own)
+        else:
+            same = {key: overlaid(own[key], value) for key, value in tensors.items() if key in own}
         self.network.load_state_dict(own | same)
-        print("started from", len(same), "of", len(own), "tensors", flush=True)
         return {"started_from": {"name": metadata["name"], "training": json.loads(metadata["training"])}}
 
     def save(self, views):
@@ -95,17 +100,15 @@ class Run:
     def progress(self):
         return min(1.0, self.seconds / 60 / self.args.minutes)
 
-    def blank(self, lrhs, hrls):
-        """Zeros in the place of an input that the network is trained without."""
-        if self.args.without == "lrhs":
-            return torch.zeros_like(lrhs), hrls
-        return lrhs, torch.zeros_like(hrls) if self.args.without == "hrls" else hrls
-
     def inputs(self, lrhs, hrls):
-        if self.args.without == "layers":
-            layers = hrls.split(3, dim=1)
-            hrls = torch.cat([layers[model.LAYERS.index(name)] for name in self.config.hrls_layers], dim=1)
-        return self.blank(lrhs, hrls.contiguous(memory_format=torch.channels_last))
+        """With zeros in the place of an input that the network is trained without."""
+        without = self.args.without
+        blank = lambda layers, names: layers | {name: torch.zeros_like(layers[name]) for name in names}
+        if without in ("lrhs", "layers"):
+            lrhs = blank(lrhs, lrhs if without == "lrhs" else ("albedo",))
+        if without in ("hrls", "layers"):
+            hrls = blank(hrls, hrls if without == "hrls" else self.config.optional_layers)
+        return lrhs, hrls
 
     def train_step(self, views):
         args = self.args
@@ -172,4 +175,5 @@ def main():
             run.save(len(training))
 
 
-main()
+if __name__ == "__main__":
+    main()

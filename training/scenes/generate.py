@@ -22,6 +22,7 @@ def parse():
     parser.add_argument("--catalogue", required=True, nargs="+")
     parser.add_argument("--seeds", required=True, help="FIRST:LAST, the last excluded")
     parser.add_argument("--size", type=int, default=192)
+    parser.add_argument("--frame", type=int, help="each view is a window of a frame of this size")
     parser.add_argument("--spp", type=int, nargs="+", default=[1, 2, 4, 8, 16, 32, 64])
     parser.add_argument("--reference-spp", type=int, default=512)
     parser.add_argument("--reference-psnr", type=float, help="noise at which a reference has samples enough, dB")
@@ -73,6 +74,8 @@ def main():
     first, last = map(int, args.seeds.split(":"))
     common = ["--width", str(args.size), "--height", str(args.size), "--catalogue", *args.catalogue]
     common += ["--spp", *map(str, args.spp), "--reference-spp", str(args.reference_spp)]
+    if args.frame:
+        common += ["--frame", str(args.frame)]
     if args.reference_psnr:
         common += ["--reference-psnr", str(args.reference_psnr)]
 

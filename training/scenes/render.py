@@ -64,6 +64,7 @@ def parse():
     parser.add_argument("--kind", choices=[*KINDS, *test_scenes.KINDS], help="default: one for training, by seed")
     parser.add_argument("--width", type=int, default=192)
     parser.add_argument("--height", type=int, default=192)
+    parser.add_argument("--frame", type=int, default=0, help="the view is a random window of a frame of this size")
     parser.add_argument("--spp", type=int, nargs="*", default=[], help="renders with layers")
     parser.add_argument("--layers", choices=("all", "fusion"), default="fusion")
     parser.add_argument("--plain-spp", type=int, nargs="*", default=[], help="renders with the colour only")
@@ -73,13 +74,16 @@ def parse():
     parser.add_argument("--reference-psnr", type=float, help="enough: fewer samples, if these will have this noise, dB")
     parser.add_argument("--depth", choices=("16", "32"), default="32", help="bits a channel")
     parser.add_argument("--threads", type=int, default=1)
-    return parser.parse_args(sys.argv[sys.argv.index("--") + 1 :])
+    args = parser.parse_args(sys.argv[sys.argv.index("--") + 1 :])
+    if args.frame and (args.frame < max(args.width, args.height) or args.lrhs or args.lowres):
+        parser.error("--frame: at least the width and the height, and neither --lrhs nor --lowres")
+    return args
 
 
 def set_up(args):
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
-    scene.render.resolution_x, scene.render.resolution_y = args.width, args.height
+    scene.render.resolution_x, scene.render.resolution_y = args.frame or args.width, args.frame or args.height
     scene.render.threads_mode, scene.render.threads = "FIXED", args.threads
     scene.render.use_persistent_data = True
     scene.render.image_settings.file_format = "OPEN_EXR_MULTILAYER"
@@ -171,7 +175,7 @@ def dull(linear):
 
 
 def probe(scene, rng, folder, reference_spp):
-    """Two small renders give (exposure, why the view is to be dropped or None).
+    """Two small renders give (exposure, their mean at it, why the view is to be dropped or None).
 
     The exposure brings the mean display value to a random 0.28..0.5.
     """
@@ -192,8 +196,31 @@ def probe(scene, rng, folder, reference_spp):
     exposed = noise(exposure * halves[0], exposure * halves[1])
     # Noise falls as the root of the count; 3 dB are left for the probe's own uncertainty.
     if reference_spp and exposed["psnr"] + 10 * numpy.log10(reference_spp / 32) < LEAST_PSNR - 3:
-        return exposure, "noise of the probe"
-    return exposure, dull(mean * exposure)
+        return exposure, mean * exposure, "noise of the probe"
+    return exposure, mean * exposure, dull(mean * exposure)
+
+
+def choose_window(rng, small, args):
+    """[left, top, right, bottom] in parts of the frame, of a window of which `small` shows something; or None."""
+    width, height = args.width / args.frame, args.height / args.frame
+    for _ in range(12):
+        left, top = rng.uniform(0, 1 - width), rng.uniform(0, 1 - height)
+        window = [round(edge * args.frame) / args.frame for edge in (left, top)]
+        window += [window[0] + width, window[1] + height]
+        columns, rows = (
+            slice(*(round(n * edge) for edge in edges))
+            for n, edges in zip((small.shape[1], small.shape[0]), (window[0::2], window[1::2]))
+        )
+        if not dull(small[rows, columns]):
+            return window
+    return None
+
+
+def set_window(scene, window):
+    render = scene.render
+    render.use_border = render.use_crop_to_border = True
+    render.border_min_x, render.border_max_x = window[0], window[2]
+    render.border_min_y, render.border_max_y = 1 - window[3], 1 - window[1]
 
 
 def models_used(models):
@@ -237,7 +264,7 @@ class View:
         return path
 
     def reference(self):
-        """Renders both halves; returns (a, b), [H, W, 3]."""
+        """Renders both halves, or only pilots of them if those promise too much noise; returns (a, b), [H, W, 3]."""
         choose_layers(self.scene, ())
         half_spp = self.args.reference_spp // 2
         if not self.args.reference_psnr:
@@ -245,7 +272,10 @@ class View:
         pilots = ["pilot-a.exr", "pilot-b.exr"]
         if "reference_spp" not in self.record:
             images = [read_colour(self.renders(pilot, PILOT_SPP, 6000 + i)) for i, pilot in enumerate(pilots)]
-            wanted = PILOT_SPP * 10 ** ((self.args.reference_psnr - noise(*images)["psnr"]) / 10)
+            pilot_psnr = noise(*images)["psnr"]
+            if pilot_psnr + 10 * numpy.log10(half_spp / PILOT_SPP) < LEAST_PSNR - 0.5:
+                return images
+            wanted = PILOT_SPP * 10 ** ((self.args.reference_psnr - pilot_psnr) / 10)
             self.record["reference_spp"] = 2 * max(PILOT_SPP, min(half_spp, round(wanted)))
         rest_spp = self.record["reference_spp"] // 2 - PILOT_SPP
         halves = []
@@ -315,11 +345,19 @@ def main():
         record_path = args.out / "view.json"
         if record_path.exists():
             record = json.loads(record_path.read_text())
+            if record.get("window"):
+                set_window(scene, record["window"])
             render(scene, pathlib.Path(folder) / "warm.exr", 1, 1)  # so that no time includes the scene's preparation
         else:
-            exposure, dropped = probe(scene, rng, folder, args.reference_spp)
+            exposure, small, dropped = probe(scene, rng, folder, args.reference_spp)
             record = {"version": VERSION, "seed": args.seed, "kind": kind, "exposure": exposure}
             record |= {"hdri": builder.hdri, "models": models_used(builder.used), "files": {}}
+            if args.frame and not dropped:
+                record["window"] = choose_window(rng, small, args)
+                if record["window"]:
+                    set_window(scene, record["window"])
+                else:
+                    dropped = "flat"
             if dropped:
                 record["dropped"] = dropped
         scene.cycles.film_exposure = record["exposure"]

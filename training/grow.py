@@ -1,0 +1,61 @@
+"""A larger network that starts as a smaller one: the same image to the last bit or so, with room to learn more.
+
+What the larger one has beyond the smaller (features, dense layers, blocks, groups) keeps its random weights, and whatever
+reads it starts at zero, after Chen et al., Net2Net: Accelerating Learning via Knowledge Transfer, 2016.
+"""
+
+import re
+
+import torch
+
+
+def input_widths(key, config):
+    """The widths of the features that a tensor of the trunk reads, one after another; None if it reads anything else."""
+    c, r = config.features, config.growth
+    if key == "fuse.weight":
+        return [c, c]
+    if key == "up.0.weight":
+        return [c]
+    if match := re.fullmatch(r"groups\.\d+\.blocks\.\d+\.(?:dense\.(\d+)|merge)\.weight", key):
+        return [c] + [r] * (int(match[1]) if match[1] else config.dense_layers)
+    return None
+
+
+def is_smaller(small, large):
+    """Whether a network of `small` can become one of `large`: Configs that differ in the trunk's size at most."""
+    sizes = ("features", "growth", "dense_layers", "blocks", "groups")
+    return all(
+        mine <= larger if name in sizes else mine == larger
+        for (name, mine), larger in zip(vars(small).items(), vars(large).values())
+    )
+
+
+def offsets(widths):
+    return [sum(widths[:i]) for i in range(len(widths))]
+
+
+def grow(tensors, small, large, own):
+    """The state of a network of `large`, `own` before, that computes what `tensors`, one of `small`, do."""
+    extra = large.groups - small.groups
+    state = {key: value.clone() for key, value in own.items()}
+    for key, value in state.items():
+        # A block that merges nothing hands its input on.
+        if ".merge." in key:
+            value.zero_()
+    for key, value in tensors.items():
+        name = re.sub(r"^groups\.(\d+)", lambda match: f"groups.{int(match[1]) + extra}", key)
+        value = value.clone()
+        if key.startswith("fuse."):
+            # The added groups come first; each, of blocks that hand on, doubles.
+            value *= 0.5**extra
+        target = state[name]
+        rows = slice(0, value.shape[0])
+        widths = input_widths(key, small)
+        if widths is None:
+            target[rows] = value
+            continue
+        target[rows] = 0
+        large_widths = input_widths(key, large)
+        for width, source, sink in zip(widths, offsets(widths), offsets(large_widths)):
+            target[rows, sink : sink + width] = value[:, source : source + width]
+    return state
