@@ -3,7 +3,9 @@
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
+#include "bilinear.glsl"
 #include "tensor.glsl"
+#include "transfer.glsl"
 
 layout(local_size_x = 32, local_size_y = 2) in;
 layout(push_constant) uniform Push { Decode p; };
@@ -14,17 +16,11 @@ layout(std430, binding = 4) readonly buffer Exposure { float exposure, inverse_e
 
 float lrhs_at(uint c, uint y, uint x) { return float(lrhs[address(c, y, x, p.lrhs_plane, p.lrhs_width)]); }
 
-// Exact in float: the inverse of a scale is a power of two, and a phase a multiple of one half.
-// LRHS pixel (i, j) samples the full-size image at (scale * i + phase, scale * j + phase).
 float bilinear(uint c, uint y, uint x) {
-  vec2 last = vec2(p.lrhs_width - 1, p.lrhs_height - 1);
-  vec2 at = clamp((vec2(x, y) - p.phase) * p.inverse_scale, vec2(0.0), last);
-  uvec2 low = uvec2(at);
-  uvec2 high = min(low + 1, uvec2(last));
-  vec2 t = at - vec2(low);
-  float top = mix(lrhs_at(c, low.y, low.x), lrhs_at(c, low.y, high.x), t.x);
-  float bottom = mix(lrhs_at(c, high.y, low.x), lrhs_at(c, high.y, high.x), t.x);
-  return mix(top, bottom, t.y);
+  Bilinear at = bilinear_at(uvec2(x, y), p.phase, p.inverse_scale, uvec2(p.lrhs_width, p.lrhs_height));
+  float top = mix(lrhs_at(c, at.low.y, at.low.x), lrhs_at(c, at.low.y, at.high.x), at.t.x);
+  float bottom = mix(lrhs_at(c, at.high.y, at.low.x), lrhs_at(c, at.high.y, at.high.x), at.t.x);
+  return mix(top, bottom, at.t.y);
 }
 
 void main() {
@@ -37,9 +33,7 @@ void main() {
     atomicAdd(status.not_finite, 1u);
     value = 0.0;
   }
-  // exp overflows where the result would be clamped anyway: log(1 + 8 * 65504 * 2^24) / 3 < 10, 2^24 being the
-  // largest exposure.
-  if (p.log_transfer != 0) value = (exp(3.0 * min(value, 10.0)) - 1.0) / 8.0;
+  value = to_linear(value, p.log_transfer);
   value = clamp(value * inverse_exposure, 0.0, 65504.0);
   frame[p.frame.offset + id.z * p.frame.channel_stride + id.y * p.frame.row_stride + id.x * p.frame.pixel_stride] =
       value;

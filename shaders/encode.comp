@@ -4,6 +4,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
 #include "tensor.glsl"
+#include "transfer.glsl"
 
 layout(local_size_x = 32, local_size_y = 2) in;
 layout(push_constant) uniform Push { Encode p; };
@@ -30,8 +31,7 @@ void main() {
     value = clamp_finite(value, -1.0, 1.0);
   } else {
     value *= kind == RAYMELD_VARIANCE ? exposure * exposure : exposure;
-    value = clamp_finite(value, 0.0, p.clip);
-    if (p.log_transfer != 0) value = log(1.0 + 8.0 * value) / 3.0;
+    value = to_network(clamp_finite(value, 0.0, p.clip), p.log_transfer);
   }
   out_data[address(id.z, id.y, id.x, p.plane, p.width)] = STORAGE(storable(value));
 }

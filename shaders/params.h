@@ -43,6 +43,44 @@ struct Encode {
   float clip;
 };
 
+// Of the LRHS size; plane_large and scale of the full one.
+struct Irradiance {
+  uint height;
+  uint width;
+  uint plane;
+  uint plane_large;
+  uint scale;
+  uint centered;      // the albedo is the mean of the cell; 0: that of its top-left pixel
+  uint log_transfer;  // 0: linear
+};
+
+// Of the full size, and of an image of the LRHS size that is upsampled.
+struct Upsampled {
+  uint height;
+  uint width;
+  uint plane;
+  uint lrhs_height;
+  uint lrhs_width;
+  uint lrhs_plane;
+  uint log_transfer;  // 0: linear
+  float inverse_scale;
+  float phase;
+};
+
+struct JointFilter {
+  uint height;
+  uint width;
+  uint plane;
+  uint step;
+};
+
+struct Relight {
+  uint height;
+  uint width;
+  uint plane;
+  uint log_transfer;  // 0: linear
+};
+
 struct Decode {
   FrameView frame;
   uint height;
@@ -60,6 +98,14 @@ struct Decode {
 #ifdef __cplusplus
 }  // namespace raymeld::params
 #endif
+
+// Of the joint base: what is added to an albedo before light is divided by it; what is filtered is
+// log(1 + COMPRESS x) / COMPRESS; the widths of the filter's guides, of which the brightness is encoded.
+#define RAYMELD_ALBEDO_FLOOR 0.4
+#define RAYMELD_COMPRESS 0.2
+#define RAYMELD_ALBEDO_WIDTH 3.0
+#define RAYMELD_NORMAL_WIDTH 1.2
+#define RAYMELD_BRIGHTNESS_WIDTH 0.0667
 
 // How an input channel is encoded.
 #define RAYMELD_RADIANCE 0  // times the exposure, clamped to [0, clip], then the transfer function

@@ -110,6 +110,18 @@ void parse_sampling(const Entries& entries, Architecture& a) {
   a.both_samplings = samplings.size() == 2;
 }
 
+Base base(const Entries& entries, std::span<const std::string> hrls_layers) {
+  if (entries.text("base") != "joint") {
+    return entries.choice("base", "bilinear", "none") ? Base::kBilinear : Base::kNone;
+  }
+  for (const char* layer : {"albedo", "normal"}) {
+    if (std::ranges::find(hrls_layers, layer) == hrls_layers.end()) {
+      entries.reject("base", fmt::format("\"bilinear\" or \"none\", as hrls_layers has no {}", layer));
+    }
+  }
+  return Base::kJoint;
+}
+
 }  // namespace
 
 Architecture parse_architecture(const Metadata& metadata, const std::string& file) {
@@ -132,7 +144,7 @@ Architecture parse_architecture(const Metadata& metadata, const std::string& fil
   a.transfer = entries.choice("transfer", "log", "linear") ? Transfer::kLog : Transfer::kLinear;
   a.clip = entries.number("clip", false);
   a.exposure_key = entries.number("exposure_key", true);
-  a.bilinear_base = entries.choice("base", "bilinear", "none");
+  a.base = base(entries, a.hrls_layers);
   parse_sampling(entries, a);
   a.hrls_encoder =
       entries.choice("hrls_encoder", "full", "unshuffled") ? HrlsEncoder::kFull : HrlsEncoder::kUnshuffled;
@@ -159,6 +171,12 @@ std::vector<ChannelKind> Architecture::hrls_kinds() const {
     kinds.insert(kinds.end(), 3, kind);
   }
   return kinds;
+}
+
+uint32_t Architecture::first_channel(std::string_view layer) const {
+  const auto at = std::ranges::find(hrls_layers, layer);
+  if (at == hrls_layers.end()) throw Error("the network reads no {}", layer);
+  return 3 * static_cast<uint32_t>(at - hrls_layers.begin());
 }
 
 }  // namespace raymeld

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <map>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "layers/layers.h"
@@ -18,6 +19,10 @@ enum class HrlsEncoder { kFull, kUnshuffled };
 
 // How features come to full size: doubled step by step (their Eq. 9), or at once.
 enum class Upscale { kStages, kDirect };
+
+// What the network's output is added to: nothing, the bilinearly upsampled LRHS, or a mixture of candidates
+// that it chooses pixel by pixel (layers.h: mix).
+enum class Base { kNone, kBilinear, kJoint };
 
 // The choices of a network, all of them data of the model's file. Names as in the paper.
 struct Architecture {
@@ -41,11 +46,12 @@ struct Architecture {
   float clip = 0;               // of radiance, scene linear
   bool lrhs_centered = false;   // by default LRHS samples lie in the centre of their cell, not top left
   bool both_samplings = false;  // trained on both, with a bias of its own for centered samples
-  bool bilinear_base = false;   // the output is a residual over the bilinearly upsampled LRHS
+  Base base = Base::kNone;
 
   uint32_t levels() const;  // log2(scale)
   bool trained_on(bool centered) const { return both_samplings || centered == lrhs_centered; }
   std::vector<ChannelKind> hrls_kinds() const;
+  uint32_t first_channel(std::string_view layer) const;  // of one of hrls_layers
 };
 
 // A network with its weights. Immutable once loaded; must outlive every Fuser made from it.

@@ -5,6 +5,10 @@
 namespace raymeld {
 namespace {
 
+// Of the joint base: the levels of the filter, of which the first, the third and the fifth are candidates
+// beside LRHS and its irradiance.
+constexpr uint32_t kJointLevels = 5, kJointKept = 3, kCandidates = 2 + kJointKept;
+
 struct Builder {
   Graph& graph;
   const Model& model;
@@ -90,7 +94,29 @@ struct Builder {
     }
   }
 
-  // (H, W, M or M + K) -> (H, W, 3).
+  // HRLS without its albedo, filtered (H, W, 3 kJointKept): guided by the albedo, the normal and the
+  // irradiance of LRHS, encode.lrhs's channels 3 to 5, which is made here as well.
+  void joint_candidates(const Tensor& lrhs, const Tensor& hrls, const Tensor& candidates,
+                        const JointOptions& options) {
+    const Tensor albedo = hrls.slice(a.first_channel("albedo"), 3),
+                 normal = hrls.slice(a.first_channel("normal"), 3);
+    irradiance(graph, "irradiance", lrhs.slice(0, 3), albedo, lrhs.slice(3, 3), options);
+    const Tensor lights = tensor("light", hrls.shape.height, hrls.shape.width, 4);
+    light(graph, "light", hrls.slice(0, 3), albedo, lrhs.slice(3, 3), lights, options);
+    Tensor x = lights.slice(0, 3);
+    for (uint32_t level = 0; level < kJointLevels; ++level) {
+      const Tensor next = tensor(fmt::format("joint.{}", level), hrls.shape.height, hrls.shape.width, 3);
+      joint_filter(graph, fmt::format("joint.{}", level), x, albedo, normal, lights.slice(3, 1), next,
+                   1u << level);
+      x = next;
+      if (level % 2 == 0) {
+        relight(graph, fmt::format("relight.{}", level + 1), x, albedo, candidates.slice(level / 2 * 3, 3),
+                a.transfer);
+      }
+    }
+  }
+
+  // (H, W, M or M + K) -> (H, W, 3), or (H, W, 8) for a joint base.
   Tensor reconstruct(Tensor x) {
     const auto [height, width, channels] = x.shape;
     if (a.head_features > 0) {
@@ -98,7 +124,7 @@ struct Builder {
       conv("head", x, head, {.kernel = 3, .relu = true});
       x = head;
     }
-    const Tensor fused = tensor("rec", height, width, 3);
+    const Tensor fused = tensor("rec", height, width, a.base == Base::kJoint ? 3 + kCandidates : 3);
     conv("rec", x, fused, {.kernel = 3});
     return fused;
   }
@@ -113,15 +139,21 @@ void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, 
   const Architecture& a = model.architecture();
   const uint32_t full_height = a.scale * height, full_width = a.scale * width;
   const std::vector<ChannelKind> hrls_kinds = a.hrls_kinds(), lrhs_kinds(3, ChannelKind::kRadiance);
+  const bool joint = a.base == Base::kJoint;
+  const JointOptions joint_options{a.transfer, a.scale, phase};
 
-  const Tensor lrhs = build.tensor("encode.lrhs", height, width, 3);
-  const uint32_t k = static_cast<uint32_t>(hrls_kinds.size()), m = a.upscaled_features;
+  // With a joint base, the irradiance follows the encoded LRHS, and the filtered images the encoded HRLS.
+  const Tensor lrhs = build.tensor("encode.lrhs", height, width, joint ? 6 : 3);
+  const uint32_t layers = static_cast<uint32_t>(hrls_kinds.size()), m = a.upscaled_features;
+  const uint32_t k = layers + (joint ? 3 * kJointKept : 0);
   // With a guide, one tensor holds the upscaled features and, from the start, the encoded HRLS behind them.
   const Tensor guided = a.hrls_guide ? build.tensor("guided", full_height, full_width, m + k) : Tensor{};
   const Tensor hrls =
       a.hrls_guide ? guided.slice(m, k) : build.tensor("encode.hrls", full_height, full_width, k);
-  encode(graph, "encode.lrhs", FrameSlot::kLrhs, lrhs, lrhs_kinds, a.transfer, a.clip);
-  encode(graph, "encode.hrls", FrameSlot::kHrls, hrls, hrls_kinds, a.transfer, a.clip);
+  const Tensor filtered = hrls.slice(layers, k - layers);
+  encode(graph, "encode.lrhs", FrameSlot::kLrhs, lrhs.slice(0, 3), lrhs_kinds, a.transfer, a.clip);
+  encode(graph, "encode.hrls", FrameSlot::kHrls, hrls.slice(0, layers), hrls_kinds, a.transfer, a.clip);
+  if (joint) build.joint_candidates(lrhs, hrls, filtered, joint_options);
 
   const Tensor both = build.tensor("encoders", height, width, 2 * a.features);  // F_LRHS, F_HRLS
   const Tensor f_lrhs = both.slice(0, a.features), f_hrls = both.slice(a.features, a.features);
@@ -137,7 +169,14 @@ void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, 
       a.hrls_guide ? guided.slice(0, m) : build.tensor("upscaled", full_height, full_width, m);
   build.upscale(deep, full);
   const Tensor fused = build.reconstruct(a.hrls_guide ? guided : full);
-  decode(graph, "decode", fused, {a.transfer, a.bilinear_base ? &lrhs : nullptr, a.scale, phase});
+  if (!joint) {
+    const Tensor* base = a.base == Base::kBilinear ? &lrhs : nullptr;
+    return decode(graph, "decode", fused, {a.transfer, base, a.scale, phase});
+  }
+  const Tensor mixed = build.tensor("mix", full_height, full_width, 3);
+  const Tensor albedo = hrls.slice(a.first_channel("albedo"), 3);
+  mix(graph, "mix", fused, lrhs, albedo, filtered, mixed, joint_options);
+  decode(graph, "decode", mixed, {.transfer = a.transfer});
 }
 
 // Follows the right-most pixel of cell 0 back through the longest path: a 3x3 reaches one pixel further at
@@ -150,11 +189,16 @@ uint32_t receptive_halo(const Architecture& a) {
   } else {
     for (uint32_t i = 0; i < a.levels(); ++i) x = x / 2 + 1;  // up.i
   }
-  x += a.groups * a.blocks * a.dense_layers;                      // the trunk
-  if (a.hrls_encoder == HrlsEncoder::kUnshuffled) return x + 1;   // hrls
-  for (uint32_t i = 0; i < a.levels(); ++i) x = 2 * (x + 1) + 1;  // down.i
-  x += 1;                                                         // hrls
-  return x / a.scale;
+  x += a.groups * a.blocks * a.dense_layers;  // the trunk
+  if (a.hrls_encoder == HrlsEncoder::kUnshuffled) {
+    x = a.scale * (x + 1) + a.scale - 1;  // hrls
+  } else {
+    for (uint32_t i = 0; i < a.levels(); ++i) x = 2 * (x + 1) + 1;  // down.i
+    x += 1;                                                         // hrls
+  }
+  if (a.base != Base::kJoint) return x / a.scale;
+  x += (1u << kJointLevels) - 1;  // joint.i
+  return x / a.scale + 1;         // the upsampled irradiance
 }
 
 }  // namespace raymeld

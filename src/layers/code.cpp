@@ -14,10 +14,6 @@ static_assert(static_cast<int>(ChannelKind::kAlbedo) == RAYMELD_ALBEDO);
 static_assert(static_cast<int>(ChannelKind::kNormal) == RAYMELD_NORMAL);
 static_assert(static_cast<int>(ChannelKind::kVariance) == RAYMELD_VARIANCE);
 
-uint32_t plane_of(const Graph& graph, const Tensor& tensor) {
-  return static_cast<uint32_t>(plane_stride(tensor.shape.pixels(), graph.storage()));
-}
-
 double elements(const Tensor& tensor) {
   return static_cast<double>(tensor.shape.pixels() * tensor.shape.channels);
 }

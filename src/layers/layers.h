@@ -54,4 +54,39 @@ struct DecodeOptions {
 // divides by the recording's exposure, clamps to [0, 65504].
 void decode(Graph& graph, const std::string& name, const Tensor& in, const DecodeOptions& options);
 
+// The joint base: the output is mixed, pixel by pixel, of LRHS, of LRHS with the albedo of HRLS and of HRLS
+// filtered. All layers below read encoded images.
+struct JointOptions {
+  Transfer transfer = Transfer::kLinear;
+  uint32_t scale = 1;
+  float phase = 0;  // as in DecodeOptions
+};
+
+// LRHS (h, w, 3) over the albedo (H, W, 3) + 0.4, encoded again: the albedo of a cell's top-left pixel, or
+// where phase > 0 the mean of the cell.
+void irradiance(Graph& graph, const std::string& name, const Tensor& lrhs, const Tensor& albedo,
+                const Tensor& out, const JointOptions& options);
+
+// (H, W, 4): ln(1 + 0.2 x) / 0.2 where x is the color over the albedo + 0.4, then the luminance of the
+// bilinearly upsampled irradiance (h, w, 3).
+void light(Graph& graph, const std::string& name, const Tensor& color, const Tensor& albedo,
+           const Tensor& irradiance, const Tensor& out, const JointOptions& options);
+
+// (H, W, 3) -> (H, W, 3): a level of the a-trous filter of Dammertz et al. 2010, with the binomial 3x3 kernel
+// at `step` pixels, edges replicated, times exp(-|difference of albedo / 3, normal / 1.2, brightness /
+// 0.0667|^2).
+void joint_filter(Graph& graph, const std::string& name, const Tensor& in, const Tensor& albedo,
+                  const Tensor& normal, const Tensor& brightness, const Tensor& out, uint32_t step);
+
+// Filtered light (H, W, 3) times the albedo + 0.4, encoded.
+void relight(Graph& graph, const std::string& name, const Tensor& light, const Tensor& albedo,
+             const Tensor& out, Transfer transfer);
+
+// rec (H, W, 8), a residual and five logits; lrhs (h, w, 6), color and irradiance; candidates (H, W, 9),
+// three times relight() -> (H, W, 3): the residual plus the candidates, weighted by the softmax of the
+// logits. The first two candidates are the upsampled LRHS, and the upsampled irradiance times the albedo +
+// 0.4.
+void mix(Graph& graph, const std::string& name, const Tensor& rec, const Tensor& lrhs, const Tensor& albedo,
+         const Tensor& candidates, const Tensor& out, const JointOptions& options);
+
 }  // namespace raymeld

@@ -12,6 +12,11 @@ extern const Shader kSpaceToDepth;
 extern const Shader kPixelShuffle;
 extern const Shader kEncode;
 extern const Shader kDecode;
+extern const Shader kIrradiance;
+extern const Shader kLight;
+extern const Shader kJointFilter;
+extern const Shader kRelight;
+extern const Shader kMix;
 }  // namespace shaders
 
 inline Binding read_binding(const Tensor& tensor) {
@@ -33,6 +38,20 @@ inline Binding exposure_binding() { return {.kind = Binding::Kind::kExposure, .a
 // Workgroups of the shaders with one invocation for each element, 32 x 2 to a workgroup.
 constexpr std::array<uint32_t, 3> element_groups(const Shape& shape) {
   return {divide_up(shape.width, 32), divide_up(shape.height, 2), shape.channels};
+}
+
+// And of those with one for each pixel.
+constexpr std::array<uint32_t, 3> pixel_groups(const Shape& shape) {
+  return {divide_up(shape.width, 32), divide_up(shape.height, 2), 1};
+}
+
+inline uint32_t plane_of(const Graph& graph, const Tensor& tensor) {
+  return static_cast<uint32_t>(plane_stride(tensor.shape.pixels(), graph.storage()));
+}
+
+// Of a tensor read or written once.
+inline double traffic(const Graph& graph, const Tensor& tensor) {
+  return static_cast<double>(tensor.shape.pixels() * tensor.shape.channels * element_bytes(graph.storage()));
 }
 
 }  // namespace raymeld

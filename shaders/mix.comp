@@ -1,0 +1,48 @@
+// The network's output with a joint base: a residual, plus the mean of five candidates weighted by the softmax of the
+// other channels. The candidates: upsampled LRHS, its upsampled irradiance times the albedo, and three levels of the
+// joint filter. One invocation for each pixel.
+#version 450
+#extension GL_GOOGLE_include_directive : require
+#include "bilinear.glsl"
+#include "params.h"
+#include "tensor.glsl"
+#include "transfer.glsl"
+
+layout(local_size_x = 32, local_size_y = 2) in;
+layout(push_constant) uniform Push { Upsampled p; };
+layout(std430, binding = 1) readonly buffer Rec { STORAGE rec[]; };
+layout(std430, binding = 2) readonly buffer Lrhs { STORAGE lrhs[]; };
+layout(std430, binding = 3) readonly buffer Albedo { STORAGE albedo[]; };
+layout(std430, binding = 4) readonly buffer Filtered { STORAGE filtered[]; };
+layout(std430, binding = 5) writeonly buffer Output { STORAGE out_data[]; };
+
+const uint kCandidates = 5;
+
+float lrhs_at(uint c, uint y, uint x) { return float(lrhs[address(c, y, x, p.lrhs_plane, p.lrhs_width)]); }
+
+float upsampled(uint c, Bilinear at) {
+  float top = mix(lrhs_at(c, at.low.y, at.low.x), lrhs_at(c, at.low.y, at.high.x), at.t.x);
+  float bottom = mix(lrhs_at(c, at.high.y, at.low.x), lrhs_at(c, at.high.y, at.high.x), at.t.x);
+  return mix(top, bottom, at.t.y);
+}
+
+void main() {
+  uvec2 id = gl_GlobalInvocationID.xy;
+  if (id.x >= p.width || id.y >= p.height) return;
+  uint pixel = address(0, id.y, id.x, p.plane, p.width);
+  float weights[kCandidates], largest = float(rec[pixel + 3 * p.plane]), total = 0.0;
+  for (uint i = 1; i < kCandidates; ++i) largest = max(largest, float(rec[pixel + (3 + i) * p.plane]));
+  for (uint i = 0; i < kCandidates; ++i) {
+    weights[i] = exp(float(rec[pixel + (3 + i) * p.plane]) - largest);
+    total += weights[i];
+  }
+  Bilinear at = bilinear_at(id, p.phase, p.inverse_scale, uvec2(p.lrhs_width, p.lrhs_height));
+  for (uint c = 0; c < 3; ++c) {
+    uint element = pixel + c * p.plane;
+    float lit = min(to_linear(upsampled(3 + c, at), p.log_transfer), 65504.0);
+    float textured = to_network(lit * (float(albedo[element]) + RAYMELD_ALBEDO_FLOOR), p.log_transfer);
+    float sum = weights[0] * upsampled(c, at) + weights[1] * textured;
+    for (uint i = 0; i < 3; ++i) sum += weights[2 + i] * float(filtered[element + 3 * i * p.plane]);
+    out_data[element] = STORAGE(storable(float(rec[element]) + sum / total));
+  }
+}

@@ -1,0 +1,21 @@
+// Filtered light with the albedo again, as the network reads radiance. One invocation for each element; z is the channel.
+#version 450
+#extension GL_GOOGLE_include_directive : require
+#include "params.h"
+#include "tensor.glsl"
+#include "transfer.glsl"
+
+layout(local_size_x = 32, local_size_y = 2) in;
+layout(push_constant) uniform Push { Relight p; };
+layout(std430, binding = 1) readonly buffer Light { STORAGE light[]; };
+layout(std430, binding = 2) readonly buffer Albedo { STORAGE albedo[]; };
+layout(std430, binding = 3) writeonly buffer Output { STORAGE out_data[]; };
+
+void main() {
+  uvec3 id = gl_GlobalInvocationID;
+  if (id.x >= p.width || id.y >= p.height) return;
+  uint at = address(id.z, id.y, id.x, p.plane, p.width);
+  float linear = (exp(RAYMELD_COMPRESS * float(light[at])) - 1.0) / RAYMELD_COMPRESS;
+  float value = to_network(linear * (float(albedo[at]) + RAYMELD_ALBEDO_FLOOR), p.log_transfer);
+  out_data[at] = STORAGE(storable(value));
+}

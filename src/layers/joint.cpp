@@ -1,0 +1,124 @@
+// The layers of the joint base.
+#include "layers/layers.h"
+#include "layers/shaders.h"
+#include "params.h"
+
+namespace raymeld {
+namespace {
+
+constexpr uint32_t kCandidates = 5;
+
+void expect_shape(const std::string& name, const char* what, const Tensor& tensor, const Shape& expected) {
+  const Shape& shape = tensor.shape;
+  if (shape == expected) return;
+  throw Error("layer {}: {} is {}x{}x{}, expected {}x{}x{}", name, what, shape.height, shape.width,
+              shape.channels, expected.height, expected.width, expected.channels);
+}
+
+Shape with_channels(Shape shape, uint32_t channels) {
+  shape.channels = channels;
+  return shape;
+}
+
+Shape enlarged(const Shape& shape, uint32_t scale, uint32_t channels) {
+  return {scale * shape.height, scale * shape.width, channels};
+}
+
+Pass pass_of(const Graph& graph, const std::string& name, const Shader& shader,
+             std::initializer_list<Tensor> inputs, const Tensor& out) {
+  Pass pass;
+  pass.name = name;
+  pass.shader = &shader;
+  for (const Tensor& input : inputs) {
+    pass.bindings.push_back(read_binding(input));
+    pass.bytes += traffic(graph, input);
+  }
+  pass.bindings.push_back(write_binding(out));
+  pass.bytes += traffic(graph, out);
+  return pass;
+}
+
+params::Upsampled upsampled(const Graph& graph, const Tensor& full, const Tensor& lrhs,
+                            const JointOptions& options) {
+  return {full.shape.height,
+          full.shape.width,
+          plane_of(graph, full),
+          lrhs.shape.height,
+          lrhs.shape.width,
+          plane_of(graph, lrhs),
+          options.transfer == Transfer::kLog,
+          1.0f / static_cast<float>(options.scale),
+          options.phase};
+}
+
+}  // namespace
+
+void irradiance(Graph& graph, const std::string& name, const Tensor& lrhs, const Tensor& albedo,
+                const Tensor& out, const JointOptions& options) {
+  expect_shape(name, "LRHS", lrhs, with_channels(out.shape, 3));
+  expect_shape(name, "the albedo", albedo, enlarged(out.shape, options.scale, 3));
+  expect_shape(name, "the output", out, lrhs.shape);
+  Pass pass = pass_of(graph, name, shaders::kIrradiance, {lrhs, albedo}, out);
+  pass.set_push(params::Irradiance{out.shape.height, out.shape.width, plane_of(graph, out),
+                                   plane_of(graph, albedo), options.scale, options.phase > 0,
+                                   options.transfer == Transfer::kLog});
+  pass.groups = element_groups(out.shape);
+  graph.add(std::move(pass));
+}
+
+void light(Graph& graph, const std::string& name, const Tensor& color, const Tensor& albedo,
+           const Tensor& irradiance, const Tensor& out, const JointOptions& options) {
+  expect_shape(name, "the color", color, with_channels(out.shape, 3));
+  expect_shape(name, "the albedo", albedo, color.shape);
+  expect_shape(name, "the output", out, with_channels(color.shape, 4));
+  expect_shape(name, "the color", color, enlarged(irradiance.shape, options.scale, 3));
+  Pass pass = pass_of(graph, name, shaders::kLight, {color, albedo, irradiance}, out);
+  pass.set_push(upsampled(graph, out, irradiance, options));
+  pass.groups = pixel_groups(out.shape);
+  graph.add(std::move(pass));
+}
+
+void joint_filter(Graph& graph, const std::string& name, const Tensor& in, const Tensor& albedo,
+                  const Tensor& normal, const Tensor& brightness, const Tensor& out, uint32_t step) {
+  const Shape shape = with_channels(out.shape, 3);
+  expect_shape(name, "the input", in, shape);
+  expect_shape(name, "the albedo", albedo, shape);
+  expect_shape(name, "the normal", normal, shape);
+  expect_shape(name, "the brightness", brightness, with_channels(shape, 1));
+  expect_shape(name, "the output", out, shape);
+  if (step == 0) throw Error("layer {}: a step of 0 pixels", name);
+  Pass pass = pass_of(graph, name, shaders::kJointFilter, {in, albedo, normal, brightness}, out);
+  pass.set_push(params::JointFilter{shape.height, shape.width, plane_of(graph, out), step});
+  pass.groups = pixel_groups(shape);
+  constexpr double kFlopOfTap = 32;
+  pass.flop = 9 * kFlopOfTap * static_cast<double>(shape.pixels());
+  graph.add(std::move(pass));
+}
+
+void relight(Graph& graph, const std::string& name, const Tensor& light, const Tensor& albedo,
+             const Tensor& out, Transfer transfer) {
+  const Shape shape = with_channels(out.shape, 3);
+  expect_shape(name, "the light", light, shape);
+  expect_shape(name, "the albedo", albedo, shape);
+  expect_shape(name, "the output", out, shape);
+  Pass pass = pass_of(graph, name, shaders::kRelight, {light, albedo}, out);
+  pass.set_push(params::Relight{shape.height, shape.width, plane_of(graph, out), transfer == Transfer::kLog});
+  pass.groups = element_groups(shape);
+  graph.add(std::move(pass));
+}
+
+void mix(Graph& graph, const std::string& name, const Tensor& rec, const Tensor& lrhs, const Tensor& albedo,
+         const Tensor& candidates, const Tensor& out, const JointOptions& options) {
+  const Shape shape = enlarged(lrhs.shape, options.scale, 3);
+  expect_shape(name, "LRHS", lrhs, with_channels(lrhs.shape, 6));
+  expect_shape(name, "the network's output", rec, with_channels(shape, 3 + kCandidates));
+  expect_shape(name, "the albedo", albedo, shape);
+  expect_shape(name, "the filtered light", candidates, with_channels(shape, 9));
+  expect_shape(name, "the output", out, shape);
+  Pass pass = pass_of(graph, name, shaders::kMix, {rec, lrhs, albedo, candidates}, out);
+  pass.set_push(upsampled(graph, out, lrhs, options));
+  pass.groups = pixel_groups(out.shape);
+  graph.add(std::move(pass));
+}
+
+}  // namespace raymeld
