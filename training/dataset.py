@@ -46,15 +46,15 @@ def read(path, passes):
 class View:
     """All renders of one view, in half precision.
 
-    layers[spp] [15, H, W]: LAYERS; low[spp] [6, H, W]: color and albedo; reference [3, H, W]: the mean of both halves.
+    layers[spp] [15, H, W]: LAYERS; colors[spp] [3, H, W]; reference [3, H, W]: the mean of both halves.
     """
 
     def __init__(self, folder):
         spp = sorted(int(path.stem) for path in folder.glob("[0-9]*.exr"))
         half = lambda image: image.clamp(-model.HALF_MAX, model.HALF_MAX).half()
         self.layers = {s: half(read(folder / f"{s:04}.exr", LAYERS)) for s in spp if s in HRLS_SPP}
-        low = lambda s: self.layers[s][:6] if s in self.layers else half(read(folder / f"{s:04}.exr", ("color", "albedo")))
-        self.low = {s: low(s) for s in spp}
+        color = lambda s: self.layers[s][:3] if s in self.layers else half(read(folder / f"{s:04}.exr", ("color",)))
+        self.colors = {s: color(s) for s in spp}
         halves = [read(folder / f"reference-{half}.exr", ("color",)).clamp(0, TARGET_CLIP) for half in "ab"]
         reference = sum(halves) / 2
         self.reference = reference.half()
@@ -62,10 +62,10 @@ class View:
 
     def lrhs(self, spp, hrls_spp):
         """The full-size render LRHS is made of; beyond the largest: the mean of all others than HRLS."""
-        if spp in self.low:
-            return self.low[spp].float()
-        others = [s for s in self.low if s != hrls_spp]
-        return sum(s * self.low[s].float() for s in others) / sum(others)
+        if spp in self.colors:
+            return self.colors[spp].float()
+        others = [s for s in self.colors if s != hrls_spp]
+        return sum(s * self.colors[s].float() for s in others) / sum(others)
 
     def exposure(self, config):
         """As model.exposure of a clean LRHS."""
@@ -106,7 +106,7 @@ def blackman_harris(scale):
 
 
 def centered(color, scale):
-    """[C, H, W] of n spp -> [C, H/s, W/s] as a low-resolution render of about n (0.75 s)^2 spp."""
+    """[3, H, W] of n spp -> [3, H/s, W/s] as a low-resolution render of about n (0.75 s)^2 spp."""
     padded = F.pad(color[:, None], [scale // 2] * 4, mode="replicate")
     return F.conv2d(padded, blackman_harris(scale), stride=scale)[:, 0]
 
@@ -120,12 +120,12 @@ def spp_pair(scale, rng):
     return rng.choice([s for s in (4, 8, 16, 32, 64) if s > high]), high
 
 
-def augment(layers, reference, low, rng):
+def augment(layers, reference, color, rng):
     """The same random mirroring, transposition and permutation of the color channels for all three.
 
     Normals are in camera space (x right, y up), so they follow the mirroring.
     """
-    images = [layers, reference, low]
+    images = [layers, reference, color]
     if rng.random() < 0.5:
         images = [i.flip(-1) for i in images]
         images[0][6] *= -1
@@ -137,74 +137,50 @@ def augment(layers, reference, low, rng):
         images[0][6:8] = -images[0][6:8].flip(0)
     order = rng.sample(range(3), 3)
     rgb = lambda start: [start + c for c in order]
-    return images[0][rgb(0) + rgb(3) + [6, 7, 8] + rgb(9) + rgb(12)], images[1][order], images[2][rgb(0) + rgb(3)]
+    return images[0][rgb(0) + rgb(3) + [6, 7, 8] + rgb(9) + rgb(12)], images[1][order], images[2][order]
 
 
-def absent(config, rng):
-    """The optional layers to blank, as if the file lacked them: all of them, or one, each in a tenth of the samples."""
+def drop_layers(hrls, config, rng):
+    """Blanks optional layers as if the file lacked them: all of them, or one, each in a tenth of the samples."""
     chance = rng.random()
     if not config.optional_layers or chance > 0.2:
-        return ()
-    return config.optional_layers if chance < 0.1 else (rng.choice(config.optional_layers),)
-
-
-def subsampled(image, scale, is_centered):
-    return centered(image, scale) if is_centered else image[:, ::scale, ::scale]
-
-
-def named(image, names):
-    return dict(zip(names, image.split(3, dim=-3), strict=True))
-
-
-def inputs(layers, low, scale, is_centered=False, without=(), own_albedo=True):
-    """What the network is given, {layer: [3, H, W]}: (lrhs, hrls), of full-size images.
-
-    An LRHS file without albedo takes that of HRLS.
-    """
-    hrls = named(with_variance(layers), model.LAYERS)
-    hrls |= {name: torch.zeros_like(hrls[name]) for name in without}
-    albedo = subsampled(low[3:], scale, is_centered) if own_albedo else hrls["albedo"][:, ::scale, ::scale]
-    if "albedo" in without:
-        albedo = torch.zeros_like(albedo)
-    return {"color": subsampled(low[:3], scale, is_centered), "albedo": albedo}, hrls
+        return
+    dropped = config.optional_layers if chance < 0.1 else [rng.choice(config.optional_layers)]
+    for name in dropped:
+        start = 3 * config.hrls_layers.index(name)
+        hrls[start : start + 3] = 0
 
 
 def sample(views, config, size, rng):
-    """One random crop: (lrhs, hrls, reference [3, size, size], centered or not); the first two as of inputs()."""
+    """One random crop: lrhs [3, size/s, size/s], hrls [K, size, size], reference [3, size, size], centered or not."""
+    scale = config.scale
     view = rng.choice(views)
-    low_spp, high_spp = spp_pair(config.scale, rng)
+    low, high = spp_pair(scale, rng)
     is_centered = "centered" in config.lrhs_sampling and rng.random() < 0.25
     if is_centered:  # filtering gathers samples, so a render with fewer gives as many
-        low_spp = rng.choice([s for s in (2, 2, 4, 8) if s != high_spp])
+        low = rng.choice([s for s in (2, 2, 4, 8) if s != high])
     height, width = view.reference.shape[-2:]
     y, x = rng.randint(0, height - size), rng.randint(0, width - size)
     cut = (slice(None), slice(y, y + size), slice(x, x + size))
-    images = (view.layers[high_spp].float()[cut], view.reference[cut].float(), view.lrhs(low_spp, high_spp)[cut])
-    layers, reference, low = augment(*images, rng)
+    images = (view.layers[high].float()[cut], view.reference[cut].float(), view.lrhs(low, high)[cut])
+    layers, reference, color = augment(*images, rng)
     exposure = 2 ** rng.uniform(-1.5, 1.5) * view.exposure(config)
     layers[RADIANCE] *= exposure
-    low[:3] *= exposure
-    without, own_albedo = absent(config, rng), rng.random() > 0.2
-    lrhs, hrls = inputs(layers, low, config.scale, is_centered, without, own_albedo)
-    return lrhs, hrls, reference * exposure, torch.tensor(is_centered).reshape(1, 1, 1)
-
-
-def stacked(parts):
-    """Of images or dictionaries of images."""
-    if isinstance(parts[0], dict):
-        return {name: torch.stack([part[name] for part in parts]) for name in parts[0]}
-    return torch.stack(parts)
+    hrls = with_variance(layers)
+    drop_layers(hrls, config, rng)
+    lrhs = centered(color, scale) if is_centered else color[:, ::scale, ::scale]
+    return lrhs * exposure, hrls, reference * exposure, torch.tensor(is_centered).reshape(1, 1, 1)
 
 
 def batch(views, config, size, count, seed):
     rng = random.Random(seed)
-    return tuple(stacked(parts) for parts in zip(*(sample(views, config, size, rng) for _ in range(count))))
+    return tuple(torch.stack(images) for images in zip(*(sample(views, config, size, rng) for _ in range(count))))
 
 
-def pair(view, config, low_spp, high_spp):
+def pair(view, config, low, high):
     """A whole view as the network reads it, batch of one: lrhs, hrls, reference, and the exposure of all three."""
     exposure = view.exposure(config)
-    layers, low = view.layers[high_spp].float(), view.lrhs(low_spp, high_spp)
+    layers = view.layers[high].float()
     layers[RADIANCE] *= exposure
-    low[:3] *= exposure
-    return *(stacked([part]) for part in inputs(layers, low, config.scale)), view.reference.float()[None] * exposure, exposure
+    lrhs = view.lrhs(low, high)[None, :, :: config.scale, :: config.scale]
+    return lrhs * exposure, with_variance(layers)[None], view.reference.float()[None] * exposure, exposure

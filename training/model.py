@@ -27,7 +27,6 @@ class Config:
     blocks: int = 2
     groups: int = 1
     hrls_layers: tuple = LAYERS
-    lrhs_layers: tuple = ("color",)
     long_skip: str = "lrhs"
     merge_relu: bool = False
     hrls_encoder: str = "full"
@@ -85,6 +84,11 @@ def decode(y, kind):
     return (torch.expm1(3 * y) / 8 if kind == "log" else y).clamp(0, HALF_MAX)
 
 
+def linear(color, config):
+    """Radiance as the network takes it, [0, clip]."""
+    return torch.nan_to_num(color, nan=0.0, posinf=config.clip, neginf=0.0).clamp(0, config.clip)
+
+
 def encode_layer(x, name, config):
     """One layer [N, 3, H, W] as rendered -> what the network reads."""
     low, high = {"albedo": (0, 1), "normal": (-1, 1)}.get(name, (0, config.clip))
@@ -92,21 +96,9 @@ def encode_layer(x, name, config):
     return x if name in ("albedo", "normal") else transfer(x, config.transfer)
 
 
-def texture(albedo):
-    """What irradiance is multiplied by; the floor is for what reflects light without an albedo."""
-    return torch.nan_to_num(albedo, nan=0.0).clamp(0, 1) + ALBEDO_FLOOR
-
-
-def encode(layers, names, config):
-    """The encoded layers of these names, out of {name: [N, 3, H, W]} as rendered; irradiance is derived."""
-
-    def encoded(name):
-        if name == "irradiance":
-            color = torch.nan_to_num(layers["color"], nan=0.0, posinf=config.clip, neginf=0.0).clamp(0, config.clip)
-            return transfer(color / texture(layers["albedo"]), config.transfer)
-        return encode_layer(layers[name], name, config)
-
-    return torch.cat([encoded(name) for name in names], dim=1)
+def encode(x, names, config):
+    layers = x.split(3, dim=1)
+    return torch.cat([encode_layer(layer, name, config) for layer, name in zip(layers, names, strict=True)], dim=1)
 
 
 def variance(color):
@@ -170,7 +162,7 @@ class Network(nn.Module):
         self.config = config
         c, s, halvings = config.features, config.scale, config.halvings
         k, m = 3 * (len(config.hrls_layers) + config.joint_layers), config.upscaled_features
-        self.lrhs = nn.Conv2d(3 * len(config.lrhs_layers), c, 3, padding=1)
+        self.lrhs = nn.Conv2d(6 if config.base == "joint" else 3, c, 3, padding=1)
         if len(config.lrhs_sampling) == 2:
             self.lrhs.centered_bias = nn.Parameter(self.lrhs.bias.detach().clone())
         if config.hrls_encoder == "full":
@@ -212,6 +204,9 @@ class Network(nn.Module):
     def forward(self, lrhs, hrls, centered=torch.tensor(False)):
         """`centered`, boolean: whether LRHS samples lie in the centre of their cell; one, or [N, 1, 1, 1]."""
         config = self.config
+        # Left to the layers, the conversions take a third of a training step.
+        dtype = torch.bfloat16 if torch.is_autocast_cpu_enabled() else lrhs.dtype
+        lrhs, hrls = (x.to(dtype, memory_format=torch.channels_last) for x in (lrhs, hrls))
         f_lrhs = self.encode_lrhs(lrhs, centered)
         fused = F.relu(self.fuse(torch.cat([f_lrhs, self.encode_hrls(hrls)], dim=1)))
         y = fused
@@ -224,33 +219,50 @@ class Network(nn.Module):
             y = torch.cat([y, hrls], dim=1)
         if config.head_features:
             y = F.relu(self.head(y))
-        return self.rec(y)
+        return self.rec(y).to(torch.float32 if dtype == torch.bfloat16 else dtype)
 
 
-@torch.no_grad()
-def joint_candidates(low, hrls, config):
-    """What the output is mixed of, encoded: LRHS (`low`, upsampled), its irradiance textured, the levels of the filter."""
-    high = texture(hrls["albedo"])
-    lit = torch.nan_to_num(hrls["color"], nan=0.0, posinf=config.clip, neginf=0.0).clamp(0, config.clip) / high
-    guides = encode_layer(hrls["albedo"], "albedo", config) / JOINT_ALBEDO, encode_layer(hrls["normal"], "normal", config) / JOINT_NORMAL
-    guides = torch.cat([*guides, luminance(low[:, 3:6])[:, None] / JOINT_IRRADIANCE], dim=1)
-    levels = joint_filter(torch.log1p(JOINT_COMPRESS * lit) / JOINT_COMPRESS, guides, max(JOINT_LEVELS))
-    filtered = [torch.expm1(JOINT_COMPRESS * levels[level - 1]) / JOINT_COMPRESS for level in JOINT_LEVELS]
-    irradiance = decode(low[:, 3:6].float(), config.transfer)
-    return low[:, :3], *(transfer(light * high, config.transfer) for light in (irradiance, *filtered))
+def irradiance(lrhs, albedo, config, centered):
+    """LRHS without the albedo of HRLS, encoded: of the same pixel, or where LRHS is centered, of the mean of the cell."""
+    own = albedo[..., :: config.scale, :: config.scale]
+    if centered.any():
+        own = torch.where(centered, F.avg_pool2d(albedo, config.scale), own)
+    return transfer(linear(lrhs, config) / (own + ALBEDO_FLOOR), config.transfer)
+
+
+def joint_candidates(low, hrls, albedo, normal, config):
+    """What the output is mixed of, encoded: LRHS, LRHS with the albedo of HRLS, three levels of a filter of HRLS.
+
+    `low` [N, 6, H, W] is the encoded LRHS and its irradiance, both upsampled; the others are full-size layers.
+    """
+    light = torch.log1p(JOINT_COMPRESS * linear(hrls, config) / (albedo + ALBEDO_FLOOR)) / JOINT_COMPRESS
+    brightness = luminance(low[:, 3:])[:, None]
+    guides = torch.cat([albedo / JOINT_ALBEDO, normal / JOINT_NORMAL, brightness / JOINT_IRRADIANCE], dim=1)
+    levels = joint_filter(light, guides, max(JOINT_LEVELS))
+    lights = [torch.expm1(JOINT_COMPRESS * levels[level - 1]) / JOINT_COMPRESS for level in JOINT_LEVELS]
+    lights = [decode(low[:, 3:], config.transfer), *lights]
+    return low[:, :3], *(transfer(light * (albedo + ALBEDO_FLOOR), config.transfer) for light in lights)
+
+
+def joint_predict(network, lrhs, hrls, upsampled, centered):
+    """predict() up to the encoded image."""
+    config = network.config
+    layers = dict(zip(config.hrls_layers, hrls.split(3, dim=1)))
+    albedo, normal = (encode_layer(layers[name], name, config) for name in ("albedo", "normal"))
+    low = torch.cat([encode_layer(lrhs, "color", config), irradiance(lrhs, albedo, config, centered)], dim=1)
+    candidates = joint_candidates(upsampled(low), layers["color"], albedo, normal, config)
+    high = torch.cat([encode(hrls, config.hrls_layers, config), *candidates[2:]], dim=1)
+    y = network(low, high, centered)
+    weights = torch.softmax(y[:, 3:], dim=1).split(1, dim=1)
+    return y[:, :3] + sum(weight * candidate for weight, candidate in zip(weights, candidates, strict=True))
 
 
 def predict(network, lrhs, hrls, centered=torch.tensor(False)):
-    """{layer: image} as rendered, lrhs [N, 3, h, w], hrls [N, 3, s*h, s*w] -> (encoded, scene linear) [N, 3, s*h, s*w].
+    """As rendered, lrhs [N, 3, h, w] and hrls [N, K, s*h, s*w] -> (encoded, scene linear) image [N, 3, s*h, s*w].
 
     `centered` as in Network.forward.
     """
     config = network.config
-    # Conversions of its own, layer by layer, would take a third of a training step.
-    dtype = torch.bfloat16 if torch.is_autocast_cpu_enabled() else torch.float32
-    ready = lambda x: x.to(dtype, memory_format=torch.channels_last)
-    low = encode(lrhs, config.lrhs_layers, config)
-    high = encode(hrls, config.hrls_layers, config)
 
     def upsampled(x):
         bases = [bilinear(x, config.scale)]
@@ -259,14 +271,12 @@ def predict(network, lrhs, hrls, centered=torch.tensor(False)):
         return torch.where(centered, bases[-1], bases[0])
 
     if config.base == "joint":
-        candidates = joint_candidates(upsampled(low), hrls, config)
-        y = network(ready(low), ready(torch.cat([high, *candidates[2:]], dim=1)), centered).float()
-        weights = torch.softmax(y[:, 3:], dim=1).unbind(1)
-        y = y[:, :3] + sum(w[:, None] * candidate for w, candidate in zip(weights, candidates, strict=True))
+        y = joint_predict(network, lrhs, hrls, upsampled, centered)
     else:
-        y = network(ready(low), ready(high), centered)
+        lrhs = encode(lrhs, ("color",), config)
+        y = network(lrhs, encode(hrls, config.hrls_layers, config), centered)
         if config.base == "bilinear":
-            y = y + upsampled(low[:, :3])
+            y = y + upsampled(lrhs)
     return y, decode(y, config.transfer)
 
 

@@ -14,7 +14,6 @@ CHOICES = dict(
     optional_layers=("albedo", "normal", "diffuse", "specular"),
     exposure_key=0.18,
     base="joint",
-    lrhs_layers=("color", "irradiance"),
     clip=100.0,
 )
 # features, growth, dense_layers, blocks, groups; full has the trunk of Hou et al. 2021.

@@ -101,13 +101,14 @@ class Run:
         return min(1.0, self.seconds / 60 / self.args.minutes)
 
     def inputs(self, lrhs, hrls):
-        """With zeros in the place of an input that the network is trained without."""
-        without = self.args.without
-        blank = lambda layers, names: layers | {name: torch.zeros_like(layers[name]) for name in names}
-        if without in ("lrhs", "layers"):
-            lrhs = blank(lrhs, lrhs if without == "lrhs" else ("albedo",))
-        if without in ("hrls", "layers"):
-            hrls = blank(hrls, hrls if without == "hrls" else self.config.optional_layers)
+        """With zeros in the place of what the network is trained without."""
+        if self.args.without == "lrhs":
+            lrhs = torch.zeros_like(lrhs)
+        if self.args.without == "hrls":
+            hrls = torch.zeros_like(hrls)
+        if self.args.without == "layers":
+            layers = zip(self.config.hrls_layers, hrls.split(3, dim=1))
+            hrls = torch.cat([0 * layer if name in self.config.optional_layers else layer for name, layer in layers], dim=1)
         return lrhs, hrls
 
     def train_step(self, views):
