@@ -76,7 +76,11 @@ class Run:
         if grow.is_smaller(small, self.config):
             same = grow.grow(tensors, small, self.config, own)
         else:
-            same = {key: overlaid(own[key], value) for key, value in tensors.items() if key in own}
+            same = {key: value for key, value in tensors.items() if key in own}
+            if small.scale == self.config.scale:
+                same = {key: overlaid(own[key], value) for key, value in same.items()}
+            else:  # channels that are shuffled mean something else
+                same = {key: value for key, value in same.items() if own[key].shape == value.shape}
         self.network.load_state_dict(own | same)
         return {"started_from": {"name": metadata["name"], "training": json.loads(metadata["training"])}}
 
