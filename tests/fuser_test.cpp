@@ -76,14 +76,18 @@ std::vector<Architecture> shapes() {
 }
 
 TEST_F(FuserTest, TiledAndUntiledGiveTheSameBits) {
-  for (const Architecture& a : shapes()) {
+  std::vector<Architecture> all = shapes();
+  for (const int scale : {2, 4, 8}) all.push_back(joint_architecture(scale));
+  for (const Architecture& a : all) {
     const int scale = a.scale;
-    const Subject subject = make_subject(a, 27, 30, uint64_t(scale));
+    const bool joint = a.base == reference::Base::kJoint;  // its halo is large
+    const Size size = joint ? Size{5, 20 + 220 / scale} : Size{27, 30};
+    const Subject subject = make_subject(a, size.h, size.w, uint64_t(scale));
     const Model model = model_of(subject);
     for (const Precision precision : kPrecisions) {
       for (const bool centered : {false, true}) {
-        SCOPED_TRACE(
-            fmt::format("x{} guide {} {} centered {}", scale, a.hrls_guide, name_of(precision), centered));
+        SCOPED_TRACE(fmt::format("x{} guide {} joint {} {} centered {}", scale, a.hrls_guide, joint,
+                                 name_of(precision), centered));
         const FuserOptions options{.storage = storage_of(precision),
                                    .phase = lrhs_phase(centered, uint32_t(scale))};
         const FuserOptions limited = tiled(model, subject, options);
@@ -116,7 +120,7 @@ Reach reach_of(const Fuser& fuser, const Planes& fused, int scale, int lit_cell,
 TEST_F(FuserTest, TheHaloIsNeededAndEnough) {
   for (Architecture a : shapes()) {
     const int scale = a.scale;
-    a.bilinear_base = false;
+    a.base = reference::Base::kNone;
     a.hrls_layers = {reference::LayerKind::kRadiance};
     a.features = 4;
     a.dense_layers = scale == 4 ? 2 : 1;

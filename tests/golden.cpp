@@ -12,6 +12,7 @@ namespace raymeld::test {
 namespace {
 
 using reference::Architecture;
+using reference::Base;
 using reference::Conv;
 using reference::LayerKind;
 using reference::Planes;
@@ -36,11 +37,20 @@ std::vector<LayerKind> layer_kinds(const std::string& list) {
   return kinds;
 }
 
+Base base_of(const std::string& name) {
+  return name == "joint" ? Base::kJoint : name == "bilinear" ? Base::kBilinear : Base::kNone;
+}
+
+// Layers without weights.
+constexpr const char* kJointLayers[] = {"irradiance", "light",     "joint.0", "joint.1",
+                                        "joint.2",    "joint.3",   "joint.4", "relight.1",
+                                        "relight.3",  "relight.5", "mix"};
+
 }  // namespace
 
 const std::vector<std::string>& golden_names() {
-  static const std::vector<std::string> names = {"tiny-x2",   "tiny-x4",   "tiny-x8",
-                                                 "guided-x2", "guided-x4", "guided-x8"};
+  static const std::vector<std::string> names = {"tiny-x2",   "tiny-x4",   "tiny-x8",  "guided-x2",
+                                                 "guided-x4", "guided-x8", "joint-x2", "joint-x4"};
   return names;
 }
 
@@ -61,6 +71,9 @@ Golden load_golden(const std::string& name) {
   golden.hrls = take_planes(tensors, "hrls_input");
   golden.outputs["output"] = take_planes(tensors, "output");
   for (const auto& [name, conv] : golden.weights) golden.outputs[name] = take_planes(tensors, name);
+  if (golden.architecture.base == Base::kJoint) {
+    for (const char* layer : kJointLayers) golden.outputs[layer] = take_planes(tensors, layer);
+  }
   if (!tensors.empty()) throw std::runtime_error("golden: unknown layer " + tensors.begin()->first);
   return golden;
 }
@@ -77,7 +90,7 @@ Architecture load_architecture(const std::filesystem::path& model) {
           .hrls_layers = layer_kinds(metadata.at("hrls_layers")),
           .long_skip_fused = metadata.at("long_skip") == "fused",
           .merge_relu = metadata.at("merge_relu") == "true",
-          .bilinear_base = metadata.at("base") == "bilinear",
+          .base = base_of(metadata.at("base")),
           .transfer = metadata.at("transfer") == "log" ? Transfer::kLog : Transfer::kLinear,
           .clip = std::stof(metadata.at("clip")),
           .hrls_unshuffled = metadata.at("hrls_encoder") == "unshuffled",

@@ -7,7 +7,8 @@
 namespace raymeld::test {
 
 // A tiny network with random weights, its raw inputs, and every layer's output as PyTorch computed it in
-// float64: tests/golden/tiny-x2 and so on, and guided-x2 with the other choices of the network.
+// float64: tests/golden/tiny-x2 and so on, guided-x2 with the other choices of the network, joint-x2 with a
+// joint base.
 struct Golden {
   reference::Architecture architecture;
   reference::Weights weights;

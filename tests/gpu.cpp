@@ -176,6 +176,7 @@ PipelineCache& shared_cache() {
 }
 
 std::map<std::string, std::string> model_metadata(const Architecture& a) {
+  using reference::Base;
   // Layers are known by kind here; one name for each kind and place will do.
   std::vector<std::string> radiance{"color", "diffuse", "specular"}, layers;
   for (const LayerKind kind : a.hrls_layers) {
@@ -203,7 +204,9 @@ std::map<std::string, std::string> model_metadata(const Architecture& a) {
           {"merge_relu", a.merge_relu ? "true" : "false"},
           {"transfer", a.transfer == reference::Transfer::kLog ? "log" : "linear"},
           {"clip", fmt::format("{}", a.clip)},
-          {"base", a.bilinear_base ? "bilinear" : "none"},
+          {"base", a.base == Base::kJoint      ? "joint"
+                   : a.base == Base::kBilinear ? "bilinear"
+                                               : "none"},
           {"hrls_encoder", a.hrls_unshuffled ? "unshuffled" : "full"},
           {"upscale", a.upscale_direct ? "direct" : "stages"},
           {"upscaled_features", std::to_string(a.upscaled())},

@@ -182,8 +182,8 @@ TEST_F(GraphTest, WhatTheDeviceCannotBindIsAnError) {
 // The whole network, where almost every tensor takes another's place.
 TEST_F(GraphTest, AliasedAndUnaliasedPlansComputeTheSameBits) {
   const TemporaryDirectory folder;
-  for (const bool guided : {false, true}) {
-    const Subject subject = make_subject(guided ? guided_architecture(4) : small_architecture(4), 5, 9, 1);
+  for (const auto& shape : {small_architecture, guided_architecture, joint_architecture}) {
+    const Subject subject = make_subject(shape(4), 5, 9, 1);
     write_model(folder / "model.safetensors", subject.architecture, subject.weights);
     const Model model(folder / "model.safetensors");
     for (const Storage storage : {Storage::kFloat32, Storage::kFloat16}) {

@@ -50,7 +50,7 @@ TEST_F(ModelTest, TheGoldenModelsLoad) {
   EXPECT_TRUE(a.merge_relu);
   EXPECT_EQ(a.transfer, Transfer::kLog);
   EXPECT_EQ(a.clip, 1000);
-  EXPECT_TRUE(a.bilinear_base);
+  EXPECT_EQ(a.base, Base::kBilinear);
   EXPECT_EQ(a.hrls_encoder, HrlsEncoder::kFull);
   EXPECT_EQ(a.upscale, Upscale::kStages);
   EXPECT_EQ(a.upscaled_features, 5u);
@@ -75,6 +75,26 @@ TEST_F(ModelTest, TheOtherChoicesOfTheNetworkAreRead) {
   EXPECT_TRUE(a.trained_on(true));
   EXPECT_TRUE(a.trained_on(false));
   EXPECT_TRUE(Model(golden_model_path("guided-x2")).architecture().lrhs_centered);
+  EXPECT_EQ(Model(golden_model_path("guided-x8")).architecture().base, Base::kNone);
+  EXPECT_EQ(Model(golden_model_path("joint-x4")).architecture().base, Base::kJoint);
+}
+
+TEST_F(ModelTest, AJointBaseNeedsAlbedoAndNormal) {
+  SafeTensors content = read_safetensors(golden_model_path("joint-x2"));
+  for (const char* layers : {"color", "color,albedo", "color,normal", "color,diffuse,albedo"}) {
+    content.metadata["hrls_layers"] = layers;
+    write_safetensors(file_, content);
+    const std::string message = error_of([&] { Model model(file_); });
+    EXPECT_TRUE(contains(message, file_.string())) << message;
+    EXPECT_TRUE(contains(message, "\"base\"")) << layers << ": " << message;
+  }
+}
+
+TEST_F(ModelTest, AJointBaseHasTensorsOfItsOwn) {
+  SafeTensors content = read_safetensors(golden_model_path("joint-x2"));
+  content.metadata["base"] = "bilinear";
+  write_safetensors(file_, content);
+  EXPECT_ERROR(Model{file_}, "tensor", "has shape");
 }
 
 TEST_F(ModelTest, ABiasForCenteredSamplesBelongsToBothSamplings) {

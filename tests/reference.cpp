@@ -4,10 +4,10 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "transfer.h"
+
 namespace raymeld::reference {
 namespace {
-
-constexpr double kUlp = 2 * kUnit;  // one fp32 ULP is at most this, relative
 
 struct Sum {
   double value, magnitude, input_error;  // sum wx + b, S = sum |w||x| + |b|, sum |w| bound(x)
@@ -89,6 +89,15 @@ Bounded concat(const Bounded& a, const Bounded& b) {
   return {join(a.value, b.value), join(a.bound, b.bound)};
 }
 
+Bounded slice(const Bounded& x, int first, int count) {
+  expect(first >= 0 && first + count <= x.value.c, "slice: no such channels");
+  const auto cut = [&](const Planes& from) {
+    const auto begin = from.data.begin() + ptrdiff_t(from.index(first, 0, 0));
+    return Planes(count, from.h, from.w, {begin, begin + ptrdiff_t(from.index(count, 0, 0))});
+  };
+  return {cut(x.value), cut(x.bound)};
+}
+
 Bounded space_to_depth(const Bounded& x, int r) {
   expect(x.value.h % r == 0 && x.value.w % r == 0, "space_to_depth: the size is no multiple");
   const auto move = [&](const Planes& from) {
@@ -121,9 +130,7 @@ Bounded pixel_shuffle(const Bounded& x, int r) {
   return {move(x.value), move(x.bound)};
 }
 
-// The device's log is within 3 ULP, or 2^-21 absolute in [0.5, 2] (Vulkan 1.3, "Precision and Operation of
-// SPIR-V Instructions"); 1 + 8x rounds once and is at least 1; the division takes 2.5 ULP. An exposure other
-// than 1 rounds once, its square twice.
+// An exposure other than 1 rounds once, its square twice.
 Bounded encode(const Planes& image, LayerKind kind, Transfer transfer, double clip, Precision precision,
                double exposure) {
   const bool radiance = kind == LayerKind::kRadiance || kind == LayerKind::kVariance;
@@ -135,15 +142,10 @@ Bounded encode(const Planes& image, LayerKind kind, Transfer transfer, double cl
     const double scaled = std::isnan(value) ? 0 : value * factor;
     const double off = factor == 1 || std::isinf(scaled) ? 0 : gamma(2) * std::abs(scaled) + kFlush;
     const double least = std::clamp(scaled - off, low, high), most = std::clamp(scaled + off, low, high);
-    value = std::clamp(scaled, low, high);
-    bound = std::max(most - value, value - least);
-    if (radiance && transfer == Transfer::kLog) {
-      const double log = std::log1p(8 * value);
-      const double carried = std::max(std::log1p(8 * most) - log, log - std::log1p(8 * least));
-      const double log_bound = gamma(1) + std::max(3 * kUlp * log, 0x1p-21) + carried;
-      value = log / 3;
-      bound = log_bound / 3 + 2.5 * kUlp * (value + log_bound);
-    }
+    const Transfer curve = radiance ? transfer : Transfer::kLinear;
+    const Interval range = apply(curve, Interval(least, most));
+    value = apply(curve, std::clamp(scaled, low, high));
+    bound = std::max(range.high - value, value - range.low);
     bound = stored_bound(value, bound, precision);
   }
   return result;
@@ -178,26 +180,8 @@ Bounded bilinear(const Bounded& x, int scale, double phase) {
   return result;
 }
 
-namespace {
-
-constexpr double kLargestOutput = 65504;
-
-// Beyond this exponent the output is clamped whatever the roundings; exp stays finite in fp32.
-constexpr double kLargestExponent = 80;
-
-// (exp(3y) - 1) / 8, with every rounding pushed up (direction 1), down (-1) or left out (0). The
-// device's exp(x) is within 3 + 2|x| ULP, its division within 2.5 (source as for log).
-double decode_log(double y, int direction) {
-  const double x = std::min(3 * y + direction * kUnit * std::abs(3 * y), kLargestExponent);
-  if (direction == 0) return std::expm1(x) / 8;
-  const double e = std::exp(x) * std::max(0.0, 1 + direction * (3 + 2 * std::abs(x)) * kUlp);
-  const double z = e - 1 + direction * (kUnit * std::abs(e - 1) + kFlush);
-  return (z + direction * 2.5 * kUlp * std::abs(z)) / 8;
-}
-
-}  // namespace
-
-// The device multiplies by the exposure's inverse: two roundings, unless it is 1.
+// The device multiplies by the exposure's inverse, which rounds no more than a division does; by 1 not at
+// all.
 Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Precision precision,
                double exposure) {
   Bounded result = rec;
@@ -209,14 +193,14 @@ Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Preci
       value += base->value.data[i];
     }
     if (!std::isfinite(bound)) continue;
-    const auto curve = [&](double y, int direction) {
-      const double x = (transfer == Transfer::kLog ? decode_log(y, direction) : y) / exposure;
-      const double off = exposure == 1 ? 0 : gamma(2) * std::abs(x) + kFlush;
-      return std::clamp(x + direction * off, 0.0, kLargestOutput);
+    const auto curve = [&](const auto& y) {
+      using std::clamp;
+      const auto x = invert(transfer, y);
+      return clamp(exposure == 1 ? x : x / exposure, 0.0, kLargestOutput);
     };
-    const double low = curve(value - bound, -1), high = curve(value + bound, 1);
-    value = curve(value, 0);
-    bound = stored_bound(value, std::max(high - value, value - low), precision);
+    const Interval range = curve(Interval(value - bound, value + bound));
+    value = curve(value);
+    bound = stored_bound(value, std::max(range.high - value, value - range.low), precision);
   }
   return result;
 }

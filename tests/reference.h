@@ -27,7 +27,8 @@ struct Conv {
 Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precision,
                const std::vector<const Bounded*>& residuals = {});
 
-Bounded concat(const Bounded& a, const Bounded& b);  // along c
+Bounded concat(const Bounded& a, const Bounded& b);     // along c
+Bounded slice(const Bounded& x, int first, int count);  // channels
 
 // (c, r*h, r*w) -> (r*r*c, h, w) and back: channel c*r*r + r*dy + dx, as PyTorch's pixel_unshuffle and
 // pixel_shuffle.
@@ -51,17 +52,50 @@ Bounded bilinear(const Bounded& x, int scale, double phase);
 Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Precision precision,
                double exposure = 1);
 
+// The layers of the joint base, on encoded images: (h, w) is the LRHS size, (H, W) = scale * (h, w).
+
+// LRHS color (3, h, w) over HRLS albedo (3, H, W) + 0.4, encoded: the albedo of the top-left pixel of the
+// cell, or, where phase > 0, the mean over the cell.
+Bounded irradiance(const Bounded& lrhs, const Bounded& albedo, Transfer transfer, int scale, double phase,
+                   Precision precision);
+
+// (4, H, W): log(1 + 0.2 color / (albedo + 0.4)) / 0.2 of HRLS, and the Rec. 709 luminance of the upsampled
+// irradiance (3, h, w).
+Bounded light(const Bounded& color, const Bounded& albedo, const Bounded& irradiance, Transfer transfer,
+              int scale, double phase, Precision precision);
+
+// (3, H, W) of the same: the mean of the 3x3 pixels at distances of `step`, edges replicated, weighted by
+// (1/4, 1/2, 1/4)^2 and by exp(-d^2), d being the distance of albedo / 3, normal / 1.2 and, of one channel,
+// brightness / 0.0667.
+Bounded joint_filter(const Bounded& x, const Bounded& albedo, const Bounded& normal,
+                     const Bounded& brightness, int step, Precision precision);
+
+// The encoded image (3, H, W) that light (3, H, W) makes of the albedo.
+Bounded relight(const Bounded& light, const Bounded& albedo, Transfer transfer, Precision precision);
+
+// rec (8, H, W): a residual, added to the mean of five candidates, weighted by the softmax of five logits:
+// LRHS (6, h, w: color and irradiance) upsampled, its irradiance upsampled and relit, `candidates` (9, H, W).
+Bounded mix(const Bounded& rec, const Bounded& lrhs, const Bounded& albedo, const Bounded& candidates,
+            Transfer transfer, int scale, double phase, Precision precision);
+
+enum class Base { kNone, kBilinear, kJoint };
+
 // What the model file's metadata says.
 struct Architecture {
   int scale = 0, features = 0, growth = 0, dense_layers = 0, blocks = 0, groups = 0;
   std::vector<LayerKind> hrls_layers = {};  // 3 channels each, in the order of the HRLS input
-  bool long_skip_fused = false, merge_relu = false, bilinear_base = false;
+  bool long_skip_fused = false, merge_relu = false;
+  Base base = Base::kNone;
   Transfer transfer = Transfer::kLinear;
   double clip = 0;
   bool hrls_unshuffled = false, upscale_direct = false, hrls_guide = false, both_samplings = false;
   int upscaled_features = 0, head_features = 0;  // upscaled_features 0: as many as features
 
   int upscaled() const { return upscaled_features > 0 ? upscaled_features : features; }
+  // Channels that the network reads and writes.
+  int lrhs_channels() const { return base == Base::kJoint ? 6 : 3; }
+  int hrls_channels() const { return 3 * int(hrls_layers.size()) + (base == Base::kJoint ? 9 : 0); }
+  int rec_channels() const { return base == Base::kJoint ? 8 : 3; }
 };
 
 using Weights = std::map<std::string, Conv>;     // by the layer's name: "groups.0.blocks.1.merge"
@@ -69,10 +103,11 @@ using Outputs = std::map<std::string, Bounded>;  // by the same, and those that 
 
 // Every layer's output by the name of its weights: `merge` with the block's input added, `up.i` after the
 // shuffle. Further encode.lrhs, encode.hrls; groups.0 and so on, the last merge with the group's input added
-// too; trunk, the last of these with the long skip; output (3, s*h, s*w), which is fp32. phase > 0 is
-// centered. lrhs (3, h, w) and hrls (3 * layers, s*h, s*w) are raw images. Layers named in `given` are
-// computed and then replaced by the given values as exact: with a device's own outputs each layer is checked
-// against what the device itself fed it, and bounds do not pile up.
+// too; trunk, the last of these with the long skip; output (3, s*h, s*w), which is fp32. With the joint base
+// also irradiance, light, joint.0 to joint.4, relight.1, relight.3, relight.5 and mix. phase > 0 is centered.
+// lrhs (3, h, w) and hrls (3 * layers, s*h, s*w) are raw images. Layers named in `given` are computed and
+// then replaced by the given values as exact: with a device's own outputs each layer is checked against what
+// the device itself fed it, and bounds do not pile up.
 Outputs network(const Architecture& architecture, const Weights& weights, const Planes& lrhs,
                 const Planes& hrls, double phase, Precision precision,
                 const std::map<std::string, Planes>& given = {}, double exposure = 1);

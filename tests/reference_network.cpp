@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <stdexcept>
 
 #include "reference.h"
@@ -91,6 +92,39 @@ Bounded trunk(Run& run, const Architecture& a, const Bounded& fused, const Bound
   return x;
 }
 
+int first_channel(const Architecture& a, LayerKind kind) {
+  const auto found = std::find(a.hrls_layers.begin(), a.hrls_layers.end(), kind);
+  if (found == a.hrls_layers.end()) throw std::invalid_argument("reference: the joint base lacks a layer");
+  return 3 * int(found - a.hrls_layers.begin());
+}
+
+// Of the joint base.
+struct Candidates {
+  Bounded irradiance, albedo;
+  Bounded relit;  // three levels of the filter, 9 channels
+};
+
+Candidates candidates(Run& run, const Architecture& a, const Bounded& lrhs, const Bounded& hrls, double phase,
+                      Precision precision) {
+  const Bounded color = slice(hrls, 0, 3), albedo = slice(hrls, first_channel(a, LayerKind::kAlbedo), 3);
+  const Bounded normal = slice(hrls, first_channel(a, LayerKind::kNormal), 3);
+  Candidates result{
+      run.keep("irradiance", irradiance(lrhs, albedo, a.transfer, a.scale, phase, precision)), albedo, {}};
+  const Bounded lit =
+      run.keep("light", light(color, albedo, result.irradiance, a.transfer, a.scale, phase, precision));
+  const Bounded brightness = slice(lit, 3, 1);
+  Bounded x = slice(lit, 0, 3);
+  for (int level = 0; level < 5; ++level) {
+    x = run.keep("joint." + std::to_string(level),
+                 joint_filter(x, albedo, normal, brightness, 1 << level, precision));
+    if (level % 2 == 1) continue;
+    const Bounded relit =
+        run.keep("relight." + std::to_string(level + 1), relight(x, albedo, a.transfer, precision));
+    result.relit = level == 0 ? relit : concat(result.relit, relit);
+  }
+  return result;
+}
+
 Bounded encode_hrls(Run& run, const Architecture& a, const Bounded& hrls) {
   if (a.hrls_unshuffled) return run.conv("hrls", space_to_depth(hrls, a.scale));
   Bounded x = run.conv("hrls", hrls);
@@ -110,17 +144,24 @@ Outputs network(const Architecture& a, const Weights& weights, const Planes& lrh
                 double phase, Precision precision, const std::map<std::string, Planes>& given,
                 double exposure) {
   Run run(weights, precision, given);
-  const Bounded low =
+  const bool joint = a.base == Base::kJoint;
+  Bounded low =
       run.keep("encode.lrhs", encode(lrhs, LayerKind::kRadiance, a.transfer, a.clip, precision, exposure));
-  const Bounded high = run.keep("encode.hrls", encode_all(a, hrls, precision, exposure));
+  Bounded high = run.keep("encode.hrls", encode_all(a, hrls, precision, exposure));
+  const Candidates made = joint ? candidates(run, a, low, high, phase, precision) : Candidates{};
+  if (joint) low = concat(low, made.irradiance), high = concat(high, made.relit);
   const Bounded f_lrhs = run.conv_lrhs(low, phase > 0);
   const Bounded fused = run.conv("fuse", concat(f_lrhs, encode_hrls(run, a, high)));
   Bounded x = upscale(run, a, trunk(run, a, fused, a.long_skip_fused ? fused : f_lrhs));
   if (a.hrls_guide) x = concat(x, high);
   if (a.head_features > 0) x = run.conv("head", x);
-  const Bounded rec = run.conv("rec", x, false);
+  x = run.conv("rec", x, false);
+  if (joint) {
+    x = run.keep("mix", mix(x, low, made.albedo, made.relit, a.transfer, a.scale, phase, precision));
+  }
   const Bounded base = bilinear(low, a.scale, phase);
-  run.keep("output", decode(rec, a.bilinear_base ? &base : nullptr, a.transfer, Precision::kFp32, exposure));
+  run.keep("output",
+           decode(x, a.base == Base::kBilinear ? &base : nullptr, a.transfer, Precision::kFp32, exposure));
   return run.take();
 }
 

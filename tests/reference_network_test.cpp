@@ -19,7 +19,7 @@ Architecture small(int scale) {
   a.hrls_layers = {LayerKind::kRadiance, LayerKind::kAlbedo, LayerKind::kNormal};
   a.transfer = Transfer::kLog;
   a.clip = 100;
-  a.bilinear_base = true;
+  a.base = Base::kBilinear;
   return a;
 }
 

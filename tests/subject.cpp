@@ -14,7 +14,7 @@ Architecture small_architecture(int scale) {
           .blocks = 1,
           .groups = 1,
           .hrls_layers = {LayerKind::kRadiance, LayerKind::kAlbedo, LayerKind::kNormal},
-          .bilinear_base = true,
+          .base = reference::Base::kBilinear,
           .clip = 100};
 }
 
@@ -23,6 +23,13 @@ Architecture guided_architecture(int scale) {
   a.hrls_unshuffled = a.upscale_direct = a.hrls_guide = a.both_samplings = true;
   a.upscaled_features = 3;
   a.head_features = 4;
+  return a;
+}
+
+Architecture joint_architecture(int scale) {
+  Architecture a = guided_architecture(scale);
+  a.base = reference::Base::kJoint;
+  a.transfer = reference::Transfer::kLog;
   return a;
 }
 

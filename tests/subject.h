@@ -16,6 +16,8 @@ struct Subject {
 reference::Architecture small_architecture(int scale);
 // The same with HRLS unshuffled, upscaling at once, a guide, a head and a bias for centered samples.
 reference::Architecture guided_architecture(int scale);
+// That with a joint base and the log transfer.
+reference::Architecture joint_architecture(int scale);
 Subject make_subject(const reference::Architecture& architecture, int height, int width, uint64_t seed);
 
 Image image_of(const reference::Planes& planes);

@@ -75,8 +75,8 @@ reference::Weights random_weights(const Architecture& a, Precision precision, ui
     weights[name] = round_to(random_conv(out, in, kernel, Fill::kUniform, seed + weights.size()), precision);
   };
   const int features = a.features, steps = std::countr_zero(unsigned(a.scale));
-  const int hrls = 3 * int(a.hrls_layers.size());
-  make("lrhs", features, 3, 3);
+  const int hrls = a.hrls_channels();
+  make("lrhs", features, a.lrhs_channels(), 3);
   if (a.both_samplings) {
     weights.at("lrhs").centered_bias = random_conv(features, 1, 1, Fill::kUniform, seed + 1000).bias;
   }
@@ -98,7 +98,7 @@ reference::Weights random_weights(const Architecture& a, Precision precision, ui
     make(fmt::format("up.{}", i), 4 * features, features, 3);
   int last = a.upscaled() + (a.hrls_guide ? hrls : 0);
   if (a.head_features > 0) make("head", a.head_features, last, 3), last = a.head_features;
-  make("rec", 3, last, 3);
+  make("rec", a.rec_channels(), last, 3);
   return weights;
 }
 

@@ -1,8 +1,10 @@
 #!/usr/bin/env python3
 """Tiny networks, inputs and every layer's output in float64, for the engine's tests: goldens.py FOLDER."""
 
+import contextlib
 import pathlib
 import sys
+from unittest import mock
 
 import numpy
 import torch
@@ -61,8 +63,32 @@ CASES = {
             8, 3, 2, 1, 1, 1, ("color", "diffuse"), upscale="direct", upscaled_features=2, guide="hrls", base="none"
         ),
     ),
+    "joint-x2": (
+        (9, 7),
+        model.Config(2, 4, 3, 1, 1, 1, ("color", "normal", "albedo"), lrhs_sampling=("centered",), base="joint"),
+    ),
+    "joint-x4": (
+        (3, 5),
+        model.Config(
+            4,
+            4,
+            3,
+            1,
+            1,
+            1,
+            hrls_encoder="unshuffled",
+            upscale="direct",
+            upscaled_features=3,
+            guide="hrls",
+            head_features=5,
+            base="joint",
+            lrhs_sampling=("nearest", "centered"),
+            optional_layers=("diffuse", "specular"),
+            exposure_key=0.2,
+        ),
+    ),
 }
-CENTERED = ("guided-x4",)  # read as centered; the others as nearest samples
+CENTERED = ("guided-x4", "joint-x2")  # read as centered; the others as nearest samples
 
 
 def random_network(config, generator):
@@ -81,6 +107,8 @@ def random_inputs(shape, config, generator):
     k, s = 3 * len(config.hrls_layers), config.scale
     lrhs = torch.rand(1, 3, h, w, generator=generator) ** 3 * 4
     hrls = torch.rand(1, k, h * s, w * s, generator=generator) ** 3 * 4
+    if config.base == "joint":  # brightness that varies little, so that the filter averages
+        lrhs, hrls[:, 3:] = 1 + lrhs / 64, hrls[:, 3:] / 8
     lrhs[0, :, 1, 2] = torch.tensor([5000.0, 20.0, 60000.0])
     hrls[0, :, 3, 4] = 300.0
     hrls[0, 0, -1, -1] = 60000.0
@@ -88,6 +116,30 @@ def random_inputs(shape, config, generator):
         normal = 3 * config.hrls_layers.index("normal")
         hrls[:, normal : normal + 3] -= 1.5
     return lrhs.float(), hrls.float()
+
+
+@contextlib.contextmanager
+def parts_of_joint_base(seen):
+    """Adds to `seen` what the parts of the joint base give."""
+    parts = model.irradiance, model.joint_filter, model.joint_candidates
+
+    def irradiance(*inputs):
+        return seen.setdefault("irradiance", parts[0](*inputs))
+
+    def joint_filter(light, guides, levels):
+        filtered = parts[1](light, guides, levels)
+        seen["light"] = torch.cat([light, guides[:, -1:] * model.JOINT_IRRADIANCE], dim=1)
+        seen.update({f"joint.{level}": image for level, image in enumerate(filtered)})
+        return filtered
+
+    def joint_candidates(*inputs):
+        candidates = parts[2](*inputs)
+        seen.update({f"relight.{level}": image for level, image in zip(model.JOINT_LEVELS, candidates[2:])})
+        return candidates
+
+    replaced = {"irradiance": irradiance, "joint_filter": joint_filter, "joint_candidates": joint_candidates}
+    with mock.patch.multiple(model, **replaced):
+        yield
 
 
 def layer_outputs(network, run):
@@ -107,7 +159,10 @@ def layer_outputs(network, run):
             part.register_forward_hook(lambda _, __, y, name=name, then=then: seen.update({name: then(y)}))
         elif isinstance(part, model.Block):
             part.register_forward_hook(lambda _, __, y, name=name + ".merge": seen.update({name: y}))
-    output = run()
+    with parts_of_joint_base(seen):
+        encoded, output = run()
+    if network.config.base == "joint":
+        seen["mix"] = encoded
     return seen | {"output": output}
 
 
@@ -128,7 +183,8 @@ def write_case(folder, name, shape, config):
 
     def run():
         inputs = lrhs.double() * exposure, exposed(hrls.double(), config, exposure)
-        return (model.predict(network, *inputs, centered)[1] / exposure).clamp(max=model.HALF_MAX)
+        encoded, output = model.predict(network, *inputs, centered)
+        return encoded, (output / exposure).clamp(max=model.HALF_MAX)
 
     tensors |= layer_outputs(network, run)
     half = not name.startswith("tiny")
