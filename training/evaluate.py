@@ -96,7 +96,8 @@ def main():
         measure(plans, views, store)
     sheets = [tables.sheet(plan, views, store) for plan in plans if plan.name != "plain"]
     if "main" in args.tables:
-        sheets += [tables.lead_sheet(models, views, store), tables.scenes_sheet(models, views, store)]
+        sheets += [tables.lead_sheet(name, models, views, store) for name in tables.RIVALS]
+        sheets += [tables.scenes_sheet(models, views, store)]
     if "equal-time" in args.tables:
         sheets += tables.equal_time_sheets(models, views, store)
     for sheet in sheets:

@@ -1,4 +1,4 @@
-"""What a model has to beat: bicubic upsampling of LRHS, and a guided a-trous filter of a plain render."""
+"""What a model has to beat: bicubic upsampling of LRHS, and guided a-trous filters of a plain render."""
 
 import dataclasses
 
@@ -24,22 +24,38 @@ def bicubic(image, scale, a=-0.5):
 
 @dataclasses.dataclass(frozen=True)
 class Atrous:
-    """Parameters of the a-trous filter."""
+    """Parameters of atrous()."""
 
-    luminance: float  # widths of the stopping functions: in standard deviations of the noise,
+    compress: float  # what is filtered is log(1 + c x) / c
+    color: float  # widths of the weights: of what is filtered, at the first level,
+    albedo: float  # and of the guides
+    normal: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Svgf:
+    """Parameters of svgf()."""
+
+    luminance: float  # widths of the weights: in standard deviations of the noise,
     compress: float  # what is filtered is log(1 + c x) / c
     albedo_floor: float
-    normal: float = 0.714  # and in units of the guides
-    albedo: float = 2.24
-    firefly: float = 60.0  # a pixel is at most that many times as bright as the second brightest around it
+    normal: float  # and of the guides
+    albedo: float
+    firefly: float  # a pixel is at most that many times as bright as the second brightest around it
 
 
-# By samples a pixel. Tuned with tune.py, which scores PSNR and RelMSE alike, on training views of 192 x 192: on 15 for
-# all counts together, then what has no default on 20 for each.
+# By samples a pixel. Tuned on 29 training views, scored as in tune.py.
 TUNED = {
-    2: Atrous(luminance=1.4, compress=0.35, albedo_floor=0.4),
-    4: Atrous(luminance=1.4, compress=1.0, albedo_floor=0.4),
-    8: Atrous(luminance=1.0, compress=1.0, albedo_floor=0.2),
+    "atrous": {
+        2: Atrous(compress=2.24, color=1.28, albedo=0.255, normal=0.7),
+        4: Atrous(compress=6.27, color=0.429, albedo=0.149, normal=0.7),
+        8: Atrous(compress=8.4, color=0.238, albedo=0.107, normal=0.5),
+    },
+    "svgf": {
+        2: Svgf(luminance=2.0, compress=0.0875, albedo_floor=0.672, normal=0.833, albedo=1.12, firefly=60.0),
+        4: Svgf(luminance=1.4, compress=0.5, albedo_floor=0.4, normal=0.595, albedo=1.34, firefly=60.0),
+        8: Svgf(luminance=1.2, compress=1.0, albedo_floor=0.143, normal=0.357, albedo=2.24, firefly=30.0),
+    },
 }
 LEVELS = 5
 SPLINE = (1 / 16, 1 / 4, 3 / 8, 1 / 4, 1 / 16)
@@ -57,6 +73,43 @@ def shifted(image, dy, dx):
 
 def window(radius):
     return [(dy, dx) for dy in range(-radius, radius + 1) for dx in range(-radius, radius + 1)]
+
+
+def squared_distance(image, dy, dx):
+    """Between each pixel and the one at (dy, dx) of it."""
+    return ((shifted(image, dy, dx) - image) ** 2).sum(-1)
+
+
+def scaled_guides(albedo, normal, p):
+    return numpy.concatenate([albedo.clip(0, 1) / p.albedo, normal.clip(-1, 1) / p.normal], -1)
+
+
+def compressed(x, p):
+    return numpy.log1p(p.compress * x) / p.compress
+
+
+def expanded(x, p):
+    return numpy.expm1(p.compress * x) / p.compress
+
+
+def atrous(color, albedo, normal, p):
+    """Scene linear [H, W, 3] each -> [H, W, 3].
+
+    Dammertz et al. 2010, Edge-Avoiding A-Trous Wavelet Transform for fast Global Illumination Filtering, with the
+    albedo in the place of the position.
+    """
+    guides = scaled_guides(albedo, normal, p)
+    x = compressed(color.clip(0), p)
+    for level in range(LEVELS):
+        step, width = 2**level, p.color / 2**level
+        total, weights = 0, 0
+        for dy, dx in window(2):
+            offset = (dy * step, dx * step)
+            distance = squared_distance(guides, *offset) + squared_distance(x, *offset) / width**2
+            weight = SPLINE[dy + 2] * SPLINE[dx + 2] * numpy.exp(-distance)[..., None]
+            total, weights = total + weight * shifted(x, *offset), weights + weight
+        x = total / weights
+    return expanded(x, p)
 
 
 def blurred(image):
@@ -79,7 +132,7 @@ def noise_variance(luminance, guide_weights):
     return numpy.maximum(second / weights - (first / weights) ** 2, 0)
 
 
-def atrous_level(x, variance, guide_weights, step, width):
+def svgf_level(x, variance, guide_weights, step, width):
     luminance = blurred(x @ LUMINANCE)  # on single noisy pixels the stopping function would darken the image
     deviation = width * numpy.sqrt(blurred(variance)) + 1e-4
     total, total_variance, weights = 0, 0, 0
@@ -93,20 +146,23 @@ def atrous_level(x, variance, guide_weights, step, width):
     return total / weights[..., None], total_variance / weights**2
 
 
-def atrous(color, albedo, normal, p):
+def svgf(color, albedo, normal, p):
     """Scene linear [H, W, 3] each -> [H, W, 3].
 
-    Dammertz et al. 2010, Edge-Avoiding A-Trous Wavelet Transform for fast Global Illumination Filtering, with the
-    variance-normalised luminance weight and the demodulated albedo of Schied et al. 2017 (SVGF), section 4.
+    The spatial filter of Schied et al. 2017, Spatiotemporal Variance-Guided Filtering, section 4: as atrous(), but on
+    demodulated albedo, and with a luminance weight in standard deviations of the noise.
     """
     texture = albedo.clip(0, 1) + p.albedo_floor
-    guides = numpy.concatenate([albedo.clip(0, 1) / p.albedo, normal.clip(-1, 1) / p.normal], -1)
+    guides = scaled_guides(albedo, normal, p)
 
     def guide_weights(dy, dx):
-        return numpy.exp(-((shifted(guides, dy, dx) - guides) ** 2).sum(-1))
+        return numpy.exp(-squared_distance(guides, dy, dx))
 
-    x = numpy.log1p(p.compress * without_fireflies(color, p.firefly) / texture) / p.compress
+    x = compressed(without_fireflies(color, p.firefly) / texture, p)
     variance = noise_variance(x @ LUMINANCE, guide_weights)
     for level in range(LEVELS):
-        x, variance = atrous_level(x, variance, guide_weights, 2**level, p.luminance)
-    return numpy.expm1(p.compress * x) / p.compress * texture
+        x, variance = svgf_level(x, variance, guide_weights, 2**level, p.luminance)
+    return expanded(x, p) * texture
+
+
+FILTERS = {"atrous": atrous, "svgf": svgf}

@@ -54,6 +54,7 @@ def no_hrls(lrhs, hrls, scale):
 
 
 def no_lrhs(lrhs, hrls, scale):
+    """The program then takes 1 for the exposure, which is within what models are trained for."""
     lrhs.pixels[:] = 0
 
 

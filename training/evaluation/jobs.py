@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import safetensors
 from evaluation import test_set
-from evaluation.baselines import TUNED, atrous, bicubic
+from evaluation.baselines import FILTERS, TUNED, bicubic
 from evaluation.changes import CHANGES
 from evaluation.images import Exr, layers, psnr, read, relmse
 
@@ -39,7 +39,7 @@ class Model:
 
 @dataclasses.dataclass(frozen=True)
 class Job:
-    """`method` is half (of the reference), render, atrous, bicubic or fused; `lrhs` and `hrls` are a view's files."""
+    """`method`: half (of the reference), render, bicubic, fused or one of FILTERS; `lrhs`, `hrls`: files of a view."""
 
     method: str
     lrhs: str = ""
@@ -56,11 +56,11 @@ class Job:
         files = [name for name in (self.lrhs, self.hrls, *test_set.HALVES) if name]
         parts = [self.method, self.lrhs, self.change, *(test_set.digest(view.folder / name) for name in files)]
         parts += [self.model.digest] if self.model else []
-        parts += [str(self.filter())] if self.method == "atrous" else []
+        parts += [str(self.parameters())] if self.method in FILTERS else []
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
 
-    def filter(self):
-        return TUNED[int(pathlib.Path(self.hrls).stem)]
+    def parameters(self):
+        return TUNED[self.method][int(pathlib.Path(self.hrls).stem)]
 
     def changed_files(self, view, folder):
         """(LRHS, HRLS, what to multiply the result by); new files go to `folder`."""
@@ -91,8 +91,9 @@ class Job:
             result = read(view.folder / test_set.HALVES[0])
         elif self.method == "render":
             result = read(view.folder / self.hrls)
-        elif self.method == "atrous":
-            result = atrous(*layers(view.folder / self.hrls, ("color", "albedo", "normal")), self.filter())
+        elif self.method in FILTERS:
+            render = layers(view.folder / self.hrls, ("color", "albedo", "normal"))
+            result = FILTERS[self.method](*render, self.parameters())
         else:
             low = read(view.folder / self.lrhs)
             result = bicubic(low, view.reference().shape[0] // low.shape[0])

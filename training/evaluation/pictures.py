@@ -6,7 +6,7 @@ import torch
 
 import loss
 from evaluation.jobs import Job
-from evaluation.tables import base, baselines_of, lead, losses_plan, mean
+from evaluation.tables import base, lead, losses_plan, mean, rival
 from evaluation.test_set import PAIRS, render
 
 matplotlib.use("Agg")
@@ -27,12 +27,12 @@ def worst_crop(fused, reference):
 
 
 def crops(model, view, program):
-    """Bicubic LRHS, HRLS, a-trous filter of the plain render at the same average, fused, reference, side by side."""
-    _, atrous, bicubic = baselines_of(model, 0)
+    """Bicubic LRHS, HRLS, both filters of the plain render at the same average, fused, reference, side by side."""
+    bicubic, atrous, svgf = (rival(method, model, 0) for method in ("bicubic", "atrous", "svgf"))
     hrls = Job("render", hrls=render(PAIRS[model.scale][0][1]))
-    images = [job.image(view, program)[0] for job in (bicubic, hrls, atrous, base(model))]
+    images = [job.image(view, program)[0] for job in (bicubic, hrls, atrous, svgf, base(model))]
     images.append(view.reference())
-    y, x = worst_crop(images[3], images[4])
+    y, x = worst_crop(*images[-2:])
     return numpy.concatenate([srgb(image[y : y + CROP, x : x + CROP]) for image in images], axis=1)
 
 

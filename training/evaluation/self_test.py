@@ -12,7 +12,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent))
 import numpy
 
 from evaluation import agreement, tables, test_set
-from evaluation.baselines import TUNED, atrous, bicubic
+from evaluation.baselines import FILTERS, TUNED, bicubic
 from evaluation.changes import CHANGES
 from evaluation.images import Exr, psnr, read, relmse
 from evaluation.jobs import Job, Model, Score, Store
@@ -47,7 +47,9 @@ def write_view(folder):
     low = exr(1 / 16, 100)
     low.pixels = low.pixels[::4, ::4]
     low.write(folder / test_set.lrhs(4, 16))
-    (folder / "view.json").write_text(json.dumps({"kind": "ramp", "files": {}}))
+    times = {n: 0.5 + 0.25 * n for n in test_set.PLAIN}
+    files = {test_set.render(n): {"spp": n, "seconds": (2 if n == 2 else 1) * s} for n, s in times.items()}
+    (folder / "view.json").write_text(json.dumps({"kind": "ramp", "files": files}))
     return test_set.View(folder)
 
 
@@ -69,22 +71,25 @@ class Baselines(unittest.TestCase):
         numpy.testing.assert_allclose(up[::4, ::4], full[::4, ::4], atol=1e-6)
         numpy.testing.assert_allclose(up[4:-8], full[4:-8], atol=1e-6)
 
-    def test_atrous_removes_noise_and_keeps_edges(self):
+    def test_filters_remove_noise_and_keep_edges(self):
         truth = numpy.prod(numpy.broadcast_arrays(*scene(1e-9, 0)[:2]), axis=0) / scene(1e-9, 0)[1]
         noisy, albedo, normal = scene(0.5, 1)
-        self.assertLess(relmse(atrous(noisy, albedo, normal, TUNED[2]), truth), relmse(noisy, truth) / 20)
+        for name, share in (("atrous", 1 / 10), ("svgf", 1 / 20)):
+            filtered = FILTERS[name](noisy, albedo, normal, TUNED[name][2])
+            self.assertLess(relmse(filtered, truth), relmse(noisy, truth) * share, name)
 
-    def test_atrous_keeps_what_is_flat(self):
+    def test_filters_keep_what_is_flat(self):
         flat = numpy.full((8, 8, 3), 0.3, "float32")
-        numpy.testing.assert_allclose(atrous(flat, flat, flat, TUNED[8]), flat, rtol=1e-5)
+        for name, denoise in FILTERS.items():
+            numpy.testing.assert_allclose(denoise(flat, flat, flat, TUNED[name][8]), flat, rtol=1e-5, err_msg=name)
 
 
 class EqualCost(unittest.TestCase):
     def test_interpolates_and_extrapolates(self):
         spp = numpy.array(test_set.PLAIN, float)
-        self.assertAlmostEqual(tables.equal_cost(spp, 1 / spp, 1 / 5.0)[0], 5)
-        self.assertFalse(tables.equal_cost(spp, 1 / spp, 1 / 5.0)[1])
-        self.assertEqual(tables.equal_cost(spp, 1 / spp, 1 / 128), (128, True))
+        self.assertAlmostEqual(tables.equal_spp(1 / spp, 1 / 5.0)[0], 5)
+        self.assertFalse(tables.equal_spp(1 / spp, 1 / 5.0)[1])
+        self.assertEqual(tables.equal_spp(1 / spp, 1 / 128), (128, True))
 
 
 class Tables(unittest.TestCase):
@@ -107,6 +112,19 @@ class Views(unittest.TestCase):
         written = exr(1.0, 0)
         numpy.testing.assert_array_equal(read(path), written.pixels[..., :3])
         self.assertEqual(sorted(Exr.read(path).channels), sorted(written.channels))
+
+    def test_times_are_those_of_an_idle_machine(self):
+        self.assertAlmostEqual(self.view.seconds(2), 1.0, 2)
+        self.assertAlmostEqual(self.view.seconds(16, 4), 4.5 / 16, 2)
+
+    def test_a_lead_is_over_the_best_rival(self):
+        model = Model(pathlib.Path("x4.safetensors"), "", 4, "{}")
+        store, filtered = Store(self.path / "results.csv", None), Score(30, 0.02, 1)
+        for method, score in (("render", Score(20, 0.1, 1)), ("atrous", filtered), ("bicubic", Score(25, 0.01, 1))):
+            store.scores[tables.rival(method, model, 0).key(self.view)] = score
+        store.scores[tables.base(model).key(self.view)] = Score(33, 0.005, 1)
+        self.assertEqual(tables.lead(model, 0, self.view, store), (3, 2))
+        self.assertIsNone(tables.lead(model, 0, self.view, store, tables.RIVALS["lead-svgf"]))
 
     def test_scores_are_kept(self):
         path, job = self.path / "results.csv", Job("render", hrls=test_set.render(4))

@@ -11,7 +11,8 @@ from evaluation.changes import EXPOSURES
 from evaluation.jobs import Job, Score
 from evaluation.test_set import AVERAGES, HALVES, LOW_RESOLUTION, PAIRS, PLAIN, lrhs, render
 
-BASELINES = ("render", "atrous", "bicubic")
+# What a lead is over: the best of these in the same view; by sheet.
+RIVALS = {"lead": ("render", "atrous", "bicubic"), "lead-svgf": ("svgf",)}
 
 
 @dataclasses.dataclass
@@ -94,6 +95,7 @@ def main_plan(models):
         ("the reference's own noise", [Job("half")] * 3),
         ("plain render", [Job("render", hrls=render(spp)) for spp in AVERAGES]),
         ("a-trous filter of it", [Job("atrous", hrls=render(spp)) for spp in AVERAGES]),
+        ("SVGF-like filter of it", [Job("svgf", hrls=render(spp)) for spp in AVERAGES]),
     ]
     for scale in sorted({model.scale for model in models}):
         pairs = PAIRS[scale]
@@ -156,26 +158,28 @@ def robustness_plan(models):
     return Plan("robustness", "", [model.name for model in models], rows)
 
 
-def baselines_of(model, i):
-    """The i-th pair's rivals at the same average."""
-    hrls = render(AVERAGES[i])
-    return [Job("render", hrls=hrls), Job("atrous", hrls=hrls), bicubic(model.scale, PAIRS[model.scale][i])]
+def rival(method, model, i):
+    """The baseline's job at the average of the i-th pair."""
+    if method == "bicubic":
+        return bicubic(model.scale, PAIRS[model.scale][i])
+    return Job(method, hrls=render(AVERAGES[i]))
 
 
-def lead(model, i, view, store):
+def lead(model, i, view, store, rivals=RIVALS["lead"]):
     """(decibels, RelMSE of the best baseline over that of the model) or None."""
-    scores = [store.get(job, view) for job in [fused(model, PAIRS[model.scale][i]), *baselines_of(model, i)]]
+    jobs = [fused(model, PAIRS[model.scale][i]), *(rival(method, model, i) for method in rivals)]
+    scores = [store.get(job, view) for job in jobs]
     if not all(scores):
         return None
     own, *others = scores
     return own.psnr - max(s.psnr for s in others), min(s.relmse for s in others) / own.relmse
 
 
-def lead_sheet(models, views, store):
+def lead_sheet(name, models, views, store):
     rows = []
     for model in models:
         for i, (low, high) in enumerate(PAIRS[model.scale]):
-            leads = [lead(model, i, view, store) for view in views]
+            leads = [lead(model, i, view, store, RIVALS[name]) for view in views]
             if not leads or not all(leads):
                 continue
             psnr, relmse = zip(*leads)
@@ -183,28 +187,28 @@ def lead_sheet(models, views, store):
             decibels = [f"{value:+.2f}" for value in (statistics.median(psnr), min(psnr), max(psnr))]
             rows.append([f"{model.name}, {low}-{high}", *ahead, *decibels, f"{statistics.median(relmse):.2f}"])
     head = ["", "ahead in PSNR", "ahead in RelMSE", "lead, median dB", "least", "most", "RelMSE / own, median"]
-    return Sheet("lead", head, rows)
+    return Sheet(name, head, rows)
 
 
 def scenes_sheet(models, views, store):
     """x4 at two samples a pixel together; the other scales would make it too wide."""
     jobs = [("own noise", Job("half")), ("render, 2 spp", Job("render", hrls=render(2)))]
-    jobs += [("a-trous, 2 spp", Job("atrous", hrls=render(2))), ("bicubic x4", bicubic(4, PAIRS[4][0]))]
+    jobs += [("a-trous, 2 spp", Job("atrous", hrls=render(2))), ("SVGF-like, 2 spp", Job("svgf", hrls=render(2)))]
+    jobs += [("bicubic x4", bicubic(4, PAIRS[4][0]))]
     jobs += [(model.name, base(model)) for model in models if model.scale == 4]
     rows = [[f"{v.name[5:]} {v.record['kind']}", *(store.get(job, v) for _, job in jobs)] for v in views]
     return Sheet("scenes", ["view", *(name for name, _ in jobs)], rows)
 
 
-def equal_cost(costs, errors, target):
-    """(cost at which a plain render's error falls to `target`, whether that lies beyond the last one).
+def equal_spp(errors, target):
+    """(samples a pixel at which a plain render's error falls to `target`, whether those are more than the last one's).
 
     Interpolated between logarithms; beyond the last render the error is taken to fall as 1 / N, as its variance does.
     """
     errors = numpy.minimum.accumulate(errors)
     if target < errors[-1]:
-        return costs[-1] * errors[-1] / target, True
-    order = slice(None, None, -1)
-    return float(numpy.exp(numpy.interp(numpy.log(target), numpy.log(errors[order]), numpy.log(costs[order])))), False
+        return PLAIN[-1] * errors[-1] / target, True
+    return float(numpy.exp(numpy.interp(numpy.log(target), numpy.log(errors[::-1]), numpy.log(PLAIN[::-1])))), False
 
 
 def equal_time(model, i, view, store):
@@ -213,15 +217,13 @@ def equal_time(model, i, view, store):
     own, plain = store.get(fused(model, pair), view), [store.get(Job("render", hrls=render(n)), view) for n in PLAIN]
     if not own or not all(plain):
         return None
-    inputs_s = view.seconds(lrhs(model.scale, pair[0])) + view.seconds(render(pair[1]))
-    seconds = numpy.array([view.seconds(render(n)) for n in PLAIN])
+    inputs_s = view.seconds(pair[0], model.scale) + view.seconds(pair[1])
     result = {"inputs": inputs_s, "fusion": own.seconds}
     for metric, error in (("PSNR", lambda s: 10 ** (-s.psnr / 10)), ("RelMSE", lambda s: s.relmse)):
-        errors = [error(s) for s in plain]
-        spp, beyond = equal_cost(numpy.array(PLAIN), errors, error(own))
-        plain_s, _ = equal_cost(seconds, errors, error(own))
+        spp, beyond = equal_spp([error(s) for s in plain], error(own))
+        plain_s = view.seconds(spp)
         ratios = {"ratio": plain_s / inputs_s, "ratio_fusing": plain_s / (inputs_s + own.seconds)}
-        result[metric] = {"spp": spp, "beyond": beyond, "seconds": plain_s} | ratios
+        result[metric] = {"spp": spp, "beyond": beyond} | ratios
     return result
 
 

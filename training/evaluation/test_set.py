@@ -5,6 +5,8 @@ import hashlib
 import json
 import pathlib
 
+import numpy
+
 from evaluation.images import read
 
 # LRHS and HRLS samples a pixel by scale: 2, 4 and 8 on average, spp_LRHS / s^2 + spp_HRLS (Table 2 of Hou et al. 2021).
@@ -36,9 +38,26 @@ class View:
         self.folder, self.name = folder, folder.name
         self.record = json.loads((folder / "view.json").read_text())
 
-    def seconds(self, name):
-        """What the render took."""
-        return self.record["files"][name]["seconds"]
+    @functools.cached_property
+    def cost(self):
+        """(seconds of each sample a pixel, seconds besides) of a full-size render: a line through the times of all.
+
+        A render of 1 / s^2 of the pixels takes 1 / s^2 of the time. What else the machine does only makes it slower,
+        so the line is the lower quartile's (of relative deviations, by reweighted least squares).
+        """
+        files = self.record["files"].values()
+        spp = numpy.array([file["spp"] for file in files])
+        seconds = numpy.array([file["seconds"] * file.get("scale", 1) ** 2 for file in files])
+        line = numpy.polyfit(spp, seconds, 1, w=1 / seconds)
+        for _ in range(100):
+            late = 1 - numpy.polyval(line, spp) / seconds
+            weight = numpy.where(late > 0, 0.25, 0.75) / (numpy.abs(late) + 1e-3)
+            line = numpy.polyfit(spp, seconds, 1, w=numpy.sqrt(weight) / seconds)
+        return line
+
+    def seconds(self, spp, scale=1):
+        """What a render takes of every scale-th pixel, with that many samples each."""
+        return float(numpy.polyval(self.cost, spp)) / scale**2
 
     @functools.lru_cache(maxsize=2)
     def reference(self, halves=HALVES):
