@@ -9,6 +9,7 @@ import torch
 
 import dataset
 import grow
+import joint_filter
 import model
 import stock
 
@@ -71,6 +72,18 @@ class Grow(unittest.TestCase):
         # All that is new learns, at once or a step later.
         b.sum().backward()
         self.assertGreater(float(networks[1].groups[0].blocks[0].merge.weight.grad.abs().sum()), 0)
+
+
+class JointFilter(unittest.TestCase):
+    def test_compiled_computes_the_same(self):
+        x, guides = torch.rand(2, 3, 9, 40), torch.rand(2, 7, 9, 40)
+        torch.testing.assert_close(joint_filter.joint_filter(x, guides, 5), joint_filter.slow(x, guides, 5))
+
+    def test_keeps_to_one_surface(self):
+        x, guides = torch.rand(1, 3, 4, 8), torch.zeros(1, 1, 4, 8)
+        guides[..., 4:] = 20
+        alone = joint_filter.slow(x[..., :4], guides[..., :4], 1)
+        torch.testing.assert_close(joint_filter.joint_filter(x, guides, 1)[..., :3], alone[..., :3])
 
 
 class Pairs(unittest.TestCase):
