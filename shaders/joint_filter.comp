@@ -25,12 +25,16 @@ vec3 color_of(uvec2 at) {
 
 Guides guides_of(uvec2 at) {
   uint i = address(0, at.y, at.x, p.plane, p.width), j = i + p.plane, k = j + p.plane;
-  return Guides(vec3(albedo[i], albedo[j], albedo[k]) / RAYMELD_ALBEDO_WIDTH,
-                vec3(normal[i], normal[j], normal[k]) / RAYMELD_NORMAL_WIDTH,
-                float(brightness[i]) / RAYMELD_BRIGHTNESS_WIDTH);
+  return Guides(vec3(albedo[i], albedo[j], albedo[k]), vec3(normal[i], normal[j], normal[k]), float(brightness[i]));
 }
 
 float squared(vec3 v) { return dot(v, v); }
+
+float squared_distance(Guides a, Guides b) {
+  float brightness = (a.brightness - b.brightness) / RAYMELD_BRIGHTNESS_WIDTH;
+  return squared((a.albedo - b.albedo) / RAYMELD_ALBEDO_WIDTH) +
+         squared((a.normal - b.normal) / RAYMELD_NORMAL_WIDTH) + brightness * brightness;
+}
 
 void main() {
   uvec2 id = gl_GlobalInvocationID.xy;
@@ -41,10 +45,8 @@ void main() {
   for (int dy = -1; dy <= 1; ++dy) {
     for (int dx = -1; dx <= 1; ++dx) {
       ivec2 tap = clamp(ivec2(id) + int(p.step) * ivec2(dx, dy), ivec2(0), ivec2(p.width, p.height) - 1);
-      Guides near = guides_of(uvec2(tap));
-      float off = near.brightness - own.brightness;
-      float distance = squared(near.albedo - own.albedo) + squared(near.normal - own.normal) + off * off;
-      float weight = (dy == 0 ? 0.5 : 0.25) * (dx == 0 ? 0.5 : 0.25) * exp(-distance);
+      float kernel = (dy == 0 ? 0.5 : 0.25) * (dx == 0 ? 0.5 : 0.25);
+      float weight = kernel * exp(-squared_distance(guides_of(uvec2(tap)), own));
       sum += weight * color_of(uvec2(tap));
       weights += weight;
     }

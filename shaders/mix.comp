@@ -39,7 +39,7 @@ void main() {
   Bilinear at = bilinear_at(id, p.phase, p.inverse_scale, uvec2(p.lrhs_width, p.lrhs_height));
   for (uint c = 0; c < 3; ++c) {
     uint element = pixel + c * p.plane;
-    float lit = min(to_linear(upsampled(3 + c, at), p.log_transfer), 65504.0);
+    float lit = clamp(to_linear(upsampled(3 + c, at), p.log_transfer), 0.0, 65504.0);
     float textured = to_network(lit * (float(albedo[element]) + RAYMELD_ALBEDO_FLOOR), p.log_transfer);
     float sum = weights[0] * upsampled(c, at) + weights[1] * textured;
     for (uint i = 0; i < 3; ++i) sum += weights[2 + i] * float(filtered[element + 3 * i * p.plane]);

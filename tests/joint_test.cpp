@@ -205,8 +205,8 @@ TEST_F(JointTest, WrongShapesAreErrors) {
   expect_only({low, full, low}, [&](Graph& graph, const std::vector<Tensor>& t) {
     irradiance(graph, name, t[0], t[1], t[2], options);
   });
-  expect_only({full, full, full_4}, [&](Graph& graph, const std::vector<Tensor>& t) {
-    light(graph, name, t[0], t[1], graph.input("irradiance", low), t[2], options);
+  expect_only({full, full, low, full_4}, [&](Graph& graph, const std::vector<Tensor>& t) {
+    light(graph, name, t[0], t[1], t[2], t[3], options);
   });
   expect_only({full, full, full, full_1, full}, [&](Graph& graph, const std::vector<Tensor>& t) {
     joint_filter(graph, name, t[0], t[1], t[2], t[3], t[4], 2);

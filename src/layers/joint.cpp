@@ -71,6 +71,7 @@ void light(Graph& graph, const std::string& name, const Tensor& color, const Ten
   expect_shape(name, "the color", color, with_channels(out.shape, 3));
   expect_shape(name, "the albedo", albedo, color.shape);
   expect_shape(name, "the output", out, with_channels(color.shape, 4));
+  expect_shape(name, "the irradiance", irradiance, with_channels(irradiance.shape, 3));
   expect_shape(name, "the color", color, enlarged(irradiance.shape, options.scale, 3));
   Pass pass = pass_of(graph, name, shaders::kLight, {color, albedo, irradiance}, out);
   pass.set_push(upsampled(graph, out, irradiance, options));
