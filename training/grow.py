@@ -1,7 +1,7 @@
 """A larger network that starts as a smaller one: the same image to the last bit or so, with room to learn more.
 
-What the larger one has beyond the smaller (features, dense layers, blocks, groups) keeps its random weights, and whatever
-reads it starts at zero, after Chen et al., Net2Net: Accelerating Learning via Knowledge Transfer, 2016.
+What the larger one has beyond the smaller (features, dense layers, blocks, groups) keeps its random weights, and
+whatever reads it starts at zero, after Chen et al., Net2Net: Accelerating Learning via Knowledge Transfer, 2016.
 """
 
 import re
@@ -10,7 +10,7 @@ import torch
 
 
 def input_widths(key, config):
-    """The widths of the features that a tensor of the trunk reads, one after another; None if it reads anything else."""
+    """Widths of the features that a tensor of the trunk reads, one after another; None if it reads anything else."""
     c, r = config.features, config.growth
     if key == "fuse.weight":
         return [c, c]

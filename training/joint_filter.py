@@ -40,7 +40,8 @@ def library():
     source = pathlib.Path(__file__).with_suffix(".cpp")
     with tempfile.TemporaryDirectory() as folder:
         compiled, built = (pathlib.Path(folder) / f"joint_filter.{ending}" for ending in ("o", "so"))
-        subprocess.run(["g++", "-O3", "-march=native", "-ffast-math", "-fPIC", "-c", source, "-o", compiled], check=True)
+        options = ["-O3", "-march=native", "-ffast-math", "-fPIC"]
+        subprocess.run(["g++", *options, "-c", source, "-o", compiled], check=True)
         # Linked with -ffast-math, it would flush subnormals for the whole process.
         subprocess.run(["g++", "-shared", compiled, "-o", built], check=True)
         return ctypes.CDLL(str(built))

@@ -12,7 +12,7 @@ from joint_filter import joint_filter
 LAYERS = ("color", "albedo", "normal", "diffuse", "specular", "variance")
 HALF_MAX = 65504.0
 ALBEDO_FLOOR = 0.4
-# The joint filter: what it filters is log(1 + JOINT_COMPRESS x) / JOINT_COMPRESS; the widths of its guides; the levels kept.
+# The joint filter: it filters log(1 + JOINT_COMPRESS x) / JOINT_COMPRESS; the widths of its guides; the levels kept.
 JOINT_COMPRESS = 0.2
 JOINT_ALBEDO, JOINT_NORMAL, JOINT_IRRADIANCE = 3.0, 1.2, 0.0667
 JOINT_LEVELS = (1, 3, 5)
@@ -223,7 +223,7 @@ class Network(nn.Module):
 
 
 def irradiance(lrhs, albedo, config, centered):
-    """LRHS without the albedo of HRLS, encoded: of the same pixel, or where LRHS is centered, of the mean of the cell."""
+    """LRHS over the albedo of HRLS, encoded: that of the same pixel, or where LRHS is centered the mean of the cell."""
     own = albedo[..., :: config.scale, :: config.scale]
     if centered.any():
         own = torch.where(centered, F.avg_pool2d(albedo, config.scale), own)

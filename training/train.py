@@ -28,7 +28,7 @@ def parse():
     parser.add_argument("--views", required=True, help="folder of rendered views")
     parser.add_argument("--run", required=True, type=pathlib.Path, help="folder for checkpoint.pt and log.csv")
     parser.add_argument("--model", required=True, choices=stock.names(), help="which stock model")
-    parser.add_argument("--without", choices=WITHOUT, default="none", help="ablation: without an input, or with RGB only")
+    parser.add_argument("--without", choices=WITHOUT, default="none", help="ablation: an input blank, or all but RGB")
     parser.add_argument("--init", help="model file to start from: a smaller model, or what fits of another's tensors")
     parser.add_argument("--loss", choices=("l1", "robust"), default="l1")
     parser.add_argument("--beta", type=float, default=0.1, help="of the robust loss")
@@ -111,8 +111,8 @@ class Run:
         if self.args.without == "hrls":
             hrls = torch.zeros_like(hrls)
         if self.args.without == "layers":
-            layers = zip(self.config.hrls_layers, hrls.split(3, dim=1))
-            hrls = torch.cat([0 * layer if name in self.config.optional_layers else layer for name, layer in layers], dim=1)
+            kept = torch.tensor([name not in self.config.optional_layers for name in self.config.hrls_layers])
+            hrls = hrls * kept.repeat_interleave(3)[:, None, None]
         return lrhs, hrls
 
     def train_step(self, views):
