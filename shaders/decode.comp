@@ -14,10 +14,10 @@ layout(std430, binding = 2) readonly buffer Lrhs { STORAGE lrhs[]; };
 layout(std430, binding = 3) writeonly buffer Frame { float frame[]; };
 layout(std430, binding = 4) readonly buffer Exposure { float exposure, inverse_exposure; };
 
-float lrhs_at(uint c, uint y, uint x) { return float(lrhs[address(c, y, x, p.lrhs_plane, p.lrhs_width)]); }
+float lrhs_at(uint c, uint y, uint x) { return float(lrhs[address(c, y, x, p.of.lrhs_plane, p.of.lrhs_width)]); }
 
 float bilinear(uint c, uint y, uint x) {
-  Bilinear at = bilinear_at(uvec2(x, y), p.phase, p.inverse_scale, uvec2(p.lrhs_width, p.lrhs_height));
+  Bilinear at = bilinear_at(uvec2(x, y), p.of.phase, p.of.inverse_scale, uvec2(p.of.lrhs_width, p.of.lrhs_height));
   float top = mix(lrhs_at(c, at.low.y, at.low.x), lrhs_at(c, at.low.y, at.high.x), at.t.x);
   float bottom = mix(lrhs_at(c, at.high.y, at.low.x), lrhs_at(c, at.high.y, at.high.x), at.t.x);
   return mix(top, bottom, at.t.y);
@@ -25,15 +25,15 @@ float bilinear(uint c, uint y, uint x) {
 
 void main() {
   uvec3 id = gl_GlobalInvocationID;
-  if (id.x >= p.width || id.y >= p.height) return;
+  if (id.x >= p.of.width || id.y >= p.of.height) return;
   // precise: a compiler that moved the sum into the interpolation would round in it at the sum's magnitude.
-  precise float value = float(in_data[address(id.z, id.y, id.x, p.plane, p.width)]);
+  precise float value = float(in_data[address(id.z, id.y, id.x, p.of.plane, p.of.width)]);
   if (p.bilinear_base != 0) value += bilinear(id.z, id.y, id.x);
   if (isnan(value) || isinf(value)) {
     atomicAdd(status.not_finite, 1u);
     value = 0.0;
   }
-  value = to_linear(value, p.log_transfer);
+  value = to_linear(value, p.of.log_transfer);
   value = clamp(value * inverse_exposure, 0.0, 65504.0);
   frame[p.frame.offset + id.z * p.frame.channel_stride + id.y * p.frame.row_stride + id.x * p.frame.pixel_stride] =
       value;

@@ -83,16 +83,8 @@ struct Relight {
 
 struct Decode {
   FrameView frame;
-  uint height;
-  uint width;
-  uint plane;
-  uint lrhs_height;
-  uint lrhs_width;
-  uint lrhs_plane;
-  uint log_transfer;   // 0: linear
+  Upsampled of;
   uint bilinear_base;  // 0: none
-  float inverse_scale;
-  float phase;
 };
 
 #ifdef __cplusplus

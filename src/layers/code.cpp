@@ -58,16 +58,8 @@ void decode(Graph& graph, const std::string& name, const Tensor& in, const Decod
   pass.bindings = {read_binding(in), read_binding(base), frame_binding(FrameSlot::kFused, Access::kWrite),
                    exposure_binding()};
   pass.set_push(params::Decode{{},
-                               in.shape.height,
-                               in.shape.width,
-                               plane_of(graph, in),
-                               base.shape.height,
-                               base.shape.width,
-                               plane_of(graph, base),
-                               options.transfer == Transfer::kLog,
-                               options.base != nullptr,
-                               1.0f / static_cast<float>(options.scale),
-                               options.phase});
+                               upsampled(graph, in, base, options.transfer, options.scale, options.phase),
+                               options.base != nullptr});
   pass.groups = element_groups(in.shape);
   pass.bytes = elements(in) * static_cast<double>(4 + element_bytes(graph.storage())) +
                elements(base) * static_cast<double>(element_bytes(graph.storage()));

@@ -38,19 +38,6 @@ Pass pass_of(const Graph& graph, const std::string& name, const Shader& shader,
   return pass;
 }
 
-params::Upsampled upsampled(const Graph& graph, const Tensor& full, const Tensor& lrhs,
-                            const JointOptions& options) {
-  return {full.shape.height,
-          full.shape.width,
-          plane_of(graph, full),
-          lrhs.shape.height,
-          lrhs.shape.width,
-          plane_of(graph, lrhs),
-          options.transfer == Transfer::kLog,
-          1.0f / static_cast<float>(options.scale),
-          options.phase};
-}
-
 }  // namespace
 
 void irradiance(Graph& graph, const std::string& name, const Tensor& lrhs, const Tensor& albedo,
@@ -74,7 +61,7 @@ void light(Graph& graph, const std::string& name, const Tensor& color, const Ten
   expect_shape(name, "the irradiance", irradiance, with_channels(irradiance.shape, 3));
   expect_shape(name, "the color", color, enlarged(irradiance.shape, options.scale, 3));
   Pass pass = pass_of(graph, name, shaders::kLight, {color, albedo, irradiance}, out);
-  pass.set_push(upsampled(graph, out, irradiance, options));
+  pass.set_push(upsampled(graph, out, irradiance, options.transfer, options.scale, options.phase));
   pass.groups = pixel_groups(out.shape);
   graph.add(std::move(pass));
 }
@@ -117,7 +104,7 @@ void mix(Graph& graph, const std::string& name, const Tensor& rec, const Tensor&
   expect_shape(name, "the filtered light", candidates, with_channels(shape, 9));
   expect_shape(name, "the output", out, shape);
   Pass pass = pass_of(graph, name, shaders::kMix, {rec, lrhs, albedo, candidates}, out);
-  pass.set_push(upsampled(graph, out, lrhs, options));
+  pass.set_push(upsampled(graph, out, lrhs, options.transfer, options.scale, options.phase));
   pass.groups = pixel_groups(out.shape);
   graph.add(std::move(pass));
 }
