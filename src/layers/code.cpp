@@ -2,9 +2,7 @@
 #include <cstring>
 #include <vector>
 
-#include "layers/layers.h"
-#include "layers/shaders.h"
-#include "params.h"
+#include "layers/upsampled.h"
 
 namespace raymeld {
 namespace {

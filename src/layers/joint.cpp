@@ -1,7 +1,5 @@
 // The layers of the joint base.
-#include "layers/layers.h"
-#include "layers/shaders.h"
-#include "params.h"
+#include "layers/upsampled.h"
 
 namespace raymeld {
 namespace {

@@ -2,9 +2,7 @@
 #pragma once
 
 #include "engine/graph.h"
-#include "layers/layers.h"
 #include "numbers.h"
-#include "params.h"
 
 namespace raymeld {
 
@@ -54,20 +52,6 @@ inline uint32_t plane_of(const Graph& graph, const Tensor& tensor) {
 // Of a tensor read or written once.
 inline double traffic(const Graph& graph, const Tensor& tensor) {
   return static_cast<double>(tensor.shape.pixels() * tensor.shape.channels * element_bytes(graph.storage()));
-}
-
-// For shaders that upsample `lrhs` to the size of `full`; scale and phase as in DecodeOptions.
-inline params::Upsampled upsampled(const Graph& graph, const Tensor& full, const Tensor& lrhs,
-                                   Transfer transfer, uint32_t scale, float phase) {
-  return {full.shape.height,
-          full.shape.width,
-          plane_of(graph, full),
-          lrhs.shape.height,
-          lrhs.shape.width,
-          plane_of(graph, lrhs),
-          transfer == Transfer::kLog,
-          1.0f / static_cast<float>(scale),
-          phase};
 }
 
 }  // namespace raymeld

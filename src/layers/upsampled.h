@@ -1,0 +1,23 @@
+#pragma once
+
+#include "layers/layers.h"
+#include "layers/shaders.h"
+#include "params.h"
+
+namespace raymeld {
+
+// For shaders that upsample `lrhs` to the size of `full`; scale and phase as in DecodeOptions.
+inline params::Upsampled upsampled(const Graph& graph, const Tensor& full, const Tensor& lrhs,
+                                   Transfer transfer, uint32_t scale, float phase) {
+  return {full.shape.height,
+          full.shape.width,
+          plane_of(graph, full),
+          lrhs.shape.height,
+          lrhs.shape.width,
+          plane_of(graph, lrhs),
+          transfer == Transfer::kLog,
+          1.0f / static_cast<float>(scale),
+          phase};
+}
+
+}  // namespace raymeld
