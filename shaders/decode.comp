@@ -18,9 +18,8 @@ float lrhs_at(uint c, uint y, uint x) { return float(lrhs[address(c, y, x, p.of.
 
 float bilinear(uint c, uint y, uint x) {
   Bilinear at = bilinear_at(uvec2(x, y), p.of.phase, p.of.inverse_scale, uvec2(p.of.lrhs_width, p.of.lrhs_height));
-  float top = mix(lrhs_at(c, at.low.y, at.low.x), lrhs_at(c, at.low.y, at.high.x), at.t.x);
-  float bottom = mix(lrhs_at(c, at.high.y, at.low.x), lrhs_at(c, at.high.y, at.high.x), at.t.x);
-  return mix(top, bottom, at.t.y);
+  return blended(at, vec4(lrhs_at(c, at.low.y, at.low.x), lrhs_at(c, at.low.y, at.high.x),
+                          lrhs_at(c, at.high.y, at.low.x), lrhs_at(c, at.high.y, at.high.x)));
 }
 
 void main() {

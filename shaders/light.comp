@@ -29,7 +29,7 @@ void main() {
     out_data[at] = STORAGE(storable(log(1.0 + RAYMELD_COMPRESS * light) / RAYMELD_COMPRESS));
   }
   Bilinear at = bilinear_at(id, p.phase, p.inverse_scale, uvec2(p.lrhs_width, p.lrhs_height));
-  float top = mix(luminance_at(at.low.y, at.low.x), luminance_at(at.low.y, at.high.x), at.t.x);
-  float bottom = mix(luminance_at(at.high.y, at.low.x), luminance_at(at.high.y, at.high.x), at.t.x);
-  out_data[address(3, id.y, id.x, p.plane, p.width)] = STORAGE(storable(mix(top, bottom, at.t.y)));
+  float brightness = blended(at, vec4(luminance_at(at.low.y, at.low.x), luminance_at(at.low.y, at.high.x),
+                                      luminance_at(at.high.y, at.low.x), luminance_at(at.high.y, at.high.x)));
+  out_data[address(3, id.y, id.x, p.plane, p.width)] = STORAGE(storable(brightness));
 }

@@ -21,9 +21,8 @@ const uint kCandidates = 5;
 float lrhs_at(uint c, uint y, uint x) { return float(lrhs[address(c, y, x, p.lrhs_plane, p.lrhs_width)]); }
 
 float upsampled(uint c, Bilinear at) {
-  float top = mix(lrhs_at(c, at.low.y, at.low.x), lrhs_at(c, at.low.y, at.high.x), at.t.x);
-  float bottom = mix(lrhs_at(c, at.high.y, at.low.x), lrhs_at(c, at.high.y, at.high.x), at.t.x);
-  return mix(top, bottom, at.t.y);
+  return blended(at, vec4(lrhs_at(c, at.low.y, at.low.x), lrhs_at(c, at.low.y, at.high.x),
+                          lrhs_at(c, at.high.y, at.low.x), lrhs_at(c, at.high.y, at.high.x)));
 }
 
 void main() {

@@ -1,5 +1,6 @@
 // The joint filter of joint_filter.py at the speed of a training step.
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <vector>
@@ -58,7 +59,8 @@ void level(const float* x, const float* guides, int guide_count, int h, int w, i
 }  // namespace
 
 // x [n, 3, h, w], guides [n, guide_count, h, w] -> out [levels, n, 3, h, w].
-extern "C" void joint_filter(const float* x, const float* guides, int n, int guide_count, int h, int w, int levels, float* out) {
+extern "C" void joint_filter(const float* x, const float* guides, int n, int guide_count, int h, int w,
+                             int levels, float* out) {
   const size_t image = static_cast<size_t>(kColors) * h * w;
   for (int i = 0; i < n; ++i) {
     const float* from = x + i * image;
