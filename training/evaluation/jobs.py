@@ -39,7 +39,10 @@ class Model:
 
 @dataclasses.dataclass(frozen=True)
 class Job:
-    """`method`: half (of the reference), render, bicubic, fused or one of FILTERS; `lrhs`, `hrls`: files of a view."""
+    """`method`: half (of the reference), render, renders (the mean of all plain ones), bicubic, fused or one of FILTERS.
+
+    `lrhs`, `hrls`: files of a view.
+    """
 
     method: str
     lrhs: str = ""
@@ -54,6 +57,7 @@ class Job:
     def key(self, view):
         """Of all that the result depends on, except the program."""
         files = [name for name in (self.lrhs, self.hrls, *test_set.HALVES) if name]
+        files += map(test_set.render, test_set.PLAIN) if self.method == "renders" else []
         parts = [self.method, self.lrhs, self.change, *(test_set.digest(view.folder / name) for name in files)]
         parts += [self.model.digest] if self.model else []
         parts += [str(self.parameters())] if self.method in FILTERS else []
@@ -91,6 +95,8 @@ class Job:
             result = read(view.folder / test_set.HALVES[0])
         elif self.method == "render":
             result = read(view.folder / self.hrls)
+        elif self.method == "renders":
+            result = sum(spp * read(view.folder / test_set.render(spp)) for spp in test_set.PLAIN) / test_set.ALL_PLAIN
         elif self.method in FILTERS:
             render = layers(view.folder / self.hrls, ("color", "albedo", "normal"))
             result = FILTERS[self.method](*render, self.parameters())

@@ -86,10 +86,12 @@ class Baselines(unittest.TestCase):
 
 class EqualCost(unittest.TestCase):
     def test_interpolates_and_extrapolates(self):
-        spp = numpy.array(test_set.PLAIN, float)
-        self.assertAlmostEqual(tables.equal_spp(1 / spp, 1 / 5.0)[0], 5)
-        self.assertFalse(tables.equal_spp(1 / spp, 1 / 5.0)[1])
-        self.assertEqual(tables.equal_spp(1 / spp, 1 / 128), (128, True))
+        errors = 1 / numpy.array(tables.RENDERS_SPP, float)
+        self.assertAlmostEqual(tables.equal_spp(errors, 1 / 5.0)[0], 5)
+        self.assertFalse(tables.equal_spp(errors, 1 / 5.0)[1])
+        spp, beyond = tables.equal_spp(errors, 1 / 128)
+        self.assertAlmostEqual(spp, 128)
+        self.assertTrue(beyond)
 
 
 class Tables(unittest.TestCase):
@@ -125,6 +127,12 @@ class Views(unittest.TestCase):
         store.scores[tables.base(model).key(self.view)] = Score(33, 0.005, 1)
         self.assertEqual(tables.lead(model, 0, self.view, store), (3, 2))
         self.assertIsNone(tables.lead(model, 0, self.view, store, tables.RIVALS["lead-svgf"]))
+
+    def test_all_renders_together_are_worth_their_samples(self):
+        last, together = (job.image(self.view, None)[0] for job in tables.RENDERS[-2:])
+        reference = self.view.reference()
+        spp = test_set.ALL_PLAIN / test_set.PLAIN[-1]
+        self.assertAlmostEqual(numpy.mean((last - reference) ** 2) / numpy.mean((together - reference) ** 2), spp, 1)
 
     def test_scores_are_kept(self):
         path, job = self.path / "results.csv", Job("render", hrls=test_set.render(4))

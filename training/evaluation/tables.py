@@ -9,7 +9,7 @@ import numpy
 
 from evaluation.changes import EXPOSURES
 from evaluation.jobs import Job, Score
-from evaluation.test_set import AVERAGES, HALVES, LOW_RESOLUTION, PAIRS, PLAIN, lrhs, render
+from evaluation.test_set import ALL_PLAIN, AVERAGES, HALVES, LOW_RESOLUTION, PAIRS, PLAIN, lrhs, render
 
 # What a lead is over: the best of these in the same view; by sheet.
 RIVALS = {"lead": ("render", "atrous", "bicubic"), "lead-svgf": ("svgf",)}
@@ -114,7 +114,7 @@ def grid_plan(model):
 
 
 def ablation_plan(models, ablations):
-    """`ablations` are models that say in `training` what they were trained without."""
+    """`ablations` are models that say in `training` what they were trained without: hrls, lrhs, layers or none."""
     rows = [("bicubic of LRHS, 16 spp", bicubic(4, (16, 1)))] if ablations else []
     for model in models:
         first = PAIRS[model.scale][0]
@@ -122,11 +122,11 @@ def ablation_plan(models, ablations):
         rows.append((f"{model.name}, given RGB only", base(model, "rgb")))
     for model in ablations:
         without = model.trained("without")
-        pairs = {"hrls": ((16, 1), (32, 1)), "lrhs": ((16, 1), (16, 2)), "layers": ((16, 1),)}[without]
-        change = {"hrls": "no-hrls", "lrhs": "no-lrhs", "layers": "rgb"}[without]
+        pairs = {"hrls": ((16, 1), (32, 1)), "lrhs": ((16, 1), (16, 2))}.get(without, ((16, 1),))
+        change = {"none": "", "hrls": "no-hrls", "lrhs": "no-lrhs", "layers": "rgb"}[without]
         for low, high in pairs:
-            inputs = {"hrls": f"LRHS alone, {low} spp", "lrhs": f"HRLS alone, {high} spp", "layers": f"{low}-{high}"}
-            rows.append((f"{model.name}, {inputs[without]}", fused(model, (low, high), change)))
+            inputs = {"hrls": f"LRHS alone, {low} spp", "lrhs": f"HRLS alone, {high} spp"}.get(without, f"{low}-{high}")
+            rows.append((f"{model.name}, {inputs}", fused(model, (low, high), change)))
     return Plan("ablations", "", ["PSNR / RelMSE"], [(label, [job]) for label, job in rows])
 
 
@@ -200,6 +200,11 @@ def scenes_sheet(models, views, store):
     return Sheet("scenes", ["view", *(name for name, _ in jobs)], rows)
 
 
+# Plain renders, and their samples a pixel.
+RENDERS = [*(Job("render", hrls=render(spp)) for spp in PLAIN), Job("renders")]
+RENDERS_SPP = (*PLAIN, ALL_PLAIN)
+
+
 def equal_spp(errors, target):
     """(samples a pixel at which a plain render's error falls to `target`, whether those are more than the last one's).
 
@@ -207,14 +212,14 @@ def equal_spp(errors, target):
     """
     errors = numpy.minimum.accumulate(errors)
     if target < errors[-1]:
-        return PLAIN[-1] * errors[-1] / target, True
-    return float(numpy.exp(numpy.interp(numpy.log(target), numpy.log(errors[::-1]), numpy.log(PLAIN[::-1])))), False
+        return RENDERS_SPP[-1] * errors[-1] / target, True
+    return float(numpy.exp(numpy.interp(numpy.log(target), numpy.log(errors[::-1]), numpy.log(RENDERS_SPP[::-1])))), False
 
 
 def equal_time(model, i, view, store):
     """For PSNR's squared error and RelMSE: {spp, beyond, ratio, ratio_fusing}; None where not all was measured."""
     pair = PAIRS[model.scale][i]
-    own, plain = store.get(fused(model, pair), view), [store.get(Job("render", hrls=render(n)), view) for n in PLAIN]
+    own, plain = store.get(fused(model, pair), view), [store.get(job, view) for job in RENDERS]
     if not own or not all(plain):
         return None
     inputs_s = view.seconds(pair[0], model.scale) + view.seconds(pair[1])
@@ -231,7 +236,7 @@ def equal_time_sheets(models, views, store):
     """(medians, one row for each view)"""
     head = ["", "inputs, s", "fusing, s"]
     for metric in ("PSNR", "RelMSE"):
-        head += [f"spp of equal {metric}", "beyond 64 spp", "its time / inputs", "its time / (inputs + fusing)"]
+        head += [f"spp of equal {metric}", f"beyond {ALL_PLAIN} spp", "its time / inputs", "its time / (inputs + fusing)"]
     medians, rows = [], []
     for model in models:
         for i, pair in enumerate(PAIRS[model.scale]):
@@ -256,9 +261,9 @@ def equal_time_cells(results):
 
 def equal_time_plan(models):
     """The plain renders, and what is compared with them."""
-    rows = [("plain render", [Job("render", hrls=render(spp)) for spp in PLAIN])]
+    rows = [("plain render", RENDERS)]
     rows += [(model.name, [fused(model, pair) for pair in PAIRS[model.scale]]) for model in models]
-    return Plan("plain", "", [f"{spp} spp" for spp in PLAIN], rows)
+    return Plan("plain", "", [f"{spp} spp" for spp in RENDERS_SPP], rows)
 
 
 def insert(document, sheets):

@@ -12,7 +12,8 @@ from evaluation.images import read
 # LRHS and HRLS samples a pixel by scale: 2, 4 and 8 on average, spp_LRHS / s^2 + spp_HRLS (Table 2 of Hou et al. 2021).
 PAIRS = {2: ((4, 1), (8, 2), (16, 4)), 4: ((16, 1), (32, 2), (64, 4)), 8: ((64, 1), (128, 2), (256, 4))}
 AVERAGES = (2, 4, 8)
-PLAIN = (1, 2, 4, 8, 16, 32, 64)
+PLAIN = (1, 2, 4, 8, 16, 32)
+ALL_PLAIN = sum(PLAIN)  # samples of the mean of them all, weighted by theirs; all have noise of their own
 
 
 def render(spp):
