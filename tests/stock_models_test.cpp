@@ -1,0 +1,56 @@
+// What the shipped models make of a part of a real pair of renders, data/.
+#include "cli_fixture.h"
+
+namespace raymeld::test {
+namespace {
+
+// Every scale divides it.
+constexpr int kLeft = 160, kTop = 160, kSize = 192;
+
+std::vector<std::string> stock_models() {
+  std::vector<std::string> names;
+  for (const auto& entry : std::filesystem::directory_iterator(source_path("models")))
+    if (entry.path().extension() == ".safetensors") names.push_back(entry.path().stem());
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
+class StockModelTest : public Cli, public testing::WithParamInterface<std::string> {
+ protected:
+  // The part of the scene out of data/NAME, which has 1/scale of the full size.
+  void cut(const std::string& name, int scale) const {
+    ExrFile file(source_path("data/" + name));
+    const std::vector<std::string> channels = file.channel_names();
+    const Image part = crop(file.read(channels), kLeft / scale, kTop / scale, kSize / scale, kSize / scale);
+    write_image(folder_ / name, channels, part, Imf::FLOAT);
+  }
+};
+
+TEST_P(StockModelTest, BeatsBothOfItsInputs) {
+  const std::string scale = GetParam().substr(1, 1);
+  const std::string lrhs = "lrhs-x" + scale + ".exr";
+  cut(lrhs, std::stoi(scale));
+  cut("hrls.exr", 1);
+  cut("reference.exr", 1);
+  const auto metrics =
+      run_json({"fuse", "--json", "--model", source_path("models/" + GetParam() + ".safetensors"), "--lrhs",
+                lrhs, "--hrls", "hrls.exr", "--reference", "reference.exr", "-o", "fused.exr"})["metrics"];
+  const auto value = [&](const char* image, const char* metric) {
+    return metrics[image][metric].get<double>();
+  };
+  for (const auto& [input, decibels, ratio] :
+       {std::tuple("bicubic_lrhs", 3.0, 3.0), std::tuple("hrls", 8.0, 8.0)}) {
+    SCOPED_TRACE(input);
+    EXPECT_GT(value("fused", "psnr_db"), value(input, "psnr_db") + decibels);
+    EXPECT_LT(value("fused", "relmse_bcr"), value(input, "relmse_bcr") / ratio);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Shipped, StockModelTest, testing::ValuesIn(stock_models()), [](const auto& test) {
+  std::string name = test.param;
+  std::replace(name.begin(), name.end(), '-', '_');
+  return name;
+});
+
+}  // namespace
+}  // namespace raymeld::test
