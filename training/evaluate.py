@@ -67,8 +67,9 @@ def write_docs(sheets, models, losses, views, store):
     docs = ROOT / "docs"
     page = docs / "quality.md"
     page.write_text(tables.insert(page.read_text(), sheets))
-    for model in models:
-        if model.name == SHOWN and all(tables.lead(model, 0, view, store) for view in views):
+    shown = [model for model in models if model.name == SHOWN and any(sheet.name == "main" for sheet in sheets)]
+    for model in shown:
+        if all(tables.lead(model, 0, view, store) for view in views):
             print("pictures:", *(view.name for view in pictures.write_worst(model, views, store, docs)))
     if losses and all(tables.mean(job, views, store) for job in tables.losses_plan(losses).jobs()):
         pictures.write_losses(losses, views, store, docs / "quality-losses.png")
