@@ -67,10 +67,10 @@ def write_docs(sheets, models, losses, views, store):
     docs = ROOT / "docs"
     page = docs / "quality.md"
     page.write_text(tables.insert(page.read_text(), sheets))
-    shown = [model for model in models if model.name == SHOWN and any(sheet.name == "main" for sheet in sheets)]
-    for model in shown:
-        if all(tables.lead(model, 0, view, store) for view in views):
-            print("pictures:", *(view.name for view in pictures.write_worst(model, views, store, docs)))
+    shown = next((model for model in models if model.name == SHOWN), None)
+    has_main = any(sheet.name == "main" for sheet in sheets)
+    if has_main and shown and all(tables.lead(shown, 0, view, store) for view in views):
+        print("pictures:", *(view.name for view in pictures.write_worst(shown, views, store, docs)))
     if losses and all(tables.mean(job, views, store) for job in tables.losses_plan(losses).jobs()):
         pictures.write_losses(losses, views, store, docs / "quality-losses.png")
 

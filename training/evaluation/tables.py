@@ -113,20 +113,25 @@ def grid_plan(model):
     return Plan(f"grid-{model.name}", "LRHS \\ HRLS", [f"{spp} spp" for spp in columns], rows)
 
 
+# What models that were trained without something are given: the change of the inputs, their samples, how those are told.
+ABLATIONS = {
+    "none": ("", ((16, 1),), "{0}-{1}"),
+    "hrls": ("no-hrls", ((16, 1), (32, 1)), "LRHS alone, {0} spp"),
+    "lrhs": ("no-lrhs", ((16, 1), (16, 2)), "HRLS alone, {1} spp"),
+    "layers": ("rgb", ((16, 1),), "{0}-{1}"),
+}
+
+
 def ablation_plan(models, ablations):
-    """`ablations` are models that say in `training` what they were trained without: hrls, lrhs, layers or none."""
+    """`ablations` are models that say in `training` what they were trained without."""
     rows = [("bicubic of LRHS, 16 spp", bicubic(4, (16, 1)))] if ablations else []
     for model in models:
         first = PAIRS[model.scale][0]
         rows.append((f"{model.name}, {first[0]}-{first[1]}", base(model)))
         rows.append((f"{model.name}, given RGB only", base(model, "rgb")))
     for model in ablations:
-        without = model.trained("without")
-        pairs = {"hrls": ((16, 1), (32, 1)), "lrhs": ((16, 1), (16, 2))}.get(without, ((16, 1),))
-        change = {"none": "", "hrls": "no-hrls", "lrhs": "no-lrhs", "layers": "rgb"}[without]
-        for low, high in pairs:
-            inputs = {"hrls": f"LRHS alone, {low} spp", "lrhs": f"HRLS alone, {high} spp"}.get(without, f"{low}-{high}")
-            rows.append((f"{model.name}, {inputs}", fused(model, (low, high), change)))
+        change, pairs, label = ABLATIONS[model.trained("without")]
+        rows += [(f"{model.name}, {label.format(*pair)}", fused(model, pair, change)) for pair in pairs]
     return Plan("ablations", "", ["PSNR / RelMSE"], [(label, [job]) for label, job in rows])
 
 
