@@ -1,7 +1,8 @@
-// LRHS without the albedo of HRLS: to_network(to_linear(lrhs) / (albedo + floor)). One invocation for each element;
-// z is the channel.
+// LRHS without the albedo of HRLS, to_network(to_linear(lrhs) / (albedo + floor)): the mean of 3x3 such pixels, edges
+// replicated, weighted by a binomial kernel and by how alike their albedo and normal are. One invocation for each pixel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
+#include "guides.glsl"
 #include "params.h"
 #include "tensor.glsl"
 #include "transfer.glsl"
@@ -10,23 +11,51 @@ layout(local_size_x = 32, local_size_y = 2) in;
 layout(push_constant) uniform Push { Irradiance p; };
 layout(std430, binding = 1) readonly buffer Lrhs { STORAGE lrhs[]; };
 layout(std430, binding = 2) readonly buffer Albedo { STORAGE albedo[]; };
-layout(std430, binding = 3) writeonly buffer Output { STORAGE out_data[]; };
+layout(std430, binding = 3) readonly buffer Normal { STORAGE normal[]; };
+layout(std430, binding = 4) writeonly buffer Output { STORAGE out_data[]; };
 
-float albedo_at(uint c, uint y, uint x) { return float(albedo[address(c, y, x, p.plane_large, p.scale * p.width)]); }
+Surface surface_of(uvec2 pixel) {
+  uint i = address(0, pixel.y, pixel.x, p.plane_large, p.scale * p.width), j = i + p.plane_large, k = j + p.plane_large;
+  return Surface(vec3(albedo[i], albedo[j], albedo[k]), vec3(normal[i], normal[j], normal[k]));
+}
+
+// Of HRLS at a pixel of LRHS: what its top-left pixel shows, or the mean of its cell.
+Surface surface_at(uvec2 at) {
+  uvec2 corner = p.scale * at;
+  if (p.centered == 0) return surface_of(corner);
+  Surface mean = Surface(vec3(0.0), vec3(0.0));
+  for (uint dy = 0; dy < p.scale; ++dy) {
+    for (uint dx = 0; dx < p.scale; ++dx) {
+      Surface one = surface_of(corner + uvec2(dx, dy));
+      mean.albedo += one.albedo;
+      mean.normal += one.normal;
+    }
+  }
+  float count = float(p.scale * p.scale);
+  return Surface(mean.albedo / count, mean.normal / count);
+}
+
+float light_at(uint c, uvec2 at, float own) {
+  float light = to_linear(float(lrhs[address(c, at.y, at.x, p.plane, p.width)]), p.log_transfer);
+  return to_network(light / (own + RAYMELD_ALBEDO_FLOOR), p.log_transfer);
+}
 
 void main() {
-  uvec3 id = gl_GlobalInvocationID;
+  uvec2 id = gl_GlobalInvocationID.xy;
   if (id.x >= p.width || id.y >= p.height) return;
-  uvec2 corner = p.scale * id.xy;
-  float own = albedo_at(id.z, corner.y, corner.x);
-  if (p.centered != 0) {
-    own = 0.0;
-    for (uint dy = 0; dy < p.scale; ++dy) {
-      for (uint dx = 0; dx < p.scale; ++dx) own += albedo_at(id.z, corner.y + dy, corner.x + dx);
+  Surface own = surface_at(id);
+  vec3 sum = vec3(0.0);
+  float weights = 0.0;
+  for (int dy = -1; dy <= 1; ++dy) {
+    for (int dx = -1; dx <= 1; ++dx) {
+      uvec2 tap = uvec2(clamp(ivec2(id) + ivec2(dx, dy), ivec2(0), ivec2(p.width, p.height) - 1));
+      Surface near = surface_at(tap);
+      float weight = binomial(dx, dy) * exp(-squared_distance(near, own));
+      for (uint c = 0; c < 3; ++c) sum[c] += weight * light_at(c, tap, near.albedo[c]);
+      weights += weight;
     }
-    own /= float(p.scale * p.scale);
   }
-  uint at = address(id.z, id.y, id.x, p.plane, p.width);
-  float light = to_linear(float(lrhs[at]), p.log_transfer) / (own + RAYMELD_ALBEDO_FLOOR);
-  out_data[at] = STORAGE(storable(to_network(light, p.log_transfer)));
+  for (uint c = 0; c < 3; ++c) {
+    out_data[address(c, id.y, id.x, p.plane, p.width)] = STORAGE(storable(sum[c] / weights));
+  }
 }

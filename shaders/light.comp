@@ -1,5 +1,6 @@
 // What the joint filter filters and what guides it: channels 0 to 2 are log(1 + compress * light) / compress, light
-// being HRLS without its albedo; channel 3 is the luminance of the upsampled irradiance. One invocation for each pixel.
+// being HRLS without its fireflies and its albedo, averaged with that of LRHS; channel 3 is the certainty of it, channel
+// 4 the luminance of the upsampled irradiance. One invocation for each pixel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "bilinear.glsl"
@@ -8,28 +9,67 @@
 #include "transfer.glsl"
 
 layout(local_size_x = 32, local_size_y = 2) in;
-layout(push_constant) uniform Push { Upsampled p; };
+layout(push_constant) uniform Push { JointLight p; };
 layout(std430, binding = 1) readonly buffer Color { STORAGE color[]; };
 layout(std430, binding = 2) readonly buffer Albedo { STORAGE albedo[]; };
-layout(std430, binding = 3) readonly buffer Low { STORAGE irradiance[]; };
+layout(std430, binding = 3) readonly buffer Lrhs { STORAGE lrhs[]; };
 layout(std430, binding = 4) writeonly buffer Output { STORAGE out_data[]; };
 
-float luminance_at(uint y, uint x) {
+const vec3 kLuminance = vec3(0.2126, 0.7152, 0.0722);
+
+vec3 color_at(ivec2 at) {
   vec3 rgb;
-  for (uint c = 0; c < 3; ++c) rgb[c] = float(irradiance[address(c, y, x, p.lrhs_plane, p.lrhs_width)]);
-  return dot(rgb, vec3(0.2126, 0.7152, 0.0722));
+  for (uint c = 0; c < 3; ++c) {
+    rgb[c] = to_linear(float(color[address(c, at.y, at.x, p.of.plane, p.of.width)]), p.of.log_transfer);
+  }
+  return rgb;
 }
+
+// What to multiply a pixel by, whose luminance is `own`, so that it is no firefly: not many times as bright as the second
+// brightest of its neighbours. Outside of the image it is dark.
+float firefly_limit(ivec2 pixel, float own) {
+  float first = 0.0, second = 0.0;
+  for (int dy = -1; dy <= 1; ++dy) {
+    for (int dx = -1; dx <= 1; ++dx) {
+      ivec2 at = pixel + ivec2(dx, dy);
+      bool inside = all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, ivec2(p.of.width, p.of.height)));
+      if (!inside || at == pixel) continue;
+      float near = dot(color_at(at), kLuminance);
+      second = max(second, min(first, near));
+      first = max(first, near);
+    }
+  }
+  return min(1.0, (RAYMELD_FIREFLY * second + RAYMELD_FIREFLY_FLOOR) / max(own, RAYMELD_FIREFLY_FLOOR));
+}
+
+// A channel of LRHS, color or irradiance, encoded.
+float lrhs_at(uint c, uint y, uint x) { return float(lrhs[address(c, y, x, p.of.lrhs_plane, p.of.lrhs_width)]); }
+
+vec3 irradiance_at(uint y, uint x) { return vec3(lrhs_at(3, y, x), lrhs_at(4, y, x), lrhs_at(5, y, x)); }
 
 void main() {
   uvec2 id = gl_GlobalInvocationID.xy;
-  if (id.x >= p.width || id.y >= p.height) return;
+  if (id.x >= p.of.width || id.y >= p.of.height) return;
+  Bilinear at = bilinear_at(id, p.of.phase, p.of.inverse_scale, uvec2(p.of.lrhs_width, p.of.lrhs_height));
+  vec3 corners[4] = {irradiance_at(at.low.y, at.low.x), irradiance_at(at.low.y, at.high.x),
+                     irradiance_at(at.high.y, at.low.x), irradiance_at(at.high.y, at.high.x)};
+  bool centered = p.of.phase > 0.0;
+  float certainty = centered || id % p.scale == uvec2(0) ? p.lrhs_certainty : 0.0;
+  vec3 own = color_at(ivec2(id));
+  own *= firefly_limit(ivec2(id), dot(own, kLuminance));
+  vec3 irradiance;
   for (uint c = 0; c < 3; ++c) {
-    uint at = address(c, id.y, id.x, p.plane, p.width);
-    float light = to_linear(float(color[at]), p.log_transfer) / (float(albedo[at]) + RAYMELD_ALBEDO_FLOOR);
-    out_data[at] = STORAGE(storable(log(1.0 + RAYMELD_COMPRESS * light) / RAYMELD_COMPRESS));
+    uint element = address(c, id.y, id.x, p.of.plane, p.of.width);
+    float surface = float(albedo[element]) + RAYMELD_ALBEDO_FLOOR;
+    irradiance[c] = blended(at, vec4(corners[0][c], corners[1][c], corners[2][c], corners[3][c]));
+    float light = own[c] / surface;
+    if (certainty > 0.0) {
+      float given = centered ? clamp(to_linear(irradiance[c], p.of.log_transfer), 0.0, 65504.0)
+                             : to_linear(lrhs_at(c, at.low.y, at.low.x), p.of.log_transfer) / surface;
+      light = (light + certainty * given) / (1.0 + certainty);
+    }
+    out_data[element] = STORAGE(storable(log(1.0 + RAYMELD_COMPRESS * light) / RAYMELD_COMPRESS));
   }
-  Bilinear at = bilinear_at(id, p.phase, p.inverse_scale, uvec2(p.lrhs_width, p.lrhs_height));
-  float brightness = blended(at, vec4(luminance_at(at.low.y, at.low.x), luminance_at(at.low.y, at.high.x),
-                                      luminance_at(at.high.y, at.low.x), luminance_at(at.high.y, at.high.x)));
-  out_data[address(3, id.y, id.x, p.plane, p.width)] = STORAGE(storable(brightness));
+  out_data[address(3, id.y, id.x, p.of.plane, p.of.width)] = STORAGE(storable(1.0 + certainty));
+  out_data[address(4, id.y, id.x, p.of.plane, p.of.width)] = STORAGE(storable(dot(irradiance, kLuminance)));
 }

@@ -50,7 +50,7 @@ struct Irradiance {
   uint plane;
   uint plane_large;
   uint scale;
-  uint centered;      // the albedo is the mean of the cell; 0: that of its top-left pixel
+  uint centered;      // albedo and normal are the mean of the cell; 0: those of its top-left pixel
   uint log_transfer;  // 0: linear
 };
 
@@ -65,6 +65,12 @@ struct Upsampled {
   uint log_transfer;  // 0: linear
   float inverse_scale;
   float phase;
+};
+
+struct JointLight {
+  Upsampled of;
+  uint scale;
+  float lrhs_certainty;  // of a full-size pixel that LRHS tells of; HRLS has 1
 };
 
 struct JointFilter {
@@ -92,12 +98,15 @@ struct Decode {
 #endif
 
 // Of the joint base: what is added to an albedo before light is divided by it; what is filtered is
-// log(1 + COMPRESS x) / COMPRESS; the widths of the filter's guides, of which the brightness is encoded.
+// log(1 + COMPRESS x) / COMPRESS; the widths of the filter's guides, of which the brightness is encoded; a pixel brighter
+// than FIREFLY times its second brightest neighbour and FIREFLY_FLOOR is a firefly.
 #define RAYMELD_ALBEDO_FLOOR 0.4
 #define RAYMELD_COMPRESS 0.2
-#define RAYMELD_ALBEDO_WIDTH 3.0
+#define RAYMELD_ALBEDO_WIDTH 1.5
 #define RAYMELD_NORMAL_WIDTH 1.2
 #define RAYMELD_BRIGHTNESS_WIDTH 0.0667
+#define RAYMELD_FIREFLY 20.0
+#define RAYMELD_FIREFLY_FLOOR 1e-3
 
 // How an input channel is encoded.
 #define RAYMELD_RADIANCE 0  // times the exposure, clamped to [0, clip], then the transfer function

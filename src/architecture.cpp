@@ -145,6 +145,7 @@ Architecture parse_architecture(const Metadata& metadata, const std::string& fil
   a.clip = entries.number("clip", false);
   a.exposure_key = entries.number("exposure_key", true);
   a.base = base(entries, a.hrls_layers);
+  a.lrhs_certainty = entries.number("lrhs_certainty", true);
   parse_sampling(entries, a);
   a.hrls_encoder =
       entries.choice("hrls_encoder", "full", "unshuffled") ? HrlsEncoder::kFull : HrlsEncoder::kUnshuffled;
@@ -156,6 +157,11 @@ Architecture parse_architecture(const Metadata& metadata, const std::string& fil
   }
   a.hrls_guide = entries.choice("guide", "hrls", "none");
   a.head_features = entries.integer("head_features", 0, kMostChannels);
+  a.head_layers = entries.integer("head_layers", 0, kMostRepeats);
+  if ((a.head_layers > 0) != (a.head_features > 0)) {
+    entries.reject("head_layers", a.head_features > 0 ? "at least 1, as there are head_features"
+                                                      : "0, as there are no head_features");
+  }
   return a;
 }
 

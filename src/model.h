@@ -40,13 +40,15 @@ struct Architecture {
   Upscale upscale = Upscale::kStages;
   uint32_t upscaled_features = 0;  // M
   bool hrls_guide = false;         // the encoded HRLS is read again beside the upscaled features
-  uint32_t head_features = 0;      // of a convolution before the last one; 0: none
+  uint32_t head_features = 0;      // H, of the convolutions before the last one
+  uint32_t head_layers = 0;        // N of them; each but the first adds to its input
   Transfer transfer = Transfer::kLinear;
   float exposure_key = 0;       // what exposure_of() brings LRHS to; 0: inputs are read as they are
   float clip = 0;               // of radiance, scene linear
   bool lrhs_centered = false;   // by default LRHS samples lie in the centre of their cell, not top left
   bool both_samplings = false;  // trained on both, with a bias of its own for centered samples
   Base base = Base::kNone;
+  float lrhs_certainty = 0;  // of the joint base: JointOptions
 
   uint32_t levels() const;  // log2(scale)
   bool trained_on(bool centered) const { return both_samplings || centered == lrhs_centered; }

@@ -94,24 +94,24 @@ struct Builder {
     }
   }
 
-  // HRLS without its albedo, filtered (H, W, 3 kJointKept): guided by the albedo, the normal and the
-  // irradiance of LRHS, encode.lrhs's channels 3 to 5, which is made here as well.
+  // HRLS and LRHS without their albedo, filtered (H, W, 3 kJointKept): guided by the albedo, the normal and
+  // the irradiance of LRHS, encode.lrhs's channels 3 to 5, which is made here as well.
   void joint_candidates(const Tensor& lrhs, const Tensor& hrls, const Tensor& candidates,
                         const JointOptions& options) {
     const Tensor albedo = hrls.slice(a.first_channel("albedo"), 3),
                  normal = hrls.slice(a.first_channel("normal"), 3);
-    irradiance(graph, "irradiance", lrhs.slice(0, 3), albedo, lrhs.slice(3, 3), options);
-    const Tensor lights = tensor("light", hrls.shape.height, hrls.shape.width, 4);
-    light(graph, "light", hrls.slice(0, 3), albedo, lrhs.slice(3, 3), lights, options);
-    Tensor x = lights.slice(0, 3);
+    irradiance(graph, "irradiance", lrhs.slice(0, 3), albedo, normal, lrhs.slice(3, 3), options);
+    const Tensor lights = tensor("light", hrls.shape.height, hrls.shape.width, 5);
+    light(graph, "light", hrls.slice(0, 3), albedo, lrhs, lights, options);
+    Tensor x = lights.slice(0, 4);
     for (uint32_t level = 0; level < kJointLevels; ++level) {
-      const Tensor next = tensor(fmt::format("joint.{}", level), hrls.shape.height, hrls.shape.width, 3);
-      joint_filter(graph, fmt::format("joint.{}", level), x, albedo, normal, lights.slice(3, 1), next,
+      const Tensor next = tensor(fmt::format("joint.{}", level), hrls.shape.height, hrls.shape.width, 4);
+      joint_filter(graph, fmt::format("joint.{}", level), x, albedo, normal, lights.slice(4, 1), next,
                    1u << level);
       x = next;
       if (level % 2 == 0) {
-        relight(graph, fmt::format("relight.{}", level + 1), x, albedo, candidates.slice(level / 2 * 3, 3),
-                a.transfer);
+        relight(graph, fmt::format("relight.{}", level + 1), x.slice(0, 3), albedo,
+                candidates.slice(level / 2 * 3, 3), a.transfer);
       }
     }
   }
@@ -119,9 +119,11 @@ struct Builder {
   // (H, W, M or M + K) -> (H, W, 3), or (H, W, 8) for a joint base.
   Tensor reconstruct(Tensor x) {
     const auto [height, width, channels] = x.shape;
-    if (a.head_features > 0) {
-      const Tensor head = tensor("head", height, width, a.head_features);
-      conv("head", x, head, {.kernel = 3, .relu = true});
+    for (uint32_t i = 0; i < a.head_layers; ++i) {
+      const std::string name = fmt::format("head.{}", i);
+      const Tensor head = tensor(name, height, width, a.head_features);
+      const std::vector<Tensor> input(i > 0 ? 1 : 0, x);
+      conv(name, x, head, {.kernel = 3, .relu = true, .residuals = input});
       x = head;
     }
     const Tensor fused = tensor("rec", height, width, a.base == Base::kJoint ? 3 + kCandidates : 3);
@@ -140,7 +142,7 @@ void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, 
   const uint32_t full_height = a.scale * height, full_width = a.scale * width;
   const std::vector<ChannelKind> hrls_kinds = a.hrls_kinds(), lrhs_kinds(3, ChannelKind::kRadiance);
   const bool joint = a.base == Base::kJoint;
-  const JointOptions joint_options{a.transfer, a.scale, phase};
+  const JointOptions joint_options{a.transfer, a.scale, phase, a.lrhs_certainty};
 
   // With a joint base, the irradiance follows the encoded LRHS, and the filtered images the encoded HRLS.
   const Tensor lrhs = build.tensor("encode.lrhs", height, width, joint ? 6 : 3);
@@ -183,7 +185,7 @@ void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, 
 // its own resolution, a shuffle moves to the pixel of the other resolution that lies furthest out.
 uint32_t receptive_halo(const Architecture& a) {
   uint32_t x = a.scale - 1;
-  x += a.head_features > 0 ? 2 : 1;  // head, rec
+  x += a.head_layers + 1;  // head.i, rec
   if (a.upscale == Upscale::kDirect) {
     x = x / a.scale + 1;  // up.0
   } else {
@@ -198,7 +200,7 @@ uint32_t receptive_halo(const Architecture& a) {
   }
   if (a.base != Base::kJoint) return x / a.scale;
   x += (1u << kJointLevels) - 1;  // joint.i
-  return x / a.scale + 1;         // the upsampled irradiance
+  return x / a.scale + 2;         // the upsampled irradiance, itself a mean of 3x3
 }
 
 }  // namespace raymeld

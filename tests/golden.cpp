@@ -98,7 +98,9 @@ Architecture load_architecture(const std::filesystem::path& model) {
           .hrls_guide = metadata.at("guide") == "hrls",
           .both_samplings = metadata.at("lrhs_sampling").find(',') != std::string::npos,
           .upscaled_features = number("upscaled_features"),
-          .head_features = number("head_features")};
+          .head_features = number("head_features"),
+          .head_layers = number("head_layers"),
+          .lrhs_certainty = std::stof(metadata.at("lrhs_certainty"))};
 }
 
 reference::Weights load_weights(const std::filesystem::path& model) {

@@ -212,9 +212,11 @@ std::map<std::string, std::string> model_metadata(const Architecture& a) {
           {"upscaled_features", std::to_string(a.upscaled())},
           {"guide", a.hrls_guide ? "hrls" : "none"},
           {"head_features", std::to_string(a.head_features)},
+          {"head_layers", std::to_string(a.head_layers)},
           {"lrhs_sampling", a.both_samplings ? "nearest,centered" : "nearest"},
           {"optional_layers", ""},
-          {"exposure_key", "0"}};
+          {"exposure_key", "0"},
+          {"lrhs_certainty", fmt::format("{}", a.lrhs_certainty)}};
 }
 
 void write_model(const std::filesystem::path& path, const Architecture& architecture,

@@ -22,6 +22,8 @@ class JointTest : public GpuTest {};
 
 // What one run of a layer reads and how. The images hold what the device would store.
 struct Case {
+  static constexpr float kCertainty = 10;
+
   Precision precision;
   bool log;
   int scale;
@@ -29,7 +31,9 @@ struct Case {
   Size size;  // of LRHS
   uint64_t seed;
 
-  JointOptions options() const { return {log ? Transfer::kLog : Transfer::kLinear, uint32_t(scale), phase}; }
+  JointOptions options() const {
+    return {log ? Transfer::kLog : Transfer::kLinear, uint32_t(scale), phase, kCertainty};
+  }
   reference::Transfer transfer() const {
     return log ? reference::Transfer::kLog : reference::Transfer::kLinear;
   }
@@ -86,10 +90,13 @@ TEST_F(JointTest, Irradiance) {
     const Planes low = c.radiance(6, c.size, 0), hrls = c.hrls();
     LayerRun run(c.precision);
     const Tensor lrhs = run.input("lrhs", low), high = run.input("hrls", hrls), out = lrhs.slice(3, 3);
-    irradiance(run.graph(), "irradiance", lrhs.slice(0, 3), high.slice(3, 3), out, c.options());
+    irradiance(run.graph(), "irradiance", lrhs.slice(0, 3), high.slice(3, 3), high.slice(6, 3), out,
+               c.options());
     run.run();
-    const Bounded expected = reference::irradiance(slice(exact(low), 0, 3), slice(exact(hrls), 3, 3),
-                                                   c.transfer(), c.scale, c.phase, c.precision);
+    const Bounded all = exact(hrls);
+    const Bounded expected =
+        reference::irradiance(slice(exact(low), 0, 3), slice(all, 3, 3), slice(all, 6, 3), c.transfer(),
+                              c.scale, c.phase, c.precision);
     EXPECT_TRUE(within_bounds(c.name("irradiance"), run.read(out), expected));
     EXPECT_EQ(run.read(lrhs.slice(0, 3)).data, slice(exact(low), 0, 3).value.data);
   });
@@ -97,15 +104,15 @@ TEST_F(JointTest, Irradiance) {
 
 TEST_F(JointTest, Light) {
   for_each_case([](const Case& c) {
-    const Planes low = c.radiance(3, c.size, 0), hrls = c.hrls();
+    const Planes low = c.radiance(6, c.size, 0), hrls = c.hrls();
     LayerRun run(c.precision);
-    const Tensor irradiance = run.input("irradiance", low), high = run.input("hrls", hrls);
-    const Tensor out = run.tensor("out", 4, c.full().h, c.full().w);
-    light(run.graph(), "light", high.slice(0, 3), high.slice(3, 3), irradiance, out, c.options());
+    const Tensor lrhs = run.input("lrhs", low), high = run.input("hrls", hrls);
+    const Tensor out = run.tensor("out", 5, c.full().h, c.full().w);
+    light(run.graph(), "light", high.slice(0, 3), high.slice(3, 3), lrhs, out, c.options());
     run.run();
     const Bounded all = exact(hrls);
-    const Bounded expected = reference::light(slice(all, 0, 3), slice(all, 3, 3), exact(low), c.transfer(),
-                                              c.scale, c.phase, c.precision);
+    const Bounded expected = reference::light(slice(all, 0, 3), slice(all, 3, 3), exact(low),
+                                              Case::kCertainty, c.transfer(), c.scale, c.phase, c.precision);
     EXPECT_TRUE(within_bounds(c.name("light"), run.read(out), expected));
   });
 }
@@ -115,13 +122,16 @@ TEST_F(JointTest, Filter) {
   for_each_case([](const Case& c) {
     const Planes hrls = c.hrls();
     for (const double range : {0.1, c.clip()}) {
-      const Planes x = c.image(3, c.full(), 4, [](double u) { return 30 * u; });
+      Planes x = c.image(3, c.full(), 4, [](double u) { return 30 * u; });
+      const Planes certainty = c.image(1, c.full(), 6, [](double u) { return 1 + 60 * u; });
+      x.data.insert(x.data.end(), certainty.data.begin(), certainty.data.end());
+      x.c = 4;
       const Planes brightness =
           c.image(1, c.full(), 5, [&](double u) { return reference::apply(c.transfer(), 1 + range * u); });
       const uint32_t step = 1u << c.seed % 5;
       LayerRun run(c.precision);
       const Tensor in = run.input("in", x), guide = run.input("brightness", brightness);
-      const Tensor high = run.input("hrls", hrls), out = run.tensor("out", 3, c.full().h, c.full().w);
+      const Tensor high = run.input("hrls", hrls), out = run.tensor("out", 4, c.full().h, c.full().w);
       joint_filter(run.graph(), "filter", in, high.slice(3, 3), high.slice(6, 3), guide, out, step);
       run.run();
       const Bounded expected =
@@ -199,16 +209,17 @@ void expect_only(const std::vector<Shape>& shapes, const AddLayer& add) {
 }
 
 TEST_F(JointTest, WrongShapesAreErrors) {
-  const Shape low{2, 3, 3}, full{8, 12, 3}, full_1{8, 12, 1}, full_4{8, 12, 4}, low_6{2, 3, 6};
+  const Shape low{2, 3, 3}, full{8, 12, 3}, full_1{8, 12, 1}, full_4{8, 12, 4}, full_5{8, 12, 5},
+      low_6{2, 3, 6};
   const JointOptions options{.transfer = Transfer::kLog, .scale = 4};
   const char* name = "odd one";
-  expect_only({low, full, low}, [&](Graph& graph, const std::vector<Tensor>& t) {
-    irradiance(graph, name, t[0], t[1], t[2], options);
+  expect_only({low, full, full, low}, [&](Graph& graph, const std::vector<Tensor>& t) {
+    irradiance(graph, name, t[0], t[1], t[2], t[3], options);
   });
-  expect_only({full, full, low, full_4}, [&](Graph& graph, const std::vector<Tensor>& t) {
+  expect_only({full, full, low_6, full_5}, [&](Graph& graph, const std::vector<Tensor>& t) {
     light(graph, name, t[0], t[1], t[2], t[3], options);
   });
-  expect_only({full, full, full, full_1, full}, [&](Graph& graph, const std::vector<Tensor>& t) {
+  expect_only({full_4, full, full, full_1, full_4}, [&](Graph& graph, const std::vector<Tensor>& t) {
     joint_filter(graph, name, t[0], t[1], t[2], t[3], t[4], 2);
   });
   expect_only({full, full, full}, [&](Graph& graph, const std::vector<Tensor>& t) {

@@ -56,6 +56,7 @@ TEST_F(ModelTest, TheGoldenModelsLoad) {
   EXPECT_EQ(a.upscaled_features, 5u);
   EXPECT_FALSE(a.hrls_guide);
   EXPECT_EQ(a.head_features, 0u);
+  EXPECT_EQ(a.head_layers, 0u);
   EXPECT_TRUE(a.optional_layers.empty());
   EXPECT_TRUE(a.trained_on(false));
   EXPECT_FALSE(a.trained_on(true));
@@ -70,6 +71,7 @@ TEST_F(ModelTest, TheOtherChoicesOfTheNetworkAreRead) {
   EXPECT_EQ(a.upscaled_features, 3u);
   EXPECT_TRUE(a.hrls_guide);
   EXPECT_EQ(a.head_features, 6u);
+  EXPECT_EQ(a.head_layers, 2u);
   EXPECT_EQ(a.optional_layers, (std::vector<std::string>{"albedo", "variance"}));
   EXPECT_FALSE(a.lrhs_centered);
   EXPECT_TRUE(a.trained_on(true));
@@ -77,6 +79,7 @@ TEST_F(ModelTest, TheOtherChoicesOfTheNetworkAreRead) {
   EXPECT_TRUE(Model(golden_model_path("guided-x2")).architecture().lrhs_centered);
   EXPECT_EQ(Model(golden_model_path("guided-x8")).architecture().base, Base::kNone);
   EXPECT_EQ(Model(golden_model_path("joint-x4")).architecture().base, Base::kJoint);
+  EXPECT_EQ(Model(golden_model_path("joint-x2")).architecture().lrhs_certainty, 3);
 }
 
 TEST_F(ModelTest, AJointBaseNeedsAlbedoAndNormal) {
@@ -114,10 +117,10 @@ TEST_F(ModelTest, ABiasForCenteredSamplesBelongsToBothSamplings) {
 
 TEST_F(ModelTest, EveryEntryIsNeeded) {
   for (const char* key :
-       {"format", "format_version", "scale",           "features",     "growth",     "dense_layers",
-        "blocks", "groups",         "hrls_layers",     "long_skip",    "merge_relu", "transfer",
-        "clip",   "base",           "lrhs_sampling",   "hrls_encoder", "upscale",    "upscaled_features",
-        "guide",  "head_features",  "optional_layers", "exposure_key"}) {
+       {"format", "format_version", "scale",         "features",        "growth",       "dense_layers",
+        "blocks", "groups",         "hrls_layers",   "long_skip",       "merge_relu",   "transfer",
+        "clip",   "base",           "lrhs_sampling", "hrls_encoder",    "upscale",      "upscaled_features",
+        "guide",  "head_features",  "head_layers",   "optional_layers", "exposure_key", "lrhs_certainty"}) {
     const std::string message = error_after([&](SafeTensors& content) { content.metadata.erase(key); });
     EXPECT_TRUE(contains(message, fmt::format("\"{}\" is missing", key))) << message;
   }
@@ -146,9 +149,11 @@ TEST_F(ModelTest, WrongEntriesAreNamed) {
       {"upscale", {"", "stage", "Direct"}},
       {"upscaled_features", {"", "0", "-5", "4", "1025"}},
       {"guide", {"", "lrhs", "color"}},
-      {"head_features", {"", "-1", "1025", "2.5"}},
+      {"head_features", {"", "-1", "1025", "2.5", "3"}},
+      {"head_layers", {"", "-1", "65", "1"}},
       {"optional_layers", {"color", "depth", "diffuse", "albedo,albedo", "albedo,", "albedo, normal"}},
       {"exposure_key", {"", "-0.1", "inf", "nan", "auto", "1e99"}},
+      {"lrhs_certainty", {"", "-1", "inf", "nan", "1e99", "16 "}},
   };
   for (const auto& [key, values] : wrong) {
     for (const std::string& value : values) {

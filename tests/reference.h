@@ -54,19 +54,23 @@ Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Preci
 
 // The layers of the joint base, on encoded images: (h, w) is the LRHS size, (H, W) = scale * (h, w).
 
-// LRHS color (3, h, w) over HRLS albedo (3, H, W) + 0.4, encoded: the albedo of the top-left pixel of the
-// cell, or, where phase > 0, the mean over the cell.
-Bounded irradiance(const Bounded& lrhs, const Bounded& albedo, Transfer transfer, int scale, double phase,
-                   Precision precision);
+// LRHS color (3, h, w) over HRLS albedo (3, H, W) + 0.4, encoded, and of that the mean of 3x3 pixels, edges
+// replicated, weighted by (1/4, 1/2, 1/4)^2 and by exp(-d^2), d being the distance of albedo / 1.5 and normal
+// / 1.2. Albedo and normal: of the top-left pixel of the cell, or, where phase > 0, the mean over the cell.
+Bounded irradiance(const Bounded& lrhs, const Bounded& albedo, const Bounded& normal, Transfer transfer,
+                   int scale, double phase, Precision precision);
 
-// (4, H, W): log(1 + 0.2 color / (albedo + 0.4)) / 0.2 of HRLS, and the Rec. 709 luminance of the upsampled
-// irradiance (3, h, w).
-Bounded light(const Bounded& color, const Bounded& albedo, const Bounded& irradiance, Transfer transfer,
-              int scale, double phase, Precision precision);
+// (5, H, W): log(1 + 0.2 x) / 0.2, its certainty, and the Rec. 709 luminance of the upsampled irradiance. x:
+// light is color / (albedo + 0.4); that of HRLS, its luminance limited to 20 times that of the second
+// brightest of eight neighbours (black outside) + 0.001, counts 1, that of LRHS (6, h, w: color and
+// irradiance) counts `certainty` at top-left pixels of cells, or, where phase > 0, certainty / scale^2
+// everywhere, where it is the upsampled irradiance.
+Bounded light(const Bounded& color, const Bounded& albedo, const Bounded& lrhs, double certainty,
+              Transfer transfer, int scale, double phase, Precision precision);
 
-// (3, H, W) of the same: the mean of the 3x3 pixels at distances of `step`, edges replicated, weighted by
-// (1/4, 1/2, 1/4)^2 and by exp(-d^2), d being the distance of albedo / 3, normal / 1.2 and, of one channel,
-// brightness / 0.0667.
+// (4, H, W) of the same: the mean of the 3x3 pixels at distances of `step`, edges replicated, weighted by
+// (1/4, 1/2, 1/4)^2 and by exp(-d^2), d being the distance of albedo / 1.5, normal / 1.2 and, of one channel,
+// brightness / 0.0667. The last channel weights the others as well.
 Bounded joint_filter(const Bounded& x, const Bounded& albedo, const Bounded& normal,
                      const Bounded& brightness, int step, Precision precision);
 
@@ -89,7 +93,8 @@ struct Architecture {
   Transfer transfer = Transfer::kLinear;
   double clip = 0;
   bool hrls_unshuffled = false, upscale_direct = false, hrls_guide = false, both_samplings = false;
-  int upscaled_features = 0, head_features = 0;  // upscaled_features 0: as many as features
+  int upscaled_features = 0, head_features = 0, head_layers = 0;  // upscaled_features 0: as many as features
+  double lrhs_certainty = 0;                                      // of the joint base
 
   int upscaled() const { return upscaled_features > 0 ? upscaled_features : features; }
   // Channels that the network reads and writes.

@@ -7,7 +7,8 @@ namespace raymeld::reference {
 namespace {
 
 constexpr double kAlbedoFloor = 0.4, kCompress = 0.2;
-constexpr double kAlbedoWidth = 3, kNormalWidth = 1.2, kBrightnessWidth = 0.0667;
+constexpr double kAlbedoWidth = 1.5, kNormalWidth = 1.2, kBrightnessWidth = 0.0667;
+constexpr double kFirefly = 20, kFireflyFloor = 1e-3;
 
 struct Element {
   double value, bound;
@@ -25,13 +26,19 @@ Element at(const Bounded& x, int c, int y, int column) {
   return {x.value.at(c, y, column), x.bound.at(c, y, column)};
 }
 
-// What `formula` makes of elements, in double and in intervals.
+// What `formula` makes, in double and in intervals: it is called with a value of the type to compute in.
+template <typename Formula>
+Element evaluate_in_both(const Formula& formula) {
+  const double value = formula(double());
+  const Interval range = formula(Interval(0));
+  const double bound = std::max(range.high - value, value - range.low);
+  return {value, std::isfinite(bound) ? bound : std::numeric_limits<double>::infinity()};
+}
+
+// What `formula` makes of elements.
 template <typename Formula, typename... Elements>
 Element evaluate(const Formula& formula, const Elements&... elements) {
-  const double value = formula(elements.value...);
-  if (!(std::isfinite(elements.bound) && ...)) return {value, std::numeric_limits<double>::infinity()};
-  const Interval range = formula(elements.template as<Interval>()...);
-  return {value, std::max(range.high - value, value - range.low)};
+  return evaluate_in_both([&]<typename T>(T) -> T { return formula(elements.template as<T>()...); });
 }
 
 void store(Bounded& result, int c, int y, int x, const Element& element, Precision precision) {
@@ -86,50 +93,180 @@ Element weighted_mean(const std::vector<double>& weights, const std::vector<Inte
 
 }  // namespace
 
-Bounded irradiance(const Bounded& lrhs, const Bounded& albedo, Transfer transfer, int scale, double phase,
-                   Precision precision) {
-  const int h = lrhs.value.h, w = lrhs.value.w;
-  expect_shape(lrhs, 3, h, w);
-  expect_shape(albedo, 3, scale * h, scale * w);
-  Bounded result = exact(Planes(3, h, w));
-  const auto formula = [&](const auto& color, const auto& own) {
-    return apply(transfer, invert(transfer, color) / (own + kAlbedoFloor));
-  };
-  for (int c = 0; c < 3; ++c) {
-    for (int y = 0; y < h; ++y) {
-      for (int x = 0; x < w; ++x) {
-        const Element own =
-            phase > 0 ? cell_mean(albedo, c, y, x, scale) : at(albedo, c, scale * y, scale * x);
-        store(result, c, y, x, evaluate(formula, at(lrhs, c, y, x), own), precision);
+namespace {
+
+struct Pixel {
+  int y, x;
+  bool operator==(const Pixel&) const = default;
+};
+
+struct Guide {
+  const Bounded& image;
+  double width;
+};
+
+// Of a pixel's 3x3 neighbours at distances of `step`: their binomial weights times exp(-d^2), and the
+// elements that they weigh.
+struct Taps {
+  std::vector<double> weights;
+  std::vector<Interval> ranges;
+  std::vector<Pixel> pixels;
+
+  Taps(const std::vector<Guide>& guides, const Pixel& own, int step) {
+    const int h = guides[0].image.value.h, w = guides[0].image.value.w;
+    const auto weight = [&]<typename T>(T binomial, const Pixel& tap) {
+      using std::exp;
+      if (own == tap) return binomial * exp(T(0));
+      T distance = 0;
+      for (const Guide& guide : guides) {
+        for (int c = 0; c < guide.image.value.c; ++c) {
+          distance = distance + square(at(guide.image, c, tap.y, tap.x).as<T>() / guide.width -
+                                       at(guide.image, c, own.y, own.x).as<T>() / guide.width);
+        }
+      }
+      return binomial * exp(-distance);
+    };
+    for (const int dy : {-1, 0, 1}) {
+      for (const int dx : {-1, 0, 1}) {
+        const Pixel tap{std::clamp(own.y + dy * step, 0, h - 1), std::clamp(own.x + dx * step, 0, w - 1)};
+        const double binomial = (dy == 0 ? 0.5 : 0.25) * (dx == 0 ? 0.5 : 0.25);
+        weights.push_back(weight(binomial, tap));
+        ranges.push_back(weight(Interval(binomial), tap));
+        pixels.push_back(tap);
+      }
+    }
+  }
+
+  std::vector<Element> of(const Bounded& x, int c) const {
+    std::vector<Element> elements;
+    for (const Pixel& tap : pixels) elements.push_back(at(x, c, tap.y, tap.x));
+    return elements;
+  }
+  Element mean(const Bounded& x, int c) const { return weighted_mean(weights, ranges, of(x, c)); }
+
+  // Every weight times the element of channel c.
+  Taps times(const Bounded& x, int c) const {
+    Taps result = *this;
+    const std::vector<Element> factors = of(x, c);
+    for (size_t i = 0; i < factors.size(); ++i) {
+      result.weights[i] = weights[i] * factors[i].value;
+      result.ranges[i] = ranges[i] * factors[i].as<Interval>();
+    }
+    return result;
+  }
+};
+
+// What an LRHS pixel shows of an image of the full size.
+Bounded of_cells(const Bounded& image, int scale, double phase) {
+  Bounded result = exact(Planes(image.value.c, image.value.h / scale, image.value.w / scale));
+  for (int c = 0; c < result.value.c; ++c) {
+    for (int y = 0; y < result.value.h; ++y) {
+      for (int x = 0; x < result.value.w; ++x) {
+        const Element own = phase > 0 ? cell_mean(image, c, y, x, scale) : at(image, c, scale * y, scale * x);
+        result.value.at(c, y, x) = own.value;
+        result.bound.at(c, y, x) = own.bound;
       }
     }
   }
   return result;
 }
 
-Bounded light(const Bounded& color, const Bounded& albedo, const Bounded& irradiance, Transfer transfer,
-              int scale, double phase, Precision precision) {
+constexpr auto luminance = [](const auto& r, const auto& g, const auto& b) {
+  return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+};
+
+// Of linear radiance at a pixel; black outside.
+template <typename T>
+T brightness_at(const Bounded& color, Transfer transfer, int y, int x) {
+  if (y < 0 || x < 0 || y >= color.value.h || x >= color.value.w) return 0;
+  const auto channel = [&](int c) { return invert(transfer, at(color, c, y, x).as<T>()); };
+  return luminance(channel(0), channel(1), channel(2));
+}
+
+// What makes of a pixel no firefly.
+template <typename T>
+T firefly_limit(const Bounded& color, Transfer transfer, int y, int x) {
+  using std::min, std::max;
+  T first = 0, second = 0;
+  for (const int dy : {-1, 0, 1}) {
+    for (const int dx : {-1, 0, 1}) {
+      if (dy == 0 && dx == 0) continue;
+      const T near = brightness_at<T>(color, transfer, y + dy, x + dx);
+      second = max(second, min(first, near));
+      first = max(first, near);
+    }
+  }
+  const T own = brightness_at<T>(color, transfer, y, x), floor = kFireflyFloor;
+  return min(T(1), (kFirefly * second + floor) / max(own, floor));
+}
+
+}  // namespace
+
+Bounded irradiance(const Bounded& lrhs, const Bounded& albedo, const Bounded& normal, Transfer transfer,
+                   int scale, double phase, Precision precision) {
+  const int h = lrhs.value.h, w = lrhs.value.w;
+  expect_shape(lrhs, 3, h, w);
+  expect_shape(albedo, 3, scale * h, scale * w);
+  expect_shape(normal, 3, scale * h, scale * w);
+  const Bounded own_albedo = of_cells(albedo, scale, phase), own_normal = of_cells(normal, scale, phase);
+  const auto formula = [&](const auto& color, const auto& own) {
+    return apply(transfer, invert(transfer, color) / (own + kAlbedoFloor));
+  };
+  Bounded lights = exact(Planes(3, h, w)), result = lights;
+  for (int c = 0; c < 3; ++c) {
+    for (int y = 0; y < h; ++y) {
+      for (int x = 0; x < w; ++x) {
+        const Element light = evaluate(formula, at(lrhs, c, y, x), at(own_albedo, c, y, x));
+        lights.value.at(c, y, x) = light.value;
+        lights.bound.at(c, y, x) = light.bound;
+      }
+    }
+  }
+  for (int y = 0; y < h; ++y) {
+    for (int x = 0; x < w; ++x) {
+      const Taps taps({{own_albedo, kAlbedoWidth}, {own_normal, kNormalWidth}}, {y, x}, 1);
+      for (int c = 0; c < 3; ++c) store(result, c, y, x, taps.mean(lights, c), precision);
+    }
+  }
+  return result;
+}
+
+Bounded light(const Bounded& color, const Bounded& albedo, const Bounded& lrhs, double certainty,
+              Transfer transfer, int scale, double phase, Precision precision) {
   const int h = color.value.h, w = color.value.w;
   expect_shape(color, 3, h, w);
   expect_shape(albedo, 3, h, w);
-  expect_shape(irradiance, 3, h / scale, w / scale);
-  const Bounded upsampled = bilinear(irradiance, scale, phase);
-  Bounded result = exact(Planes(4, h, w));
-  const auto compressed = [&](const auto& color, const auto& albedo) {
-    using std::log;
-    return log(1 + kCompress * (invert(transfer, color) / (albedo + kAlbedoFloor))) / kCompress;
+  expect_shape(lrhs, 6, h / scale, w / scale);
+  const bool centered = phase > 0;
+  const Bounded upsampled = bilinear(lrhs, scale, phase);
+  const auto lit = [&]<typename T>(T, int c, int y, int x) {
+    using std::log, std::clamp;
+    const T surface = at(albedo, c, y, x).as<T>() + kAlbedoFloor;
+    T light =
+        firefly_limit<T>(color, transfer, y, x) * invert(transfer, at(color, c, y, x).as<T>()) / surface;
+    if (centered) {
+      const T given = clamp(invert(transfer, at(upsampled, 3 + c, y, x).as<T>()), 0.0, kLargestOutput);
+      const double counts = certainty / (scale * scale);
+      light = (light + counts * given) / T(1 + counts);
+    } else if (y % scale == 0 && x % scale == 0) {
+      const T given = invert(transfer, at(lrhs, c, y / scale, x / scale).as<T>()) / surface;
+      light = (light + certainty * given) / T(1 + certainty);
+    }
+    return T(log(1 + kCompress * light) / kCompress);
   };
-  const auto luminance = [](const auto& r, const auto& g, const auto& b) {
-    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
-  };
+  Bounded result = exact(Planes(5, h, w));
   for (int y = 0; y < h; ++y) {
     for (int x = 0; x < w; ++x) {
       for (int c = 0; c < 3; ++c) {
-        store(result, c, y, x, evaluate(compressed, at(color, c, y, x), at(albedo, c, y, x)), precision);
+        store(result, c, y, x, evaluate_in_both([&](auto type) { return lit(type, c, y, x); }), precision);
       }
+      const double counts = centered                           ? certainty / (scale * scale)
+                            : y % scale == 0 && x % scale == 0 ? certainty
+                                                               : 0;
+      store(result, 3, y, x, {1 + counts, kUnit * counts}, precision);
       const Element brightness =
-          evaluate(luminance, at(upsampled, 0, y, x), at(upsampled, 1, y, x), at(upsampled, 2, y, x));
-      store(result, 3, y, x, brightness, precision);
+          evaluate(luminance, at(upsampled, 3, y, x), at(upsampled, 4, y, x), at(upsampled, 5, y, x));
+      store(result, 4, y, x, brightness, precision);
     }
   }
   return result;
@@ -138,44 +275,18 @@ Bounded light(const Bounded& color, const Bounded& albedo, const Bounded& irradi
 Bounded joint_filter(const Bounded& x, const Bounded& albedo, const Bounded& normal,
                      const Bounded& brightness, int step, Precision precision) {
   const int h = x.value.h, w = x.value.w;
-  expect_shape(x, 3, h, w);
+  expect_shape(x, 4, h, w);
   expect_shape(albedo, 3, h, w);
   expect_shape(normal, 3, h, w);
   expect_shape(brightness, 1, h, w);
-  struct Pixel {
-    int y, x;
-    bool operator==(const Pixel&) const = default;
-  };
-  const auto weight = [&]<typename T>(T binomial, const Pixel& p, const Pixel& t) {
-    using std::exp;
-    if (p == t) return binomial * exp(T(0));
-    const auto difference = [&](const Bounded& guide, int c, double width) {
-      return square(at(guide, c, t.y, t.x).as<T>() / width - at(guide, c, p.y, p.x).as<T>() / width);
-    };
-    T distance = difference(brightness, 0, kBrightnessWidth);
-    for (int c = 0; c < 3; ++c) {
-      distance = distance + difference(albedo, c, kAlbedoWidth) + difference(normal, c, kNormalWidth);
-    }
-    return binomial * exp(-distance);
-  };
-  Bounded result = exact(Planes(3, h, w));
+  const std::vector<Guide> guides{
+      {albedo, kAlbedoWidth}, {normal, kNormalWidth}, {brightness, kBrightnessWidth}};
+  Bounded result = exact(Planes(4, h, w));
   for (int y = 0; y < h; ++y) {
     for (int column = 0; column < w; ++column) {
-      std::vector<double> weights;
-      std::vector<Interval> ranges;
-      std::vector<Element> taps[3];
-      for (const int dy : {-1, 0, 1}) {
-        for (const int dx : {-1, 0, 1}) {
-          const Pixel tap{std::clamp(y + dy * step, 0, h - 1), std::clamp(column + dx * step, 0, w - 1)};
-          const double binomial = (dy == 0 ? 0.5 : 0.25) * (dx == 0 ? 0.5 : 0.25);
-          weights.push_back(weight(binomial, {y, column}, tap));
-          ranges.push_back(weight(Interval(binomial), {y, column}, tap));
-          for (int c = 0; c < 3; ++c) taps[c].push_back(at(x, c, tap.y, tap.x));
-        }
-      }
-      for (int c = 0; c < 3; ++c) {
-        store(result, c, y, column, weighted_mean(weights, ranges, taps[c]), precision);
-      }
+      const Taps taps(guides, {y, column}, step), certain = taps.times(x, 3);
+      for (int c = 0; c < 3; ++c) store(result, c, y, column, certain.mean(x, c), precision);
+      store(result, 3, y, column, taps.mean(x, 3), precision);
     }
   }
   return result;

@@ -36,11 +36,20 @@ void expect_near(const Planes& actual, const std::vector<double>& expected) {
   for (size_t i = 0; i < expected.size(); ++i) EXPECT_NEAR(actual.data[i], expected[i], 1e-12) << i;
 }
 
+// Normals so far apart, 60 widths, that no neighbour counts.
+Planes apart(int h, int w, int scale) {
+  Planes normal(3, scale * h, scale * w);
+  for (int y = 0; y < normal.h; ++y) {
+    for (int x = 0; x < normal.w; ++x) normal.at(0, y, x) = 72 * (x / scale + 3 * (y / scale));
+  }
+  return normal;
+}
+
 TEST(Irradiance, DividesByTheAlbedoOfTheCorner) {
   Planes albedo(3, 2, 4);
   albedo.at(0, 0, 0) = 0.6, albedo.at(0, 0, 2) = 0.1, albedo.at(1, 0, 0) = 1;
   const Planes lrhs(3, 1, 2, {2, 3, 7, 1, 0, 8});
-  const Planes y = irradiance(exact(lrhs), exact(albedo), kLinear, 2, 0, kFp32).value;
+  const Planes y = irradiance(exact(lrhs), exact(albedo), exact(apart(1, 2, 2)), kLinear, 2, 0, kFp32).value;
   expect_near(y, {2 / 1.0, 3 / 0.5, 7 / 1.4, 1 / 0.4, 0, 8 / 0.4});
 }
 
@@ -48,27 +57,100 @@ TEST(Irradiance, OfCenteredSamplesByTheMeanOfTheCell) {
   Planes albedo(3, 2, 2);
   albedo.at(0, 0, 0) = 1, albedo.at(0, 1, 1) = 0.4;
   const Planes lrhs(3, 1, 1, {encoded(3), encoded(1), 0});
-  const Planes y = irradiance(exact(lrhs), exact(albedo), kLog, 2, 0.5, kFp32).value;
+  const Planes y = irradiance(exact(lrhs), exact(albedo), exact(Planes(3, 2, 2)), kLog, 2, 0.5, kFp32).value;
   expect_near(y, {encoded(3 / 0.75), encoded(1 / 0.4), 0});
 }
 
-TEST(Light, IsCompressedAndHasTheBrightnessOfTheIrradiance) {
-  const Planes color(3, 2, 2, {0, encoded(1), 0, 0, encoded(2), 0, 0, 0, 0, 0, 0, encoded(6)});
-  Planes albedo(3, 2, 2);
-  albedo.at(2, 1, 1) = 0.6;
-  const Planes y =
-      light(exact(color), exact(albedo), exact(Planes(3, 1, 1, {1, 2, 3})), kLog, 2, 0, kFp32).value;
-  const double brightness = 0.2126 + 2 * 0.7152 + 3 * 0.0722;
-  expect_near(y, {0, std::log(1.5) / 0.2, 0, 0, std::log(2.0) / 0.2, 0, 0, 0, 0, 0, 0, std::log(2.2) / 0.2,
-                  brightness, brightness, brightness, brightness});
+TEST(Irradiance, IsTheMeanOfLikeNeighbours) {
+  const Planes lrhs(3, 1, 3, {0.4, 0.8, 1.6, 0, 0, 0, 0, 0, 0});
+  // The third cell bends away; in the corners of cells, or on average over them.
+  Planes normal(3, 2, 6);
+  normal.at(1, 0, 4) = 0.6;
+  const double like = std::exp(-0.25), hardly = std::exp(-1.0 / 64);
+  const auto expected = [](double weight) {
+    return std::vector<double>{(3 * 1 + 2) / 4.0, (1 + 2 * 2 + weight * 4) / (3 + weight),
+                               (weight * 2 + 3 * 4) / (weight + 3)};
+  };
+  for (const double phase : {0.0, 0.5}) {
+    const Planes y =
+        irradiance(exact(lrhs), exact(Planes(3, 2, 6)), exact(normal), kLinear, 2, phase, kFp32).value;
+    expect_near(slice(exact(y), 0, 1).value, expected(phase > 0 ? hardly : like));
+  }
+}
+
+// Of one pixel of LRHS with that color and irradiance, and a certainty of 3.
+Planes lit(const Planes& color, const Planes& albedo, const std::vector<double>& lrhs, double phase,
+           Transfer transfer) {
+  return light(exact(color), exact(albedo), exact(Planes(6, 1, 1, lrhs)), 3, transfer, 2, phase, kFp32).value;
+}
+
+double compressed(double light) { return std::log(1 + 0.2 * light) / 0.2; }
+
+TEST(Light, OfLrhsCountsAtItsPixelByItsCertainty) {
+  Planes albedo = uniform(3, 2, 2, 0.6);
+  albedo.at(1, 0, 0) = 0.1;
+  const Planes y = lit(uniform(3, 2, 2, encoded(1)), albedo, {encoded(3), encoded(2), 0, 1, 2, 3}, 0, kLog);
+  const double one = compressed(1), brightness = 0.2126 + 2 * 0.7152 + 3 * 0.0722;
+  expect_near(y, {compressed((1 + 3 * 3) / 4.0),
+                  one,
+                  one,
+                  one,
+                  compressed((1 + 3 * 2) / (4 * 0.5)),
+                  one,
+                  one,
+                  one,
+                  compressed(1 / 4.0),
+                  one,
+                  one,
+                  one,
+                  4,
+                  1,
+                  1,
+                  1,
+                  brightness,
+                  brightness,
+                  brightness,
+                  brightness});
+}
+
+TEST(Light, OfCenteredLrhsCountsInTheWholeCell) {
+  const Planes y = lit(uniform(3, 2, 2, 1), uniform(3, 2, 2, 0.1), {50, 60, 70, 1, 2, 3}, 0.5, kLinear);
+  const double counts = 3.0 / 4;
+  for (int c = 0; c < 3; ++c) {
+    EXPECT_NEAR(y.at(c, 1, 0), compressed((2 + counts * (c + 1)) / (1 + counts)), 1e-12);
+  }
+  for (int i = 0; i < 4; ++i) EXPECT_NEAR(y.data[size_t(3 * 4 + i)], 1 + counts, 1e-12);
+}
+
+TEST(Light, FirefliesAreLimitedByTheSecondBrightestNeighbour) {
+  const auto limited = [](const Planes& color, int y, int x) {
+    const Bounded black = exact(Planes(6, 2, 2));
+    const Planes albedo = uniform(3, 4, 4, 0.6);
+    const Planes light_of = light(exact(color), exact(albedo), black, 0, kLinear, 2, 0, kFp32).value;
+    return std::array{light_of.at(0, y, x), light_of.at(1, y, x)};
+  };
+  Planes color = uniform(3, 4, 4, 0.5);
+  for (int c : {0, 1, 2}) color.at(c, 1, 1) = 40;
+  EXPECT_NEAR(limited(color, 1, 1)[0], compressed(20 * 0.5 + 1e-3), 1e-9);
+  // One bright neighbour may be another firefly; two are a lamp.
+  for (int c : {0, 1, 2}) color.at(c, 1, 2) = 30;
+  EXPECT_NEAR(limited(color, 1, 1)[0], compressed(20 * 0.5 + 1e-3), 1e-9);
+  for (int c : {0, 1, 2}) color.at(c, 2, 2) = 3;
+  EXPECT_NEAR(limited(color, 1, 1)[0], compressed(40), 1e-9);
+  // The color is kept, and outside of the image it is dark.
+  Planes corner(3, 4, 4);
+  corner.at(0, 3, 3) = 10, corner.at(1, 3, 3) = 5;
+  const double factor = 1e-3 / (0.2126 * 10 + 0.7152 * 5);
+  EXPECT_NEAR(limited(corner, 3, 3)[0], compressed(factor * 10), 1e-9);
+  EXPECT_NEAR(limited(corner, 3, 3)[1], compressed(factor * 5), 1e-9);
 }
 
 TEST(Light, BrightnessIsUpsampledWithThePhase) {
-  Planes irradiance(3, 1, 2);
-  irradiance.at(1, 0, 1) = 1 / 0.7152;
+  Planes lrhs(6, 1, 2);
+  lrhs.at(4, 0, 1) = 1 / 0.7152;
   const Bounded dark = exact(Planes(3, 2, 4));
   const auto brightness = [&](double phase) {
-    return slice(light(dark, dark, exact(irradiance), kLinear, 2, phase, kFp32), 3, 1).value;
+    return slice(light(dark, dark, exact(lrhs), 1, kLinear, 2, phase, kFp32), 4, 1).value;
   };
   expect_near(brightness(0), {0, 0.5, 1, 1, 0, 0.5, 1, 1});
   expect_near(brightness(0.5), {0, 0.25, 0.75, 1, 0, 0.25, 0.75, 1});
@@ -82,8 +164,18 @@ Guides flat(int h, int w) {
   return {exact(uniform(3, h, w, 0.5)), exact(uniform(3, h, w, -0.25)), exact(uniform(1, h, w, 2))};
 }
 
+// Three channels have the same certainty everywhere.
 Bounded filtered(const Planes& x, const Guides& guides, int step, Precision precision = kFp32) {
-  return joint_filter(exact(x), guides.albedo, guides.normal, guides.brightness, step, precision);
+  const Bounded certain = x.c == 4 ? exact(x) : concat(exact(x), exact(uniform(1, x.h, x.w, 2)));
+  const Bounded y = joint_filter(certain, guides.albedo, guides.normal, guides.brightness, step, precision);
+  return x.c == 4 ? y : slice(y, 0, 3);
+}
+
+TEST(JointFilter, CertaintyWeightsAndIsAveraged) {
+  const Planes x(4, 1, 2, {1, 5, 1, 5, 1, 5, 1, 17});
+  const Planes y = filtered(x, flat(1, 2), 1).value;
+  const double left = (3 * 1 + 17 * 5) / 20.0, right = (1 + 3 * 17 * 5) / 52.0;
+  expect_near(y, {left, right, left, right, left, right, 20 / 4.0, 52 / 4.0});
 }
 
 TEST(JointFilter, AUniformImageIsNoneTheWorse) {
@@ -130,7 +222,7 @@ TEST(JointFilter, EveryGuideHasItsWidth) {
     return 0.25 * weight / (0.75 + 0.25 * weight);
   };
   for (const int channel : {0, 1, 2}) {
-    EXPECT_NEAR(first(0, channel, 0.5), expected(0.5 / 3), 1e-12);
+    EXPECT_NEAR(first(0, channel, 0.5), expected(0.5 / 1.5), 1e-12);
     EXPECT_NEAR(first(1, channel, -0.6), expected(0.5), 1e-12);
   }
   EXPECT_NEAR(first(2, 0, 0.0667), expected(1), 1e-12);
@@ -140,7 +232,7 @@ TEST(JointFilter, EveryGuideHasItsWidth) {
 TEST(Relight, UndoesLight) {
   const Planes color = random(3, 4, 6, 0, 2, 1), albedo = random(3, 4, 6, 0, 1, 2);
   for (const Transfer transfer : {kLinear, kLog}) {
-    const Bounded lit = light(exact(color), exact(albedo), exact(Planes(3, 2, 3)), transfer, 2, 0, kFp32);
+    const Bounded lit = light(exact(color), exact(albedo), exact(Planes(6, 2, 3)), 0, transfer, 2, 0, kFp32);
     expect_near(relight(exact(slice(lit, 0, 3).value), exact(albedo), transfer, kFp32).value, color.data);
   }
 }
@@ -194,7 +286,7 @@ class JointBounds : public testing::TestWithParam<Precision> {
   Planes stored(int c, double low, double high, uint64_t seed) const {
     return round_to(random(c, 16, 12, low, high, seed), GetParam());
   }
-  const Planes x_ = stored(3, 0, 10, 1);
+  const Planes x_ = concat(exact(stored(3, 0, 10, 1)), exact(stored(1, 1, 40, 9))).value;
   const Guides guides_{exact(stored(3, 0, 1, 2)), exact(stored(3, -1, 1, 3)), exact(stored(1, 0.4, 0.6, 4))};
 };
 
@@ -203,7 +295,7 @@ Planes float_filter(const Planes& x, const Guides& guides, int step, float brigh
   Planes y = x;
   for (int row = 0; row < x.h; ++row) {
     for (int column = 0; column < x.w; ++column) {
-      float sum[3] = {}, weights = 0;
+      float sum[3] = {}, certainties = 0, weights = 0;
       for (int tap = 8; tap >= 0; --tap) {
         const int dy = tap / 3 - 1, dx = tap % 3 - 1;
         const int yy = std::clamp(row + dy * step, 0, x.h - 1),
@@ -214,13 +306,16 @@ Planes float_filter(const Planes& x, const Guides& guides, int step, float brigh
         };
         float distance = squared(guides.brightness.value, 0, brightness_width);
         for (int c = 0; c < 3; ++c) {
-          distance += squared(guides.albedo.value, c, 3) + squared(guides.normal.value, c, 1.2f);
+          distance += squared(guides.albedo.value, c, 1.5f) + squared(guides.normal.value, c, 1.2f);
         }
         const float weight = float((2 - std::abs(dy)) * (2 - std::abs(dx))) * std::exp(-distance);
-        for (int c = 0; c < 3; ++c) sum[c] += weight * float(x.at(c, yy, xx));
+        const float certainty = weight * float(x.at(3, yy, xx));
+        for (int c = 0; c < 3; ++c) sum[c] += certainty * float(x.at(c, yy, xx));
+        certainties += certainty;
         weights += weight;
       }
-      for (int c = 0; c < 3; ++c) y.at(c, row, column) = round_to(sum[c] / weights, store);
+      for (int c = 0; c < 3; ++c) y.at(c, row, column) = round_to(sum[c] / certainties, store);
+      y.at(3, row, column) = round_to(certainties / weights, store);
     }
   }
   return y;
@@ -235,7 +330,8 @@ TEST_P(JointBounds, FloatFilterStaysWithinAndOthersDoNot) {
     EXPECT_TRUE(within(step, 0.0667f));
     EXPECT_FALSE(within(step + 1, 0.0667f));
     EXPECT_FALSE(within(step, 0.067f));
-    const double largest = *std::ranges::max_element(expected.bound.data);
+    const Planes bounds = slice(expected, 0, 3).bound;
+    const double largest = *std::ranges::max_element(bounds.data);
     EXPECT_LT(largest, GetParam() == kFp32 ? 2e-4 : 6e-3);  // of values from 0 to 10
   }
 }
@@ -311,8 +407,8 @@ INSTANTIATE_TEST_SUITE_P(Precisions, JointBounds, testing::Values(kFp32, Precisi
 
 TEST(JointBase, OtherShapesAreRefused) {
   const Bounded low = exact(Planes(3, 1, 1)), full = exact(Planes(3, 2, 2)), one = exact(Planes(1, 2, 2));
-  EXPECT_THROW(irradiance(low, low, kLog, 2, 0, kFp32), std::invalid_argument);
-  EXPECT_THROW(light(full, full, full, kLog, 2, 0, kFp32), std::invalid_argument);
+  EXPECT_THROW(irradiance(low, low, low, kLog, 2, 0, kFp32), std::invalid_argument);
+  EXPECT_THROW(light(full, full, full, 1, kLog, 2, 0, kFp32), std::invalid_argument);
   EXPECT_THROW(joint_filter(full, full, full, full, 1, kFp32), std::invalid_argument);
   EXPECT_THROW(relight(one, full, kLog, kFp32), std::invalid_argument);
   EXPECT_THROW(mix(full, low, full, full, kLog, 2, 0, kFp32), std::invalid_argument);

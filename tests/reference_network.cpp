@@ -109,17 +109,19 @@ Candidates candidates(Run& run, const Architecture& a, const Bounded& lrhs, cons
   const Bounded color = slice(hrls, 0, 3), albedo = slice(hrls, first_channel(a, LayerKind::kAlbedo), 3);
   const Bounded normal = slice(hrls, first_channel(a, LayerKind::kNormal), 3);
   Candidates result{
-      run.keep("irradiance", irradiance(lrhs, albedo, a.transfer, a.scale, phase, precision)), albedo, {}};
-  const Bounded lit =
-      run.keep("light", light(color, albedo, result.irradiance, a.transfer, a.scale, phase, precision));
-  const Bounded brightness = slice(lit, 3, 1);
-  Bounded x = slice(lit, 0, 3);
+      run.keep("irradiance", irradiance(lrhs, albedo, normal, a.transfer, a.scale, phase, precision)),
+      albedo,
+      {}};
+  const Bounded lit = run.keep("light", light(color, albedo, concat(lrhs, result.irradiance),
+                                              a.lrhs_certainty, a.transfer, a.scale, phase, precision));
+  const Bounded brightness = slice(lit, 4, 1);
+  Bounded x = slice(lit, 0, 4);
   for (int level = 0; level < 5; ++level) {
     x = run.keep("joint." + std::to_string(level),
                  joint_filter(x, albedo, normal, brightness, 1 << level, precision));
     if (level % 2 == 1) continue;
-    const Bounded relit =
-        run.keep("relight." + std::to_string(level + 1), relight(x, albedo, a.transfer, precision));
+    const Bounded relit = run.keep("relight." + std::to_string(level + 1),
+                                   relight(slice(x, 0, 3), albedo, a.transfer, precision));
     result.relit = level == 0 ? relit : concat(result.relit, relit);
   }
   return result;
@@ -154,7 +156,10 @@ Outputs network(const Architecture& a, const Weights& weights, const Planes& lrh
   const Bounded fused = run.conv("fuse", concat(f_lrhs, encode_hrls(run, a, high)));
   Bounded x = upscale(run, a, trunk(run, a, fused, a.long_skip_fused ? fused : f_lrhs));
   if (a.hrls_guide) x = concat(x, high);
-  if (a.head_features > 0) x = run.conv("head", x);
+  for (int i = 0; i < a.head_layers; ++i) {
+    const std::string name = "head." + std::to_string(i);
+    x = run.conv(name, name, x, true, i > 0 ? std::vector{&std::as_const(x)} : std::vector<const Bounded*>{});
+  }
   x = run.conv("rec", x, false);
   if (joint) {
     x = run.keep("mix", mix(x, low, made.albedo, made.relit, a.transfer, a.scale, phase, precision));

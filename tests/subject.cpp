@@ -23,6 +23,7 @@ Architecture guided_architecture(int scale) {
   a.hrls_unshuffled = a.upscale_direct = a.hrls_guide = a.both_samplings = true;
   a.upscaled_features = 3;
   a.head_features = 4;
+  a.head_layers = 2;
   return a;
 }
 
@@ -30,6 +31,7 @@ Architecture joint_architecture(int scale) {
   Architecture a = guided_architecture(scale);
   a.base = reference::Base::kJoint;
   a.transfer = reference::Transfer::kLog;
+  a.lrhs_certainty = scale * scale;
   return a;
 }
 

@@ -97,7 +97,10 @@ reference::Weights random_weights(const Architecture& a, Precision precision, ui
   for (int i = 0; i < (a.upscale_direct ? 0 : steps); ++i)
     make(fmt::format("up.{}", i), 4 * features, features, 3);
   int last = a.upscaled() + (a.hrls_guide ? hrls : 0);
-  if (a.head_features > 0) make("head", a.head_features, last, 3), last = a.head_features;
+  for (int i = 0; i < a.head_layers; ++i) {
+    make(fmt::format("head.{}", i), a.head_features, last, 3);
+    last = a.head_features;
+  }
   make("rec", a.rec_channels(), last, 3);
   return weights;
 }

@@ -157,12 +157,21 @@ def drop_layers(hrls, config, rng):
         hrls[start : start + 3] = 0
 
 
+def add_fireflies(layers, rng):
+    """Makes a thousandth of the pixels 10 to 1000 times as bright, in a tenth of the samples."""
+    if rng.random() > 0.1:
+        return
+    height, width = layers.shape[-2:]
+    for _ in range(height * width // 1000):
+        layers[RADIANCE, rng.randrange(height), rng.randrange(width)] *= 10 ** rng.uniform(1, 3)
+
+
 def sample(views, config, size, rng):
     """One random crop: lrhs [3, size/s, size/s], hrls [K, size, size], reference [3, size, size], centered or not."""
     scale = config.scale
     view = rng.choice(views)
     low, high = spp_pair(scale, rng)
-    is_centered = "centered" in config.lrhs_sampling and rng.random() < 0.25
+    is_centered = "centered" in config.lrhs_sampling and rng.random() < 0.35
     wanted = low
     if is_centered:  # many samples are gathered from pixels of few
         low = rng.choice([s for s in (1, 2, 4) if s != high and s <= wanted])
@@ -173,6 +182,7 @@ def sample(views, config, size, rng):
     layers, reference, color = augment(*images, rng)
     exposure = 2 ** rng.uniform(-1.5, 1.5) * view.exposure(config)
     layers[RADIANCE] *= exposure
+    add_fireflies(layers, rng)
     hrls = with_variance(layers)
     drop_layers(hrls, config, rng)
     if is_centered:

@@ -33,6 +33,7 @@ CASES = {
             hrls_encoder="unshuffled",
             guide="hrls",
             head_features=5,
+            head_layers=1,
             lrhs_sampling=("centered", "nearest"),
             optional_layers=("normal",),
         ),
@@ -52,6 +53,7 @@ CASES = {
             upscaled_features=3,
             guide="hrls",
             head_features=6,
+            head_layers=2,
             lrhs_sampling=("nearest", "centered"),
             optional_layers=("albedo", "variance"),
             exposure_key=0.2,
@@ -65,7 +67,7 @@ CASES = {
     ),
     "joint-x2": (
         (9, 7),
-        model.Config(2, 4, 3, 1, 1, 1, ("color", "normal", "albedo"), lrhs_sampling=("centered",), base="joint"),
+        model.Config(2, 4, 3, 1, 1, 1, ("color", "normal", "albedo"), lrhs_sampling=("centered",), base="joint", lrhs_certainty=3.0),
     ),
     "joint-x4": (
         (3, 5),
@@ -81,7 +83,9 @@ CASES = {
             upscaled_features=3,
             guide="hrls",
             head_features=5,
+            head_layers=3,
             base="joint",
+            lrhs_certainty=16.0,
             lrhs_sampling=("nearest", "centered"),
             optional_layers=("diffuse", "specular"),
             exposure_key=0.2,
@@ -92,13 +96,13 @@ CENTERED = ("guided-x4", "joint-x2")  # read as centered; the others as nearest 
 
 
 def random_network(config, generator):
-    """Weights of 8 significant bits, so that every format down to bfloat16 holds them exactly."""
+    """Weights of 8 significant bits, so that bfloat16 and half hold them exactly."""
     network = model.Network(config)
     for name, value in network.state_dict().items():
         fan_in = value[0].numel() if value.dim() == 4 else 1
         bound = (3 / fan_in) ** 0.5 if value.dim() == 4 else 0.2
         fresh = (torch.rand(value.shape, generator=generator) * 2 - 1) * bound
-        value.copy_(fresh.bfloat16().float())
+        value.copy_(fresh.bfloat16().half().float())  # half has fewer small numbers
     return network.double().eval()
 
 
@@ -128,8 +132,9 @@ def parts_of_joint_base(seen):
 
     def joint_filter(light, guides, levels):
         filtered = parts[1](light, guides, levels)
-        seen["light"] = torch.cat([light, guides[:, -1:] * model.JOINT_IRRADIANCE], dim=1)
-        seen.update({f"joint.{level}": image for level, image in enumerate(filtered)})
+        if levels > 1:  # of the irradiance there is one
+            seen["light"] = torch.cat([light, guides[:, -1:] * model.JOINT_IRRADIANCE], dim=1)
+            seen.update({f"joint.{level}": image for level, image in enumerate(filtered)})
         return filtered
 
     def joint_candidates(*inputs):
@@ -156,7 +161,9 @@ def layer_outputs(network, run):
     for name, part in network.named_modules():
         if isinstance(part, torch.nn.Conv2d) and name != "lrhs" and not name.endswith("merge"):
             then = after.get(name.split(".")[0], after[""])
-            part.register_forward_hook(lambda _, __, y, name=name, then=then: seen.update({name: then(y)}))
+            adds = name.startswith("head.") and name != "head.0"
+            see = lambda _, x, y, name=name, then=then, adds=adds: seen.update({name: then(y) + (x[0] if adds else 0)})
+            part.register_forward_hook(see)
         elif isinstance(part, model.Block):
             part.register_forward_hook(lambda _, __, y, name=name + ".merge": seen.update({name: y}))
     with parts_of_joint_base(seen):

@@ -13,24 +13,27 @@ BINOMIAL = (0.25, 0.5, 0.25)
 
 
 def slow(x, guides, levels):
-    """x [N, 3, H, W], guides [N, G, H, W] -> [levels, N, 3, H, W], each made of the one before it.
+    """x [N, 4, H, W], guides [N, G, H, W] -> [levels, N, 4, H, W], each made of the one before it.
 
-    A pixel's 3x3 neighbours at steps of 1, 2, 4 ..., edges replicated, weighted by a binomial kernel and by
-    exp(-|difference of guides|^2); Dammertz et al. 2010.
+    The mean of a pixel's 3x3 neighbours at steps of 1, 2, 4 ..., edges replicated, weighted by a binomial kernel and by
+    exp(-|difference of guides|^2); Dammertz et al. 2010. The last channel, the mean of which is kept, says how much
+    each pixel counts in the mean of the others; Knutsson and Westin 1993.
     """
     height, width = x.shape[-2:]
     result = []
     for level in range(levels):
         step = 2**level
         padded_x, padded_guides = (F.pad(image, [step] * 4, mode="replicate") for image in (x, guides))
-        total = weights = 0
+        total = certainty = weights = 0
         for i, dy in enumerate((0, step, 2 * step)):
             for j, dx in enumerate((0, step, 2 * step)):
                 near = lambda image: image[..., dy : dy + height, dx : dx + width]
                 distance = ((near(padded_guides) - guides) ** 2).sum(1, keepdim=True)
                 weight = BINOMIAL[i] * BINOMIAL[j] * torch.exp(-distance)
-                total, weights = total + weight * near(padded_x), weights + weight
-        x = total / weights
+                counted = weight * near(padded_x[:, 3:])
+                total, certainty = total + counted * near(padded_x[:, :3]), certainty + counted
+                weights = weights + weight
+        x = torch.cat([total / certainty, certainty / weights], dim=1)
         result.append(x)
     return torch.stack(result)
 

@@ -14,8 +14,10 @@ HALF_MAX = 65504.0
 ALBEDO_FLOOR = 0.4
 # The joint filter: it filters log(1 + JOINT_COMPRESS x) / JOINT_COMPRESS; the widths of its guides; the levels kept.
 JOINT_COMPRESS = 0.2
-JOINT_ALBEDO, JOINT_NORMAL, JOINT_IRRADIANCE = 3.0, 1.2, 0.0667
+JOINT_ALBEDO, JOINT_NORMAL, JOINT_IRRADIANCE = 1.5, 1.2, 0.0667
 JOINT_LEVELS = (1, 3, 5)
+# A pixel may be as many times as bright as the second brightest of its neighbours, and a little; else it is a firefly.
+FIREFLY, FIREFLY_FLOOR = 20.0, 1e-3
 
 
 @dataclasses.dataclass
@@ -34,9 +36,11 @@ class Config:
     upscaled_features: int = 0  # M; 0: as many as features
     guide: str = "none"
     head_features: int = 0
+    head_layers: int = 0
     transfer: str = "log"
     clip: float = 1000.0
     base: str = "bilinear"
+    lrhs_certainty: float = 0.0
     lrhs_sampling: tuple = ("nearest",)
     optional_layers: tuple = ()
     exposure_key: float = 0.0
@@ -177,9 +181,12 @@ class Network(nn.Module):
         else:
             self.up = nn.ModuleList([nn.Conv2d(c, m * s * s, 3, padding=1)])
         last = m + (k if config.guide == "hrls" else 0)
-        if config.head_features:
-            self.head = nn.Conv2d(last, config.head_features, 3, padding=1)
-            last = config.head_features
+        widths = [last] + [config.head_features] * config.head_layers
+        self.head = nn.ModuleList(nn.Conv2d(a, b, 3, padding=1) for a, b in zip(widths, widths[1:]))
+        for conv in self.head[1:]:  # at first, it adds little
+            conv.weight.data.mul_(0.1)
+            nn.init.zeros_(conv.bias)
+        last = widths[-1]
         candidates = 2 + config.joint_layers if config.base == "joint" else 0
         self.rec = nn.Conv2d(last, 3 + candidates, 3, padding=1)
         if config.base != "none":
@@ -217,29 +224,66 @@ class Network(nn.Module):
             y = F.pixel_shuffle(F.relu(conv(y)), 2 if config.upscale == "stages" else config.scale)
         if config.guide == "hrls":
             y = torch.cat([y, hrls], dim=1)
-        if config.head_features:
-            y = F.relu(self.head(y))
+        for i, conv in enumerate(self.head):
+            y = F.relu(conv(y)) + (y if i else 0)
         return self.rec(y).to(torch.float32 if dtype == torch.bfloat16 else dtype)
 
 
-def irradiance(lrhs, albedo, config, centered):
-    """LRHS over the albedo of HRLS, encoded: that of the same pixel, or where LRHS is centered the mean of the cell."""
-    own = albedo[..., :: config.scale, :: config.scale]
-    if centered.any():
-        own = torch.where(centered, F.avg_pool2d(albedo, config.scale), own)
-    return transfer(linear(lrhs, config) / (own + ALBEDO_FLOOR), config.transfer)
+def joint_guides(albedo, normal):
+    return torch.cat([albedo / JOINT_ALBEDO, normal / JOINT_NORMAL], dim=1)
 
 
-def joint_candidates(low, hrls, albedo, normal, config):
-    """What the output is mixed of, encoded: LRHS, LRHS with the albedo of HRLS, three levels of a filter of HRLS.
+def irradiance(lrhs, albedo, normal, config, centered):
+    """LRHS over the albedo of HRLS, encoded, and the mean of 3x3 such pixels as far as they are alike in HRLS.
+
+    Those of HRLS are of the same pixel, or where LRHS is centered the mean of the cell.
+    """
+
+    def own(layer):
+        cell = layer[..., :: config.scale, :: config.scale]
+        return torch.where(centered, F.avg_pool2d(layer, config.scale), cell) if centered.any() else cell
+
+    light = transfer(linear(lrhs, config) / (own(albedo) + ALBEDO_FLOOR), config.transfer)
+    even = torch.cat([light, torch.ones_like(light[:, :1])], dim=1)
+    return joint_filter(even, joint_guides(own(albedo), own(normal)), 1)[0, :, :3]
+
+
+def without_fireflies(color):
+    """Radiance [N, 3, H, W], each pixel darkened until it is FIREFLY times as bright as the second of its neighbours."""
+    bright = luminance(color)[:, None]
+    height, width = bright.shape[-2:]
+    padded = F.pad(bright, [1] * 4)
+    near = [padded[..., dy : dy + height, dx : dx + width] for dy in range(3) for dx in range(3) if (dy, dx) != (1, 1)]
+    second = torch.cat(near, dim=1).topk(2, dim=1)[0][:, 1:]
+    return color * ((FIREFLY * second + FIREFLY_FLOOR) / bright.clamp(min=FIREFLY_FLOOR)).clamp(max=1)
+
+
+def joint_light(low, hrls, albedo, config, centered):
+    """What the joint filter filters, [N, 4, H, W]: compressed light of HRLS and LRHS together, and its certainty.
+
+    A pixel of LRHS has the certainty lrhs_certainty where it was rendered, one of HRLS 1; centered, it is spread over
+    the cell. `low` as in joint_candidates().
+    """
+    light = without_fireflies(linear(hrls, config)) / (albedo + ALBEDO_FLOOR)
+    nearest = torch.zeros_like(light[:, :1])
+    nearest[..., :: config.scale, :: config.scale] = config.lrhs_certainty
+    certainty = torch.where(centered, torch.tensor(config.lrhs_certainty / config.scale**2).to(light), nearest)
+    nearest_light = decode(low[:, :3], config.transfer) / (albedo + ALBEDO_FLOOR)
+    given = torch.where(centered, decode(low[:, 3:], config.transfer), nearest_light)
+    light = (light + certainty * given) / (1 + certainty)
+    return torch.cat([torch.log1p(JOINT_COMPRESS * light) / JOINT_COMPRESS, 1 + certainty], dim=1)
+
+
+def joint_candidates(low, hrls, albedo, normal, config, centered):
+    """What the output is mixed of, encoded: LRHS, LRHS with the albedo of HRLS, three levels of a filter of both.
 
     `low` [N, 6, H, W] is the encoded LRHS and its irradiance, both upsampled; the others are full-size layers.
     """
-    light = torch.log1p(JOINT_COMPRESS * linear(hrls, config) / (albedo + ALBEDO_FLOOR)) / JOINT_COMPRESS
+    light = joint_light(low, hrls, albedo, config, centered)
     brightness = luminance(low[:, 3:])[:, None]
-    guides = torch.cat([albedo / JOINT_ALBEDO, normal / JOINT_NORMAL, brightness / JOINT_IRRADIANCE], dim=1)
+    guides = torch.cat([joint_guides(albedo, normal), brightness / JOINT_IRRADIANCE], dim=1)
     levels = joint_filter(light, guides, max(JOINT_LEVELS))
-    lights = [torch.expm1(JOINT_COMPRESS * levels[level - 1]) / JOINT_COMPRESS for level in JOINT_LEVELS]
+    lights = [torch.expm1(JOINT_COMPRESS * levels[level - 1][:, :3]) / JOINT_COMPRESS for level in JOINT_LEVELS]
     lights = [decode(low[:, 3:], config.transfer), *lights]
     return low[:, :3], *(transfer(light * (albedo + ALBEDO_FLOOR), config.transfer) for light in lights)
 
@@ -249,8 +293,8 @@ def joint_predict(network, lrhs, hrls, upsampled, centered):
     config = network.config
     layers = dict(zip(config.hrls_layers, hrls.split(3, dim=1)))
     albedo, normal = (encode_layer(layers[name], name, config) for name in ("albedo", "normal"))
-    low = torch.cat([encode_layer(lrhs, "color", config), irradiance(lrhs, albedo, config, centered)], dim=1)
-    candidates = joint_candidates(upsampled(low), layers["color"], albedo, normal, config)
+    low = torch.cat([encode_layer(lrhs, "color", config), irradiance(lrhs, albedo, normal, config, centered)], dim=1)
+    candidates = joint_candidates(upsampled(low), layers["color"], albedo, normal, config, centered)
     high = torch.cat([encode(hrls, config.hrls_layers, config), *candidates[2:]], dim=1)
     y = network(low, high, centered)
     weights = torch.softmax(y[:, 3:], dim=1).split(1, dim=1)

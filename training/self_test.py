@@ -4,6 +4,7 @@
 import dataclasses
 import random
 import unittest
+from unittest import mock
 
 import torch
 
@@ -76,14 +77,51 @@ class Grow(unittest.TestCase):
 
 class JointFilter(unittest.TestCase):
     def test_compiled_computes_the_same(self):
-        x, guides = torch.rand(2, 3, 9, 40), torch.rand(2, 7, 9, 40)
+        x, guides = torch.rand(2, 4, 9, 40), torch.rand(2, 7, 9, 40)
         torch.testing.assert_close(joint_filter.joint_filter(x, guides, 5), joint_filter.slow(x, guides, 5))
 
     def test_keeps_to_one_surface(self):
-        x, guides = torch.rand(1, 3, 4, 8), torch.zeros(1, 1, 4, 8)
+        x, guides = torch.rand(1, 4, 4, 8), torch.zeros(1, 1, 4, 8)
         guides[..., 4:] = 20
         alone = joint_filter.slow(x[..., :4], guides[..., :4], 1)
         torch.testing.assert_close(joint_filter.joint_filter(x, guides, 1)[..., :3], alone[..., :3])
+
+
+    def test_counts_by_certainty(self):
+        """A column of certainty 0 is not seen; what is uniform stays so whatever the certainty."""
+        x = torch.rand(1, 4, 4, 8)
+        blind, clear = x.clone(), x.clone()
+        blind[:, 3, :, 5] = clear[:, 3, :, 5] = 0
+        clear[:, :3, :, 5] = 1000
+        a, b = (joint_filter.slow(image, torch.zeros(1, 1, 4, 8), 3) for image in (blind, clear))
+        torch.testing.assert_close(a, b)
+        x[:, :3] = 0.5
+        even = joint_filter.slow(x, torch.rand(1, 1, 4, 8), 3)[:, :, :3]
+        torch.testing.assert_close(even, torch.full_like(even, 0.5))
+
+
+class JointLight(unittest.TestCase):
+    def light(self, color, config, centered=False):
+        low, albedo = torch.zeros(1, 6, 8, 8), torch.full((1, 3, 8, 8), 0.6)
+        return model.joint_light(low, color, albedo, config, torch.tensor(centered))
+
+    def test_fireflies_are_darkened_and_lamps_are_not(self):
+        config = bent(stock.config("x4-fast"), lrhs_certainty=0.0)
+        color = torch.full((1, 3, 8, 8), 0.25)
+        color[..., 3, 3] = 50
+        color[..., 6, 5:7] = color[..., 7, 5] = 50
+        light = torch.expm1(model.JOINT_COMPRESS * self.light(color, config)[:, :3]) / model.JOINT_COMPRESS
+        expected = color.clone()
+        expected[..., 3, 3] = model.FIREFLY * 0.25 + model.FIREFLY_FLOOR
+        torch.testing.assert_close(light, expected)
+
+    def test_certainty_is_where_lrhs_was_rendered(self):
+        config = bent(stock.config("x4-fast"), lrhs_certainty=12.0)
+        certainty = self.light(torch.zeros(1, 3, 8, 8), config)[0, 3]
+        self.assertTrue((certainty[::4, ::4] == 13).all())
+        self.assertEqual(float(certainty.sum()), 64 + 4 * 12)
+        spread = self.light(torch.zeros(1, 3, 8, 8), config, centered=True)[0, 3]
+        self.assertTrue((spread == 1.75).all())
 
 
 class Pairs(unittest.TestCase):
@@ -91,7 +129,8 @@ class Pairs(unittest.TestCase):
         """Whatever the mirroring, transposition, exposure and order of channels, all images still show one scene."""
         config = bent(stock.config("x4-fast"), lrhs_sampling=("nearest",))
         for seed in range(20):
-            lrhs, hrls, reference, centered = dataset.sample([Lookalike()], config, 32, random.Random(seed))
+            with mock.patch.object(dataset, "add_fireflies"):
+                lrhs, hrls, reference, centered = dataset.sample([Lookalike()], config, 32, random.Random(seed))
             self.assertFalse(centered.any())
             torch.testing.assert_close(lrhs, reference[:, ::4, ::4])
             torch.testing.assert_close(hrls[:3], reference)

@@ -8,7 +8,7 @@ CHOICES = dict(
     upscale="direct",
     upscaled_features=16,
     guide="hrls",
-    head_features=16,
+    head_layers=2,
     # What users feed.
     lrhs_sampling=("nearest", "centered"),
     optional_layers=("albedo", "normal", "diffuse", "specular"),
@@ -16,14 +16,17 @@ CHOICES = dict(
     base="joint",
     clip=100.0,
 )
-# features, growth, dense_layers, blocks, groups; full has the trunk of Hou et al. 2021.
-SIZES = {"full": (64, 64, 4, 5, 3), "balanced": (48, 32, 4, 3, 2), "fast": (24, 16, 3, 2, 1)}
+# features, growth, dense_layers, blocks, groups, head_features; full has the trunk of Hou et al. 2021.
+SIZES = {"full": (64, 64, 4, 5, 3, 48), "balanced": (48, 32, 4, 3, 2, 32), "fast": (24, 16, 3, 2, 1, 16)}
 
 
 def config(name):
     """The Config of a stock model's name."""
     scale, size = name.removeprefix("x").split("-")
-    return Config(int(scale), *SIZES[size], **CHOICES)
+    scale = int(scale)
+    # As many samples as an image of the full size spends on its cell, up to where its guides cannot follow.
+    *trunk, head_features = SIZES[size]
+    return Config(scale, *trunk, **CHOICES, head_features=head_features, lrhs_certainty=float(min(scale**2, 32)))
 
 
 def names():

@@ -30,7 +30,7 @@ def parse():
     parser.add_argument("--model", required=True, choices=stock.names(), help="which stock model")
     parser.add_argument("--without", choices=WITHOUT, default="none", help="ablation: an input blank, or all but RGB")
     parser.add_argument("--init", help="model file to start from: a smaller model, or what fits of another's tensors")
-    parser.add_argument("--loss", choices=("l1", "robust"), default="l1")
+    parser.add_argument("--loss", choices=("rms", "l1", "robust"), default="rms")
     parser.add_argument("--beta", type=float, default=0.1, help="of the robust loss")
     parser.add_argument("--minutes", type=float, required=True, help="training time; ends the cosine decay of the rate")
     parser.add_argument("--batch", type=int, default=8)
@@ -56,6 +56,8 @@ class Run:
         self.args, self.step, self.seconds = args, 0, 0.0
         torch.manual_seed(1)
         self.config = stock.config(args.model)
+        if args.without == "lrhs":
+            self.config.lrhs_certainty = 0.0
         self.network = model.Network(self.config).to(memory_format=torch.channels_last)
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=args.rate)
         args.run.mkdir(parents=True, exist_ok=True)
@@ -123,8 +125,9 @@ class Run:
         lrhs, hrls, reference, centered = dataset.batch(views, self.config, args.size, args.batch, self.step)
         with torch.autocast("cpu", torch.bfloat16, enabled=not args.fp32):
             encoded, linear = model.predict(self.network, *self.inputs(lrhs, hrls), centered)
-        if args.loss == "l1":
-            error = loss.l1(encoded.float(), model.encode_layer(reference, "color", self.config))
+        if args.loss in ("rms", "l1"):
+            measure = loss.rms if args.loss == "rms" else loss.l1
+            error = measure(encoded.float(), model.encode_layer(reference, "color", self.config))
         else:
             error = loss.robust(linear.float(), reference.clamp(0, self.config.clip), args.beta)
         self.optimizer.zero_grad(set_to_none=True)

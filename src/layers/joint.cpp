@@ -39,44 +39,48 @@ Pass pass_of(const Graph& graph, const std::string& name, const Shader& shader,
 }  // namespace
 
 void irradiance(Graph& graph, const std::string& name, const Tensor& lrhs, const Tensor& albedo,
-                const Tensor& out, const JointOptions& options) {
+                const Tensor& normal, const Tensor& out, const JointOptions& options) {
   expect_shape(name, "LRHS", lrhs, with_channels(out.shape, 3));
   expect_shape(name, "the albedo", albedo, enlarged(out.shape, options.scale, 3));
+  expect_shape(name, "the normal", normal, albedo.shape);
   expect_shape(name, "the output", out, lrhs.shape);
-  Pass pass = pass_of(graph, name, shaders::kIrradiance, {lrhs, albedo}, out);
+  Pass pass = pass_of(graph, name, shaders::kIrradiance, {lrhs, albedo, normal}, out);
   pass.set_push(params::Irradiance{out.shape.height, out.shape.width, plane_of(graph, out),
                                    plane_of(graph, albedo), options.scale, options.phase > 0,
                                    options.transfer == Transfer::kLog});
-  pass.groups = element_groups(out.shape);
+  pass.groups = pixel_groups(out.shape);
   graph.add(std::move(pass));
 }
 
 void light(Graph& graph, const std::string& name, const Tensor& color, const Tensor& albedo,
-           const Tensor& irradiance, const Tensor& out, const JointOptions& options) {
+           const Tensor& lrhs, const Tensor& out, const JointOptions& options) {
   expect_shape(name, "the color", color, with_channels(out.shape, 3));
   expect_shape(name, "the albedo", albedo, color.shape);
-  expect_shape(name, "the output", out, with_channels(color.shape, 4));
-  expect_shape(name, "the irradiance", irradiance, with_channels(irradiance.shape, 3));
-  expect_shape(name, "the color", color, enlarged(irradiance.shape, options.scale, 3));
-  Pass pass = pass_of(graph, name, shaders::kLight, {color, albedo, irradiance}, out);
-  pass.set_push(upsampled(graph, out, irradiance, options.transfer, options.scale, options.phase));
+  expect_shape(name, "the output", out, with_channels(color.shape, 5));
+  expect_shape(name, "LRHS", lrhs, with_channels(lrhs.shape, 6));
+  expect_shape(name, "the color", color, enlarged(lrhs.shape, options.scale, 3));
+  Pass pass = pass_of(graph, name, shaders::kLight, {color, albedo, lrhs}, out);
+  const float cell = static_cast<float>(options.scale * options.scale);
+  pass.set_push(params::JointLight{upsampled(graph, out, lrhs, options.transfer, options.scale, options.phase),
+                              options.scale,
+                              options.phase > 0 ? options.lrhs_certainty / cell : options.lrhs_certainty});
   pass.groups = pixel_groups(out.shape);
   graph.add(std::move(pass));
 }
 
 void joint_filter(Graph& graph, const std::string& name, const Tensor& in, const Tensor& albedo,
                   const Tensor& normal, const Tensor& brightness, const Tensor& out, uint32_t step) {
-  const Shape shape = with_channels(out.shape, 3);
+  const Shape shape = with_channels(out.shape, 4), guide = with_channels(out.shape, 3);
   expect_shape(name, "the input", in, shape);
-  expect_shape(name, "the albedo", albedo, shape);
-  expect_shape(name, "the normal", normal, shape);
+  expect_shape(name, "the albedo", albedo, guide);
+  expect_shape(name, "the normal", normal, guide);
   expect_shape(name, "the brightness", brightness, with_channels(shape, 1));
   expect_shape(name, "the output", out, shape);
   if (step == 0) throw Error("layer {}: a step of 0 pixels", name);
   Pass pass = pass_of(graph, name, shaders::kJointFilter, {in, albedo, normal, brightness}, out);
   pass.set_push(params::JointFilter{shape.height, shape.width, plane_of(graph, out), step});
   pass.groups = pixel_groups(shape);
-  constexpr double kFlopOfTap = 32;
+  constexpr double kFlopOfTap = 34;
   pass.flop = 9 * kFlopOfTap * static_cast<double>(shape.pixels());
   graph.add(std::move(pass));
 }

@@ -54,27 +54,34 @@ struct DecodeOptions {
 // divides by the recording's exposure, clamps to [0, 65504].
 void decode(Graph& graph, const std::string& name, const Tensor& in, const DecodeOptions& options);
 
-// The joint base: the output is mixed, pixel by pixel, of LRHS, of LRHS with the albedo of HRLS and of HRLS
+// The joint base: the output is mixed, pixel by pixel, of LRHS, of LRHS with the albedo of HRLS and of both
 // filtered. All layers below read encoded images.
 struct JointOptions {
   Transfer transfer = Transfer::kLinear;
   uint32_t scale = 1;
-  float phase = 0;  // as in DecodeOptions
+  float phase = 0;           // as in DecodeOptions
+  float lrhs_certainty = 0;  // what a pixel of LRHS counts where one of HRLS counts 1
 };
 
-// LRHS (h, w, 3) over the albedo (H, W, 3) + 0.4, encoded again: the albedo of a cell's top-left pixel, or
-// where phase > 0 the mean of the cell.
+// LRHS (h, w, 3) over the albedo (H, W, 3) + 0.4, encoded again, then the mean of 3x3 of its pixels by a
+// level of joint_filter() without certainty and brightness. Albedo and normal (H, W, 3) are those of a cell's
+// top-left pixel, or where phase > 0 the mean of the cell.
 void irradiance(Graph& graph, const std::string& name, const Tensor& lrhs, const Tensor& albedo,
-                const Tensor& out, const JointOptions& options);
+                const Tensor& normal, const Tensor& out, const JointOptions& options);
 
-// (H, W, 4): ln(1 + 0.2 x) / 0.2 where x is the color over the albedo + 0.4, then the luminance of the
-// bilinearly upsampled irradiance (h, w, 3).
+// (H, W, 5): ln(1 + 0.2 x) / 0.2, x being the light; the certainty of it; and a brightness, the luminance of
+// the bilinearly upsampled irradiance. lrhs (h, w, 6) is color and irradiance().
+// Light is color over albedo + 0.4: of HRLS, where a pixel brighter than 20 times its second brightest
+// neighbour + 0.001 is darkened to that, its certainty 1; and of LRHS, with lrhs_certainty at the pixels it
+// was rendered of, or where phase > 0 with lrhs_certainty / scale^2 everywhere, its irradiance upsampled. x
+// is the mean of both by certainty, whose sum is that of x.
 void light(Graph& graph, const std::string& name, const Tensor& color, const Tensor& albedo,
-           const Tensor& irradiance, const Tensor& out, const JointOptions& options);
+           const Tensor& lrhs, const Tensor& out, const JointOptions& options);
 
-// (H, W, 3) -> (H, W, 3): a level of the a-trous filter of Dammertz et al. 2010, with the binomial 3x3 kernel
-// at `step` pixels, edges replicated, times exp(-|difference of albedo / 3, normal / 1.2, brightness /
-// 0.0667|^2).
+// (H, W, 4) -> (H, W, 4), light and its certainty: a level of the a-trous filter of Dammertz et al. 2010,
+// with the binomial 3x3 kernel at `step` pixels, edges replicated, times exp(-|difference of albedo / 1.5,
+// normal / 1.2, brightness / 0.0667|^2). Light is weighted by its certainty as well, of which the mean is
+// passed on: normalized convolution, Knutsson and Westin 1993.
 void joint_filter(Graph& graph, const std::string& name, const Tensor& in, const Tensor& albedo,
                   const Tensor& normal, const Tensor& brightness, const Tensor& out, uint32_t step);
 
