@@ -24,7 +24,7 @@ def config(name):
     """The Config of a stock model's name."""
     scale, size = name.removeprefix("x").split("-")
     scale = int(scale)
-    # As many samples as an image of the full size spends on its cell, up to where its guides cannot follow.
+    # Of as many samples as HRLS spends on a cell; in the wide cells of x8 less of them holds for the pixels around.
     *trunk, head_features = SIZES[size]
     return Config(scale, *trunk, **CHOICES, head_features=head_features, lrhs_certainty=float(min(scale**2, 32)))
 
