@@ -6,6 +6,7 @@ import json
 
 import torch
 
+import grow
 import model
 import safetensors
 import stock
@@ -31,6 +32,17 @@ def untrained_config(shape, choices):
     return model.Config.parse(config.metadata() | dict(choice.split("=") for choice in choices))
 
 
+def blended(state, path, share):
+    """`share` of `state`, the rest of the model it started from (Wortsman et al., Robust fine-tuning, 2022).
+
+    Fine-tuning on few views forgets some of what was learnt from more.
+    """
+    tensors, metadata = safetensors.load(path)
+    start = {key: grow.overlaid(state[key], torch.tensor(value).float()) for key, value in tensors.items()}
+    state = state | {key: value.lerp(state[key], share) for key, value in start.items()}
+    return state, {"blend": {"share": share, "rest": metadata["name"], "training": json.loads(metadata["training"])}}
+
+
 def parse():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", required=True)
@@ -39,6 +51,8 @@ def parse():
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("--checkpoint")
     source.add_argument("--untrained", metavar="SHAPE", help="a stock model's name, or scale,features,growth,dense_layers,blocks,groups")
+    parser.add_argument("--blend", metavar="FILE", help="a share of the weights from this model, which it started from")
+    parser.add_argument("--share", type=float, default=0.7, help="with --blend: of the checkpoint's own weights")
     parser.add_argument("--choice", nargs="*", default=[], metavar="ENTRY=VALUE", help="with --untrained: metadata entries")
     return parser.parse_args()
 
@@ -47,7 +61,11 @@ def main():
     args = parse()
     if args.checkpoint:
         saved = torch.load(args.checkpoint, map_location="cpu")
-        write(args.out, args.name, model.Config(**saved["config"]), saved["average"], saved["provenance"], args.half)
+        state, provenance = saved["average"], saved["provenance"]
+        if args.blend:
+            state, more = blended(state, args.blend, args.share)
+            provenance |= more
+        write(args.out, args.name, model.Config(**saved["config"]), state, provenance, args.half)
         return
     torch.manual_seed(1)
     config = untrained_config(args.untrained, args.choice)

@@ -34,6 +34,15 @@ def offsets(widths):
     return [sum(widths[:i]) for i in range(len(widths))]
 
 
+def overlaid(own, value):
+    """`own` with the corner that `value` fills; what else reads the inputs of it starts at zero."""
+    corner = tuple(slice(0, min(sizes)) for sizes in zip(own.shape, value.shape))
+    result = own.clone()
+    result[corner[0]] = 0
+    result[corner] = value[corner]
+    return result
+
+
 def grow(tensors, small, large, own):
     """The state of a network of `large`, `own` before, that computes what `tensors`, one of `small`, do."""
     extra = large.groups - small.groups

@@ -42,15 +42,6 @@ def parse():
     return parser.parse_args()
 
 
-def overlaid(own, value):
-    """`own` with the corner that `value` fills; what else reads the inputs of it starts at zero."""
-    corner = tuple(slice(0, min(sizes)) for sizes in zip(own.shape, value.shape))
-    result = own.clone()
-    result[corner[0]] = 0
-    result[corner] = value[corner]
-    return result
-
-
 class Run:
     def __init__(self, args):
         self.args, self.step, self.seconds = args, 0, 0.0
@@ -80,7 +71,7 @@ class Run:
         else:
             same = {key: value for key, value in tensors.items() if key in own}
             if small.scale == self.config.scale:
-                same = {key: overlaid(own[key], value) for key, value in same.items()}
+                same = {key: grow.overlaid(own[key], value) for key, value in same.items()}
             else:  # channels that are shuffled mean something else
                 same = {key: value for key, value in same.items() if own[key].shape == value.shape}
         self.network.load_state_dict(own | same)
