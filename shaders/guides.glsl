@@ -1,9 +1,17 @@
 // What the filters of the joint base go by: surfaces alike in albedo and normal are averaged, with a binomial kernel.
-#include "params.h"
+// After params.h and tensor.glsl.
+layout(std430, binding = 2) readonly buffer Albedo { STORAGE albedo[]; };
+layout(std430, binding = 3) readonly buffer Normal { STORAGE normal[]; };
 
 struct Surface {
   vec3 albedo, normal;
 };
+
+// That at address i, with planes of that many elements.
+Surface surface_of(uint i, uint plane) {
+  uint j = i + plane, k = j + plane;
+  return Surface(vec3(albedo[i], albedo[j], albedo[k]), vec3(normal[i], normal[j], normal[k]));
+}
 
 float squared(vec3 v) { return dot(v, v); }
 

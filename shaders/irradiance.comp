@@ -2,21 +2,18 @@
 // replicated, weighted by a binomial kernel and by how alike their albedo and normal are. One invocation for each pixel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
-#include "guides.glsl"
 #include "params.h"
 #include "tensor.glsl"
+#include "guides.glsl"
 #include "transfer.glsl"
 
 layout(local_size_x = 32, local_size_y = 2) in;
 layout(push_constant) uniform Push { Irradiance p; };
 layout(std430, binding = 1) readonly buffer Lrhs { STORAGE lrhs[]; };
-layout(std430, binding = 2) readonly buffer Albedo { STORAGE albedo[]; };
-layout(std430, binding = 3) readonly buffer Normal { STORAGE normal[]; };
 layout(std430, binding = 4) writeonly buffer Output { STORAGE out_data[]; };
 
 Surface surface_of(uvec2 pixel) {
-  uint i = address(0, pixel.y, pixel.x, p.plane_large, p.scale * p.width), j = i + p.plane_large, k = j + p.plane_large;
-  return Surface(vec3(albedo[i], albedo[j], albedo[k]), vec3(normal[i], normal[j], normal[k]));
+  return surface_of(address(0, pixel.y, pixel.x, p.plane_large, p.scale * p.width), p.plane_large);
 }
 
 // Of HRLS at a pixel of LRHS: what its top-left pixel shows, or the mean of its cell.

@@ -3,28 +3,21 @@
 // the mean is passed on (normalized convolution, Knutsson and Westin 1993). One invocation for each pixel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
-#include "guides.glsl"
 #include "params.h"
 #include "tensor.glsl"
+#include "guides.glsl"
 
 layout(local_size_x = 32, local_size_y = 2) in;
 layout(push_constant) uniform Push { JointFilter p; };
 layout(std430, binding = 1) readonly buffer Input { STORAGE in_data[]; };
-layout(std430, binding = 2) readonly buffer Albedo { STORAGE albedo[]; };
-layout(std430, binding = 3) readonly buffer Normal { STORAGE normal[]; };
 layout(std430, binding = 4) readonly buffer Brightness { STORAGE brightness[]; };
 layout(std430, binding = 5) writeonly buffer Output { STORAGE out_data[]; };
-
-Surface surface_of(uint i) {
-  uint j = i + p.plane, k = j + p.plane;
-  return Surface(vec3(albedo[i], albedo[j], albedo[k]), vec3(normal[i], normal[j], normal[k]));
-}
 
 void main() {
   uvec2 id = gl_GlobalInvocationID.xy;
   if (id.x >= p.width || id.y >= p.height) return;
   uint own = address(0, id.y, id.x, p.plane, p.width);
-  Surface own_surface = surface_of(own);
+  Surface own_surface = surface_of(own, p.plane);
   float own_brightness = float(brightness[own]);
   vec3 sum = vec3(0.0);
   float certainties = 0.0, weights = 0.0;
@@ -33,7 +26,7 @@ void main() {
       ivec2 tap = clamp(ivec2(id) + int(p.step) * ivec2(dx, dy), ivec2(0), ivec2(p.width, p.height) - 1);
       uint i = address(0, tap.y, tap.x, p.plane, p.width), j = i + p.plane, k = j + p.plane;
       float difference = (float(brightness[i]) - own_brightness) / RAYMELD_BRIGHTNESS_WIDTH;
-      float distance = squared_distance(surface_of(i), own_surface) + difference * difference;
+      float distance = squared_distance(surface_of(i, p.plane), own_surface) + difference * difference;
       float weight = binomial(dx, dy) * exp(-distance);
       float certainty = weight * float(in_data[k + p.plane]);
       sum += certainty * vec3(in_data[i], in_data[j], in_data[k]);

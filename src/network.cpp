@@ -122,8 +122,9 @@ struct Builder {
     for (uint32_t i = 0; i < a.head_layers; ++i) {
       const std::string name = fmt::format("head.{}", i);
       const Tensor head = tensor(name, height, width, a.head_features);
-      const std::vector<Tensor> input(i > 0 ? 1 : 0, x);
-      conv(name, x, head, {.kernel = 3, .relu = true, .residuals = input});
+      std::vector<Tensor> residuals;
+      if (i > 0) residuals.push_back(x);
+      conv(name, x, head, {.kernel = 3, .relu = true, .residuals = residuals});
       x = head;
     }
     const Tensor fused = tensor("rec", height, width, a.base == Base::kJoint ? 3 + kCandidates : 3);
@@ -200,7 +201,7 @@ uint32_t receptive_halo(const Architecture& a) {
   }
   if (a.base != Base::kJoint) return x / a.scale;
   x += (1u << kJointLevels) - 1;  // joint.i
-  return x / a.scale + 2;         // the upsampled irradiance, itself a mean of 3x3
+  return x / a.scale + 2;  // the upsampled irradiance, a mean of 3x3: further than a firefly's neighbours
 }
 
 }  // namespace raymeld

@@ -31,13 +31,18 @@ template <typename Formula>
 Element evaluate_in_both(const Formula& formula) {
   const double value = formula(double());
   const Interval range = formula(Interval(0));
-  const double bound = std::max(range.high - value, value - range.low);
-  return {value, std::isfinite(bound) ? bound : std::numeric_limits<double>::infinity()};
+  if (!std::isfinite(range.low) || !std::isfinite(range.high)) {
+    return {value, std::numeric_limits<double>::infinity()};
+  }
+  return {value, std::max(range.high - value, value - range.low)};
 }
 
 // What `formula` makes of elements.
 template <typename Formula, typename... Elements>
 Element evaluate(const Formula& formula, const Elements&... elements) {
+  if (!(std::isfinite(elements.bound) && ...)) {
+    return {formula(elements.value...), std::numeric_limits<double>::infinity()};
+  }
   return evaluate_in_both([&]<typename T>(T) -> T { return formula(elements.template as<T>()...); });
 }
 
@@ -90,10 +95,6 @@ Element weighted_mean(const std::vector<double>& weights, const std::vector<Inte
   const int n = int(x.size());
   return {value, std::min(span, moved / least_sum) + gamma(2 * n + 6) * largest + 8 * n * kFlush};
 }
-
-}  // namespace
-
-namespace {
 
 struct Pixel {
   int y, x;
@@ -239,18 +240,20 @@ Bounded light(const Bounded& color, const Bounded& albedo, const Bounded& lrhs, 
   expect_shape(lrhs, 6, h / scale, w / scale);
   const bool centered = phase > 0;
   const Bounded upsampled = bilinear(lrhs, scale, phase);
+  const auto lrhs_counts = [&](int y, int x) {
+    if (centered) return certainty / (scale * scale);
+    return y % scale == 0 && x % scale == 0 ? certainty : 0;
+  };
   const auto lit = [&]<typename T>(T, int c, int y, int x) {
     using std::log, std::clamp;
     const T surface = at(albedo, c, y, x).as<T>() + kAlbedoFloor;
     T light =
         firefly_limit<T>(color, transfer, y, x) * invert(transfer, at(color, c, y, x).as<T>()) / surface;
-    if (centered) {
-      const T given = clamp(invert(transfer, at(upsampled, 3 + c, y, x).as<T>()), 0.0, kLargestOutput);
-      const double counts = certainty / (scale * scale);
+    if (const double counts = lrhs_counts(y, x); counts > 0) {
+      const T given =
+          centered ? T(clamp(invert(transfer, at(upsampled, 3 + c, y, x).as<T>()), 0.0, kLargestOutput))
+                   : T(invert(transfer, at(lrhs, c, y / scale, x / scale).as<T>()) / surface);
       light = (light + counts * given) / T(1 + counts);
-    } else if (y % scale == 0 && x % scale == 0) {
-      const T given = invert(transfer, at(lrhs, c, y / scale, x / scale).as<T>()) / surface;
-      light = (light + certainty * given) / T(1 + certainty);
     }
     return T(log(1 + kCompress * light) / kCompress);
   };
@@ -260,9 +263,7 @@ Bounded light(const Bounded& color, const Bounded& albedo, const Bounded& lrhs, 
       for (int c = 0; c < 3; ++c) {
         store(result, c, y, x, evaluate_in_both([&](auto type) { return lit(type, c, y, x); }), precision);
       }
-      const double counts = centered                           ? certainty / (scale * scale)
-                            : y % scale == 0 && x % scale == 0 ? certainty
-                                                               : 0;
+      const double counts = lrhs_counts(y, x);
       store(result, 3, y, x, {1 + counts, kUnit * counts}, precision);
       const Element brightness =
           evaluate(luminance, at(upsampled, 3, y, x), at(upsampled, 4, y, x), at(upsampled, 5, y, x));

@@ -333,6 +333,9 @@ TEST_P(JointBounds, FloatFilterStaysWithinAndOthersDoNot) {
     const Planes bounds = slice(expected, 0, 3).bound;
     const double largest = *std::ranges::max_element(bounds.data);
     EXPECT_LT(largest, GetParam() == kFp32 ? 2e-4 : 6e-3);  // of values from 0 to 10
+    const Planes certainty = slice(expected, 3, 1).bound;
+    const double largest_certainty = *std::ranges::max_element(certainty.data);
+    EXPECT_LT(largest_certainty, GetParam() == kFp32 ? 8e-4 : 2.4e-2);  // of values from 1 to 40
   }
 }
 

@@ -158,7 +158,9 @@ Outputs network(const Architecture& a, const Weights& weights, const Planes& lrh
   if (a.hrls_guide) x = concat(x, high);
   for (int i = 0; i < a.head_layers; ++i) {
     const std::string name = "head." + std::to_string(i);
-    x = run.conv(name, name, x, true, i > 0 ? std::vector{&std::as_const(x)} : std::vector<const Bounded*>{});
+    std::vector<const Bounded*> residuals;
+    if (i > 0) residuals.push_back(&x);
+    x = run.conv(name, name, x, true, residuals);
   }
   x = run.conv("rec", x, false);
   if (joint) {

@@ -67,7 +67,18 @@ CASES = {
     ),
     "joint-x2": (
         (9, 7),
-        model.Config(2, 4, 3, 1, 1, 1, ("color", "normal", "albedo"), lrhs_sampling=("centered",), base="joint", lrhs_certainty=3.0),
+        model.Config(
+            2,
+            4,
+            3,
+            1,
+            1,
+            1,
+            ("color", "normal", "albedo"),
+            lrhs_sampling=("centered",),
+            base="joint",
+            lrhs_certainty=3.0,
+        ),
     ),
     "joint-x4": (
         (3, 5),

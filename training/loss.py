@@ -3,10 +3,12 @@
 import torch
 
 
-def rms(a, b):
-    """Of encoded images: the root of each one's mean squared error. Where an edge may lie here or there, it asks for
-    the mean of both, as PSNR does, and l1 for the likelier one."""
-    return ((a - b) ** 2).mean(dim=(1, 2, 3)).add(1e-8).sqrt().mean()
+def rms(encoded, encoded_reference):
+    """The root of each image's mean squared error.
+
+    Where an edge may lie here or there, it asks for the mean of both, as PSNR does, and l1 for the likelier one.
+    """
+    return ((encoded - encoded_reference) ** 2).mean(dim=(1, 2, 3)).add(1e-8).sqrt().mean()
 
 
 def robust(fused, reference, beta=0.1):

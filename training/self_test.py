@@ -86,7 +86,6 @@ class JointFilter(unittest.TestCase):
         alone = joint_filter.slow(x[..., :4], guides[..., :4], 1)
         torch.testing.assert_close(joint_filter.joint_filter(x, guides, 1)[..., :3], alone[..., :3])
 
-
     def test_counts_by_certainty(self):
         """A column of certainty 0 is not seen; what is uniform stays so whatever the certainty."""
         x = torch.rand(1, 4, 4, 8)

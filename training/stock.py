@@ -23,10 +23,10 @@ SIZES = {"full": (64, 64, 4, 5, 3, 48), "balanced": (48, 32, 4, 3, 2, 32), "fast
 def config(name):
     """The Config of a stock model's name."""
     scale, size = name.removeprefix("x").split("-")
-    scale = int(scale)
-    # Of as many samples as HRLS spends on a cell; in the wide cells of x8 less of them holds for the pixels around.
-    *trunk, head_features = SIZES[size]
-    return Config(scale, *trunk, **CHOICES, head_features=head_features, lrhs_certainty=float(min(scale**2, 32)))
+    scale, (*trunk, head_features) = int(scale), SIZES[size]
+    # A pixel of LRHS has the samples that HRLS spends on a cell; in x8's wide ones fewer hold for the pixels around.
+    certainty = float(min(scale**2, 32))
+    return Config(scale, *trunk, **CHOICES, head_features=head_features, lrhs_certainty=certainty)
 
 
 def names():

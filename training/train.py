@@ -20,6 +20,7 @@ import stock
 
 # Table 2 of Hou et al. 2021, two samples a pixel together.
 VALIDATION_SPP = {2: (4, 1), 4: (16, 1), 8: (64, 1)}
+ENCODED_LOSSES = {"rms": loss.rms, "l1": loss.l1}
 WITHOUT = ("none", "hrls", "lrhs", "layers")
 
 
@@ -30,7 +31,7 @@ def parse():
     parser.add_argument("--model", required=True, choices=stock.names(), help="which stock model")
     parser.add_argument("--without", choices=WITHOUT, default="none", help="ablation: an input blank, or all but RGB")
     parser.add_argument("--init", help="model file to start from: a smaller model, or what fits of another's tensors")
-    parser.add_argument("--loss", choices=("rms", "l1", "robust"), default="rms")
+    parser.add_argument("--loss", choices=(*ENCODED_LOSSES, "robust"), default="rms")
     parser.add_argument("--beta", type=float, default=0.1, help="of the robust loss")
     parser.add_argument("--minutes", type=float, required=True, help="training time; ends the cosine decay of the rate")
     parser.add_argument("--batch", type=int, default=8)
@@ -116,11 +117,11 @@ class Run:
         lrhs, hrls, reference, centered = dataset.batch(views, self.config, args.size, args.batch, self.step)
         with torch.autocast("cpu", torch.bfloat16, enabled=not args.fp32):
             encoded, linear = model.predict(self.network, *self.inputs(lrhs, hrls), centered)
-        if args.loss in ("rms", "l1"):
-            measure = loss.rms if args.loss == "rms" else loss.l1
-            error = measure(encoded.float(), model.encode_layer(reference, "color", self.config))
-        else:
+        if args.loss == "robust":
             error = loss.robust(linear.float(), reference.clamp(0, self.config.clip), args.beta)
+        else:
+            encoded_reference = model.encode_layer(reference, "color", self.config)
+            error = ENCODED_LOSSES[args.loss](encoded.float(), encoded_reference)
         self.optimizer.zero_grad(set_to_none=True)
         error.backward()
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)

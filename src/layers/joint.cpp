@@ -61,9 +61,9 @@ void light(Graph& graph, const std::string& name, const Tensor& color, const Ten
   expect_shape(name, "the color", color, enlarged(lrhs.shape, options.scale, 3));
   Pass pass = pass_of(graph, name, shaders::kLight, {color, albedo, lrhs}, out);
   const float cell = static_cast<float>(options.scale * options.scale);
-  pass.set_push(params::JointLight{upsampled(graph, out, lrhs, options.transfer, options.scale, options.phase),
-                              options.scale,
-                              options.phase > 0 ? options.lrhs_certainty / cell : options.lrhs_certainty});
+  pass.set_push(params::JointLight{
+      upsampled(graph, out, lrhs, options.transfer, options.scale, options.phase), options.scale,
+      options.phase > 0 ? options.lrhs_certainty / cell : options.lrhs_certainty});
   pass.groups = pixel_groups(out.shape);
   graph.add(std::move(pass));
 }
