@@ -26,6 +26,50 @@ struct Conv2d {
   uint channels_out;
 };
 
+// One part of a 1x1 convolution, of a band of pixels.
+struct Pointwise {
+  uint plane;
+  uint pixels;
+  uint first_pixel;
+  uint channels_in;  // padded
+  uint first_channel;
+  uint channels_out;
+  uint blocks;
+  uint digits[8];  // 0 to 7: see uniform.glsl
+};
+
+// The steps of a convolution by tiles, one band of rows at a time: see winograd.glsl. plane is that of the tensor bound,
+// height and width are those of the convolution; tiles_x is even.
+struct WinogradInput {
+  uint height;
+  uint width;
+  uint plane;
+  uint tiles_x;
+  uint first_tile_row;
+  uint channels;
+  uint channels_padded;
+  uint position_stride;
+};
+
+struct WinogradMultiply {
+  uint channels_in;  // padded
+  uint first_channel;
+  uint blocks;
+  uint transformed_stride;
+  uint products_stride;
+  uint digits[8];  // 0 to 7: see uniform.glsl
+};
+
+struct WinogradOutput {
+  uint height;
+  uint width;
+  uint plane;
+  uint tiles_x;
+  uint first_tile_row;
+  uint channels_padded;
+  uint position_stride;
+};
+
 // Of the smaller image and of the larger one, whose sides are r times as long.
 struct Shuffle {
   uint height;

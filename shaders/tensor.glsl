@@ -6,9 +6,11 @@
 #extension GL_EXT_shader_16bit_storage : require
 #define STORAGE float16_t
 #define STORAGE4 f16vec4
+#define STORAGE_BYTES 2
 #else
 #define STORAGE float
 #define STORAGE4 vec4
+#define STORAGE_BYTES 4
 #endif
 
 layout(std430, set = 0, binding = 0) buffer Status {

@@ -205,10 +205,12 @@ void Fuser::add_pass_times(FuseReport& report) const {
                                          ticks.data(), sizeof(uint64_t),
                                          VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT),
         "reading timestamps");
-  report.passes.resize(passes.size());
+  // A layer's passes follow each other; tiles add up.
+  size_t layer = 0;
   for (size_t i = 0; i < passes.size(); ++i) {
-    PassTime& time = report.passes[i];
-    time.name = passes[i].name;
+    if (i > 0 && passes[i].name != passes[i - 1].name) ++layer;
+    if (layer == report.passes.size()) report.passes.push_back({.name = passes[i].name});
+    PassTime& time = report.passes[layer];
     time.time_ms += static_cast<double>(ticks[i + 1] - ticks[i]) * device_.info().timestamp_period_ns * 1e-6;
     time.flop += passes[i].flop;
     time.bytes += passes[i].bytes;

@@ -12,35 +12,35 @@ constexpr uint32_t kJointLevels = 5, kJointKept = 3, kCandidates = 2 + kJointKep
 struct Builder {
   Graph& graph;
   const Model& model;
+  const Conv2dChoice& choose;
   const Architecture& a = model.architecture();
 
   Tensor tensor(const std::string& name, uint32_t height, uint32_t width, uint32_t channels) {
     return graph.tensor(name, {height, width, channels});
   }
 
-  void conv(const std::string& name, const Tensor& in, const Tensor& out, const Conv2dOptions& options,
+  void conv(const std::string& name, const Tensor& in, const Tensor& out, Conv2dOptions options,
             const std::string& bias = "bias") {
-    const uint32_t channels_out = out.shape.channels, channels_in = in.shape.channels;
-    conv2d(graph, name, in, out, model.conv(name, channels_out, channels_in, options.kernel, bias), options);
+    const uint32_t u = options.unshuffle, s = options.shuffle;
+    const Conv2dShape shape{in.shape.height / u, in.shape.width / u, in.shape.channels * u * u,
+                            out.shape.channels * s * s, options.kernel};
+    options.how = choose(shape);
+    conv2d(graph, name, in, out, model.conv(name, shape.channels_out, shape.channels_in, shape.kernel, bias), options);
   }
 
   // (H, W, K) -> F_HRLS (h, w, C): Eq. 5 and 6, or one convolution of what is unshuffled by s.
   void hrls_encoder(const Tensor& hrls, const Tensor& f_hrls) {
     if (a.hrls_encoder == HrlsEncoder::kUnshuffled) {
-      const Tensor deep = tensor("hrls.space_to_depth", f_hrls.shape.height, f_hrls.shape.width,
-                                 a.scale * a.scale * hrls.shape.channels);
-      space_to_depth(graph, "hrls.space_to_depth", hrls, deep);
-      return conv("hrls", deep, f_hrls, {.kernel = 3, .relu = true});
+      return conv("hrls", hrls, f_hrls, {.kernel = 3, .relu = true, .unshuffle = a.scale});
     }
     Tensor x = tensor("hrls", hrls.shape.height, hrls.shape.width, a.features);
     conv("hrls", hrls, x, {.kernel = 3, .relu = true});
     for (uint32_t i = 0; i < a.levels(); ++i) {
       const std::string name = fmt::format("down.{}", i);
       const uint32_t height = x.shape.height / 2, width = x.shape.width / 2;
-      const Tensor deep = tensor(name + ".space_to_depth", height, width, 4 * a.features);
-      space_to_depth(graph, name + ".space_to_depth", x, deep);
-      x = i + 1 == a.levels() ? f_hrls : tensor(name, height, width, a.features);
-      conv(name, deep, x, {.kernel = 3, .relu = true});
+      const Tensor next = i + 1 == a.levels() ? f_hrls : tensor(name, height, width, a.features);
+      conv(name, x, next, {.kernel = 3, .relu = true, .unshuffle = 2});
+      x = next;
     }
   }
 
@@ -86,11 +86,10 @@ struct Builder {
     const uint32_t channels = full.shape.channels;
     for (uint32_t i = 0; i < steps; ++i) {
       const std::string name = fmt::format("up.{}", i);
-      const uint32_t height = x.shape.height, width = x.shape.width;
-      const Tensor deep = tensor(name, height, width, factor * factor * channels);
-      conv(name, x, deep, {.kernel = 3, .relu = true});
-      x = i + 1 == steps ? full : tensor(name + ".pixel_shuffle", factor * height, factor * width, channels);
-      pixel_shuffle(graph, name + ".pixel_shuffle", deep, x);
+      const uint32_t height = factor * x.shape.height, width = factor * x.shape.width;
+      const Tensor next = i + 1 == steps ? full : tensor(name + ".pixel_shuffle", height, width, channels);
+      conv(name, x, next, {.kernel = 3, .relu = true, .shuffle = factor});
+      x = next;
     }
   }
 
@@ -137,8 +136,9 @@ struct Builder {
 
 }  // namespace
 
-void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase) {
-  Builder build{.graph = graph, .model = model, .lrhs_height = height, .lrhs_width = width};
+void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase,
+             const Conv2dChoice& choose) {
+  Builder build{.graph = graph, .model = model, .choose = choose, .lrhs_height = height, .lrhs_width = width};
   const Architecture& a = model.architecture();
   const uint32_t full_height = a.scale * height, full_width = a.scale * width;
   const std::vector<ChannelKind> hrls_kinds = a.hrls_kinds(), lrhs_kinds(3, ChannelKind::kRadiance);

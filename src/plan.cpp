@@ -66,7 +66,7 @@ float lrhs_phase(bool centered, uint32_t scale) {
 
 Graph build_graph(const Model& model, TileSize tile, const FuserOptions& options) {
   Graph graph(options.storage);
-  network(graph, model, tile.height, tile.width, options.phase);
+  network(graph, model, tile.height, tile.width, options.phase, options.conv2d);
   graph.plan(!options.keep_activations);
   return graph;
 }

@@ -1,6 +1,7 @@
 #include "raymeld/raymeld.hpp"
 
 #include "fuser.h"
+#include "tuner.h"
 
 namespace raymeld {
 namespace {
@@ -13,6 +14,7 @@ FuserOptions fuser_options(const FusionOptions& options, const DeviceInfo& devic
                             ? model.architecture().lrhs_centered
                             : options.lrhs_sampling == LrhsSampling::kCentered;
   result.exposure = options.exposure;
+  result.conv2d = default_conv2d_choice(device);
   result.phase = lrhs_phase(centered, model.architecture().scale);
   return result;
 }

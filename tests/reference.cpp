@@ -31,6 +31,89 @@ Sum convolve_at(const Bounded& x, const Conv& conv, int o, int row, int column) 
   return sum;
 }
 
+// Of minimal filtering with 3 taps, Lavin and Gray 2016: B^T, G and A^T for tiles of 2 and of 4.
+using Matrix = std::vector<std::vector<double>>;
+struct Filtering {
+  Matrix input, weight, output;
+};
+const Filtering& filtering(int tile) {
+  static const Filtering f23{{{1, 0, -1, 0}, {0, 1, 1, 0}, {0, -1, 1, 0}, {0, 1, 0, -1}},
+                             {{1, 0, 0}, {.5, .5, .5}, {.5, -.5, .5}, {0, 0, 1}},
+                             {{1, 1, 1, 0}, {0, 1, -1, -1}}};
+  static const Filtering f43{{{4, 0, -5, 0, 1, 0},
+                              {0, -4, -4, 1, 1, 0},
+                              {0, 4, -4, -1, 1, 0},
+                              {0, -2, -1, 2, 1, 0},
+                              {0, 2, -1, -2, 1, 0},
+                              {0, 4, 0, -5, 0, 1}},
+                             {{1. / 4, 0, 0},
+                              {-1. / 6, -1. / 6, -1. / 6},
+                              {-1. / 6, 1. / 6, -1. / 6},
+                              {1. / 24, 1. / 12, 1. / 6},
+                              {1. / 24, -1. / 12, 1. / 6},
+                              {0, 0, 1}},
+                             {{1, 1, 1, 1, 1, 0}, {0, 1, -1, 2, -2, 0}, {0, 1, 1, 4, 4, 0}, {0, 1, -1, 8, -8, 1}}};
+  return tile == 2 ? f23 : f43;
+}
+
+// |m| x |m|^T, of a square x.
+Matrix absolute_both(const Matrix& m, const Matrix& x) {
+  Matrix result(m.size(), std::vector<double>(m.size(), 0.0));
+  for (size_t i = 0; i < m.size(); ++i) {
+    for (size_t j = 0; j < m.size(); ++j) {
+      for (size_t k = 0; k < x.size(); ++k) {
+        for (size_t l = 0; l < x.size(); ++l)
+          result[i][j] += std::abs(m[i][k]) * x[k][l] * std::abs(m[j][l]);
+      }
+    }
+  }
+  return result;
+}
+
+// What flows through the absolute values of a tile's transforms to each of its outputs, of output channel o.
+Matrix tile_magnitudes(const Bounded& x, const Conv& conv, int o, int y0, int x0, int tile) {
+  const Filtering& f = filtering(tile);
+  const int side = tile + conv.kernel - 1, pad = conv.kernel / 2;
+  Matrix sum(size_t(side), std::vector<double>(size_t(side), 0.0));
+  for (int i = 0; i < conv.in; ++i) {
+    Matrix d = sum, g(size_t(conv.kernel), std::vector<double>(size_t(conv.kernel)));
+    for (int ky = 0; ky < conv.kernel; ++ky) {
+      for (int kx = 0; kx < conv.kernel; ++kx) g[size_t(ky)][size_t(kx)] = std::abs(conv.at(o, i, ky, kx));
+    }
+    for (int r = 0; r < side; ++r) {
+      for (int c = 0; c < side; ++c) {
+        const int y = y0 + r - pad, x_ = x0 + c - pad;
+        const bool inside = y >= 0 && y < x.value.h && x_ >= 0 && x_ < x.value.w;
+        d[size_t(r)][size_t(c)] = inside ? std::abs(x.value.at(i, y, x_)) + x.bound.at(i, y, x_) : 0;
+      }
+    }
+    const Matrix u = absolute_both(f.weight, g), v = absolute_both(f.input, d);
+    for (size_t r = 0; r < sum.size(); ++r) {
+      for (size_t c = 0; c < sum.size(); ++c) sum[r][c] += u[r][c] * v[r][c];
+    }
+  }
+  return absolute_both(f.output, sum);
+}
+
+// Replaces the magnitudes of direct sums. Roundings beside the sums over channels: up to 4 in each of two passes
+// of the input's transform, 1 in the weight's, up to 6 in each of two of the output's, 1 for the bias.
+Planes filtered_magnitudes(const Bounded& x, const Conv& conv, int tile) {
+  Planes result(conv.out, x.value.h, x.value.w);
+  for (int o = 0; o < conv.out; ++o) {
+    for (int y0 = 0; y0 < result.h; y0 += tile) {
+      for (int x0 = 0; x0 < result.w; x0 += tile) {
+        const Matrix s = tile_magnitudes(x, conv, o, y0, x0, tile);
+        for (int y = y0; y < std::min(y0 + tile, result.h); ++y) {
+          for (int c = x0; c < std::min(x0 + tile, result.w); ++c)
+            result.at(o, y, c) = s[size_t(y - y0)][size_t(c - x0)] + std::abs(conv.bias[size_t(o)]);
+        }
+      }
+    }
+  }
+  return result;
+}
+constexpr int kFilteringRoundings = 2 * 4 + 1 + 2 * 6 + 1;
+
 void relu_in_place(double& value, double& bound) {
   bound = value + bound <= 0 ? 0 : value < 0 ? value + bound : bound;
   if (value < 0) value = 0;
@@ -52,19 +135,21 @@ void expect_same_shape(const Planes& a, const Planes& b) {
 }  // namespace
 
 Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precision,
-               const std::vector<const Bounded*>& residuals) {
+               const std::vector<const Bounded*>& residuals, int tile) {
   expect(conv.kernel == 1 || conv.kernel == 3, "conv2d: the kernel is neither 1 nor 3");
   expect(conv.in == x.value.c, "conv2d: the input has another number of channels");
   expect(conv.weight.size() == size_t(conv.out) * conv.in * conv.kernel * conv.kernel, "conv2d: weights");
   expect(conv.bias.size() == size_t(conv.out), "conv2d: bias");
-  const int n = conv.in * conv.kernel * conv.kernel + 1;
+  const int n = tile > 1 ? conv.in + 1 + kFilteringRoundings : conv.in * conv.kernel * conv.kernel + 1;
+  const Planes magnitudes = tile > 1 ? filtered_magnitudes(x, conv, tile) : Planes();
   Bounded result = exact(Planes(conv.out, x.value.h, x.value.w));
   for (const Bounded* residual : residuals) expect_same_shape(residual->value, result.value);
   for (int o = 0; o < conv.out; ++o) {
     for (int y = 0; y < x.value.h; ++y) {
       for (int column = 0; column < x.value.w; ++column) {
         const Sum sum = convolve_at(x, conv, o, y, column);
-        double value = sum.value, bound = sum.input_error + gamma(n) * sum.magnitude + n * kFlush;
+        const double magnitude = tile > 1 ? magnitudes.at(o, y, column) : sum.magnitude;
+        double value = sum.value, bound = sum.input_error + gamma(n) * magnitude + n * kFlush;
         if (relu) relu_in_place(value, bound);
         for (const Bounded* residual : residuals) {
           const double r = residual->value.at(o, y, column);

@@ -24,8 +24,10 @@ struct Conv {
 
 // (in, h, w) -> (out, h, w), stride 1, zero padding: sum + bias, then ReLU if asked, then + residuals in
 // turn. ReLU turns what is below 0 into 0 and keeps NaN.
+// The bound is that of a direct sum or, with `tile` m > 1, of minimal filtering F(m, 3): each output's
+// magnitude S is then what flows through the absolute values of the transforms, from its whole tile.
 Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precision,
-               const std::vector<const Bounded*>& residuals = {});
+               const std::vector<const Bounded*>& residuals = {}, int tile = 0);
 
 Bounded concat(const Bounded& a, const Bounded& b);     // along c
 Bounded slice(const Bounded& x, int first, int count);  // channels

@@ -16,6 +16,9 @@ struct ExternalDevice {
   VkQueue queue = VK_NULL_HANDLE;  // must do compute
   uint32_t queue_family = 0;
   bool storage_16bit = false;  // whether storageBuffer16BitAccess was enabled; needed for fp16
+  // Whether bufferDeviceAddress, of VK_KHR_buffer_device_address or Vulkan 1.2, and shaderInt64 were enabled:
+  // some drivers, Mesa's for CPUs among them, are several times faster with them.
+  bool buffer_device_address = false;
 };
 
 // An image of floats in a storage buffer: element (c, y, x) is at

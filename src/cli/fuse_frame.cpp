@@ -1,5 +1,6 @@
 #include "cli/fuse.h"
 #include "cli/interrupt.h"
+#include "tuner.h"
 
 namespace raymeld::cli {
 namespace {
@@ -55,6 +56,7 @@ const char* precision_name(Storage storage) { return storage == Storage::kFloat1
 FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const DeviceInfo& device) {
   return {.storage = storage_for(arguments.precision, device),
           .max_memory_bytes = arguments.max_memory_mib << 20,
+          .conv2d = default_conv2d_choice(device),
           .phase = files.phase,
           .exposure = arguments.input_exposure,
           .keep_activations = !arguments.dump.empty(),

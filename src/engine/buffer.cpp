@@ -52,16 +52,26 @@ Buffer::Buffer(const Device& device, uint64_t size_bytes, Memory memory, const s
     info.size = size_bytes;
     info.usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_SRC_BIT |
                  VK_BUFFER_USAGE_TRANSFER_DST_BIT;
+    const bool addressed = device.info().buffer_device_address;
+    if (addressed) info.usage |= VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT;
     check(vk.CreateBuffer(device.handle(), &info, nullptr, &buffer_), what);
     device.name(VK_OBJECT_TYPE_BUFFER, buffer_, name);
     VkMemoryRequirements needs;
     vk.GetBufferMemoryRequirements(device.handle(), buffer_, &needs);
-    auto allocation = vk_struct<VkMemoryAllocateInfo>(VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO);
+    auto flags_info = vk_struct<VkMemoryAllocateFlagsInfo>(VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_FLAGS_INFO);
+    flags_info.flags = VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT;
+    auto allocation = vk_struct<VkMemoryAllocateInfo>(VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO,
+                                                      addressed ? &flags_info : nullptr);
     allocation.allocationSize = needs.size;
     allocation.memoryTypeIndex = memory_type_for(device, needs.memoryTypeBits, memory, name);
     check(vk.AllocateMemory(device.handle(), &allocation, nullptr, &memory_), what);
     device.name(VK_OBJECT_TYPE_DEVICE_MEMORY, memory_, name);
     check(vk.BindBufferMemory(device.handle(), buffer_, memory_, 0), what);
+    if (addressed) {
+      auto address = vk_struct<VkBufferDeviceAddressInfo>(VK_STRUCTURE_TYPE_BUFFER_DEVICE_ADDRESS_INFO);
+      address.buffer = buffer_;
+      address_ = vk.GetBufferDeviceAddress(device.handle(), &address);
+    }
     const VkMemoryPropertyFlags flags = device.memory().memoryTypes[allocation.memoryTypeIndex].propertyFlags;
     coherent_ = flags & VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
     if (flags & VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT) {
@@ -85,6 +95,7 @@ Buffer& Buffer::operator=(Buffer&& other) noexcept {
   std::swap(buffer_, other.buffer_);
   std::swap(memory_, other.memory_);
   std::swap(mapped_, other.mapped_);
+  std::swap(address_, other.address_);
   std::swap(size_bytes_, other.size_bytes_);
   std::swap(coherent_, other.coherent_);
   return *this;

@@ -24,6 +24,8 @@ class Buffer {
 
   VkBuffer handle() const { return buffer_; }
   uint64_t size_bytes() const { return size_bytes_; }
+  // On the device; 0 where DeviceInfo::buffer_device_address is false.
+  VkDeviceAddress address() const { return address_; }
   // The host's view for the buffer's whole life; null when the host does not see the memory.
   void* mapped() const { return mapped_; }
   // Makes the device's writes visible to the host; needed before reading mapped() of a kReadback buffer.
@@ -34,6 +36,7 @@ class Buffer {
   VkBuffer buffer_ = VK_NULL_HANDLE;
   VkDeviceMemory memory_ = VK_NULL_HANDLE;
   void* mapped_ = nullptr;
+  VkDeviceAddress address_ = 0;
   uint64_t size_bytes_ = 0;
   bool coherent_ = true;
 };

@@ -48,6 +48,8 @@ std::unique_ptr<Device> Device::wrap(const ExternalDevice& external) {
   device->queue_family_ = external.queue_family;
   device->adopt(external.physical_device, 0);
   device->info_.storage_16bit = device->info_.storage_16bit && external.storage_16bit;
+  device->info_.buffer_device_address =
+      device->info_.buffer_device_address && external.buffer_device_address;
   const auto fence = vk_struct<VkFenceCreateInfo>(VK_STRUCTURE_TYPE_FENCE_CREATE_INFO);
   check(device->vk_.CreateFence(device->device_, &fence, nullptr, &device->fence_), "creating a fence");
   return device;
@@ -109,7 +111,20 @@ void Device::create_device() {
   auto storage = vk_struct<VkPhysicalDevice16BitStorageFeatures>(
       VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_16BIT_STORAGE_FEATURES);
   storage.storageBuffer16BitAccess = info_.storage_16bit;
+  auto address = vk_struct<VkPhysicalDeviceBufferDeviceAddressFeatures>(
+      VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_BUFFER_DEVICE_ADDRESS_FEATURES);
+  address.bufferDeviceAddress = VK_TRUE;
+  VkPhysicalDeviceFeatures features{};
+  std::vector<const char*> extensions;
+  if (info_.buffer_device_address) {
+    storage.pNext = &address;
+    features.shaderInt64 = VK_TRUE;
+    extensions.push_back(VK_KHR_BUFFER_DEVICE_ADDRESS_EXTENSION_NAME);
+  }
   auto info = vk_struct<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO, &storage);
+  info.pEnabledFeatures = &features;
+  info.enabledExtensionCount = static_cast<uint32_t>(extensions.size());
+  info.ppEnabledExtensionNames = extensions.data();
   info.queueCreateInfoCount = 1;
   info.pQueueCreateInfos = &queue;
   check(vk_.CreateDevice(physical_device_, &info, nullptr, &device_), "creating device " + info_.name);

@@ -31,7 +31,7 @@ struct DeviceInfo {
   bool is_cpu = false;
   bool storage_16bit = false;
   bool float16_arithmetic = false;
-  bool buffer_device_address = false;
+  bool buffer_device_address = false;  // with 64-bit integers, which addresses are counted in
   bool cooperative_matrix = false;
 };
 

@@ -28,6 +28,11 @@ const Binding* Pass::frame() const {
   return nullptr;
 }
 
+size_t Pass::address_count() const {
+  return static_cast<size_t>(
+      std::count_if(bindings.begin(), bindings.end(), [](const Binding& b) { return b.by_address; }));
+}
+
 const Tensor* Pass::output() const {
   for (const Binding& binding : bindings) {
     if (binding.kind == Binding::Kind::kTensor && binding.access == Access::kWrite) return &binding.tensor;
@@ -41,6 +46,12 @@ Tensor Graph::tensor(const std::string& name, Shape shape) {
   }
   const uint64_t elements = plane_stride(shape.pixels(), storage_) * shape.channels;
   tensors_.push_back({name, shape, elements * element_bytes(storage_)});
+  return {static_cast<uint32_t>(tensors_.size() - 1), shape, 0};
+}
+
+Tensor Graph::scratch(const std::string& name, uint64_t count) {
+  const Shape shape{1, static_cast<uint32_t>(count), 1};
+  tensors_.push_back({.name = name, .shape = shape, .size_bytes = count * sizeof(float), .scratch = true});
   return {static_cast<uint32_t>(tensors_.size() - 1), shape, 0};
 }
 
@@ -148,6 +159,7 @@ uint64_t Graph::offset_bytes(const Tensor& tensor) const {
 }
 
 uint64_t Graph::size_bytes(const Tensor& tensor) const {
+  if (tensors_.at(tensor.id).scratch) return tensors_[tensor.id].size_bytes;
   return plane_stride(tensor.shape.pixels(), storage_) * element_bytes(storage_) * tensor.shape.channels;
 }
 

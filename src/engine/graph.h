@@ -33,7 +33,7 @@ struct Exposure {
 
 enum class Access { kRead, kWrite };
 
-// One storage buffer binding of a pass. What kFrame and kExposure mean differs from recording to recording.
+// One storage buffer of a pass. What kFrame and kExposure mean differs from recording to recording.
 struct Binding {
   enum class Kind { kTensor, kConstant, kFrame, kExposure };
   Kind kind = Kind::kTensor;
@@ -41,6 +41,8 @@ struct Binding {
   Tensor tensor = {};                 // kTensor
   uint32_t constant = 0;              // kConstant: index of the graph's constant
   FrameSlot slot = FrameSlot::kLrhs;  // kFrame
+  // kTensor, kConstant: the shader reads its address in the push constants, and there is no descriptor.
+  bool by_address = false;
 };
 
 // One dispatch.
@@ -50,8 +52,10 @@ struct Pass {
   std::string name;  // the layer's name; of a layer's only or last pass: the key of its weights
   const Shader* shader = nullptr;
   std::vector<uint32_t> constants;  // specialization constants, by id
-  std::vector<Binding> bindings;    // bindings 1, 2, ...; binding 0 is the graph's status
-  alignas(4) std::array<std::byte, kMaxPushBytes> push{};
+  // Those with a descriptor are bindings 1, 2, ...; binding 0 is the graph's status. The addresses of the
+  // others are the first push constants.
+  std::vector<Binding> bindings;
+  alignas(8) std::array<std::byte, kMaxPushBytes> push{};
   uint32_t push_bytes = 0;
   std::array<uint32_t, 3> groups{1, 1, 1};
   double flop = 0;   // multiply-adds count as two
@@ -59,13 +63,16 @@ struct Pass {
 
   // What dispatches and submits are measured by.
   double work() const { return flop + bytes; }
-  // Copies a structure of shaders/params.h into the push constants.
+  // Copies a structure of shaders/params.h into the push constants, behind the addresses: after `bindings`.
   template <typename Params>
   void set_push(const Params& params) {
-    static_assert(sizeof(Params) <= kMaxPushBytes && sizeof(Params) % 4 == 0);
-    std::memcpy(push.data(), &params, sizeof(Params));
-    push_bytes = sizeof(Params);
+    static_assert(sizeof(Params) % 4 == 0);
+    const size_t addresses_bytes = address_count() * sizeof(uint64_t);
+    if (addresses_bytes + sizeof(Params) > kMaxPushBytes) throw Error("layer {}: too many push constants", name);
+    std::memcpy(push.data() + addresses_bytes, &params, sizeof(Params));
+    push_bytes = static_cast<uint32_t>(addresses_bytes + sizeof(Params));
   }
+  size_t address_count() const;
   // The frame image this pass reads or writes, if any.
   const Binding* frame() const;
   // The tensor this pass writes, if any.
@@ -77,6 +84,7 @@ struct TensorRecord {
   Shape shape;
   uint64_t size_bytes = 0;
   uint64_t offset_bytes = 0;  // in the activation block, after plan()
+  bool scratch = false;       // of one layer's own, and no activation
   int first_use = -1;         // pass indices, inclusive
   int last_use = -1;
 };
@@ -97,6 +105,8 @@ class Graph {
 
   // A new activation; its memory lives from the first pass that touches it to the last.
   Tensor tensor(const std::string& name, Shape shape);
+  // Floats of 32 bits, whatever the storage, that passes of one layer hand to each other: (1, count, 1).
+  Tensor scratch(const std::string& name, uint64_t count);
   // One that the host fills with Program::write() before each run; how layers are tested alone.
   Tensor input(const std::string& name, Shape shape);
   // `fill` writes size_bytes bytes; called once for each device.

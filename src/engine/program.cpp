@@ -59,6 +59,11 @@ Program::Program(const Device& device, const Graph& graph, PipelineCache& cache,
     throw Error("a layer binds {} bytes; device {} binds at most {}", graph.largest_binding_bytes(),
                 device.info().name, device.info().max_storage_range_bytes);
   }
+  const auto passes = graph.passes();
+  const bool addresses = std::any_of(passes.begin(), passes.end(), [](const Pass& p) { return p.address_count() > 0; });
+  if (addresses && !device.info().buffer_device_address) {
+    throw Error("device {} has no buffer addresses (bufferDeviceAddress and shaderInt64)", device.info().name);
+  }
   activations_ = Buffer(device, graph.activation_bytes(), Memory::kDevice, "activations");
   status_ = Buffer(device, sizeof(Status), Memory::kUpload, "status");
   reset_status();
@@ -93,14 +98,15 @@ void Program::create_kernels(PipelineCache& cache) {
   std::map<std::string, uint32_t> shader_ids;
   for (const Pass& pass : graph_.passes()) {
     const auto id = shader_ids.try_emplace(pass.shader->name, static_cast<uint32_t>(shader_ids.size()));
-    std::vector<uint32_t> key{id.first->second, static_cast<uint32_t>(pass.bindings.size()), pass.push_bytes};
+    const auto descriptors = static_cast<uint32_t>(pass.bindings.size() - pass.address_count()) + 1;
+    std::vector<uint32_t> key{id.first->second, descriptors, pass.push_bytes};
     key.insert(key.end(), pass.constants.begin(), pass.constants.end());
     auto found = kernels_.find(key);
     if (found == kernels_.end()) {
       const auto spirv = graph_.storage() == Storage::kFloat16 ? pass.shader->f16 : pass.shader->f32;
       found = kernels_
                   .emplace(key, Kernel(device_, cache.handle(), spirv, pass.shader->name, pass.constants,
-                                       static_cast<uint32_t>(pass.bindings.size()) + 1, pass.push_bytes))
+                                       descriptors, pass.push_bytes))
                   .first;
     }
     pass_kernels_.push_back(&found->second);
@@ -152,6 +158,12 @@ void Program::create_sets(uint32_t sets) {
   }
 }
 
+VkDeviceAddress Program::address_of(const Binding& binding) const {
+  return binding.kind == Binding::Kind::kTensor
+             ? activations_.address() + graph_.offset_bytes(binding.tensor)
+             : constants_.address() + graph_.constants()[binding.constant].offset_bytes;
+}
+
 VkDescriptorBufferInfo Program::buffer_info(const Binding& binding, uint32_t set,
                                             const FrameBindings* frame) const {
   switch (binding.kind) {
@@ -186,18 +198,21 @@ void Program::write_set(uint32_t set, size_t index, const FrameBindings* frame) 
   constexpr size_t kMostBindings = 8;
   std::array<VkDescriptorBufferInfo, kMostBindings> infos{};
   std::array<VkWriteDescriptorSet, kMostBindings> writes{};
-  const uint32_t count = static_cast<uint32_t>(pass.bindings.size()) + 1;
-  if (count > kMostBindings)
-    throw Error("layer {} has {} bindings, at most {} fit", pass.name, count, kMostBindings);
-  for (uint32_t i = 0; i < count; ++i) {
-    infos[i] = i == 0 ? VkDescriptorBufferInfo{status_.handle(), 0, sizeof(Status)}
-                      : buffer_info(pass.bindings[i - 1], set, frame);
-    writes[i].sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET;
-    writes[i].dstSet = sets_.at(set)[index];
-    writes[i].dstBinding = i;
-    writes[i].descriptorCount = 1;
-    writes[i].descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER;
-    writes[i].pBufferInfo = &infos[i];
+  uint32_t count = 0;
+  const auto add = [&](const VkDescriptorBufferInfo& info) {
+    if (count == kMostBindings) throw Error("layer {} has more than {} descriptors", pass.name, kMostBindings);
+    infos[count] = info;
+    writes[count].sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET;
+    writes[count].dstSet = sets_.at(set)[index];
+    writes[count].dstBinding = count;
+    writes[count].descriptorCount = 1;
+    writes[count].descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER;
+    writes[count].pBufferInfo = &infos[count];
+    ++count;
+  };
+  add({status_.handle(), 0, sizeof(Status)});
+  for (const Binding& binding : pass.bindings) {
+    if (!binding.by_address) add(buffer_info(binding, set, frame));
   }
   device_.vk().UpdateDescriptorSets(device_.handle(), count, writes.data(), 0, nullptr);
 }
@@ -239,6 +254,13 @@ void Program::record(VkCommandBuffer commands, uint32_t set, size_t first, size_
     vk.CmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_COMPUTE, kernel.layout(), 0, 1,
                              &sets_.at(set)[i], 0, nullptr);
     auto push = pass.push;
+    size_t next = 0;
+    for (const Binding& binding : pass.bindings) {
+      if (!binding.by_address) continue;
+      const VkDeviceAddress address = address_of(binding);
+      std::memcpy(push.data() + next, &address, sizeof(address));
+      next += sizeof(address);
+    }
     // The frame's view is the first member of the parameters of every pass that touches a frame image.
     if (pass.frame()) std::memcpy(push.data(), views_[set][i].data(), sizeof(views_[set][i]));
     vk.CmdPushConstants(commands, kernel.layout(), VK_SHADER_STAGE_COMPUTE_BIT, 0, pass.push_bytes,

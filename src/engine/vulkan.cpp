@@ -51,6 +51,11 @@ void VulkanFunctions::load_device(VkDevice device) {
 #define RAYMELD_LOAD(name) require(name, GetDeviceProcAddr(device, "vk" #name), #name);
   RAYMELD_DEVICE_FUNCTIONS(RAYMELD_LOAD)
 #undef RAYMELD_LOAD
+  GetBufferDeviceAddress = reinterpret_cast<PFN_vkGetBufferDeviceAddress>(
+      GetDeviceProcAddr(device, "vkGetBufferDeviceAddressKHR"));
+  if (GetBufferDeviceAddress) return;
+  GetBufferDeviceAddress = reinterpret_cast<PFN_vkGetBufferDeviceAddress>(
+      GetDeviceProcAddr(device, "vkGetBufferDeviceAddress"));
 }
 
 std::string result_name(VkResult result) {

@@ -90,6 +90,8 @@ struct VulkanFunctions {
   PFN_vkCreateDebugUtilsMessengerEXT CreateDebugUtilsMessengerEXT = nullptr;
   PFN_vkDestroyDebugUtilsMessengerEXT DestroyDebugUtilsMessengerEXT = nullptr;
   PFN_vkSetDebugUtilsObjectNameEXT SetDebugUtilsObjectNameEXT = nullptr;
+  // Present only when the device has buffer_device_address.
+  PFN_vkGetBufferDeviceAddress GetBufferDeviceAddress = nullptr;
 
   // Opens the system's loader once per process. Throws Error when there is none.
   static VulkanFunctions load();

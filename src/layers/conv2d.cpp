@@ -1,10 +1,10 @@
+#include "layers/conv2d.h"
+
 #include <Imath/half.h>
 
 #include <cmath>
 #include <cstring>
 
-#include "layers/layers.h"
-#include "layers/shaders.h"
 #include "params.h"
 
 namespace raymeld {
@@ -12,21 +12,18 @@ namespace {
 
 constexpr uint32_t kLocalX = 32, kLocalY = 2;  // conv2d.comp's workgroup
 constexpr uint32_t kRows = 4;
-constexpr uint32_t kMostResiduals = 3;
 
 // The layout of conv2d.comp: [block][in][kx][ky][lane], the last block padded with zeros.
 template <typename Element>
-void pack_weights(std::byte* target, std::span<const float> weight, uint32_t channels_out,
-                  uint32_t channels_in, uint32_t kernel, uint32_t lanes) {
+void pack_weights(std::byte* target, const Convolution& conv, uint32_t lanes) {
   auto* next = reinterpret_cast<Element*>(target);
-  for (uint32_t block = 0; block < divide_up(channels_out, lanes); ++block) {
-    for (uint32_t i = 0; i < channels_in; ++i) {
-      for (uint32_t kx = 0; kx < kernel; ++kx) {
-        for (uint32_t ky = 0; ky < kernel; ++ky) {
+  for (uint32_t block = 0; block < divide_up(conv.channels_out, lanes); ++block) {
+    for (uint32_t i = 0; i < conv.channels_in; ++i) {
+      for (uint32_t kx = 0; kx < conv.options.kernel; ++kx) {
+        for (uint32_t ky = 0; ky < conv.options.kernel; ++ky) {
           for (uint32_t lane = 0; lane < lanes; ++lane) {
             const uint32_t o = block * lanes + lane;
-            const uint64_t from = ((uint64_t{o} * channels_in + i) * kernel + ky) * kernel + kx;
-            *next++ = Element(o < channels_out ? weight[from] : 0.0f);
+            *next++ = Element(o < conv.channels_out ? conv.weight_at(o, i, ky, kx) : 0.0f);
           }
         }
       }
@@ -34,83 +31,108 @@ void pack_weights(std::byte* target, std::span<const float> weight, uint32_t cha
   }
 }
 
-void check_range(const std::string& name, std::span<const float> weight) {
-  for (const float value : weight) {
-    if (std::abs(value) > 65504.0f) {
-      throw Error("layer {}: weight {} does not fit 16 bits; use --precision fp32", name, value);
-    }
+Convolution make_convolution(const Graph& graph, const std::string& name, const Tensor& in, const Tensor& out,
+                             const ConvWeights& weights, const Conv2dOptions& options) {
+  const uint32_t u = options.unshuffle, s = options.shuffle, kernel = options.kernel;
+  if (kernel != 1 && kernel != 3) throw Error("layer {}: kernel {}, expected 1 or 3", name, kernel);
+  const Convolution conv{.name = name,
+                         .in = in,
+                         .out = out,
+                         .options = options,
+                         .height = in.shape.height / u,
+                         .width = in.shape.width / u,
+                         .channels_in = in.shape.channels * u * u,
+                         .channels_out = out.shape.channels * s * s,
+                         .weight = weights.weight,
+                         .bias = weights.bias,
+                         .half = graph.storage() == Storage::kFloat16};
+  if (in.shape.height % u || in.shape.width % u || conv.height * s != out.shape.height ||
+      conv.width * s != out.shape.width) {
+    throw Error("layer {}: {}x{} in, {}x{} out, expected the same size after shuffles by {} and {}", name,
+                in.shape.height, in.shape.width, out.shape.height, out.shape.width, u, s);
   }
-}
-
-void check_shapes(const std::string& name, const Tensor& in, const Tensor& out, const ConvWeights& weights,
-                  const Conv2dOptions& options) {
-  const uint64_t taps = uint64_t{options.kernel} * options.kernel;
-  if (options.kernel != 1 && options.kernel != 3)
-    throw Error("layer {}: kernel {}, expected 1 or 3", name, options.kernel);
-  if (in.shape.height != out.shape.height || in.shape.width != out.shape.width) {
-    throw Error("layer {}: {}x{} in, {}x{} out, expected the same size", name, in.shape.height,
-                in.shape.width, out.shape.height, out.shape.width);
+  if (weights.weight.size() != uint64_t{kernel} * kernel * conv.channels_in * conv.channels_out) {
+    throw Error("layer {}: {} weights, expected {}x{}x{}x{}", name, weights.weight.size(), conv.channels_out,
+                conv.channels_in, kernel, kernel);
   }
-  if (weights.weight.size() != taps * in.shape.channels * out.shape.channels) {
-    throw Error("layer {}: {} weights, expected {}x{}x{}x{}", name, weights.weight.size(), out.shape.channels,
-                in.shape.channels, options.kernel, options.kernel);
-  }
-  if (weights.bias.size() != out.shape.channels) {
-    throw Error("layer {}: {} biases, expected {}", name, weights.bias.size(), out.shape.channels);
+  if (weights.bias.size() != conv.channels_out) {
+    throw Error("layer {}: {} biases, expected {}", name, weights.bias.size(), conv.channels_out);
   }
   if (options.residuals.size() > kMostResiduals)
     throw Error("layer {}: more than {} residuals", name, kMostResiduals);
   for (const Tensor& residual : options.residuals) {
     if (residual.shape != out.shape) throw Error("layer {}: a residual's shape is not the output's", name);
   }
+  return conv;
+}
+
+// Shuffles are passes of their own.
+void direct(Graph& graph, Convolution conv) {
+  if (conv.options.unshuffle > 1) {
+    const Tensor deep = graph.tensor(conv.name + ".space_to_depth", {conv.height, conv.width, conv.channels_in});
+    space_to_depth(graph, conv.name + ".space_to_depth", conv.in, deep);
+    conv.in = deep;
+  }
+  const Tensor shuffled = conv.out;
+  if (conv.options.shuffle > 1) {
+    if (!conv.options.residuals.empty()) throw Error("layer {}: residuals of what is shuffled", conv.name);
+    conv.out = graph.tensor(conv.name, {conv.height, conv.width, conv.channels_out});
+  }
+  const uint32_t kernel = conv.options.kernel, vectors = conv.channels_out > 4 ? 2 : 1;
+  const uint32_t lanes = 4 * vectors, blocks = divide_up(conv.channels_out, lanes);
+  const uint64_t weight_count = uint64_t{blocks} * lanes * conv.channels_in * kernel * kernel;
+  const uint32_t weights = graph.constant(
+      conv.name + ".weight", weight_count * element_bytes(graph.storage()), [=](std::byte* target) {
+        conv.half ? pack_weights<Imath::half>(target, conv, lanes) : pack_weights<float>(target, conv, lanes);
+      });
+
+  Pass pass;
+  pass.name = conv.name;
+  pass.shader = &shaders::kConv2d;
+  pass.constants = {kernel, vectors, kRows, conv.options.relu,
+                    static_cast<uint32_t>(conv.options.residuals.size())};
+  pass.bindings = {constant_binding(weights), constant_binding(bias_constant(graph, conv, blocks * lanes)),
+                   read_binding(conv.in), write_binding(conv.out)};
+  for (uint32_t i = 0; i < kMostResiduals; ++i) pass.bindings.push_back(residual_binding(conv, i, conv.in));
+  pass.set_push(params::Conv2d{conv.height, conv.width, plane_of(graph, conv.out), conv.channels_in,
+                               conv.channels_out});
+  pass.groups = {divide_up(conv.width, kLocalX), divide_up(conv.height, kLocalY * kRows), blocks};
+  pass.flop = conv.flop();
+  pass.bytes = traffic(graph, conv.in) + traffic(graph, conv.out) * (1.0 + double(conv.options.residuals.size())) +
+               double(weight_count * element_bytes(graph.storage()));
+  graph.add(std::move(pass));
+  if (conv.options.shuffle > 1) pixel_shuffle(graph, conv.name + ".pixel_shuffle", conv.out, shuffled);
 }
 
 }  // namespace
 
+float Convolution::weight_at(uint32_t o, uint32_t i, uint32_t ky, uint32_t kx) const {
+  const float value = weight[((size_t{o} * channels_in + i) * options.kernel + ky) * options.kernel + kx];
+  if (!half) return value;
+  if (std::abs(value) > 65504.0f)
+    throw Error("layer {}: weight {} does not fit 16 bits; use --precision fp32", name, value);
+  return Imath::half(value);
+}
+
+uint32_t bias_constant(Graph& graph, const Convolution& conv, uint32_t padded_count) {
+  return graph.constant(conv.name + ".bias", uint64_t{padded_count} * 4, [=](std::byte* target) {
+    std::memset(target, 0, uint64_t{padded_count} * 4);
+    std::memcpy(target, conv.bias.data(), conv.bias.size_bytes());
+  });
+}
+
+Binding residual_binding(const Convolution& conv, uint32_t i, const Tensor& other) {
+  return read_binding(i < conv.options.residuals.size() ? conv.options.residuals[i] : other);
+}
+
 void conv2d(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out,
             const ConvWeights& weights, const Conv2dOptions& options) {
-  check_shapes(name, in, out, weights, options);
-  const auto [height, width, channels_out] = out.shape;
-  const uint32_t channels_in = in.shape.channels, kernel = options.kernel;
-  const uint32_t vectors = channels_out > 4 ? 2 : 1;
-  const uint32_t lanes = 4 * vectors, blocks = divide_up(channels_out, lanes);
-  const uint64_t weight_count = uint64_t{blocks} * lanes * channels_in * kernel * kernel;
-  const bool half = graph.storage() == Storage::kFloat16;
-
-  const uint32_t weight_constant =
-      graph.constant(name + ".weight", weight_count * element_bytes(graph.storage()),
-                     [=, weight = weights.weight](std::byte* target) {
-                       if (half) {
-                         check_range(name, weight);
-                         pack_weights<Imath::half>(target, weight, channels_out, channels_in, kernel, lanes);
-                       } else {
-                         pack_weights<float>(target, weight, channels_out, channels_in, kernel, lanes);
-                       }
-                     });
-  const uint32_t bias_constant = graph.constant(name + ".bias", uint64_t{blocks} * lanes * 4,
-                                                [=, bias = weights.bias](std::byte* target) {
-                                                  std::memset(target, 0, uint64_t{blocks} * lanes * 4);
-                                                  std::memcpy(target, bias.data(), bias.size_bytes());
-                                                });
-
-  Pass pass;
-  pass.name = name;
-  pass.shader = &shaders::kConv2d;
-  pass.constants = {kernel, vectors, kRows, options.relu, static_cast<uint32_t>(options.residuals.size())};
-  pass.bindings = {constant_binding(weight_constant), constant_binding(bias_constant), read_binding(in),
-                   write_binding(out)};
-  for (uint32_t i = 0; i < kMostResiduals; ++i) {
-    pass.bindings.push_back(read_binding(i < options.residuals.size() ? options.residuals[i] : in));
+  const Convolution conv = make_convolution(graph, name, in, out, weights, options);
+  const uint32_t tile = options.how.tile;
+  if (tile > 0 && (options.kernel == 1 ? tile != 1 : tile != 2 && tile != 4)) {
+    throw Error("layer {}: no F({}, {})", name, tile, options.kernel);
   }
-  pass.set_push(params::Conv2d{height, width,
-                               static_cast<uint32_t>(plane_stride(out.shape.pixels(), graph.storage())),
-                               channels_in, channels_out});
-  pass.groups = {divide_up(width, kLocalX), divide_up(height, kLocalY * kRows), blocks};
-  const double pixels = static_cast<double>(out.shape.pixels());
-  pass.flop = 2.0 * pixels * channels_out * channels_in * kernel * kernel;
-  pass.bytes = element_bytes(graph.storage()) *
-               (pixels * (channels_in + channels_out * (1.0 + options.residuals.size())) + weight_count);
-  graph.add(std::move(pass));
+  return tile == 0 ? direct(graph, conv) : tile == 1 ? conv2d_pointwise(graph, conv) : conv2d_winograd(graph, conv);
 }
 
 }  // namespace raymeld

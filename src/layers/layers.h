@@ -2,6 +2,7 @@
 // Each adds passes to the graph. Shapes are checked when the graph is built; an Error names the layer.
 #pragma once
 
+#include <functional>
 #include <span>
 #include <string>
 
@@ -16,10 +17,39 @@ struct ConvWeights {
   std::span<const float> bias;
 };
 
+// How a convolution is computed: which is fastest is the device's to say.
+struct Conv2dKernel {
+  // 0: conv2d.comp, which any device runs; sums in the order of the equation. The others need DeviceInfo's
+  // buffer_device_address: 1: pointwise.comp, for a 1x1. 2 or 4: F(tile, 3) in three steps, see
+  // shaders/winograd.glsl, for a 3x3; errors are in proportion to the largest value of a tile, with 4 more than with 2.
+  uint32_t tile = 0;
+  bool addressed = false;  // activations by address, see shaders/memory.glsl; of tiles only
+  uint32_t outputs = 16;   // output channels of an invocation
+  uint32_t channels = 64;  // at most so many input channels are summed up by one dispatch
+  uint32_t order = 8;      // see winograd_multiply.comp
+  uint32_t band = 256;     // about so many tiles or pixels are worked on at a time, so that they stay in a cache
+
+  bool operator==(const Conv2dKernel&) const = default;
+};
+
+// What a choice among them may depend on; height, width and channels are those between the shuffles.
+struct Conv2dShape {
+  uint32_t height, width, channels_in, channels_out, kernel;
+
+  auto operator<=>(const Conv2dShape&) const = default;
+};
+using Conv2dChoice = std::function<Conv2dKernel(const Conv2dShape&)>;
+
+// The direct kernel for every shape.
+inline Conv2dKernel conv2d_direct(const Conv2dShape&) { return {}; }
+
 struct Conv2dOptions {
   uint32_t kernel = 3;  // 1 or 3
   bool relu = false;
   std::span<const Tensor> residuals = {};  // at most three, of the output's shape; added after the activation
+  uint32_t unshuffle = 1;                  // reads space_to_depth() of `in` by this
+  uint32_t shuffle = 1;                    // writes pixel_shuffle() by this to `out`
+  Conv2dKernel how = {};
 };
 
 // (h, w, in.channels) -> (h, w, out.channels); stride 1, zero padding. `out` may be a slice of the tensor

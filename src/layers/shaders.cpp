@@ -1,31 +1,47 @@
 #include "layers/shaders.h"
 
-#define RAYMELD_SPIRV(name)                              \
-  extern const std::span<const uint32_t> k_##name##_f32; \
-  extern const std::span<const uint32_t> k_##name##_f16;
-RAYMELD_SPIRV(conv2d)
-RAYMELD_SPIRV(space_to_depth)
-RAYMELD_SPIRV(pixel_shuffle)
-RAYMELD_SPIRV(encode)
-RAYMELD_SPIRV(decode)
-RAYMELD_SPIRV(irradiance)
-RAYMELD_SPIRV(light)
-RAYMELD_SPIRV(joint_filter)
-RAYMELD_SPIRV(relight)
-RAYMELD_SPIRV(mix)
+#define RAYMELD_SPIRV(name, form)                                \
+  extern const std::span<const uint32_t> k_##name##_##form##_f32; \
+  extern const std::span<const uint32_t> k_##name##_##form##_f16;
+#define RAYMELD_SPIRV_FORMS(name) RAYMELD_SPIRV(name, buffers) RAYMELD_SPIRV(name, addresses)
+RAYMELD_SPIRV(conv2d, buffers)
+RAYMELD_SPIRV_FORMS(pointwise)
+RAYMELD_SPIRV_FORMS(winograd_input)
+RAYMELD_SPIRV_FORMS(winograd_multiply)
+RAYMELD_SPIRV_FORMS(winograd_output)
+RAYMELD_SPIRV(space_to_depth, buffers)
+RAYMELD_SPIRV(pixel_shuffle, buffers)
+RAYMELD_SPIRV(encode, buffers)
+RAYMELD_SPIRV(decode, buffers)
+RAYMELD_SPIRV(irradiance, buffers)
+RAYMELD_SPIRV(light, buffers)
+RAYMELD_SPIRV(joint_filter, buffers)
+RAYMELD_SPIRV(relight, buffers)
+RAYMELD_SPIRV(mix, buffers)
+#undef RAYMELD_SPIRV_FORMS
 #undef RAYMELD_SPIRV
 
 namespace raymeld::shaders {
 
-const Shader kConv2d{"conv2d", k_conv2d_f32, k_conv2d_f16};
-const Shader kSpaceToDepth{"space_to_depth", k_space_to_depth_f32, k_space_to_depth_f16};
-const Shader kPixelShuffle{"pixel_shuffle", k_pixel_shuffle_f32, k_pixel_shuffle_f16};
-const Shader kEncode{"encode", k_encode_f32, k_encode_f16};
-const Shader kDecode{"decode", k_decode_f32, k_decode_f16};
-const Shader kIrradiance{"irradiance", k_irradiance_f32, k_irradiance_f16};
-const Shader kLight{"light", k_light_f32, k_light_f16};
-const Shader kJointFilter{"joint_filter", k_joint_filter_f32, k_joint_filter_f16};
-const Shader kRelight{"relight", k_relight_f32, k_relight_f16};
-const Shader kMix{"mix", k_mix_f32, k_mix_f16};
+#define RAYMELD_SHADER(name) {#name, k_##name##_buffers_f32, k_##name##_buffers_f16}
+#define RAYMELD_FORMS(name)                                            \
+  {{{#name ".buffers", k_##name##_buffers_f32, k_##name##_buffers_f16}, \
+    {#name ".addresses", k_##name##_addresses_f32, k_##name##_addresses_f16}}}
+const Shader kConv2d RAYMELD_SHADER(conv2d);
+const Forms kPointwise RAYMELD_FORMS(pointwise);
+const Forms kWinogradInput RAYMELD_FORMS(winograd_input);
+const Forms kWinogradMultiply RAYMELD_FORMS(winograd_multiply);
+const Forms kWinogradOutput RAYMELD_FORMS(winograd_output);
+const Shader kSpaceToDepth RAYMELD_SHADER(space_to_depth);
+const Shader kPixelShuffle RAYMELD_SHADER(pixel_shuffle);
+const Shader kEncode RAYMELD_SHADER(encode);
+const Shader kDecode RAYMELD_SHADER(decode);
+const Shader kIrradiance RAYMELD_SHADER(irradiance);
+const Shader kLight RAYMELD_SHADER(light);
+const Shader kJointFilter RAYMELD_SHADER(joint_filter);
+const Shader kRelight RAYMELD_SHADER(relight);
+const Shader kMix RAYMELD_SHADER(mix);
+#undef RAYMELD_FORMS
+#undef RAYMELD_SHADER
 
 }  // namespace raymeld::shaders

@@ -1,6 +1,8 @@
 // The compiled shaders, and what every layer's passes are put together from.
 #pragma once
 
+#include <array>
+
 #include "engine/graph.h"
 #include "numbers.h"
 
@@ -8,6 +10,12 @@ namespace raymeld {
 
 namespace shaders {
 extern const Shader kConv2d;
+// Without and with DATA_BY_ADDRESS, see memory.glsl.
+using Forms = std::array<Shader, 2>;
+extern const Forms kPointwise;
+extern const Forms kWinogradInput;
+extern const Forms kWinogradMultiply;
+extern const Forms kWinogradOutput;
 extern const Shader kSpaceToDepth;
 extern const Shader kPixelShuffle;
 extern const Shader kEncode;

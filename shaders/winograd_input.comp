@@ -1,0 +1,84 @@
+// First of three steps of a convolution: B^T d B of every tile and channel of a band of rows; outside the image lies zero.
+// With kUnshuffle r > 1 the convolution reads space_to_depth() by r of the image that is bound. Each invocation makes two
+// tiles side by side; z is the channel; those from channels on are zero.
+#version 450
+#extension GL_GOOGLE_include_directive : require
+#include "params.h"
+#include "tensor.glsl"
+#include "memory.glsl"
+#include "winograd.glsl"
+
+layout(local_size_x = 32) in;
+layout(constant_id = 1) const uint kUnshuffle = 1;
+#ifdef DATA_BY_ADDRESS
+layout(push_constant) uniform Push {
+  Values source;
+  Pairs transformed;
+  WinogradInput p;
+};
+#else
+layout(push_constant) uniform Push { WinogradInput p; };
+layout(std430, binding = 1) readonly buffer Source { STORAGE v[]; } source;
+layout(std430, binding = 2) writeonly buffer Transformed { float v[]; } transformed;
+#endif
+
+float load(uint c, uint y, uint x) {
+  bool inside = y < p.height && x < p.width && c < p.channels;
+  uint at = address(c / (kUnshuffle * kUnshuffle), kUnshuffle * y + c / kUnshuffle % kUnshuffle,
+                    kUnshuffle * x + c % kUnshuffle, p.plane, kUnshuffle * p.width);
+  float value = float(source.v[inside ? at : 0]);
+  return inside ? value : 0.0;
+}
+
+void store(uint at, vec2 values) {
+#ifdef DATA_BY_ADDRESS
+  transformed.v[at / 2] = packUint2x32(floatBitsToUint(values));
+#else
+  transformed.v[at] = values.x;
+  transformed.v[at + 1] = values.y;
+#endif
+}
+
+// B^T d in place, of two columns or rows at once.
+void transform(inout vec2 d[kMostSide]) {
+  if (kSide == 4) {
+    vec2 d1 = d[1];
+    d[0] -= d[2];
+    d[3] = d1 - d[3];
+    d[1] = d1 + d[2];
+    d[2] -= d1;
+  } else if (kSide == 6) {
+    vec2 even = d[4] - 4.0 * d[2], odd = d[3] - 4.0 * d[1];
+    vec2 near = d[4] - d[2], far = 2.0 * (d[3] - d[1]);
+    d[0] = 4.0 * d[0] - 5.0 * d[2] + d[4];
+    d[5] = 4.0 * d[1] - 5.0 * d[3] + d[5];
+    d[1] = even + odd;
+    d[2] = even - odd;
+    d[3] = near + far;
+    d[4] = near - far;
+  }
+}
+
+void main() {
+  uint tile = 2 * gl_GlobalInvocationID.x, channel = gl_GlobalInvocationID.z;
+  // Above and left of the image, unsigned numbers wrap around to far outside of it.
+  uint y0 = (p.first_tile_row + tile / p.tiles_x) * kTile - kKernel / 2;
+  uint x0 = tile % p.tiles_x * kTile - kKernel / 2;
+  float columns[kMostSide][2 * kMostSide];  // of both tiles, [row][column]
+  [[unroll]] for (uint x = 0; x < kSide + kTile; x += 2) {
+    vec2 d[kMostSide];
+    [[unroll]] for (uint y = 0; y < kSide; ++y) d[y] = vec2(load(channel, y0 + y, x0 + x), load(channel, y0 + y, x0 + x + 1));
+    transform(d);
+    [[unroll]] for (uint y = 0; y < kSide; ++y) {
+      columns[y][x] = d[y].x;
+      columns[y][x + 1] = d[y].y;
+    }
+  }
+  uint at = element(0, channel, tile, p.position_stride, p.channels_padded);
+  [[unroll]] for (uint y = 0; y < kSide; ++y) {
+    vec2 d[kMostSide];
+    [[unroll]] for (uint x = 0; x < kSide; ++x) d[x] = vec2(columns[y][x], columns[y][x + kTile]);
+    transform(d);
+    [[unroll]] for (uint x = 0; x < kSide; ++x) store(at + (y * kSide + x) * p.position_stride, d[x]);
+  }
+}

@@ -1,0 +1,63 @@
+// Second of three steps of a convolution: at each position, products(o, tile) = sum over i of weight(o, i) * transformed(i,
+// tile), of kChannels input channels; with kAdd on top of the products of the channels before.
+// An invocation makes kOutputs output channels of one tile; y is the block of output channels, z the position.
+//
+// Nothing branches and all loops unroll: a CPU driver then reads a weight, whose address is the same for all lanes, once.
+// Compilers would also move all loads to the front, and spill; an own product stored after every kOrder channels, which
+// later loads might depend on for all they know, keeps the order.
+#version 450
+#extension GL_GOOGLE_include_directive : require
+#include "params.h"
+#include "tensor.glsl"
+#include "memory.glsl"
+#include "winograd.glsl"
+
+layout(local_size_x = 64) in;
+layout(constant_id = 1) const uint kChannels = 64;
+layout(constant_id = 2) const uint kOutputs = 16;
+layout(constant_id = 3) const uint kAdd = 0;
+layout(constant_id = 4) const uint kOrder = 8;  // 0: never
+#ifdef DATA_BY_ADDRESS
+layout(push_constant) uniform Push {
+  Floats weights;
+  Floats transformed;
+  Floats products;
+  WinogradMultiply p;
+};
+#else
+layout(push_constant) uniform Push {
+  Floats weights;
+  WinogradMultiply p;
+};
+layout(std430, binding = 1) readonly buffer Transformed { float v[]; } transformed;
+layout(std430, binding = 2) buffer Products { float v[]; } products;
+#endif
+#include "uniform.glsl"
+
+void main() {
+  uint block = uniform_number(gl_WorkGroupID.y), position = uniform_number(gl_WorkGroupID.z);
+  uint tile = gl_GlobalInvocationID.x;
+  uint weight = (position * p.blocks + block) * p.channels_in * kOutputs + p.first_channel * kOutputs;
+  uint from = element(position, p.first_channel, tile, p.transformed_stride, p.channels_in);
+  uint to = element(position, block * kOutputs, tile, p.products_stride, p.blocks * kOutputs);
+  Floats w = Floats(uint64_t(weights) + 4ul * weight);
+#ifdef DATA_BY_ADDRESS
+  Floats x = Floats(uint64_t(transformed) + 4ul * from), y = Floats(uint64_t(products) + 4ul * to);
+  from = to = 0;
+#else
+#define x transformed
+#define y products
+#endif
+  float sum[kOutputs];
+  [[unroll]] for (uint o = 0; o < kOutputs; ++o) sum[o] = kAdd != 0 ? y.v[to + o * kLanes] : 0.0;
+  [[unroll]] for (uint i = 0; i < kChannels; ++i) {
+    float value = x.v[from + i * kLanes];
+    [[unroll]] for (uint o = 0; o < kOutputs; ++o) sum[o] = fma(w.v[i * kOutputs + o], value, sum[o]);
+    if (kOrder > 0 && (i + 1) % kOrder == 0 && i + 1 < kChannels) {
+      float all = 0.0;
+      [[unroll]] for (uint o = 0; o < kOutputs; ++o) all += sum[o];
+      y.v[to] = all;
+    }
+  }
+  [[unroll]] for (uint o = 0; o < kOutputs; ++o) y.v[to + o * kLanes] = sum[o];
+}

@@ -1,0 +1,89 @@
+// Last of three steps of a convolution: A^T m A of every tile and output channel of a band of rows, then bias, ReLU and
+// residuals as in conv2d.comp. With kShuffle r > 1, pixel_shuffle() by r of that is stored, residuals being of the
+// shuffled shape. Each invocation makes two tiles side by side; z is the output channel.
+#version 450
+#extension GL_GOOGLE_include_directive : require
+#include "params.h"
+#include "tensor.glsl"
+#include "memory.glsl"
+#include "winograd.glsl"
+
+layout(local_size_x = 32) in;
+layout(constant_id = 1) const uint kShuffle = 1;
+layout(constant_id = 2) const uint kRelu = 0;
+layout(constant_id = 3) const uint kResiduals = 0;
+#ifdef DATA_BY_ADDRESS
+layout(push_constant) uniform Push {
+  Pairs products;
+  Floats bias;
+  Values target;
+  Values residual0, residual1, residual2;
+  WinogradOutput p;
+};
+#else
+layout(push_constant) uniform Push { WinogradOutput p; };
+layout(std430, binding = 1) readonly buffer Products { float v[]; } products;
+layout(std430, binding = 2) readonly buffer Bias { float v[]; } bias;
+layout(std430, binding = 3) writeonly buffer Target { STORAGE v[]; } target;
+// Bound to the products where there are fewer residuals.
+layout(std430, binding = 4) readonly buffer Residual0 { STORAGE v[]; } residual0;
+layout(std430, binding = 5) readonly buffer Residual1 { STORAGE v[]; } residual1;
+layout(std430, binding = 6) readonly buffer Residual2 { STORAGE v[]; } residual2;
+#endif
+
+vec2 load(uint at) {
+#ifdef DATA_BY_ADDRESS
+  return uintBitsToFloat(unpackUint2x32(products.v[at / 2]));
+#else
+  return vec2(products.v[at], products.v[at + 1]);
+#endif
+}
+
+void store(uint o, uint y, uint x, float value) {
+  if (y >= p.height || x >= p.width) return;
+  uint at = address(o / (kShuffle * kShuffle), kShuffle * y + o / kShuffle % kShuffle, kShuffle * x + o % kShuffle,
+                    p.plane, kShuffle * p.width);
+  // NaN stays, so that decode sees and counts it.
+  if (kRelu != 0) value = value < 0.0 ? 0.0 : value;
+  if (kResiduals > 0) value += float(residual0.v[at]);
+  if (kResiduals > 1) value += float(residual1.v[at]);
+  if (kResiduals > 2) value += float(residual2.v[at]);
+  target.v[at] = STORAGE(storable(value));
+}
+
+// A^T m in place, of two columns or rows at once; the first kTile elements are the result.
+void transform(inout vec2 m[kMostSide]) {
+  if (kSide == 4) {
+    m[0] += m[1] + m[2];
+    m[1] -= m[2] + m[3];
+  } else if (kSide == 6) {
+    vec2 sum = m[1] + m[2], difference = m[1] - m[2], sum2 = m[3] + m[4], difference2 = m[3] - m[4];
+    m[0] += sum + sum2;
+    m[1] = difference + 2.0 * difference2;
+    m[2] = sum + 4.0 * sum2;
+    m[3] = difference + 8.0 * difference2 + m[5];
+  }
+}
+
+void main() {
+  uint tile = 2 * gl_GlobalInvocationID.x, o = gl_GlobalInvocationID.z;
+  uint at = element(0, o, tile, p.position_stride, p.channels_padded);
+  vec2 rows[kMostSide][kMostSide];  // [row][column], of both tiles
+  [[unroll]] for (uint x = 0; x < kSide; ++x) {
+    vec2 m[kMostSide];
+    [[unroll]] for (uint y = 0; y < kSide; ++y) m[y] = load(at + (y * kSide + x) * p.position_stride);
+    transform(m);
+    [[unroll]] for (uint y = 0; y < kTile; ++y) rows[y][x] = m[y];
+  }
+  uint y0 = (p.first_tile_row + tile / p.tiles_x) * kTile, x0 = tile % p.tiles_x * kTile;
+  float b = bias.v[o];
+  [[unroll]] for (uint y = 0; y < kTile; ++y) {
+    vec2 m[kMostSide];
+    [[unroll]] for (uint x = 0; x < kSide; ++x) m[x] = rows[y][x];
+    transform(m);
+    [[unroll]] for (uint x = 0; x < kTile; ++x) {
+      store(o, y0 + y, x0 + x, m[x].x + b);
+      store(o, y0 + y, x0 + kTile + x, m[x].y + b);
+    }
+  }
+}

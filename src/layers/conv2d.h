@@ -1,0 +1,40 @@
+// What the kinds of conv2d() share.
+#pragma once
+
+#include "layers/layers.h"
+#include "layers/shaders.h"
+
+namespace raymeld {
+
+// A convolution of what unshuffle() made of the input, before shuffle(): (height, width, channels_in) ->
+// (height, width, channels_out).
+struct Convolution {
+  std::string name;
+  Tensor in, out;
+  Conv2dOptions options;
+  uint32_t height, width, channels_in, channels_out;
+  std::span<const float> weight, bias;
+  bool half;  // weights are rounded to 16 bits
+
+  double flop() const {
+    return 2.0 * height * width * channels_out * channels_in * options.kernel * options.kernel;
+  }
+  // As the device keeps it. Throws Error where it does not fit.
+  float weight_at(uint32_t o, uint32_t i, uint32_t ky, uint32_t kx) const;
+};
+
+// With zeros behind the last one, so that they are `padded_count`.
+uint32_t bias_constant(Graph& graph, const Convolution& conv, uint32_t padded_count);
+
+// `residuals[i]`, or `other` where there is none.
+Binding residual_binding(const Convolution& conv, uint32_t i, const Tensor& other);
+
+// In three steps, band by band: shaders/winograd_*.comp.
+void conv2d_winograd(Graph& graph, const Convolution& conv);
+
+// Of a 1x1: shaders/pointwise.comp.
+void conv2d_pointwise(Graph& graph, const Convolution& conv);
+
+inline constexpr uint32_t kMostResiduals = 3;
+
+}  // namespace raymeld
