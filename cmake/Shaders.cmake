@@ -6,38 +6,33 @@ find_program(SPIRV_VAL spirv-val REQUIRED)
 set(shader_dir ${PROJECT_SOURCE_DIR}/shaders)
 file(GLOB shader_sources CONFIGURE_DEPENDS ${shader_dir}/*.comp)
 file(GLOB shader_includes CONFIGURE_DEPENDS ${shader_dir}/*.glsl ${shader_dir}/*.h)
-set(shader_objects)
 file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/shaders)
+
+# Appends to `objects` the C++ source that has the SPIR-V as k_VARIANT; further arguments are macros.
+function(embed_shader objects source variant)
+  set(spirv ${CMAKE_BINARY_DIR}/shaders/${variant}.spv)
+  set(embedded ${CMAKE_BINARY_DIR}/shaders/${variant}.cpp)
+  list(TRANSFORM ARGN PREPEND -D)
+  add_custom_command(
+    OUTPUT ${embedded}
+    BYPRODUCTS ${spirv}
+    COMMAND ${GLSLANG} -V --target-env vulkan1.1 --quiet ${ARGN} -I${shader_dir} -o ${spirv} ${source}
+    COMMAND ${SPIRV_VAL} --target-env vulkan1.1 ${spirv}
+    COMMAND ${CMAKE_COMMAND} -DSPIRV=${spirv} -DOUTPUT=${embedded} -DSYMBOL=k_${variant}
+            -P ${PROJECT_SOURCE_DIR}/cmake/EmbedSpirv.cmake
+    DEPENDS ${source} ${shader_includes} ${PROJECT_SOURCE_DIR}/cmake/EmbedSpirv.cmake
+    COMMENT "Shader ${variant}")
+  set(${objects} ${${objects}} ${embedded} PARENT_SCOPE)
+endfunction()
+
 foreach(source ${shader_sources})
   get_filename_component(name ${source} NAME_WE)
+  embed_shader(shader_objects ${source} ${name}_buffers_f32)
+  embed_shader(shader_objects ${source} ${name}_buffers_f16 STORAGE_F16)
   file(STRINGS ${source} by_address REGEX DATA_BY_ADDRESS)
-  set(forms buffers)
   if(by_address)
-    list(APPEND forms addresses)
+    embed_shader(shader_objects ${source} ${name}_addresses_f32 DATA_BY_ADDRESS)
+    embed_shader(shader_objects ${source} ${name}_addresses_f16 DATA_BY_ADDRESS STORAGE_F16)
   endif()
-  foreach(form ${forms})
-    foreach(storage f32 f16)
-      set(variant ${name}_${form}_${storage})
-      set(spirv ${CMAKE_BINARY_DIR}/shaders/${variant}.spv)
-      set(embedded ${CMAKE_BINARY_DIR}/shaders/${variant}.cpp)
-      set(defines)
-      if(form STREQUAL addresses)
-        list(APPEND defines -DDATA_BY_ADDRESS)
-      endif()
-      if(storage STREQUAL f16)
-        list(APPEND defines -DSTORAGE_F16)
-      endif()
-      add_custom_command(
-        OUTPUT ${embedded}
-        BYPRODUCTS ${spirv}
-        COMMAND ${GLSLANG} -V --target-env vulkan1.1 --quiet ${defines} -I${shader_dir} -o ${spirv} ${source}
-        COMMAND ${SPIRV_VAL} --target-env vulkan1.1 ${spirv}
-        COMMAND ${CMAKE_COMMAND} -DSPIRV=${spirv} -DOUTPUT=${embedded} -DSYMBOL=k_${variant}
-                -P ${PROJECT_SOURCE_DIR}/cmake/EmbedSpirv.cmake
-        DEPENDS ${source} ${shader_includes} ${PROJECT_SOURCE_DIR}/cmake/EmbedSpirv.cmake
-        COMMENT "Shader ${variant}")
-      list(APPEND shader_objects ${embedded})
-    endforeach()
-  endforeach()
 endforeach()
 add_library(raymeld_shaders STATIC ${shader_objects})

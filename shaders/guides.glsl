@@ -1,7 +1,5 @@
 // What the filters of the joint base go by: surfaces alike in albedo and normal are averaged, with a binomial kernel.
-// After params.h and tensor.glsl.
-layout(std430, binding = 2) readonly buffer Albedo { STORAGE albedo[]; };
-layout(std430, binding = 3) readonly buffer Normal { STORAGE normal[]; };
+// To be included behind the declarations of `albedo` and `normal`.
 
 struct Surface {
   vec3 albedo, normal;
@@ -10,7 +8,7 @@ struct Surface {
 // That at address i, with planes of that many elements.
 Surface surface_of(uint i, uint plane) {
   uint j = i + plane, k = j + plane;
-  return Surface(vec3(albedo[i], albedo[j], albedo[k]), vec3(normal[i], normal[j], normal[k]));
+  return Surface(vec3(albedo.v[i], albedo.v[j], albedo.v[k]), vec3(normal.v[i], normal.v[j], normal.v[k]));
 }
 
 float squared(vec3 v) { return dot(v, v); }

@@ -4,13 +4,23 @@
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
 #include "tensor.glsl"
-#include "guides.glsl"
+#include "memory.glsl"
 #include "transfer.glsl"
 
 layout(local_size_x = 32, local_size_y = 2) in;
+#ifdef DATA_BY_ADDRESS
+layout(push_constant) uniform Push {
+  Values lrhs, albedo, normal, target;
+  Irradiance p;
+};
+#else
 layout(push_constant) uniform Push { Irradiance p; };
-layout(std430, binding = 1) readonly buffer Lrhs { STORAGE lrhs[]; };
-layout(std430, binding = 4) writeonly buffer Output { STORAGE out_data[]; };
+layout(std430, binding = 1) readonly buffer Lrhs { STORAGE v[]; } lrhs;
+layout(std430, binding = 2) readonly buffer Albedo { STORAGE v[]; } albedo;
+layout(std430, binding = 3) readonly buffer Normal { STORAGE v[]; } normal;
+layout(std430, binding = 4) writeonly buffer Target { STORAGE v[]; } target;
+#endif
+#include "guides.glsl"
 
 Surface surface_of(uvec2 pixel) {
   return surface_of(address(0, pixel.y, pixel.x, p.plane_large, p.scale * p.width), p.plane_large);
@@ -33,7 +43,7 @@ Surface surface_at(uvec2 at) {
 }
 
 float light_at(uint c, uvec2 at, float own) {
-  float light = to_linear(float(lrhs[address(c, at.y, at.x, p.plane, p.width)]), p.log_transfer);
+  float light = to_linear(float(lrhs.v[address(c, at.y, at.x, p.plane, p.width)]), p.log_transfer);
   return to_network(light / (own + RAYMELD_ALBEDO_FLOOR), p.log_transfer);
 }
 
@@ -53,6 +63,6 @@ void main() {
     }
   }
   for (uint c = 0; c < 3; ++c) {
-    out_data[address(c, id.y, id.x, p.plane, p.width)] = STORAGE(storable(sum[c] / weights));
+    target.v[address(c, id.y, id.x, p.plane, p.width)] = STORAGE(storable(sum[c] / weights));
   }
 }

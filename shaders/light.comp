@@ -6,21 +6,29 @@
 #include "bilinear.glsl"
 #include "params.h"
 #include "tensor.glsl"
+#include "memory.glsl"
 #include "transfer.glsl"
 
 layout(local_size_x = 32, local_size_y = 2) in;
+#ifdef DATA_BY_ADDRESS
+layout(push_constant) uniform Push {
+  Values color, albedo, lrhs, target;
+  JointLight p;
+};
+#else
 layout(push_constant) uniform Push { JointLight p; };
-layout(std430, binding = 1) readonly buffer Color { STORAGE color[]; };
-layout(std430, binding = 2) readonly buffer Albedo { STORAGE albedo[]; };
-layout(std430, binding = 3) readonly buffer Lrhs { STORAGE lrhs[]; };
-layout(std430, binding = 4) writeonly buffer Output { STORAGE out_data[]; };
+layout(std430, binding = 1) readonly buffer Color { STORAGE v[]; } color;
+layout(std430, binding = 2) readonly buffer Albedo { STORAGE v[]; } albedo;
+layout(std430, binding = 3) readonly buffer Lrhs { STORAGE v[]; } lrhs;
+layout(std430, binding = 4) writeonly buffer Target { STORAGE v[]; } target;
+#endif
 
 const vec3 kLuminance = vec3(0.2126, 0.7152, 0.0722);
 
 vec3 color_at(ivec2 at) {
   vec3 rgb;
   for (uint c = 0; c < 3; ++c) {
-    rgb[c] = to_linear(float(color[address(c, at.y, at.x, p.of.plane, p.of.width)]), p.of.log_transfer);
+    rgb[c] = to_linear(float(color.v[address(c, at.y, at.x, p.of.plane, p.of.width)]), p.of.log_transfer);
   }
   return rgb;
 }
@@ -43,7 +51,7 @@ float firefly_limit(ivec2 pixel, float own) {
 }
 
 // A channel of LRHS, color or irradiance, encoded.
-float lrhs_at(uint c, uint y, uint x) { return float(lrhs[address(c, y, x, p.of.lrhs_plane, p.of.lrhs_width)]); }
+float lrhs_at(uint c, uint y, uint x) { return float(lrhs.v[address(c, y, x, p.of.lrhs_plane, p.of.lrhs_width)]); }
 
 vec3 irradiance_at(uint y, uint x) { return vec3(lrhs_at(3, y, x), lrhs_at(4, y, x), lrhs_at(5, y, x)); }
 
@@ -60,7 +68,7 @@ void main() {
   vec3 irradiance;
   for (uint c = 0; c < 3; ++c) {
     uint element = address(c, id.y, id.x, p.of.plane, p.of.width);
-    float surface = float(albedo[element]) + RAYMELD_ALBEDO_FLOOR;
+    float surface = float(albedo.v[element]) + RAYMELD_ALBEDO_FLOOR;
     irradiance[c] = blended(at, vec4(corners[0][c], corners[1][c], corners[2][c], corners[3][c]));
     float light = own[c] / surface;
     if (certainty > 0.0) {
@@ -68,8 +76,8 @@ void main() {
                              : to_linear(lrhs_at(c, at.low.y, at.low.x), p.of.log_transfer) / surface;
       light = (light + certainty * given) / (1.0 + certainty);
     }
-    out_data[element] = STORAGE(storable(log(1.0 + RAYMELD_COMPRESS * light) / RAYMELD_COMPRESS));
+    target.v[element] = STORAGE(storable(log(1.0 + RAYMELD_COMPRESS * light) / RAYMELD_COMPRESS));
   }
-  out_data[address(3, id.y, id.x, p.of.plane, p.of.width)] = STORAGE(storable(1.0 + certainty));
-  out_data[address(4, id.y, id.x, p.of.plane, p.of.width)] = STORAGE(storable(dot(irradiance, kLuminance)));
+  target.v[address(3, id.y, id.x, p.of.plane, p.of.width)] = STORAGE(storable(1.0 + certainty));
+  target.v[address(4, id.y, id.x, p.of.plane, p.of.width)] = STORAGE(storable(dot(irradiance, kLuminance)));
 }

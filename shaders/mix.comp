@@ -6,19 +6,27 @@
 #include "bilinear.glsl"
 #include "params.h"
 #include "tensor.glsl"
+#include "memory.glsl"
 #include "transfer.glsl"
 
 layout(local_size_x = 32, local_size_y = 2) in;
+#ifdef DATA_BY_ADDRESS
+layout(push_constant) uniform Push {
+  Values rec, lrhs, albedo, filtered, target;
+  Upsampled p;
+};
+#else
 layout(push_constant) uniform Push { Upsampled p; };
-layout(std430, binding = 1) readonly buffer Rec { STORAGE rec[]; };
-layout(std430, binding = 2) readonly buffer Lrhs { STORAGE lrhs[]; };
-layout(std430, binding = 3) readonly buffer Albedo { STORAGE albedo[]; };
-layout(std430, binding = 4) readonly buffer Filtered { STORAGE filtered[]; };
-layout(std430, binding = 5) writeonly buffer Output { STORAGE out_data[]; };
+layout(std430, binding = 1) readonly buffer Rec { STORAGE v[]; } rec;
+layout(std430, binding = 2) readonly buffer Lrhs { STORAGE v[]; } lrhs;
+layout(std430, binding = 3) readonly buffer Albedo { STORAGE v[]; } albedo;
+layout(std430, binding = 4) readonly buffer Filtered { STORAGE v[]; } filtered;
+layout(std430, binding = 5) writeonly buffer Target { STORAGE v[]; } target;
+#endif
 
 const uint kCandidates = 5;
 
-float lrhs_at(uint c, uint y, uint x) { return float(lrhs[address(c, y, x, p.lrhs_plane, p.lrhs_width)]); }
+float lrhs_at(uint c, uint y, uint x) { return float(lrhs.v[address(c, y, x, p.lrhs_plane, p.lrhs_width)]); }
 
 float upsampled(uint c, Bilinear at) {
   return blended(at, vec4(lrhs_at(c, at.low.y, at.low.x), lrhs_at(c, at.low.y, at.high.x),
@@ -29,19 +37,19 @@ void main() {
   uvec2 id = gl_GlobalInvocationID.xy;
   if (id.x >= p.width || id.y >= p.height) return;
   uint pixel = address(0, id.y, id.x, p.plane, p.width);
-  float weights[kCandidates], largest = float(rec[pixel + 3 * p.plane]), total = 0.0;
-  for (uint i = 1; i < kCandidates; ++i) largest = max(largest, float(rec[pixel + (3 + i) * p.plane]));
+  float weights[kCandidates], largest = float(rec.v[pixel + 3 * p.plane]), total = 0.0;
+  for (uint i = 1; i < kCandidates; ++i) largest = max(largest, float(rec.v[pixel + (3 + i) * p.plane]));
   for (uint i = 0; i < kCandidates; ++i) {
-    weights[i] = exp(float(rec[pixel + (3 + i) * p.plane]) - largest);
+    weights[i] = exp(float(rec.v[pixel + (3 + i) * p.plane]) - largest);
     total += weights[i];
   }
   Bilinear at = bilinear_at(id, p.phase, p.inverse_scale, uvec2(p.lrhs_width, p.lrhs_height));
   for (uint c = 0; c < 3; ++c) {
     uint element = pixel + c * p.plane;
     float lit = clamp(to_linear(upsampled(3 + c, at), p.log_transfer), 0.0, 65504.0);
-    float textured = to_network(lit * (float(albedo[element]) + RAYMELD_ALBEDO_FLOOR), p.log_transfer);
+    float textured = to_network(lit * (float(albedo.v[element]) + RAYMELD_ALBEDO_FLOOR), p.log_transfer);
     float sum = weights[0] * upsampled(c, at) + weights[1] * textured;
-    for (uint i = 0; i < 3; ++i) sum += weights[2 + i] * float(filtered[element + 3 * i * p.plane]);
-    out_data[element] = STORAGE(storable(float(rec[element]) + sum / total));
+    for (uint i = 0; i < 3; ++i) sum += weights[2 + i] * float(filtered.v[element + 3 * i * p.plane]);
+    target.v[element] = STORAGE(storable(float(rec.v[element]) + sum / total));
   }
 }

@@ -7,6 +7,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
 #include "tensor.glsl"
+#define WEIGHTS_BY_ADDRESS
 #include "memory.glsl"
 
 layout(local_size_x = 64) in;

@@ -3,19 +3,27 @@
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
 #include "tensor.glsl"
+#include "memory.glsl"
 #include "transfer.glsl"
 
 layout(local_size_x = 32, local_size_y = 2) in;
+#ifdef DATA_BY_ADDRESS
+layout(push_constant) uniform Push {
+  Values light, albedo, target;
+  Relight p;
+};
+#else
 layout(push_constant) uniform Push { Relight p; };
-layout(std430, binding = 1) readonly buffer Light { STORAGE light[]; };
-layout(std430, binding = 2) readonly buffer Albedo { STORAGE albedo[]; };
-layout(std430, binding = 3) writeonly buffer Output { STORAGE out_data[]; };
+layout(std430, binding = 1) readonly buffer Light { STORAGE v[]; } light;
+layout(std430, binding = 2) readonly buffer Albedo { STORAGE v[]; } albedo;
+layout(std430, binding = 3) writeonly buffer Target { STORAGE v[]; } target;
+#endif
 
 void main() {
   uvec3 id = gl_GlobalInvocationID;
   if (id.x >= p.width || id.y >= p.height) return;
   uint at = address(id.z, id.y, id.x, p.plane, p.width);
-  float linear = (exp(RAYMELD_COMPRESS * float(light[at])) - 1.0) / RAYMELD_COMPRESS;
-  float value = to_network(linear * (float(albedo[at]) + RAYMELD_ALBEDO_FLOOR), p.log_transfer);
-  out_data[at] = STORAGE(storable(value));
+  float linear = (exp(RAYMELD_COMPRESS * float(light.v[at])) - 1.0) / RAYMELD_COMPRESS;
+  float value = to_network(linear * (float(albedo.v[at]) + RAYMELD_ALBEDO_FLOOR), p.log_transfer);
+  target.v[at] = STORAGE(storable(value));
 }

@@ -9,6 +9,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
 #include "tensor.glsl"
+#define WEIGHTS_BY_ADDRESS
 #include "memory.glsl"
 #include "winograd.glsl"
 

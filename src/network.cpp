@@ -2,6 +2,8 @@
 // h, w: the LRHS size; s: the scale; H = s h, W = s w; C, R, D, B, G, M, K as in Architecture.
 #include "network.h"
 
+#include <cmath>
+
 namespace raymeld {
 namespace {
 
@@ -22,10 +24,15 @@ struct Builder {
   void conv(const std::string& name, const Tensor& in, const Tensor& out, Conv2dOptions options,
             const std::string& bias = "bias") {
     const uint32_t u = options.unshuffle, s = options.shuffle;
-    const Conv2dShape shape{in.shape.height / u, in.shape.width / u, in.shape.channels * u * u,
-                            out.shape.channels * s * s, options.kernel};
+    Conv2dShape shape{in.shape.height / u, in.shape.width / u, in.shape.channels * u * u,
+                      out.shape.channels * s * s, options.kernel};
+    const ConvWeights weights = model.conv(name, shape.channels_out, shape.channels_in, shape.kernel, bias);
     options.how = choose(shape);
-    conv2d(graph, name, in, out, model.conv(name, shape.channels_out, shape.channels_in, shape.kernel, bias), options);
+    if (options.how.tile == 4 && !tile_4_is_accurate(a, weights, shape.channels_in)) {
+      shape.most_tile = 2;
+      options.how = choose(shape);
+    }
+    conv2d(graph, name, in, out, weights, options);
   }
 
   // (H, W, K) -> F_HRLS (h, w, C): Eq. 5 and 6, or one convolution of what is unshuffled by s.
@@ -180,6 +187,27 @@ void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, 
   const Tensor albedo = hrls.slice(a.first_channel("albedo"), 3);
   mix(graph, "mix", fused, lrhs, albedo, filtered, mixed, joint_options);
   decode(graph, "decode", mixed, {.transfer = a.transfer});
+}
+
+bool tile_4_is_accurate(const Architecture& a, const ConvWeights& weights, uint32_t channels_in) {
+  constexpr double kMost = 0x1p-10, kUnit = 0x1p-24, kTransformRoundings = 22;
+  const double range = a.transfer == Transfer::kLog ? std::log1p(8.0 * a.clip) / 3 : a.clip;
+  return std::sqrt(channels_in + kTransformRoundings) * kUnit * range *
+             winograd_amplification(weights, channels_in) <=
+         kMost;
+}
+
+std::vector<Conv2dShape> conv2d_shapes(const Model& model, uint32_t height, uint32_t width) {
+  std::vector<Conv2dShape> shapes;
+  const auto note = [&](const Conv2dShape& shape) {
+    // Asked again where F(4, 3) is refused.
+    if (shape.most_tile < 4) shapes.pop_back();
+    shapes.push_back(shape);
+    return Conv2dKernel{.tile = shape.kernel == 1 ? 1 : shape.most_tile};
+  };
+  Graph graph(Storage::kFloat32);
+  network(graph, model, height, width, 0, note);
+  return shapes;
 }
 
 // Follows the right-most pixel of cell 0 back through the longest path: a 3x3 reaches one pixel further at

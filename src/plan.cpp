@@ -65,8 +65,8 @@ float lrhs_phase(bool centered, uint32_t scale) {
 }
 
 Graph build_graph(const Model& model, TileSize tile, const FuserOptions& options) {
-  Graph graph(options.storage);
-  network(graph, model, tile.height, tile.width, options.phase, options.conv2d);
+  Graph graph(options.storage, options.kernels.addressed);
+  network(graph, model, tile.height, tile.width, options.phase, options.kernels.conv2d);
   graph.plan(!options.keep_activations);
   return graph;
 }

@@ -21,9 +21,9 @@ struct FuserOptions {
   Storage storage = Storage::kFloat32;
   // What all of raymeld's buffers on the device may take together; 0: what the device has to give.
   uint64_t max_memory_bytes = 0;
-  Conv2dChoice conv2d = conv2d_direct;  // how each convolution is computed
-  float phase = 0;     // see lrhs_phase()
-  float exposure = 0;  // of fuse(): see exposure.h; 0: what the model's exposure_key asks for
+  Kernels kernels = {};  // how it is computed
+  float phase = 0;       // see lrhs_phase()
+  float exposure = 0;    // of fuse(): see exposure.h; 0: what the model's exposure_key asks for
   // Keeps every layer's output readable after a frame; needs the memory of all and a frame of one tile.
   bool keep_activations = false;
   // Measures every pass; the frame is slower, as passes no longer overlap.

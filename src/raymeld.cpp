@@ -6,15 +6,15 @@
 namespace raymeld {
 namespace {
 
-FuserOptions fuser_options(const FusionOptions& options, const DeviceInfo& device, const Model& model) {
+FuserOptions fuser_options(const FusionOptions& options, const Device& device, const Model& model) {
   FuserOptions result;
-  result.storage = storage_for(options.precision, device);
+  result.storage = storage_for(options.precision, device.info());
   result.max_memory_bytes = options.max_memory_bytes;
   const bool centered = options.lrhs_sampling == LrhsSampling::kModel
                             ? model.architecture().lrhs_centered
                             : options.lrhs_sampling == LrhsSampling::kCentered;
   result.exposure = options.exposure;
-  result.conv2d = default_conv2d_choice(device);
+  if (options.kernels == KernelChoice::kAuto) result.kernels = kernels_for(device, result.storage);
   result.phase = lrhs_phase(centered, model.architecture().scale);
   return result;
 }
@@ -32,7 +32,7 @@ struct Fusion::State {
         const FusionOptions& options)
       : device(std::move(made)),
         model(file),
-        fuser(*device, model, height, width, fuser_options(options, device->info(), model)) {}
+        fuser(*device, model, height, width, fuser_options(options, *device, model)) {}
 };
 
 Fusion::Fusion(const std::string& model_file, uint32_t height, uint32_t width, const FusionOptions& options)

@@ -2,16 +2,24 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
+#include <fstream>
+#include <nlohmann/json.hpp>
 #include <random>
 
 #include "engine/commands.h"
 #include "engine/program.h"
+#include "io/atomic_file.h"
 #include "numbers.h"
 
 namespace raymeld {
 namespace {
 
-std::vector<float> random_weights(size_t count) {
+constexpr int kFormatVersion = 1;
+constexpr double kBudgetMs = 60;  // of one measurement
+constexpr uint32_t kLeastRows = 32;
+
+std::vector<float> random_values(size_t count) {
   std::mt19937 generator(1);
   std::uniform_real_distribution<float> distribution(-0.1f, 0.1f);
   std::vector<float> values(count);
@@ -25,66 +33,228 @@ double milliseconds_of(const Device& device, VkCommandBuffer commands) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
 }
 
-// Mesa's driver for CPUs loads a value for each lane with one instruction since version 24; before, lane by lane.
+double median_time(const Device& device, VkCommandBuffer commands) {
+  milliseconds_of(device, commands);
+  std::vector<double> times;
+  double total = 0;
+  while (times.size() < 3 || (total < kBudgetMs && times.size() < 15)) {
+    times.push_back(milliseconds_of(device, commands));
+    total += times.back();
+  }
+  const auto middle = times.begin() + static_cast<ptrdiff_t>(times.size() / 2);
+  std::nth_element(times.begin(), middle, times.end());
+  return *middle;
+}
+
+// Mesa's driver for CPUs loads a value for each lane with one instruction since version 24; before, lane by
+// lane.
 bool gathers(const DeviceInfo& device) {
   const size_t at = device.driver.find("Mesa ");
-  return at == std::string::npos || std::atoi(device.driver.c_str() + at + 5) >= 24;
+  return at != std::string::npos && std::atoi(device.driver.c_str() + at + 5) >= 24;
 }
+
+Conv2dKernel default_conv2d(const Conv2dShape& shape) {
+  return shape.kernel == 1 ? Conv2dKernel{.tile = 1, .band = 2048} : Conv2dKernel{.tile = shape.most_tile};
+}
+
+double flop_of(const Conv2dShape& s) {
+  return 2.0 * s.height * s.width * s.channels_in * s.channels_out * s.kernel * s.kernel;
+}
+
+// How unlike two shapes are; the channels count more than the size.
+double distance(const Conv2dShape& a, const Conv2dShape& b) {
+  const auto ratio = [](double x, double y) { return std::abs(std::log(x / y)); };
+  return 4 * ratio(a.channels_out, b.channels_out) + 4 * ratio(a.channels_in, b.channels_in) +
+         ratio(double(a.height) * a.width, double(b.height) * b.width);
+}
+
+using Json = nlohmann::json;
+
+Json to_json(const Conv2dShape& s) {
+  return {{"height", s.height},           {"width", s.width},
+          {"channels_in", s.channels_in}, {"channels_out", s.channels_out},
+          {"kernel", s.kernel},           {"most_tile", s.most_tile}};
+}
+
+Conv2dShape shape_from(const Json& j) {
+  return {j.at("height"),       j.at("width"),  j.at("channels_in"),
+          j.at("channels_out"), j.at("kernel"), j.at("most_tile")};
+}
+
+Json to_json(const Conv2dKernel& k) {
+  return {{"tile", k.tile},
+          {"outputs", k.outputs},
+          {"channels", k.channels},
+          {"order", k.order},
+          {"band", k.band}};
+}
+
+Conv2dKernel kernel_from(const Json& j) {
+  return {.tile = j.at("tile"),
+          .outputs = j.at("outputs"),
+          .channels = j.at("channels"),
+          .order = j.at("order"),
+          .band = j.at("band")};
+}
+
+// From a file that anyone may have edited.
+bool is_valid(const Conv2dShape& shape, const Conv2dKernel& kernel) {
+  const bool tile =
+      kernel.tile == 0 || (shape.kernel == 1 ? kernel.tile == 1 : kernel.tile == 2 || kernel.tile == 4);
+  const auto within = [](uint32_t value, uint32_t least, uint32_t most) {
+    return value >= least && value <= most;
+  };
+  return tile && within(kernel.outputs, 4, 64) && within(kernel.channels, 1, 256) &&
+         within(kernel.order, 0, 256) && within(kernel.band, 1, 1u << 20);
+}
+
+struct Tuner {
+  const Device& device;
+  PipelineCache& cache;
+  Storage storage;
+
+  double time(bool addressed, const Conv2dShape& shape, const Conv2dKernel& kernel) const {
+    return time_conv2d(device, cache, storage, addressed, shape, kernel);
+  }
+
+  // One parameter after another, each at its best before the next is tried.
+  Tuning::Entry best(bool addressed, const Conv2dShape& shape) const {
+    Tuning::Entry best{{}, time(addressed, shape, {}), 0};
+    best.direct_ms = best.time_ms;
+    if (!device.info().buffer_device_address) return best;
+    const auto consider = [&](const Conv2dKernel& kernel) {
+      const double time_ms = time(addressed, shape, kernel);
+      if (time_ms < best.time_ms) std::tie(best.kernel, best.time_ms) = std::pair(kernel, time_ms);
+    };
+    for (const uint32_t tile : {1u, 2u, 4u}) {
+      if (tile > shape.most_tile || (shape.kernel == 1) != (tile == 1)) continue;
+      Conv2dKernel kernel = default_conv2d(shape);
+      kernel.tile = tile;
+      consider(kernel);
+    }
+    if (best.kernel.tile == 0) return best;
+    const auto vary = [&](uint32_t Conv2dKernel::*parameter, std::initializer_list<uint32_t> values) {
+      const Conv2dKernel start = best.kernel;
+      for (const uint32_t value : values) {
+        Conv2dKernel kernel = start;
+        kernel.*parameter = value;
+        if (kernel != start) consider(kernel);
+      }
+    };
+    if (shape.channels_out > 8) vary(&Conv2dKernel::outputs, {8, 24});
+    vary(&Conv2dKernel::band, {512, 1024, 4096});
+    vary(&Conv2dKernel::order, {0, 16});
+    return best;
+  }
+};
 
 }  // namespace
 
-std::vector<Conv2dKernel> conv2d_candidates(const Conv2dShape& shape, const DeviceInfo& device) {
-  std::vector<Conv2dKernel> result{{}};
-  if (!device.buffer_device_address) return result;
-  const std::vector<uint32_t> tiles = shape.kernel == 1 ? std::vector<uint32_t>{1} : std::vector<uint32_t>{2, 4};
-  for (const bool addressed : {false, true}) {
-    for (const uint32_t tile : tiles) {
-      for (const uint32_t outputs : {16u, 24u}) {
-        result.push_back({.tile = tile, .addressed = addressed, .outputs = outputs, .channels = 64, .order = 8, .band = 256});
-      }
-    }
-  }
-  return result;
-}
-
-double time_conv2d(const Device& device, PipelineCache& cache, Storage storage, const Conv2dShape& shape,
-                   const Conv2dKernel& kernel, double budget_ms) {
+double time_conv2d(const Device& device, PipelineCache& cache, Storage storage, bool addressed,
+                   const Conv2dShape& shape, const Conv2dKernel& kernel) {
   const std::vector<float> weight =
-      random_weights(size_t{shape.channels_out} * shape.channels_in * shape.kernel * shape.kernel);
-  const std::vector<float> bias = random_weights(shape.channels_out);
-  uint32_t rows = std::min(shape.height, 32u);
-  for (;;) {
-    Graph graph(storage);
+      random_values(size_t{shape.channels_out} * shape.channels_in * shape.kernel * shape.kernel);
+  const std::vector<float> bias = random_values(shape.channels_out);
+  for (uint32_t rows = std::min(shape.height, kLeastRows);; rows = std::min(shape.height, 2 * rows)) {
+    Graph graph(storage, addressed);
     const Tensor in = graph.input("in", {rows, shape.width, shape.channels_in});
     const Tensor out = graph.tensor("out", {rows, shape.width, shape.channels_out});
     conv2d(graph, "conv2d", in, out, {weight, bias}, {.kernel = shape.kernel, .relu = true, .how = kernel});
     graph.plan();
     Program program(device, graph, cache, 1);
-    program.write(in, random_weights(in.shape.pixels() * in.shape.channels));
+    program.write(in, random_values(in.shape.pixels() * in.shape.channels));
     Commands pool(device);
     const VkCommandBuffer commands = pool.begin("conv2d");
     program.record(commands, 0, 0, graph.passes().size());
     pool.end(commands);
-    milliseconds_of(device, commands);
-    std::vector<double> times;
-    double total = 0;
-    while (times.size() < 3 || (total < budget_ms && times.size() < 15)) {
-      times.push_back(milliseconds_of(device, commands));
-      total += times.back();
-    }
-    std::nth_element(times.begin(), times.begin() + ptrdiff_t(times.size() / 2), times.end());
-    const double median = times[times.size() / 2];
-    if (rows == shape.height || median > budget_ms / 5) return median * shape.height / rows;
-    rows = std::min(shape.height, 2 * rows);
+    const double median_ms = median_time(device, commands);
+    if (rows == shape.height || median_ms > kBudgetMs / 6) return median_ms * shape.height / rows;
   }
 }
 
-Conv2dChoice default_conv2d_choice(const DeviceInfo& device) {
-  if (!device.is_cpu || !device.buffer_device_address) return conv2d_direct;
-  const bool addressed = gathers(device);
-  return [=](const Conv2dShape& shape) {
-    return Conv2dKernel{.tile = shape.kernel == 1 ? 1u : 4u, .addressed = addressed};
+Kernels default_kernels(const DeviceInfo& device) {
+  if (!device.is_cpu || !device.buffer_device_address) return {};
+  return {.addressed = gathers(device), .conv2d = default_conv2d};
+}
+
+Kernels Tuning::kernels(const DeviceInfo& device) const {
+  if (entries.empty() || (addressed && !device.buffer_device_address)) return default_kernels(device);
+  const auto choose = [entries = entries,
+                       fallback = default_kernels(device).conv2d](const Conv2dShape& shape) {
+    const auto exact = entries.find(shape);
+    if (exact != entries.end()) return exact->second.kernel;
+    const Conv2dKernel* nearest = nullptr;
+    double least = 0;
+    for (const auto& [other, entry] : entries) {
+      if (other.kernel != shape.kernel || entry.kernel.tile > shape.most_tile) continue;
+      const double d = distance(shape, other);
+      if (!nearest || d < least) std::tie(nearest, least) = std::pair(&entry.kernel, d);
+    }
+    return nearest ? *nearest : fallback(shape);
   };
+  return {.addressed = addressed, .conv2d = choose};
+}
+
+std::filesystem::path tuning_file(const std::filesystem::path& folder, const Device& device,
+                                  Storage storage) {
+  if (folder.empty()) return {};
+  return folder / fmt::format("tuning-{}-{}lanes-{}.json", device_key(device.properties()),
+                              device.info().subgroup_size, storage == Storage::kFloat16 ? "fp16" : "fp32");
+}
+
+Tuning load_tuning(const std::filesystem::path& file) try {
+  Tuning tuning;
+  std::ifstream stream(file);
+  if (!stream) return {};
+  const Json json = Json::parse(stream);
+  if (json.at("format_version") != kFormatVersion) return {};
+  tuning.addressed = json.at("addressed");
+  for (const Json& entry : json.at("conv2d")) {
+    const Conv2dShape shape = shape_from(entry.at("shape"));
+    const Conv2dKernel kernel = kernel_from(entry.at("kernel"));
+    if (!is_valid(shape, kernel)) return {};
+    tuning.entries[shape] = {kernel, entry.at("time_ms"), entry.at("direct_ms")};
+  }
+  return tuning;
+} catch (const Json::exception&) {
+  return {};
+}
+
+void save_tuning(const std::filesystem::path& file, const Tuning& tuning) {
+  Json json{{"format_version", kFormatVersion}, {"addressed", tuning.addressed}, {"conv2d", Json::array()}};
+  for (const auto& [shape, entry] : tuning.entries) {
+    json["conv2d"].push_back({{"shape", to_json(shape)},
+                              {"kernel", to_json(entry.kernel)},
+                              {"time_ms", entry.time_ms},
+                              {"direct_ms", entry.direct_ms}});
+  }
+  std::error_code error;
+  std::filesystem::create_directories(file.parent_path(), error);
+  AtomicFile out(file);
+  const std::string text = json.dump(1) + "\n";
+  out.write(text.data(), text.size());
+  out.commit();
+}
+
+void tune(const Device& device, PipelineCache& cache, Storage storage, const std::vector<Conv2dShape>& shapes,
+          Tuning& tuning, const TuneProgress& progress) {
+  if (shapes.empty()) return;
+  const Tuner tuner{device, cache, storage};
+  if (tuning.entries.empty() && device.info().buffer_device_address) {
+    // The largest convolution, as the defaults would compute it, tells.
+    const Conv2dShape& most = *std::max_element(
+        shapes.begin(), shapes.end(), [](const auto& a, const auto& b) { return flop_of(a) < flop_of(b); });
+    tuning.addressed =
+        tuner.time(true, most, default_conv2d(most)) < tuner.time(false, most, default_conv2d(most));
+  }
+  for (const Conv2dShape& shape : shapes) {
+    if (tuning.entries.contains(shape)) continue;
+    progress(shape, tuning.entries[shape] = tuner.best(tuning.addressed, shape));
+  }
+}
+
+Kernels kernels_for(const Device& device, Storage storage, const std::filesystem::path& folder) {
+  return load_tuning(tuning_file(folder, device, storage)).kernels(device.info());
 }
 
 }  // namespace raymeld

@@ -1,6 +1,10 @@
-// Which kernel is fastest for a convolution is the device's to say: it is asked.
+// Which kernels are fastest is the device's to say: it is asked, and what it said is kept in a file.
 #pragma once
 
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <string>
 #include <vector>
 
 #include "engine/device.h"
@@ -9,15 +13,48 @@
 
 namespace raymeld {
 
-// The kernels worth trying for a shape on a device, the direct one first.
-std::vector<Conv2dKernel> conv2d_candidates(const Conv2dShape& shape, const DeviceInfo& device);
+// Without measurements. On CPUs with buffer addresses: F(4, 3), or F(2, 3) where that is not accurate enough,
+// and pointwise; activations by address where the driver gathers them. Otherwise the direct kernel.
+Kernels default_kernels(const DeviceInfo& device);
 
-// Milliseconds that the device takes for a convolution: the median of a few runs of as many of its rows as fit into
-// about `budget_ms`. The first run, in which some drivers compile, does not count.
-double time_conv2d(const Device& device, PipelineCache& cache, Storage storage, const Conv2dShape& shape,
-                   const Conv2dKernel& kernel, double budget_ms = 100);
+// The median of a few runs on random values, in milliseconds; the first, in which some drivers compile, does
+// not count. Large images are measured by their first rows and scaled.
+double time_conv2d(const Device& device, PipelineCache& cache, Storage storage, bool addressed,
+                   const Conv2dShape& shape, const Conv2dKernel& kernel);
 
-// Without measurements: Winograd by tiles of 2, or a 1x1 by the same steps, on CPUs; the direct kernel on GPUs.
-Conv2dChoice default_conv2d_choice(const DeviceInfo& device);
+// What tune() found: the best kernel of each shape, for one device, driver and storage.
+struct Tuning {
+  struct Entry {
+    Conv2dKernel kernel;
+    double time_ms = 0;
+    double direct_ms = 0;  // what the direct kernel took
+  };
+  bool addressed = false;
+  std::map<Conv2dShape, Entry> entries;
+
+  // A shape that was not measured is computed as the most alike of the same kernel size was, or by
+  // default_kernels().
+  Kernels kernels(const DeviceInfo& device) const;
+};
+
+// Where a device's tuning lies in `folder`, or an empty path without a folder.
+std::filesystem::path tuning_file(const std::filesystem::path& folder, const Device& device, Storage storage);
+
+// An absent, truncated or foreign file is an empty tuning.
+Tuning load_tuning(const std::filesystem::path& file);
+// Throws Error.
+void save_tuning(const std::filesystem::path& file, const Tuning& tuning);
+
+// Called for each shape with what was found for it; may throw to stop.
+using TuneProgress = std::function<void(const Conv2dShape&, const Tuning::Entry&)>;
+
+// Measures the candidates for each shape that `tuning` has not got yet, and whether activations are better
+// found by address. Throws Error.
+void tune(const Device& device, PipelineCache& cache, Storage storage, const std::vector<Conv2dShape>& shapes,
+          Tuning& tuning, const TuneProgress& progress);
+
+// A device's tuning, if there is one, else its default_kernels().
+Kernels kernels_for(const Device& device, Storage storage,
+                    const std::filesystem::path& folder = PipelineCache::default_folder());
 
 }  // namespace raymeld

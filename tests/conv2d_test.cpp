@@ -18,19 +18,26 @@ using reference::within_bounds;
 
 class Conv2dTest : public GpuTest {};
 
-// Every kernel in every form that the device has, with chunks and bands so small that there are several of them.
-std::vector<Conv2dKernel> kernels(uint32_t size) {
-  std::vector<Conv2dKernel> result{{}};
+// How a convolution is computed: by which kernel, with activations in buffers or by address.
+struct How {
+  Conv2dKernel kernel;
+  bool addressed = false;
+};
+
+// Every one that the device can, with chunks and bands so small that there are several of them.
+std::vector<How> ways(uint32_t size) {
+  std::vector<How> result{{}};
   if (!gpu().info().buffer_device_address) return result;
   for (const bool addressed : {false, true}) {
     for (const uint32_t tile : size == 1 ? std::vector<uint32_t>{1} : std::vector<uint32_t>{2, 4})
-      result.push_back({.tile = tile, .addressed = addressed, .outputs = 5, .channels = 4, .order = 2, .band = 12});
+      result.push_back({{.tile = tile, .outputs = 5, .channels = 4, .order = 2, .band = 12}, addressed});
   }
   return result;
 }
 
-std::string describe(const Conv2dKernel& k, uint32_t size) {
-  return k.tile == 0 ? "direct" : fmt::format("F({}, {}){}", k.tile, size, k.addressed ? " by address" : "");
+std::string describe(const How& how, uint32_t size) {
+  if (how.kernel.tile == 0) return "direct";
+  return fmt::format("F({}, {}){}", how.kernel.tile, size, how.addressed ? " by address" : "");
 }
 
 struct Case {
@@ -57,10 +64,10 @@ struct Result {
 };
 
 Result run_case(const Case& c, const Size& size, Precision precision, Fill fill, uint64_t seed,
-                const Conv2dKernel& how) {
+                const How& how) {
   const Conv conv = round_to(random_conv(c.out, c.in, c.kernel, fill, seed), precision);
   const Planes x = round_to(random_planes(c.in, size.h, size.w, fill, seed + 1), precision);
-  LayerRun run(precision);
+  LayerRun run(precision, how.addressed);
   const Tensor in = run.input("in", x), out = run.tensor("out", c.out, size.h, size.w);
   std::vector<Tensor> residuals;
   std::vector<Bounded> bounded;
@@ -70,11 +77,12 @@ Result run_case(const Case& c, const Size& size, Precision precision, Fill fill,
     bounded.push_back(exact(values));
   }
   conv2d(run.graph(), "conv", in, out, run.weights(conv),
-         {.kernel = uint32_t(c.kernel), .relu = c.relu, .residuals = residuals, .how = how});
+         {.kernel = uint32_t(c.kernel), .relu = c.relu, .residuals = residuals, .how = how.kernel});
   run.run();
   std::vector<const Bounded*> pointers;
   for (const Bounded& b : bounded) pointers.push_back(&b);
-  return {run.read(out), reference::conv2d(exact(x), conv, c.relu, precision, pointers, int(how.tile))};
+  return {run.read(out),
+          reference::conv2d(exact(x), conv, c.relu, precision, pointers, int(how.kernel.tile))};
 }
 
 // Every size with one case, every case with some sizes.
@@ -84,7 +92,7 @@ void for_each_case(Fill fill, Check&& check) {
   for (const Precision precision : kPrecisions) {
     for (const Size& size : awkward_sizes()) {
       const Case& c = kCases[next++ % std::size(kCases)];
-      for (const Conv2dKernel& how : kernels(uint32_t(c.kernel))) {
+      for (const How& how : ways(uint32_t(c.kernel))) {
         SCOPED_TRACE(describe(c, size, precision) + ", " + describe(how, uint32_t(c.kernel)));
         check(run_case(c, size, precision, fill, next, how), precision, how);
       }
@@ -93,16 +101,17 @@ void for_each_case(Fill fill, Check&& check) {
 }
 
 TEST_F(Conv2dTest, SmallIntegersAreExact) {
-  for_each_case(Fill::kIntegers, [](const Result& result, Precision, const Conv2dKernel& how) {
-    if (how.tile == 4) return;  // its weights are divided by 3
+  for_each_case(Fill::kIntegers, [](const Result& result, Precision, const How& how) {
+    if (how.kernel.tile == 4) return;  // its weights are divided by 3
     EXPECT_TRUE(within_bounds("conv2d", result.device, exact(result.expected.value)));
   });
 }
 
 TEST_F(Conv2dTest, RandomValuesKeepTheBounds) {
-  for_each_case(Fill::kUniform, [](const Result& result, Precision precision, const Conv2dKernel& how) {
-    const std::string name = how.tile ? fmt::format("conv2d F({}) {}", how.tile, name_of(precision))
-                                      : "conv2d " + name_of(precision);
+  for_each_case(Fill::kUniform, [](const Result& result, Precision precision, const How& how) {
+    const std::string name = how.kernel.tile
+                                 ? fmt::format("conv2d F({}) {}", how.kernel.tile, name_of(precision))
+                                 : "conv2d " + name_of(precision);
     EXPECT_TRUE(within_bounds(name, result.device, result.expected));
   });
 }

@@ -132,7 +132,7 @@ void run_passes(const Program& program, const Graph& graph) {
   gpu().submit_and_wait(commands);
 }
 
-LayerRun::LayerRun(Precision precision) : graph_(storage_of(precision)) {}
+LayerRun::LayerRun(Precision precision, bool addressed) : graph_(storage_of(precision), addressed) {}
 
 Tensor LayerRun::input(const std::string& name, const Planes& values) {
   const Tensor result = graph_.input(name, {uint32_t(values.h), uint32_t(values.w), uint32_t(values.c)});

@@ -79,7 +79,7 @@ void run_passes(const Program& program, const Graph& graph);
 // A graph run once: declare inputs, add layers to graph(), run(), read what came out.
 class LayerRun {
  public:
-  explicit LayerRun(reference::Precision precision);
+  explicit LayerRun(reference::Precision precision, bool addressed = false);
 
   Graph& graph() { return graph_; }
   // A tensor that run() fills, rounding to the storage type.

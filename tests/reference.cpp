@@ -40,19 +40,20 @@ const Filtering& filtering(int tile) {
   static const Filtering f23{{{1, 0, -1, 0}, {0, 1, 1, 0}, {0, -1, 1, 0}, {0, 1, 0, -1}},
                              {{1, 0, 0}, {.5, .5, .5}, {.5, -.5, .5}, {0, 0, 1}},
                              {{1, 1, 1, 0}, {0, 1, -1, -1}}};
-  static const Filtering f43{{{4, 0, -5, 0, 1, 0},
-                              {0, -4, -4, 1, 1, 0},
-                              {0, 4, -4, -1, 1, 0},
-                              {0, -2, -1, 2, 1, 0},
-                              {0, 2, -1, -2, 1, 0},
-                              {0, 4, 0, -5, 0, 1}},
-                             {{1. / 4, 0, 0},
-                              {-1. / 6, -1. / 6, -1. / 6},
-                              {-1. / 6, 1. / 6, -1. / 6},
-                              {1. / 24, 1. / 12, 1. / 6},
-                              {1. / 24, -1. / 12, 1. / 6},
-                              {0, 0, 1}},
-                             {{1, 1, 1, 1, 1, 0}, {0, 1, -1, 2, -2, 0}, {0, 1, 1, 4, 4, 0}, {0, 1, -1, 8, -8, 1}}};
+  static const Filtering f43{
+      {{4, 0, -5, 0, 1, 0},
+       {0, -4, -4, 1, 1, 0},
+       {0, 4, -4, -1, 1, 0},
+       {0, -2, -1, 2, 1, 0},
+       {0, 2, -1, -2, 1, 0},
+       {0, 4, 0, -5, 0, 1}},
+      {{1. / 4, 0, 0},
+       {-1. / 6, -1. / 6, -1. / 6},
+       {-1. / 6, 1. / 6, -1. / 6},
+       {1. / 24, 1. / 12, 1. / 6},
+       {1. / 24, -1. / 12, 1. / 6},
+       {0, 0, 1}},
+      {{1, 1, 1, 1, 1, 0}, {0, 1, -1, 2, -2, 0}, {0, 1, 1, 4, 4, 0}, {0, 1, -1, 8, -8, 1}}};
   return tile == 2 ? f23 : f43;
 }
 
@@ -62,8 +63,7 @@ Matrix absolute_both(const Matrix& m, const Matrix& x) {
   for (size_t i = 0; i < m.size(); ++i) {
     for (size_t j = 0; j < m.size(); ++j) {
       for (size_t k = 0; k < x.size(); ++k) {
-        for (size_t l = 0; l < x.size(); ++l)
-          result[i][j] += std::abs(m[i][k]) * x[k][l] * std::abs(m[j][l]);
+        for (size_t l = 0; l < x.size(); ++l) result[i][j] += std::abs(m[i][k]) * x[k][l] * std::abs(m[j][l]);
       }
     }
   }
@@ -95,8 +95,8 @@ Matrix tile_magnitudes(const Bounded& x, const Conv& conv, int o, int y0, int x0
   return absolute_both(f.output, sum);
 }
 
-// Replaces the magnitudes of direct sums. Roundings beside the sums over channels: up to 4 in each of two passes
-// of the input's transform, 1 in the weight's, up to 6 in each of two of the output's, 1 for the bias.
+// Replaces the magnitudes of direct sums. Roundings beside the sums over channels: up to 4 in each of two
+// passes of the input's transform, 1 in the weight's, up to 6 in each of two of the output's, 1 for the bias.
 Planes filtered_magnitudes(const Bounded& x, const Conv& conv, int tile) {
   Planes result(conv.out, x.value.h, x.value.w);
   for (int o = 0; o < conv.out; ++o) {

@@ -31,8 +31,15 @@ struct FusionStatus {
   uint32_t not_finite = 0;  // output values that were NaN or infinite, written as 0
 };
 
+// How convolutions are computed.
+enum class KernelChoice {
+  kAuto,    // what is fastest on the device: as `raymeld tune` measured, else a default for its kind
+  kDirect,  // by the plain sums of their definition, several times slower: the same bits whatever the tiles
+};
+
 struct FusionOptions {
   Precision precision = Precision::kAuto;
+  KernelChoice kernels = KernelChoice::kAuto;
   // Of all buffers raymeld makes on the device; 0: what the device has to give.
   uint64_t max_memory_bytes = 0;
   LrhsSampling lrhs_sampling = LrhsSampling::kModel;

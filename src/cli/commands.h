@@ -10,5 +10,6 @@ void add_devices(CLI::App& app);
 void add_compare(CLI::App& app);
 void add_degrade(CLI::App& app);
 void add_graph(CLI::App& app);
+void add_tune(CLI::App& app);
 
 }  // namespace raymeld::cli

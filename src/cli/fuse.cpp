@@ -76,7 +76,7 @@ float find_exposure(const FuseArguments& arguments, FuseFiles& files, Console& c
 
 void show_plan(const FuseArguments& arguments, FuseFiles& files, const Device& device, Console& console) {
   const float exposure = find_exposure(arguments, files, console);
-  const FuserOptions options = fuser_options(arguments, files, device.info());
+  const FuserOptions options = fuser_options(arguments, files, device);
   const FusePlan plan = plan_fusion(files.model, uint32_t(height_of(files.canvas.lrhs)),
                                     uint32_t(width_of(files.canvas.lrhs)), device.info(), options);
   const Tiling& tiling = plan.tiling;

@@ -16,6 +16,7 @@ namespace raymeld::cli {
 struct FuseArguments {
   std::string lrhs, hrls, output, model, device, reference, preview, before_after, dump;
   Precision precision = Precision::kAuto;
+  KernelChoice kernels = KernelChoice::kAuto;
   std::string sampling = "auto", output_type = "auto";
   std::vector<std::string> map, lrhs_map;
   float exposure_stops = 0;
@@ -63,7 +64,7 @@ Image load_lrhs(FuseFiles& files, Console& console);
 
 FuseImages load_images(FuseFiles& files, Console& console);
 
-FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const DeviceInfo& device);
+FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device);
 
 const char* precision_name(Storage storage);
 

@@ -53,10 +53,12 @@ FuseResult run_with(const FuserOptions& options, const FuseArguments& arguments,
 
 const char* precision_name(Storage storage) { return storage == Storage::kFloat16 ? "fp16" : "fp32"; }
 
-FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const DeviceInfo& device) {
-  return {.storage = storage_for(arguments.precision, device),
+FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device) {
+  const Storage storage = storage_for(arguments.precision, device.info());
+  const bool direct = arguments.kernels == KernelChoice::kDirect;
+  return {.storage = storage,
           .max_memory_bytes = arguments.max_memory_mib << 20,
-          .conv2d = default_conv2d_choice(device),
+          .kernels = direct ? Kernels{} : kernels_for(device, storage),
           .phase = files.phase,
           .exposure = arguments.input_exposure,
           .keep_activations = !arguments.dump.empty(),
@@ -66,7 +68,7 @@ FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& file
 // With "auto", whatever 16 bits cannot hold is done again in 32.
 FuseResult run_frame(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images,
                      const Device& device, Console& console, StagedFiles& staged) {
-  FuserOptions options = fuser_options(arguments, files, device.info());
+  FuserOptions options = fuser_options(arguments, files, device);
   const bool may_repeat = arguments.precision == Precision::kAuto && options.storage == Storage::kFloat16;
   try {
     FuseResult result = run_with(options, arguments, files, images, device, console, staged);

@@ -72,6 +72,17 @@ void add_run(CLI::App& command, FuseArguments& a) {
           "fp32, fp16 (activations and weights in 16 bits, sums in 32), or auto: fp16 on a GPU that has it")
       ->check(CLI::IsMember({"auto", "fp32", "fp16"}))
       ->default_str("auto");
+  command
+      .add_option_function<std::string>(
+          "--kernels",
+          [&a](const std::string& name) {
+            a.kernels = name == "direct" ? KernelChoice::kDirect : KernelChoice::kAuto;
+          },
+          "auto: the fastest, as raymeld tune measured, or a default; direct: plain sums, the same bits "
+          "whatever "
+          "the tiles")
+      ->check(CLI::IsMember({"auto", "direct"}))
+      ->default_str("auto");
   command.add_option("--max-memory", a.max_memory_mib, "Of the device, in MiB; larger frames are tiled")
       ->type_name("MB")
       ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40));

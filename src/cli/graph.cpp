@@ -1,12 +1,10 @@
 // What the engine would do for a frame, without any device.
-#include <charconv>
-
 #include "cli/commands.h"
 #include "cli/console.h"
 #include "cli/graph_text.h"
 #include "cli/models.h"
+#include "cli/sizes.h"
 #include "network.h"
-#include "tiling.h"
 
 namespace raymeld::cli {
 namespace {
@@ -16,27 +14,11 @@ struct GraphArguments {
   bool dot = false;
 };
 
-// Height and width of the `size` "WxH", in pixels.
-TileSize parse_size(const std::string& size) {
-  TileSize result;
-  const char* end = size.data() + size.size();
-  const auto width = std::from_chars(size.data(), end, result.width);
-  if (width.ec == std::errc() && width.ptr != end && *width.ptr == 'x') {
-    const auto height = std::from_chars(width.ptr + 1, end, result.height);
-    if (height.ec == std::errc() && height.ptr == end && result.width > 0 && result.height > 0) return result;
-  }
-  throw Error("--size is '{}', expected WxH such as 1920x1080", size);
-}
-
 void show(const GraphArguments& arguments) {
   const Model model(find_model(arguments.model));
-  const uint32_t scale = model.architecture().scale;
-  const TileSize full = parse_size(arguments.size);
-  if (full.width % scale != 0 || full.height % scale != 0) {
-    throw Error("--size {} is no multiple of the scale {} of model {}", arguments.size, scale, model.name());
-  }
+  const TileSize lrhs = lrhs_size(model, arguments.size), full = parse_size(arguments.size);
   Graph graph(arguments.precision == "fp16" ? Storage::kFloat16 : Storage::kFloat32);
-  network(graph, model, full.height / scale, full.width / scale, 0);
+  network(graph, model, lrhs.height, lrhs.width, 0);
   graph.plan();
   if (arguments.dot) return print(graph_dot(graph, model.name()));
   print(fmt::format("model {}, {} parameters, {} x {} pixels, {}, halo {} LRHS pixels\n\n", model.name(),

@@ -32,6 +32,7 @@ void describe(CLI::App& app) {
   raymeld::cli::add_compare(app);
   raymeld::cli::add_degrade(app);
   raymeld::cli::add_graph(app);
+  raymeld::cli::add_tune(app);
 }
 
 int parse_and_run(CLI::App& app, int argc, char** argv) try {

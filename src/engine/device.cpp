@@ -48,8 +48,7 @@ std::unique_ptr<Device> Device::wrap(const ExternalDevice& external) {
   device->queue_family_ = external.queue_family;
   device->adopt(external.physical_device, 0);
   device->info_.storage_16bit = device->info_.storage_16bit && external.storage_16bit;
-  device->info_.buffer_device_address =
-      device->info_.buffer_device_address && external.buffer_device_address;
+  device->info_.buffer_device_address = device->info_.buffer_device_address && external.buffer_device_address;
   const auto fence = vk_struct<VkFenceCreateInfo>(VK_STRUCTURE_TYPE_FENCE_CREATE_INFO);
   check(device->vk_.CreateFence(device->device_, &fence, nullptr, &device->fence_), "creating a fence");
   return device;

@@ -68,7 +68,8 @@ struct Pass {
   void set_push(const Params& params) {
     static_assert(sizeof(Params) % 4 == 0);
     const size_t addresses_bytes = address_count() * sizeof(uint64_t);
-    if (addresses_bytes + sizeof(Params) > kMaxPushBytes) throw Error("layer {}: too many push constants", name);
+    if (addresses_bytes + sizeof(Params) > kMaxPushBytes)
+      throw Error("layer {}: too many push constants", name);
     std::memcpy(push.data() + addresses_bytes, &params, sizeof(Params));
     push_bytes = static_cast<uint32_t>(addresses_bytes + sizeof(Params));
   }
@@ -99,9 +100,11 @@ struct ConstantRecord {
 
 class Graph {
  public:
-  explicit Graph(Storage storage) : storage_(storage) {}
+  // `addressed`: shaders that can read and write activations by address, which is faster on some devices.
+  explicit Graph(Storage storage, bool addressed = false) : storage_(storage), addressed_(addressed) {}
 
   Storage storage() const { return storage_; }
+  bool addressed() const { return addressed_; }
 
   // A new activation; its memory lives from the first pass that touches it to the last.
   Tensor tensor(const std::string& name, Shape shape);
@@ -144,6 +147,7 @@ class Graph {
   void place_barriers();
 
   Storage storage_;
+  bool addressed_;
   std::vector<Pass> passes_;
   std::vector<TensorRecord> tensors_;
   std::vector<ConstantRecord> constants_;

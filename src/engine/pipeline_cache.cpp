@@ -53,13 +53,17 @@ std::vector<char> read_cache(const std::filesystem::path& file,
 
 }  // namespace
 
+std::string device_key(const VkPhysicalDeviceProperties& properties) {
+  std::string uuid;
+  for (uint8_t byte : properties.pipelineCacheUUID) uuid += fmt::format("{:02x}", byte);
+  return fmt::format("{:04x}-{:04x}-{:08x}-{}", properties.vendorID, properties.deviceID,
+                     properties.driverVersion, uuid);
+}
+
 PipelineCache::PipelineCache(const Device& device, const std::filesystem::path& folder) : device_(device) {
   const VkPhysicalDeviceProperties& properties = device.properties();
   if (!folder.empty()) {
-    std::string uuid;
-    for (uint8_t byte : properties.pipelineCacheUUID) uuid += fmt::format("{:02x}", byte);
-    file_ = folder / fmt::format("pipelines-{:04x}-{:04x}-{:08x}-{}.bin", properties.vendorID,
-                                 properties.deviceID, properties.driverVersion, uuid);
+    file_ = folder / fmt::format("pipelines-{}.bin", device_key(properties));
     loaded_data_ = read_cache(file_, properties);
   }
   auto info = vk_struct<VkPipelineCacheCreateInfo>(VK_STRUCTURE_TYPE_PIPELINE_CACHE_CREATE_INFO);

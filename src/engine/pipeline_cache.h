@@ -6,6 +6,9 @@
 
 namespace raymeld {
 
+// Names a device and its driver's version in the names of files.
+std::string device_key(const VkPhysicalDeviceProperties& properties);
+
 // A VkPipelineCache kept on disk between runs, one file for each device and driver version. A file that is
 // damaged, foreign or half-written is ignored; writers replace the file whole, so concurrent ones cannot mix.
 class PipelineCache {

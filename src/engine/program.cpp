@@ -60,9 +60,11 @@ Program::Program(const Device& device, const Graph& graph, PipelineCache& cache,
                 device.info().name, device.info().max_storage_range_bytes);
   }
   const auto passes = graph.passes();
-  const bool addresses = std::any_of(passes.begin(), passes.end(), [](const Pass& p) { return p.address_count() > 0; });
+  const bool addresses =
+      std::any_of(passes.begin(), passes.end(), [](const Pass& p) { return p.address_count() > 0; });
   if (addresses && !device.info().buffer_device_address) {
-    throw Error("device {} has no buffer addresses (bufferDeviceAddress and shaderInt64)", device.info().name);
+    throw Error("device {} has no buffer addresses (bufferDeviceAddress and shaderInt64)",
+                device.info().name);
   }
   activations_ = Buffer(device, graph.activation_bytes(), Memory::kDevice, "activations");
   status_ = Buffer(device, sizeof(Status), Memory::kUpload, "status");
@@ -200,7 +202,8 @@ void Program::write_set(uint32_t set, size_t index, const FrameBindings* frame) 
   std::array<VkWriteDescriptorSet, kMostBindings> writes{};
   uint32_t count = 0;
   const auto add = [&](const VkDescriptorBufferInfo& info) {
-    if (count == kMostBindings) throw Error("layer {} has more than {} descriptors", pass.name, kMostBindings);
+    if (count == kMostBindings)
+      throw Error("layer {} has more than {} descriptors", pass.name, kMostBindings);
     infos[count] = info;
     writes[count].sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET;
     writes[count].dstSet = sets_.at(set)[index];

@@ -54,8 +54,8 @@ void VulkanFunctions::load_device(VkDevice device) {
   GetBufferDeviceAddress = reinterpret_cast<PFN_vkGetBufferDeviceAddress>(
       GetDeviceProcAddr(device, "vkGetBufferDeviceAddressKHR"));
   if (GetBufferDeviceAddress) return;
-  GetBufferDeviceAddress = reinterpret_cast<PFN_vkGetBufferDeviceAddress>(
-      GetDeviceProcAddr(device, "vkGetBufferDeviceAddress"));
+  GetBufferDeviceAddress =
+      reinterpret_cast<PFN_vkGetBufferDeviceAddress>(GetDeviceProcAddr(device, "vkGetBufferDeviceAddress"));
 }
 
 std::string result_name(VkResult result) {

@@ -69,7 +69,8 @@ Convolution make_convolution(const Graph& graph, const std::string& name, const 
 // Shuffles are passes of their own.
 void direct(Graph& graph, Convolution conv) {
   if (conv.options.unshuffle > 1) {
-    const Tensor deep = graph.tensor(conv.name + ".space_to_depth", {conv.height, conv.width, conv.channels_in});
+    const Tensor deep =
+        graph.tensor(conv.name + ".space_to_depth", {conv.height, conv.width, conv.channels_in});
     space_to_depth(graph, conv.name + ".space_to_depth", conv.in, deep);
     conv.in = deep;
   }
@@ -98,7 +99,8 @@ void direct(Graph& graph, Convolution conv) {
                                conv.channels_out});
   pass.groups = {divide_up(conv.width, kLocalX), divide_up(conv.height, kLocalY * kRows), blocks};
   pass.flop = conv.flop();
-  pass.bytes = traffic(graph, conv.in) + traffic(graph, conv.out) * (1.0 + double(conv.options.residuals.size())) +
+  pass.bytes = traffic(graph, conv.in) +
+               traffic(graph, conv.out) * (1.0 + double(conv.options.residuals.size())) +
                double(weight_count * element_bytes(graph.storage()));
   graph.add(std::move(pass));
   if (conv.options.shuffle > 1) pixel_shuffle(graph, conv.name + ".pixel_shuffle", conv.out, shuffled);
@@ -132,7 +134,9 @@ void conv2d(Graph& graph, const std::string& name, const Tensor& in, const Tenso
   if (tile > 0 && (options.kernel == 1 ? tile != 1 : tile != 2 && tile != 4)) {
     throw Error("layer {}: no F({}, {})", name, tile, options.kernel);
   }
-  return tile == 0 ? direct(graph, conv) : tile == 1 ? conv2d_pointwise(graph, conv) : conv2d_winograd(graph, conv);
+  return tile == 0   ? direct(graph, conv)
+         : tile == 1 ? conv2d_pointwise(graph, conv)
+                     : conv2d_winograd(graph, conv);
 }
 
 }  // namespace raymeld

@@ -22,17 +22,18 @@ Shape enlarged(const Shape& shape, uint32_t scale, uint32_t channels) {
   return {scale * shape.height, scale * shape.width, channels};
 }
 
-Pass pass_of(const Graph& graph, const std::string& name, const Shader& shader,
+Pass pass_of(const Graph& graph, const std::string& name, const shaders::Forms& shader,
              std::initializer_list<Tensor> inputs, const Tensor& out) {
   Pass pass;
   pass.name = name;
-  pass.shader = &shader;
+  pass.shader = &shader[graph.addressed()];
   for (const Tensor& input : inputs) {
     pass.bindings.push_back(read_binding(input));
     pass.bytes += traffic(graph, input);
   }
   pass.bindings.push_back(write_binding(out));
   pass.bytes += traffic(graph, out);
+  for (Binding& binding : pass.bindings) binding.by_address = graph.addressed();
   return pass;
 }
 

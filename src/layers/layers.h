@@ -21,13 +21,13 @@ struct ConvWeights {
 struct Conv2dKernel {
   // 0: conv2d.comp, which any device runs; sums in the order of the equation. The others need DeviceInfo's
   // buffer_device_address: 1: pointwise.comp, for a 1x1. 2 or 4: F(tile, 3) in three steps, see
-  // shaders/winograd.glsl, for a 3x3; errors are in proportion to the largest value of a tile, with 4 more than with 2.
+  // shaders/winograd.glsl, for a 3x3; errors are in proportion to the largest value of a tile, with 4 more
+  // than with 2.
   uint32_t tile = 0;
-  bool addressed = false;  // activations by address, see shaders/memory.glsl; of tiles only
   uint32_t outputs = 16;   // output channels of an invocation
   uint32_t channels = 64;  // at most so many input channels are summed up by one dispatch
   uint32_t order = 8;      // see winograd_multiply.comp
-  uint32_t band = 256;     // about so many tiles or pixels are worked on at a time, so that they stay in a cache
+  uint32_t band = 256;  // about so many tiles or pixels are worked on at a time, so that they stay in a cache
 
   bool operator==(const Conv2dKernel&) const = default;
 };
@@ -35,6 +35,7 @@ struct Conv2dKernel {
 // What a choice among them may depend on; height, width and channels are those between the shuffles.
 struct Conv2dShape {
   uint32_t height, width, channels_in, channels_out, kernel;
+  uint32_t most_tile = 4;  // 2 where F(4, 3) would not be accurate enough
 
   auto operator<=>(const Conv2dShape&) const = default;
 };
@@ -42,6 +43,17 @@ using Conv2dChoice = std::function<Conv2dKernel(const Conv2dShape&)>;
 
 // The direct kernel for every shape.
 inline Conv2dKernel conv2d_direct(const Conv2dShape&) { return {}; }
+
+// How a graph is computed on a device; the default runs on all of them.
+struct Kernels {
+  bool addressed = false;  // see Graph
+  Conv2dChoice conv2d = conv2d_direct;
+};
+
+// Of a 3x3 convolution by F(4, 3): how many times as large as its direct sums' what flows through its
+// transforms may become, with inputs of equal size: the largest over the outputs of |A^T| (|G g G^T| |B^T| 1
+// |B|) |A| over sum |g|. Rounding errors grow by as much, and reach all pixels of a tile.
+double winograd_amplification(const ConvWeights& weights, uint32_t channels_in);
 
 struct Conv2dOptions {
   uint32_t kernel = 3;  // 1 or 3

@@ -24,15 +24,17 @@ void pack_weights(std::byte* target, const Convolution& conv, uint32_t outputs, 
 
 void conv2d_pointwise(Graph& graph, const Convolution& conv) {
   const Conv2dKernel& how = conv.options.how;
-  if (conv.options.unshuffle > 1 || conv.options.shuffle > 1) throw Error("layer {}: a shuffled 1x1", conv.name);
+  if (conv.options.unshuffle > 1 || conv.options.shuffle > 1)
+    throw Error("layer {}: a shuffled 1x1", conv.name);
   const auto pixels = static_cast<uint32_t>(conv.out.shape.pixels());
   const uint32_t band = std::clamp(how.band / kLocal, 1u, divide_up(pixels, kLocal)) * kLocal;
-  const uint32_t blocks = divide_up(conv.channels_out, how.outputs), outputs = divide_up(conv.channels_out, blocks);
+  const uint32_t blocks = divide_up(conv.channels_out, how.outputs),
+                 outputs = divide_up(conv.channels_out, blocks);
   const uint32_t parts = divide_up(conv.channels_in, how.channels);
   const uint64_t weight_count = uint64_t{blocks} * outputs * conv.channels_in;
-  const uint32_t weights = graph.constant(
-      conv.name + ".weight", weight_count * sizeof(float),
-      [=](std::byte* target) { pack_weights(target, conv, outputs, blocks); });
+  const uint32_t weights =
+      graph.constant(conv.name + ".weight", weight_count * sizeof(float),
+                     [=](std::byte* target) { pack_weights(target, conv, outputs, blocks); });
   const uint32_t bias = bias_constant(graph, conv, blocks * outputs);
   const Tensor sums = graph.scratch(conv.name + ".sums", uint64_t{band} * blocks * outputs);
   const auto residuals = static_cast<uint32_t>(conv.options.residuals.size());
@@ -43,21 +45,23 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
       const bool last = part + 1 == parts;
       Pass pass;
       pass.name = conv.name;
-      pass.shader = &shaders::kPointwise[how.addressed];
+      pass.shader = &shaders::kPointwise[graph.addressed()];
       pass.constants = {end - channel, outputs, how.order, part == 0, last, conv.options.relu, residuals};
-      pass.bindings = {constant_binding(weights), constant_binding(bias), read_binding(conv.in), write_binding(sums),
-                       write_binding(conv.out)};
-      for (uint32_t i = 0; i < kMostResiduals; ++i) pass.bindings.push_back(residual_binding(conv, i, conv.in));
+      pass.bindings = {constant_binding(weights), constant_binding(bias), read_binding(conv.in),
+                       write_binding(sums), write_binding(conv.out)};
+      for (uint32_t i = 0; i < kMostResiduals; ++i)
+        pass.bindings.push_back(residual_binding(conv, i, conv.in));
       for (Binding& binding : pass.bindings)
-        binding.by_address = how.addressed || binding.kind == Binding::Kind::kConstant;
+        binding.by_address = graph.addressed() || binding.kind == Binding::Kind::kConstant;
       params::Pointwise push{plane_of(graph, conv.out), pixels, first, conv.channels_in, channel,
-                             conv.channels_out, blocks, {}};
+                             conv.channels_out,         blocks, {}};
       for (uint32_t i = 0; i < std::size(push.digits); ++i) push.digits[i] = i;
       pass.set_push(push);
       pass.groups = {std::min(band, divide_up(pixels - first, kLocal) * kLocal) / kLocal, blocks, 1};
       pass.flop = share * conv.flop();
-      pass.bytes = share * (traffic(graph, conv.in) + traffic(graph, conv.out) * (last ? 1.0 + residuals : 0.0) +
-                            double(weight_count) * sizeof(float));
+      pass.bytes =
+          share * (traffic(graph, conv.in) + traffic(graph, conv.out) * (last ? 1.0 + residuals : 0.0) +
+                   double(weight_count) * sizeof(float));
       graph.add(std::move(pass));
     }
   }

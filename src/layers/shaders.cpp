@@ -1,6 +1,6 @@
 #include "layers/shaders.h"
 
-#define RAYMELD_SPIRV(name, form)                                \
+#define RAYMELD_SPIRV(name, form)                                 \
   extern const std::span<const uint32_t> k_##name##_##form##_f32; \
   extern const std::span<const uint32_t> k_##name##_##form##_f16;
 #define RAYMELD_SPIRV_FORMS(name) RAYMELD_SPIRV(name, buffers) RAYMELD_SPIRV(name, addresses)
@@ -13,20 +13,26 @@ RAYMELD_SPIRV(space_to_depth, buffers)
 RAYMELD_SPIRV(pixel_shuffle, buffers)
 RAYMELD_SPIRV(encode, buffers)
 RAYMELD_SPIRV(decode, buffers)
-RAYMELD_SPIRV(irradiance, buffers)
-RAYMELD_SPIRV(light, buffers)
-RAYMELD_SPIRV(joint_filter, buffers)
-RAYMELD_SPIRV(relight, buffers)
-RAYMELD_SPIRV(mix, buffers)
+RAYMELD_SPIRV_FORMS(irradiance)
+RAYMELD_SPIRV_FORMS(light)
+RAYMELD_SPIRV_FORMS(joint_filter)
+RAYMELD_SPIRV_FORMS(relight)
+RAYMELD_SPIRV_FORMS(mix)
 #undef RAYMELD_SPIRV_FORMS
 #undef RAYMELD_SPIRV
 
 namespace raymeld::shaders {
 
-#define RAYMELD_SHADER(name) {#name, k_##name##_buffers_f32, k_##name##_buffers_f16}
-#define RAYMELD_FORMS(name)                                            \
-  {{{#name ".buffers", k_##name##_buffers_f32, k_##name##_buffers_f16}, \
-    {#name ".addresses", k_##name##_addresses_f32, k_##name##_addresses_f16}}}
+#define RAYMELD_SHADER(name) \
+  { #name, k_##name##_buffers_f32, k_##name##_buffers_f16 }
+#define RAYMELD_FORMS(name)                                                    \
+  {                                                                            \
+    {                                                                          \
+      {#name ".buffers", k_##name##_buffers_f32, k_##name##_buffers_f16}, {    \
+#name ".addresses", k_##name##_addresses_f32, k_##name##_addresses_f16 \
+      }                                                                        \
+    }                                                                          \
+  }
 const Shader kConv2d RAYMELD_SHADER(conv2d);
 const Forms kPointwise RAYMELD_FORMS(pointwise);
 const Forms kWinogradInput RAYMELD_FORMS(winograd_input);
@@ -36,11 +42,11 @@ const Shader kSpaceToDepth RAYMELD_SHADER(space_to_depth);
 const Shader kPixelShuffle RAYMELD_SHADER(pixel_shuffle);
 const Shader kEncode RAYMELD_SHADER(encode);
 const Shader kDecode RAYMELD_SHADER(decode);
-const Shader kIrradiance RAYMELD_SHADER(irradiance);
-const Shader kLight RAYMELD_SHADER(light);
-const Shader kJointFilter RAYMELD_SHADER(joint_filter);
-const Shader kRelight RAYMELD_SHADER(relight);
-const Shader kMix RAYMELD_SHADER(mix);
+const Forms kIrradiance RAYMELD_FORMS(irradiance);
+const Forms kLight RAYMELD_FORMS(light);
+const Forms kJointFilter RAYMELD_FORMS(joint_filter);
+const Forms kRelight RAYMELD_FORMS(relight);
+const Forms kMix RAYMELD_FORMS(mix);
 #undef RAYMELD_FORMS
 #undef RAYMELD_SHADER
 

@@ -16,15 +16,15 @@ extern const Forms kPointwise;
 extern const Forms kWinogradInput;
 extern const Forms kWinogradMultiply;
 extern const Forms kWinogradOutput;
+extern const Forms kIrradiance;
+extern const Forms kLight;
+extern const Forms kJointFilter;
+extern const Forms kRelight;
+extern const Forms kMix;
 extern const Shader kSpaceToDepth;
 extern const Shader kPixelShuffle;
 extern const Shader kEncode;
 extern const Shader kDecode;
-extern const Shader kIrradiance;
-extern const Shader kLight;
-extern const Shader kJointFilter;
-extern const Shader kRelight;
-extern const Shader kMix;
 }  // namespace shaders
 
 inline Binding read_binding(const Tensor& tensor) {

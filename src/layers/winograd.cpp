@@ -1,5 +1,7 @@
-// Convolutions by minimal filtering: transform the input, multiply, transform back, one band of tile rows after another.
+// Convolutions by minimal filtering: transform the input, multiply, transform back, one band of tile rows
+// after another.
 #include <algorithm>
+#include <cmath>
 
 #include "layers/conv2d.h"
 #include "params.h"
@@ -24,8 +26,9 @@ constexpr Filter kFilter4{{{1. / 4, 0, 0},
 
 struct Sizes {
   uint32_t tile, side, positions;
-  uint32_t tiles_x, tile_rows, band_rows, band_tiles;  // tiles_x even; band_tiles a multiple of all workgroups
-  uint32_t channels;                                   // of one chunk
+  uint32_t tiles_x, tile_rows, band_rows,
+      band_tiles;     // tiles_x even; band_tiles a multiple of all workgroups
+  uint32_t channels;  // of one chunk
   uint32_t chunks, channels_padded;
   uint32_t outputs, blocks;
   uint32_t transformed_stride, products_stride;
@@ -51,52 +54,59 @@ Sizes sizes_of(const Convolution& conv) {
   return s;
 }
 
+using Tile = std::array<std::array<double, 6>, 6>;
+
 // G g G^T.
-double transformed_weight(const Convolution& conv, uint32_t o, uint32_t i, uint32_t row, uint32_t column) {
-  const Filter& g = conv.options.how.tile == 4 ? kFilter4 : kFilter2;
-  double sum = 0;
-  for (uint32_t ky = 0; ky < conv.options.kernel; ++ky) {
-    for (uint32_t kx = 0; kx < conv.options.kernel; ++kx)
-      sum += g[row][ky] * conv.weight_at(o, i, ky, kx) * g[column][kx];
+Tile transformed(uint32_t tile, std::span<const float, 9> g) {
+  const Filter& filter = tile == 4 ? kFilter4 : kFilter2;
+  const uint32_t side = tile + 2;
+  Tile result{};
+  for (uint32_t row = 0; row < side; ++row) {
+    std::array<double, 3> part{};
+    for (uint32_t k = 0; k < 9; ++k) part[k % 3] += filter[row][k / 3] * g[k];
+    for (uint32_t column = 0; column < side; ++column) {
+      for (uint32_t k = 0; k < 3; ++k) result[row][column] += part[k] * filter[column][k];
+    }
   }
-  return sum;
+  return result;
 }
 
 // The layout of winograd_multiply.comp: [position][block][in][output], zeros where channels end early.
 void pack_weights(std::byte* target, const Convolution& conv, const Sizes& s) {
-  auto* next = reinterpret_cast<float*>(target);
-  for (uint32_t position = 0; position < s.positions; ++position) {
-    for (uint32_t block = 0; block < s.blocks; ++block) {
-      for (uint32_t i = 0; i < s.channels_padded; ++i) {
-        for (uint32_t output = 0; output < s.outputs; ++output) {
-          const uint32_t o = block * s.outputs + output;
-          const bool inside = o < conv.channels_out && i < conv.channels_in;
-          *next++ = inside ? float(transformed_weight(conv, o, i, position / s.side, position % s.side)) : 0.0f;
-        }
-      }
+  auto* packed = reinterpret_cast<float*>(target);
+  const size_t stride = size_t{s.blocks} * s.channels_padded * s.outputs;
+  std::fill_n(packed, s.positions * stride, 0.0f);
+  for (uint32_t o = 0; o < conv.channels_out; ++o) {
+    for (uint32_t i = 0; i < conv.channels_in; ++i) {
+      std::array<float, 9> g;
+      for (uint32_t k = 0; k < 9; ++k) g[k] = conv.weight_at(o, i, k / 3, k % 3);
+      const Tile u = transformed(s.tile, g);
+      float* first = packed + (size_t{o / s.outputs} * s.channels_padded + i) * s.outputs + o % s.outputs;
+      for (uint32_t position = 0; position < s.positions; ++position)
+        first[position * stride] = static_cast<float>(u[position / s.side][position % s.side]);
     }
   }
 }
-
 
 struct Steps {
   Graph& graph;
   const Convolution& conv;
   const Sizes s = sizes_of(conv);
-  const bool addressed = conv.options.how.addressed;
-  const Tensor transformed = graph.scratch(conv.name + ".transformed", uint64_t{s.transformed_stride} * s.positions);
+  const Tensor transformed =
+      graph.scratch(conv.name + ".transformed", uint64_t{s.transformed_stride} * s.positions);
   const Tensor products = graph.scratch(conv.name + ".products", uint64_t{s.products_stride} * s.positions);
   const uint64_t weight_count = uint64_t{s.positions} * s.blocks * s.channels_padded * s.outputs;
-  const uint32_t weights = graph.constant(conv.name + ".weight", weight_count * sizeof(float),
-                                          [c = conv, s = s](std::byte* target) { pack_weights(target, c, s); });
-  const uint32_t bias = bias_constant(graph, conv, s.blocks * s.outputs);
+  const uint32_t weights =
+      graph.constant(conv.name + ".weight", weight_count * sizeof(float),
+                     [c = conv, s = s](std::byte* target) { pack_weights(target, c, s); });
+  const uint32_t bias = bias_constant(graph, conv, s.blocks* s.outputs);
 
   Pass pass(const shaders::Forms& forms, std::vector<Binding> bindings) const {
     Pass result;
     result.name = conv.name;
-    result.shader = &forms[addressed];
+    result.shader = &forms[graph.addressed()];
     result.bindings = std::move(bindings);
-    for (Binding& binding : result.bindings) binding.by_address |= addressed;
+    for (Binding& binding : result.bindings) binding.by_address |= graph.addressed();
     return result;
   }
 
@@ -106,8 +116,9 @@ struct Steps {
   void input(uint32_t first_tile_row) const {
     Pass p = pass(shaders::kWinogradInput, {read_binding(conv.in), write_binding(transformed)});
     p.constants = {s.tile, conv.options.unshuffle};
-    p.set_push(params::WinogradInput{conv.height, conv.width, plane_of(graph, conv.in), s.tiles_x, first_tile_row,
-                                     conv.channels_in, s.channels_padded, s.transformed_stride});
+    p.set_push(params::WinogradInput{conv.height, conv.width, plane_of(graph, conv.in), s.tiles_x,
+                                     first_tile_row, conv.channels_in, s.channels_padded,
+                                     s.transformed_stride});
     p.groups = {s.band_tiles / kTransformLocal, 1, s.channels_padded};
     p.bytes = share() * traffic(graph, conv.in);
     graph.add(std::move(p));
@@ -118,8 +129,8 @@ struct Steps {
     weight.by_address = true;
     Pass p = pass(shaders::kWinogradMultiply, {weight, read_binding(transformed), write_binding(products)});
     p.constants = {s.tile, s.channels, s.outputs, chunk > 0, conv.options.how.order};
-    params::WinogradMultiply push{s.channels_padded, chunk * s.channels,  s.blocks,
-                                  s.transformed_stride, s.products_stride, {}};
+    params::WinogradMultiply push{s.channels_padded,    chunk * s.channels, s.blocks,
+                                  s.transformed_stride, s.products_stride,  {}};
     for (uint32_t i = 0; i < std::size(push.digits); ++i) push.digits[i] = i;
     p.set_push(push);
     p.groups = {s.band_tiles / kMultiplyLocal, s.blocks, s.positions};
@@ -134,8 +145,8 @@ struct Steps {
     Pass p = pass(shaders::kWinogradOutput, std::move(bindings));
     p.constants = {s.tile, conv.options.shuffle, conv.options.relu,
                    static_cast<uint32_t>(conv.options.residuals.size())};
-    p.set_push(params::WinogradOutput{conv.height, conv.width, plane_of(graph, conv.out), s.tiles_x, first_tile_row,
-                                      s.blocks * s.outputs, s.products_stride});
+    p.set_push(params::WinogradOutput{conv.height, conv.width, plane_of(graph, conv.out), s.tiles_x,
+                                      first_tile_row, s.blocks * s.outputs, s.products_stride});
     p.groups = {s.band_tiles / kTransformLocal, 1, conv.channels_out};
     p.bytes = share() * traffic(graph, conv.out) * (1.0 + double(conv.options.residuals.size()));
     graph.add(std::move(p));
@@ -144,9 +155,36 @@ struct Steps {
 
 }  // namespace
 
+double winograd_amplification(const ConvWeights& weights, uint32_t channels_in) {
+  constexpr std::array<double, 6> kInputSums{10, 10, 10, 6, 6, 10};  // of the rows of |B^T|
+  constexpr double kOutput[4][6] = {
+      {1, 1, 1, 1, 1, 0}, {0, 1, 1, 2, 2, 0}, {0, 1, 1, 4, 4, 0}, {0, 1, 1, 8, 8, 1}};
+  double largest = 0;
+  for (size_t o = 0; o < weights.bias.size(); ++o) {
+    Tile sum{};
+    double direct = 0;
+    for (size_t i = 0; i < channels_in; ++i) {
+      const auto g = weights.weight.subspan((o * channels_in + i) * 9).first<9>();
+      const Tile u = transformed(4, g);
+      for (size_t p = 0; p < 36; ++p) sum[p / 6][p % 6] += std::abs(u[p / 6][p % 6]);
+      for (const float value : g) direct += std::abs(value);
+    }
+    for (const auto& row : kOutput) {
+      for (const auto& column : kOutput) {
+        double flow = 0;
+        for (size_t p = 0; p < 36; ++p) {
+          flow += row[p / 6] * column[p % 6] * sum[p / 6][p % 6] * kInputSums[p / 6] * kInputSums[p % 6];
+        }
+        if (direct > 0) largest = std::max(largest, flow / direct);
+      }
+    }
+  }
+  return largest;
+}
+
 void conv2d_winograd(Graph& graph, const Convolution& conv) {
   const Steps steps{.graph = graph, .conv = conv};
-  if (steps.s.blocks > 63) throw Error("layer {}: more than 63 blocks of output channels", conv.name);
+  if (steps.s.blocks > 64) throw Error("layer {}: more than 64 blocks of output channels", conv.name);
   for (uint32_t row = 0; row < steps.s.tile_rows; row += steps.s.band_rows) {
     steps.input(row);
     for (uint32_t chunk = 0; chunk < steps.s.chunks; ++chunk) steps.multiply(chunk);

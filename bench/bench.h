@@ -1,0 +1,27 @@
+// What the benchmarks share: one device and one cache, and a way to run a graph again and again.
+#pragma once
+
+#include <benchmark/benchmark.h>
+
+#include "engine/commands.h"
+#include "engine/program.h"
+#include "layers/layers.h"
+
+namespace raymeld::bench {
+
+const Device& device();
+PipelineCache& cache();
+
+std::vector<float> random_values(size_t count, uint32_t seed);
+
+// The shapes that are measured one by one: those of the table of docs/performance.md, and of the stock models.
+const std::vector<Conv2dShape>& shapes();
+std::string name_of(const Conv2dShape& shape);
+double flop_of(const Conv2dShape& shape);
+
+void register_device();
+void register_convolutions();
+void register_frames();
+void register_onednn();
+
+}  // namespace raymeld::bench

@@ -1,0 +1,112 @@
+// The device's peak, and one convolution at a time by every kernel.
+#include <fmt/format.h>
+
+#include <chrono>
+
+#include "bench.h"
+#include "layers/shaders.h"
+#include "tuner.h"
+
+extern const std::span<const uint32_t> k_fma;
+
+namespace raymeld::bench {
+namespace {
+
+// A graph whose passes are recorded once.
+struct Recorded {
+  Program program;
+  Commands pool;
+  VkCommandBuffer commands;
+
+  explicit Recorded(const Graph& graph)
+      : program(device(), graph, cache(), 1), pool(device()), commands(pool.begin("benchmark")) {
+    program.record(commands, 0, 0, graph.passes().size());
+    pool.end(commands);
+  }
+
+  // The first run does not count: some drivers compile in it.
+  void run(benchmark::State& state) const {
+    device().submit_and_wait(commands);
+    for ([[maybe_unused]] auto _ : state) {
+      const auto start = std::chrono::steady_clock::now();
+      device().submit_and_wait(commands);
+      state.SetIterationTime(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+    }
+  }
+};
+
+void rates(benchmark::State& state, double flop, double bytes) {
+  using benchmark::Counter;
+  state.counters["FLOP/s"] = Counter(flop, Counter::kIsIterationInvariantRate);
+  if (bytes > 0) state.counters["bytes/s"] = Counter(bytes, Counter::kIsIterationInvariantRate);
+}
+
+struct FmaParams {
+  uint32_t rounds;
+  float x, y;
+};
+
+void peak(benchmark::State& state) {
+  constexpr uint32_t kGroups = 64, kLocal = 64, kOfRound = 12 * 80;
+  static const Shader shader{"fma", k_fma, k_fma};
+  const uint32_t rounds = device().info().is_cpu ? 100 : 2000, groups = device().info().is_cpu ? kGroups : 64 * kGroups;
+  Graph graph(Storage::kFloat32);
+  Pass pass;
+  pass.name = "fma";
+  pass.shader = &shader;
+  pass.bindings = {write_binding(graph.tensor("sums", {1, groups * kLocal, 1}))};
+  pass.set_push(FmaParams{rounds, 0.5f, 0.25f});
+  pass.groups = {groups, 1, 1};
+  graph.add(std::move(pass));
+  graph.plan();
+  Recorded(graph).run(state);
+  rates(state, 2.0 * kOfRound * rounds * groups * kLocal, 0);
+}
+
+void convolution(benchmark::State& state, const Conv2dShape& shape, const Conv2dKernel& kernel, Storage storage) {
+  const auto weight = random_values(size_t{shape.channels_out} * shape.channels_in * shape.kernel * shape.kernel, 1);
+  const auto bias = random_values(shape.channels_out, 2);
+  Graph graph(storage, default_kernels(device().info()).addressed);
+  const Tensor in = graph.input("in", {shape.height, shape.width, shape.channels_in});
+  const Tensor out = graph.tensor("out", {shape.height, shape.width, shape.channels_out});
+  conv2d(graph, "conv2d", in, out, {weight, bias}, {.kernel = shape.kernel, .relu = true, .how = kernel});
+  graph.plan();
+  Recorded recorded(graph);
+  recorded.program.write(in, random_values(in.shape.pixels() * in.shape.channels, 3));
+  recorded.run(state);
+  double bytes = 0;
+  for (const Pass& pass : graph.passes()) bytes += pass.bytes;
+  rates(state, flop_of(shape), bytes);
+}
+
+void add(const std::string& name, const Conv2dShape& shape, const Conv2dKernel& kernel, Storage storage) {
+  benchmark::RegisterBenchmark(name.c_str(), [=](benchmark::State& state) { convolution(state, shape, kernel, storage); })
+      ->UseManualTime()
+      ->Unit(benchmark::kMillisecond);
+}
+
+}  // namespace
+
+void register_device() {
+  benchmark::RegisterBenchmark("peak", peak)->UseManualTime()->Unit(benchmark::kMillisecond);
+}
+
+void register_convolutions() {
+  const Tuning tuning = load_tuning(tuning_file(PipelineCache::default_folder(), device(), Storage::kFloat32));
+  for (const Conv2dShape& shape : shapes()) {
+    const std::string name = "conv2d/" + name_of(shape);
+    add(name + "/direct", shape, {}, Storage::kFloat32);
+    if (!device().info().buffer_device_address) continue;
+    const Conv2dChoice tuned = tuning.kernels(device().info()).conv2d;
+    for (const uint32_t tile : shape.kernel == 1 ? std::vector<uint32_t>{1} : std::vector<uint32_t>{2, 4}) {
+      // As tuned; but for another tile than it chose with the same other parameters.
+      Conv2dKernel kernel = tuned(shape);
+      kernel.tile = tile;
+      const std::string kind = tile == 1 ? "/pointwise" : fmt::format("/F({},3)", tile);
+      add(name + kind, shape, kernel, Storage::kFloat32);
+      if (device().info().storage_16bit) add(name + kind + "/fp16", shape, kernel, Storage::kFloat16);
+    }
+  }
+}
+
+}  // namespace raymeld::bench

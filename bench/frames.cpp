@@ -1,0 +1,95 @@
+// Whole frames of RAYMELD_BENCH_MODELS, a list of files separated by ':', at RAYMELD_BENCH_SIZES, such as
+// 512x512:1920x1080. With RAYMELD_BENCH_FRAME, a folder, the inputs are its lrhs.raw and hrls.raw, planar floats, and the
+// last output is written to its fused.raw.
+#include <fmt/format.h>
+#include <sys/resource.h>
+
+#include <chrono>
+#include <cstdlib>
+#include <fstream>
+#include <sstream>
+
+#include "bench.h"
+#include "error.h"
+#include "fuser.h"
+#include "tuner.h"
+
+namespace raymeld::bench {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+std::vector<std::string> listed(const char* variable) {
+  std::vector<std::string> items;
+  std::stringstream list(std::getenv(variable) ? std::getenv(variable) : "");
+  for (std::string item; std::getline(list, item, ':');) items.push_back(item);
+  return items;
+}
+
+double since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+std::vector<float> image(const std::string& name, size_t count, uint32_t seed) {
+  const char* folder = std::getenv("RAYMELD_BENCH_FRAME");
+  std::vector<float> values = random_values(count, seed);
+  for (float& value : values) value = value < 0 ? -value : value;
+  if (!folder) return values;
+  std::ifstream file(std::string(folder) + "/" + name + ".raw", std::ios::binary);
+  file.read(reinterpret_cast<char*>(values.data()), static_cast<std::streamsize>(count * sizeof(float)));
+  if (!file) throw Error("{}/{}.raw is not {} floats", folder, name, count);
+  return values;
+}
+
+void frame(benchmark::State& state, const std::string& file, uint32_t height, uint32_t width, Storage storage) {
+  const auto start = Clock::now();
+  const Model model(file);
+  const uint32_t scale = model.architecture().scale;
+  const FuserOptions options{.storage = storage, .kernels = kernels_for(device(), storage)};
+  Fuser fuser(device(), model, height / scale, width / scale, options);
+  const size_t pixels = size_t{height} * width;
+  const std::vector<float> lrhs = image("lrhs", pixels / scale / scale * 3, 1),
+                           hrls = image("hrls", pixels * 3 * model.architecture().hrls_layers.size(), 2);
+  std::vector<float> fused(pixels * 3);
+  fuser.fuse(lrhs.data(), hrls.data(), fused.data());
+  const double first_s = since(start);  // the device itself was there
+  double device_s = 0, all_s = 0;
+  for ([[maybe_unused]] auto _ : state) {
+    const auto begin = Clock::now();
+    device_s += fuser.fuse(lrhs.data(), hrls.data(), fused.data()).device_ms * 1e-3;
+    all_s += since(begin);
+    state.SetIterationTime(since(begin));
+  }
+  using benchmark::Counter;
+  state.counters["FLOP/s"] = Counter(fuser.plan().flop, Counter::kIsIterationInvariantRate);
+  state.counters["first_s"] = first_s;
+  state.counters["host_share"] = 1 - device_s / all_s;
+  state.counters["device_bytes"] = static_cast<double>(fuser.allocated_bytes());
+  state.counters["tiles"] = fuser.plan().tiling.count();
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  state.counters["rss_bytes"] = static_cast<double>(usage.ru_maxrss) * 1024;
+  if (const char* folder = std::getenv("RAYMELD_BENCH_FRAME")) {
+    std::ofstream(std::string(folder) + "/fused.raw", std::ios::binary)
+        .write(reinterpret_cast<const char*>(fused.data()), static_cast<std::streamsize>(fused.size() * sizeof(float)));
+  }
+}
+
+}  // namespace
+
+void register_frames() {
+  for (const std::string& file : listed("RAYMELD_BENCH_MODELS")) {
+    for (const std::string& size : listed("RAYMELD_BENCH_SIZES")) {
+      uint32_t width = 0, height = 0;
+      if (std::sscanf(size.c_str(), "%ux%u", &width, &height) != 2) throw Error("'{}' is no size", size);
+      for (const Storage storage : {Storage::kFloat32, Storage::kFloat16}) {
+        const std::string name = fmt::format("frame/{}/{}/{}", std::filesystem::path(file).stem().string(), size,
+                                             storage == Storage::kFloat16 ? "fp16" : "fp32");
+        benchmark::RegisterBenchmark(
+            name.c_str(), [=](benchmark::State& state) { frame(state, file, height, width, storage); })
+            ->UseManualTime()
+            ->Unit(benchmark::kMillisecond);
+      }
+    }
+  }
+}
+
+}  // namespace raymeld::bench

@@ -1,0 +1,67 @@
+// raymeld_bench: see --help of Google Benchmark. RAYMELD_BENCH_DEVICE chooses the device, RAYMELD_BENCH_MODELS lists the
+// model files of the frames, RAYMELD_BENCH_FRAME the files of one frame: see frames.cpp.
+#include <fmt/format.h>
+
+#include <cstdlib>
+#include <random>
+
+#include "bench.h"
+#include "error.h"
+
+namespace raymeld::bench {
+
+const Device& device() {
+  static const auto device = Device::create({std::getenv("RAYMELD_BENCH_DEVICE") ? std::getenv("RAYMELD_BENCH_DEVICE") : ""});
+  return *device;
+}
+
+PipelineCache& cache() {
+  static PipelineCache cache(device(), PipelineCache::default_folder());
+  return cache;
+}
+
+std::vector<float> random_values(size_t count, uint32_t seed) {
+  std::mt19937 generator(seed);
+  std::uniform_real_distribution<float> distribution(-0.1f, 0.1f);
+  std::vector<float> values(count);
+  for (float& value : values) value = distribution(generator);
+  return values;
+}
+
+const std::vector<Conv2dShape>& shapes() {
+  static const std::vector<Conv2dShape> all{
+      {128, 128, 64, 64, 3},  {128, 128, 320, 64, 1}, {128, 128, 64, 256, 3}, {512, 512, 64, 64, 3}, {512, 512, 18, 64, 3},
+      {128, 128, 432, 24, 3}, {128, 128, 40, 16, 3},  {128, 128, 72, 24, 1},  {512, 512, 43, 16, 3}, {512, 512, 16, 16, 3},
+      {512, 512, 16, 8, 3},   {512, 512, 64, 3, 3}};
+  return all;
+}
+
+std::string name_of(const Conv2dShape& s) {
+  return fmt::format("{0}x{0}/{1}x{2}/{3}-{4}", s.kernel, s.height, s.width, s.channels_in, s.channels_out);
+}
+
+double flop_of(const Conv2dShape& s) {
+  return 2.0 * s.height * s.width * s.channels_in * s.channels_out * s.kernel * s.kernel;
+}
+
+}  // namespace raymeld::bench
+
+int main(int argc, char** argv) try {
+  using namespace raymeld::bench;
+  register_device();
+  register_convolutions();
+  register_frames();
+#ifdef RAYMELD_ONEDNN
+  register_onednn();
+#endif
+  benchmark::Initialize(&argc, argv);
+  if (benchmark::ReportUnrecognizedArguments(argc, argv)) return 2;
+  benchmark::AddCustomContext("device", device().info().name);
+  benchmark::AddCustomContext("driver", device().info().driver);
+  benchmark::RunSpecifiedBenchmarks();
+  cache().save();
+  return 0;
+} catch (const raymeld::Error& error) {
+  std::fprintf(stderr, "raymeld_bench: %s\n", error.what());
+  return 2;
+}

@@ -1,0 +1,113 @@
+// Measures a device, so that raymeld fuse knows its fastest kernels.
+#include "cli/commands.h"
+#include "cli/console.h"
+#include "cli/interrupt.h"
+#include "cli/models.h"
+#include "cli/sizes.h"
+#include "network.h"
+#include "plan.h"
+#include "tuner.h"
+
+namespace raymeld::cli {
+namespace {
+
+struct TuneArguments {
+  std::vector<std::string> models{"x2", "x4", "x8"};
+  std::string size = "1024x1024", device, precision = "auto";
+  bool again = false, json = false;
+};
+
+std::string shape_text(const Conv2dShape& s) {
+  return fmt::format("{}x{} {}x{} {} -> {}", s.kernel, s.kernel, s.height, s.width, s.channels_in,
+                     s.channels_out);
+}
+
+std::string kernel_text(const Conv2dShape& shape, const Conv2dKernel& k) {
+  if (k.tile == 0) return "direct";
+  const std::string name = k.tile == 1 ? "pointwise" : fmt::format("F({}, 3)", k.tile);
+  const std::string refused =
+      shape.kernel == 3 && shape.most_tile < 4 ? ", F(4, 3) refused: not accurate enough" : "";
+  return fmt::format("{}, {} outputs, bands of {}, ordered by {}{}", name, k.outputs, k.band, k.order,
+                     refused);
+}
+
+double gflop_per_s(const Conv2dShape& s, double time_ms) {
+  return 2e-6 * s.height * s.width * s.channels_in * s.channels_out * s.kernel * s.kernel / time_ms;
+}
+
+void print_entry(const Conv2dShape& shape, const Tuning::Entry& entry) {
+  print(fmt::format("{:<30} {:>9.3f} ms {:>8.1f} GFLOP/s {:>6.1f} x direct   {}\n", shape_text(shape),
+                    entry.time_ms, gflop_per_s(shape, entry.time_ms), entry.direct_ms / entry.time_ms,
+                    kernel_text(shape, entry.kernel)));
+}
+
+void run(const TuneArguments& arguments) {
+  const auto device = Device::create({arguments.device});
+  const std::filesystem::path folder = PipelineCache::default_folder();
+  if (folder.empty()) throw Error("neither XDG_CACHE_HOME nor HOME says where to keep what is measured");
+  const std::map<std::string, Precision> precisions{
+      {"auto", Precision::kAuto}, {"fp32", Precision::kFp32}, {"fp16", Precision::kFp16}};
+  const Storage storage = storage_for(precisions.at(arguments.precision), device->info());
+  const std::filesystem::path file = tuning_file(folder, *device, storage);
+  Tuning tuning = arguments.again ? Tuning{} : load_tuning(file);
+
+  std::vector<Conv2dShape> shapes;
+  for (const std::string& name : arguments.models) {
+    const Model model(find_model(name));
+    const TileSize lrhs = lrhs_size(model, arguments.size);
+    const FuserOptions options{.storage = storage, .kernels = default_kernels(device->info())};
+    const TileSize tile = plan_fusion(model, lrhs.height, lrhs.width, device->info(), options).tiling.tile;
+    const std::vector<Conv2dShape> all = conv2d_shapes(model, tile.height, tile.width);
+    shapes.insert(shapes.end(), all.begin(), all.end());
+  }
+  const Console console(!arguments.json);
+  console.note(fmt::format("measuring {} ({})", device->info().name, device->info().driver));
+  PipelineCache cache(*device, folder);
+  tune(*device, cache, storage, shapes, tuning, [&](const Conv2dShape& shape, const Tuning::Entry& entry) {
+    if (!arguments.json) print_entry(shape, entry);
+    save_tuning(file, tuning);  // what is measured stays measured
+    check_interrupted();
+  });
+  cache.save();
+  save_tuning(file, tuning);
+  console.note(
+      fmt::format("activations {}; wrote {}", tuning.addressed ? "by address" : "in buffers", file.string()));
+  if (!arguments.json) return;
+  nlohmann::ordered_json json{{"device", device->info().name},
+                              {"driver", device->info().driver},
+                              {"file", file.string()},
+                              {"addressed", tuning.addressed},
+                              {"conv2d", nlohmann::ordered_json::array()}};
+  for (const auto& [shape, entry] : tuning.entries) {
+    json["conv2d"].push_back({{"shape", shape_text(shape)},
+                              {"kernel", kernel_text(shape, entry.kernel)},
+                              {"time_ms", entry.time_ms},
+                              {"direct_ms", entry.direct_ms}});
+  }
+  print(json.dump(2) + "\n");
+}
+
+}  // namespace
+
+void add_tune(CLI::App& app) {
+  auto arguments = std::make_shared<TuneArguments>();
+  CLI::App* command =
+      app.add_subcommand("tune", "Measures which kernels are fastest on a device, and remembers it");
+  command
+      ->add_option("--model", arguments->models,
+                   "Names, scales such as x4, or files; without it x2, x4 and x8")
+      ->delimiter(',');
+  command->add_option("--size", arguments->size, "Of the fused image")
+      ->type_name("WxH")
+      ->capture_default_str();
+  command->add_option("--device", arguments->device, "An index of raymeld devices, a UUID or part of a name");
+  command->add_option("--precision", arguments->precision, "fp32, fp16 or auto")
+      ->check(CLI::IsMember({"auto", "fp32", "fp16"}))
+      ->capture_default_str();
+  command->add_flag("--again", arguments->again, "Measures also what was measured before");
+  command->add_flag("--json", arguments->json, "One JSON object instead of text");
+  command->footer("Example:\n  raymeld tune --model x4-fast --size 1920x1080");
+  command->callback([arguments] { run(*arguments); });
+}
+
+}  // namespace raymeld::cli
