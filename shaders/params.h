@@ -31,7 +31,7 @@ struct Pointwise {
   uint plane;
   uint pixels;
   uint first_pixel;
-  uint channels_in;  // padded
+  uint channels_in;
   uint first_channel;
   uint channels_out;
   uint blocks;
@@ -47,12 +47,11 @@ struct WinogradInput {
   uint tiles_x;
   uint first_tile_row;
   uint channels;
-  uint channels_padded;
   uint position_stride;
 };
 
 struct WinogradMultiply {
-  uint channels_in;  // padded
+  uint channels_in;
   uint first_channel;
   uint blocks;
   uint transformed_stride;
@@ -66,7 +65,7 @@ struct WinogradOutput {
   uint plane;
   uint tiles_x;
   uint first_tile_row;
-  uint channels_padded;
+  uint channels;  // a multiple of what a block has
   uint position_stride;
 };
 

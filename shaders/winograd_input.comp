@@ -1,6 +1,6 @@
 // First of three steps of a convolution: B^T d B of every tile and channel of a band of rows; outside the image lies zero.
 // With kUnshuffle r > 1 the convolution reads space_to_depth() by r of the image that is bound. Each invocation makes two
-// tiles side by side; z is the channel; those from channels on are zero.
+// tiles side by side; z is the channel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -10,6 +10,7 @@
 
 layout(local_size_x = 32) in;
 layout(constant_id = 1) const uint kUnshuffle = 1;
+layout(constant_id = 2) const uint kPairs = 0;  // rows of the source are read by pairs of floats
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Values source;
@@ -23,16 +24,28 @@ layout(std430, binding = 2) writeonly buffer Transformed { float v[]; } transfor
 #endif
 
 float load(uint c, uint y, uint x) {
-  bool inside = y < p.height && x < p.width && c < p.channels;
+  bool inside = y < p.height && x < p.width;
   uint at = address(c / (kUnshuffle * kUnshuffle), kUnshuffle * y + c / kUnshuffle % kUnshuffle,
                     kUnshuffle * x + c % kUnshuffle, p.plane, kUnshuffle * p.width);
   float value = float(source.v[inside ? at : 0]);
   return inside ? value : 0.0;
 }
 
+// At x and x + 1, of an even x and an even width; where there are no pairs, 0.
+vec2 load_pair(uint c, uint y, uint x) {
+#if defined(DATA_BY_ADDRESS) && !defined(STORAGE_F16)
+  bool inside = y < p.height && x < p.width;
+  uint at = address(c, y, x, p.plane, p.width) / 2;
+  vec2 values = floats(Pairs(uint64_t(source)).v[inside ? at : 0]);
+  return inside ? values : vec2(0.0);
+#else
+  return vec2(0.0);
+#endif
+}
+
 void store(uint at, vec2 values) {
 #ifdef DATA_BY_ADDRESS
-  transformed.v[at / 2] = packUint2x32(floatBitsToUint(values));
+  transformed.v[at / 2] = pair(values);
 #else
   transformed.v[at] = values.x;
   transformed.v[at + 1] = values.y;
@@ -65,16 +78,26 @@ void main() {
   uint y0 = (p.first_tile_row + tile / p.tiles_x) * kTile - kKernel / 2;
   uint x0 = tile % p.tiles_x * kTile - kKernel / 2;
   float columns[kMostSide][2 * kMostSide];  // of both tiles, [row][column]
+  vec2 even[kMostSide];                     // x0 is odd: the pair of columns that holds x0 + x
+  [[unroll]] for (uint y = 0; y < kSide; ++y) even[y] = kPairs != 0 ? load_pair(channel, y0 + y, x0 - 1) : vec2(0.0);
   [[unroll]] for (uint x = 0; x < kSide + kTile; x += 2) {
     vec2 d[kMostSide];
-    [[unroll]] for (uint y = 0; y < kSide; ++y) d[y] = vec2(load(channel, y0 + y, x0 + x), load(channel, y0 + y, x0 + x + 1));
+    [[unroll]] for (uint y = 0; y < kSide; ++y) {
+      if (kPairs != 0) {
+        vec2 next = load_pair(channel, y0 + y, x0 + x + 1);
+        d[y] = vec2(even[y].y, next.x);
+        even[y] = next;
+      } else {
+        d[y] = vec2(load(channel, y0 + y, x0 + x), load(channel, y0 + y, x0 + x + 1));
+      }
+    }
     transform(d);
     [[unroll]] for (uint y = 0; y < kSide; ++y) {
       columns[y][x] = d[y].x;
       columns[y][x + 1] = d[y].y;
     }
   }
-  uint at = element(0, channel, tile, p.position_stride, p.channels_padded);
+  uint at = element(0, channel, tile, p.position_stride, p.channels);
   [[unroll]] for (uint y = 0; y < kSide; ++y) {
     vec2 d[kMostSide];
     [[unroll]] for (uint x = 0; x < kSide; ++x) d[x] = vec2(columns[y][x], columns[y][x + kTile]);

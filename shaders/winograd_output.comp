@@ -12,6 +12,7 @@ layout(local_size_x = 32) in;
 layout(constant_id = 1) const uint kShuffle = 1;
 layout(constant_id = 2) const uint kRelu = 0;
 layout(constant_id = 3) const uint kResiduals = 0;
+layout(constant_id = 4) const uint kPairs = 0;  // rows of the target and of residuals are accessed by pairs of floats
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Pairs products;
@@ -33,22 +34,37 @@ layout(std430, binding = 6) readonly buffer Residual2 { STORAGE v[]; } residual2
 
 vec2 load(uint at) {
 #ifdef DATA_BY_ADDRESS
-  return uintBitsToFloat(unpackUint2x32(products.v[at / 2]));
+  return floats(products.v[at / 2]);
 #else
   return vec2(products.v[at], products.v[at + 1]);
 #endif
 }
 
+// NaN stays, so that decode sees and counts it.
+float activated(float value) { return kRelu != 0 && value < 0.0 ? 0.0 : value; }
+
 void store(uint o, uint y, uint x, float value) {
   if (y >= p.height || x >= p.width) return;
   uint at = address(o / (kShuffle * kShuffle), kShuffle * y + o / kShuffle % kShuffle, kShuffle * x + o % kShuffle,
                     p.plane, kShuffle * p.width);
-  // NaN stays, so that decode sees and counts it.
-  if (kRelu != 0) value = value < 0.0 ? 0.0 : value;
+  value = activated(value);
   if (kResiduals > 0) value += float(residual0.v[at]);
   if (kResiduals > 1) value += float(residual1.v[at]);
   if (kResiduals > 2) value += float(residual2.v[at]);
   target.v[at] = STORAGE(storable(value));
+}
+
+// The same at x and x + 1, of an even x and an even width.
+void store_pair(uint o, uint y, uint x, vec2 values) {
+#if defined(DATA_BY_ADDRESS) && !defined(STORAGE_F16)
+  if (y >= p.height || x >= p.width) return;
+  uint at = address(o, y, x, p.plane, p.width) / 2;
+  values = vec2(activated(values.x), activated(values.y));
+  if (kResiduals > 0) values += floats(Pairs(uint64_t(residual0)).v[at]);
+  if (kResiduals > 1) values += floats(Pairs(uint64_t(residual1)).v[at]);
+  if (kResiduals > 2) values += floats(Pairs(uint64_t(residual2)).v[at]);
+  Pairs(uint64_t(target)).v[at] = pair(values);
+#endif
 }
 
 // A^T m in place, of two columns or rows at once; the first kTile elements are the result.
@@ -67,7 +83,7 @@ void transform(inout vec2 m[kMostSide]) {
 
 void main() {
   uint tile = 2 * gl_GlobalInvocationID.x, o = gl_GlobalInvocationID.z;
-  uint at = element(0, o, tile, p.position_stride, p.channels_padded);
+  uint at = element(0, o, tile, p.position_stride, p.channels);
   vec2 rows[kMostSide][kMostSide];  // [row][column], of both tiles
   [[unroll]] for (uint x = 0; x < kSide; ++x) {
     vec2 m[kMostSide];
@@ -81,9 +97,16 @@ void main() {
     vec2 m[kMostSide];
     [[unroll]] for (uint x = 0; x < kSide; ++x) m[x] = rows[y][x];
     transform(m);
-    [[unroll]] for (uint x = 0; x < kTile; ++x) {
-      store(o, y0 + y, x0 + x, m[x].x + b);
-      store(o, y0 + y, x0 + kTile + x, m[x].y + b);
+    if (kPairs != 0) {
+      [[unroll]] for (uint x = 0; x < kTile; x += 2) {
+        store_pair(o, y0 + y, x0 + x, vec2(m[x].x, m[x + 1].x) + b);
+        store_pair(o, y0 + y, x0 + kTile + x, vec2(m[x].y, m[x + 1].y) + b);
+      }
+    } else {
+      [[unroll]] for (uint x = 0; x < kTile; ++x) {
+        store(o, y0 + y, x0 + x, m[x].x + b);
+        store(o, y0 + y, x0 + kTile + x, m[x].y + b);
+      }
     }
   }
 }

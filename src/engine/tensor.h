@@ -23,10 +23,12 @@ struct Shape {
 
 // Elements from one channel's plane to the next: planes start at multiples of 256 bytes, the largest
 // alignment Vulkan allows a device to ask of a binding's offset, so that any run of channels can be bound by
-// itself.
+// itself; but not at multiples of a page, where the same pixel of all channels would compete for one place of a
+// cache.
 constexpr uint64_t plane_stride(uint64_t pixels, Storage storage) {
-  const uint64_t step = 256 / element_bytes(storage);
-  return (pixels + step - 1) / step * step;
+  constexpr uint64_t kStepBytes = 256, kPageBytes = 4096;
+  const uint64_t bytes = (pixels * element_bytes(storage) + kStepBytes - 1) / kStepBytes * kStepBytes;
+  return (bytes % kPageBytes == 0 ? bytes + kStepBytes : bytes) / element_bytes(storage);
 }
 
 // A run of channels of an activation of the graph; owns nothing. Planar: element (c, y, x) is at

@@ -123,6 +123,14 @@ uint32_t bias_constant(Graph& graph, const Convolution& conv, uint32_t padded_co
   });
 }
 
+uint32_t parts_of(uint32_t channels, uint32_t most) {
+  const uint32_t fewest = divide_up(channels, most);
+  for (uint32_t parts = fewest; 2 * parts <= 3 * fewest; ++parts) {
+    if (channels % parts == 0) return parts;
+  }
+  return fewest;
+}
+
 Binding residual_binding(const Convolution& conv, uint32_t i, const Tensor& other) {
   return read_binding(i < conv.options.residuals.size() ? conv.options.residuals[i] : other);
 }

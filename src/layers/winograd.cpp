@@ -26,10 +26,9 @@ constexpr Filter kFilter4{{{1. / 4, 0, 0},
 
 struct Sizes {
   uint32_t tile, side, positions;
-  uint32_t tiles_x, tile_rows, band_rows,
-      band_tiles;     // tiles_x even; band_tiles a multiple of all workgroups
-  uint32_t channels;  // of one chunk
-  uint32_t chunks, channels_padded;
+  uint32_t tiles_x, tile_rows;     // tiles_x even
+  uint32_t band_rows, band_tiles;  // band_tiles a multiple of all workgroups
+  uint32_t parts;                  // of the input channels
   uint32_t outputs, blocks;
   uint32_t transformed_stride, products_stride;
 };
@@ -44,12 +43,10 @@ Sizes sizes_of(const Convolution& conv) {
   s.tile_rows = divide_up(conv.height, s.tile);
   s.band_rows = std::clamp(how.band / s.tiles_x, 1u, s.tile_rows);
   s.band_tiles = divide_up(s.band_rows * s.tiles_x, kMultiplyLocal) * kMultiplyLocal;
-  s.chunks = divide_up(conv.channels_in, how.channels);
-  s.channels = divide_up(conv.channels_in, s.chunks);
-  s.channels_padded = s.chunks * s.channels;
+  s.parts = parts_of(conv.channels_in, how.channels);
   s.blocks = divide_up(conv.channels_out, how.outputs);
   s.outputs = divide_up(conv.channels_out, s.blocks);
-  s.transformed_stride = s.band_tiles * s.channels_padded + kPaddingElements;
+  s.transformed_stride = s.band_tiles * conv.channels_in + kPaddingElements;
   s.products_stride = s.band_tiles * s.blocks * s.outputs + kPaddingElements;
   return s;
 }
@@ -74,14 +71,14 @@ Tile transformed(uint32_t tile, std::span<const float, 9> g) {
 // The layout of winograd_multiply.comp: [position][block][in][output], zeros where channels end early.
 void pack_weights(std::byte* target, const Convolution& conv, const Sizes& s) {
   auto* packed = reinterpret_cast<float*>(target);
-  const size_t stride = size_t{s.blocks} * s.channels_padded * s.outputs;
+  const size_t stride = size_t{s.blocks} * conv.channels_in * s.outputs;
   std::fill_n(packed, s.positions * stride, 0.0f);
   for (uint32_t o = 0; o < conv.channels_out; ++o) {
     for (uint32_t i = 0; i < conv.channels_in; ++i) {
       std::array<float, 9> g;
       for (uint32_t k = 0; k < 9; ++k) g[k] = conv.weight_at(o, i, k / 3, k % 3);
       const Tile u = transformed(s.tile, g);
-      float* first = packed + (size_t{o / s.outputs} * s.channels_padded + i) * s.outputs + o % s.outputs;
+      float* first = packed + (size_t{o / s.outputs} * conv.channels_in + i) * s.outputs + o % s.outputs;
       for (uint32_t position = 0; position < s.positions; ++position)
         first[position * stride] = static_cast<float>(u[position / s.side][position % s.side]);
     }
@@ -95,7 +92,7 @@ struct Steps {
   const Tensor transformed =
       graph.scratch(conv.name + ".transformed", uint64_t{s.transformed_stride} * s.positions);
   const Tensor products = graph.scratch(conv.name + ".products", uint64_t{s.products_stride} * s.positions);
-  const uint64_t weight_count = uint64_t{s.positions} * s.blocks * s.channels_padded * s.outputs;
+  const uint64_t weight_count = uint64_t{s.positions} * s.blocks * conv.channels_in * s.outputs;
   const uint32_t weights =
       graph.constant(conv.name + ".weight", weight_count * sizeof(float),
                      [c = conv, s = s](std::byte* target) { pack_weights(target, c, s); });
@@ -113,29 +110,33 @@ struct Steps {
   // Share of the whole convolution that a band is.
   double share() const { return double(s.band_rows) / s.tile_rows; }
 
+  // Whether rows of an image that is shuffled by `shuffle` can be accessed by aligned pairs of floats.
+  bool by_pairs(uint32_t shuffle) const {
+    return graph.addressed() && graph.storage() == Storage::kFloat32 && shuffle == 1 && conv.width % 2 == 0;
+  }
+
   void input(uint32_t first_tile_row) const {
     Pass p = pass(shaders::kWinogradInput, {read_binding(conv.in), write_binding(transformed)});
-    p.constants = {s.tile, conv.options.unshuffle};
+    p.constants = {s.tile, conv.options.unshuffle, by_pairs(conv.options.unshuffle)};
     p.set_push(params::WinogradInput{conv.height, conv.width, plane_of(graph, conv.in), s.tiles_x,
-                                     first_tile_row, conv.channels_in, s.channels_padded,
-                                     s.transformed_stride});
-    p.groups = {s.band_tiles / kTransformLocal, 1, s.channels_padded};
+                                     first_tile_row, conv.channels_in, s.transformed_stride});
+    p.groups = {s.band_tiles / kTransformLocal, 1, conv.channels_in};
     p.bytes = share() * traffic(graph, conv.in);
     graph.add(std::move(p));
   }
 
-  void multiply(uint32_t chunk) const {
+  void multiply(uint32_t part) const {
+    const uint32_t first = part * conv.channels_in / s.parts, end = (part + 1) * conv.channels_in / s.parts;
     Binding weight = constant_binding(weights);
     weight.by_address = true;
     Pass p = pass(shaders::kWinogradMultiply, {weight, read_binding(transformed), write_binding(products)});
-    p.constants = {s.tile, s.channels, s.outputs, chunk > 0, conv.options.how.order};
-    params::WinogradMultiply push{s.channels_padded,    chunk * s.channels, s.blocks,
-                                  s.transformed_stride, s.products_stride,  {}};
+    p.constants = {s.tile, end - first, s.outputs, part > 0, conv.options.how.order};
+    params::WinogradMultiply push{conv.channels_in, first, s.blocks, s.transformed_stride, s.products_stride, {}};
     for (uint32_t i = 0; i < std::size(push.digits); ++i) push.digits[i] = i;
     p.set_push(push);
     p.groups = {s.band_tiles / kMultiplyLocal, s.blocks, s.positions};
-    p.flop = share() * conv.flop() / s.chunks;
-    p.bytes = share() * double(weight_count) * sizeof(float) / s.chunks;
+    p.flop = share() * conv.flop() / s.parts;
+    p.bytes = share() * double(weight_count) * sizeof(float) / s.parts;
     graph.add(std::move(p));
   }
 
@@ -144,7 +145,7 @@ struct Steps {
     for (uint32_t i = 0; i < kMostResiduals; ++i) bindings.push_back(residual_binding(conv, i, products));
     Pass p = pass(shaders::kWinogradOutput, std::move(bindings));
     p.constants = {s.tile, conv.options.shuffle, conv.options.relu,
-                   static_cast<uint32_t>(conv.options.residuals.size())};
+                   static_cast<uint32_t>(conv.options.residuals.size()), by_pairs(conv.options.shuffle)};
     p.set_push(params::WinogradOutput{conv.height, conv.width, plane_of(graph, conv.out), s.tiles_x,
                                       first_tile_row, s.blocks * s.outputs, s.products_stride});
     p.groups = {s.band_tiles / kTransformLocal, 1, conv.channels_out};
@@ -187,7 +188,7 @@ void conv2d_winograd(Graph& graph, const Convolution& conv) {
   if (steps.s.blocks > 64) throw Error("layer {}: more than 64 blocks of output channels", conv.name);
   for (uint32_t row = 0; row < steps.s.tile_rows; row += steps.s.band_rows) {
     steps.input(row);
-    for (uint32_t chunk = 0; chunk < steps.s.chunks; ++chunk) steps.multiply(chunk);
+    for (uint32_t part = 0; part < steps.s.parts; ++part) steps.multiply(part);
     steps.output(row);
   }
 }
