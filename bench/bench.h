@@ -14,7 +14,8 @@ PipelineCache& cache();
 
 std::vector<float> random_values(size_t count, uint32_t seed);
 
-// The shapes that are measured one by one: those of the table of docs/performance.md, and of the stock models.
+// The shapes that are measured one by one: those of the table of docs/performance.md, and of the stock
+// models.
 const std::vector<Conv2dShape>& shapes();
 std::string name_of(const Conv2dShape& shape);
 double flop_of(const Conv2dShape& shape);

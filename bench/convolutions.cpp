@@ -49,7 +49,8 @@ struct FmaParams {
 void peak(benchmark::State& state) {
   constexpr uint32_t kGroups = 64, kLocal = 64, kOfRound = 12 * 80;
   static const Shader shader{"fma", k_fma, k_fma};
-  const uint32_t rounds = device().info().is_cpu ? 100 : 2000, groups = device().info().is_cpu ? kGroups : 64 * kGroups;
+  const uint32_t rounds = device().info().is_cpu ? 100 : 2000,
+                 groups = device().info().is_cpu ? kGroups : 64 * kGroups;
   Graph graph(Storage::kFloat32);
   Pass pass;
   pass.name = "fma";
@@ -63,8 +64,10 @@ void peak(benchmark::State& state) {
   rates(state, 2.0 * kOfRound * rounds * groups * kLocal, 0);
 }
 
-void convolution(benchmark::State& state, const Conv2dShape& shape, const Conv2dKernel& kernel, Storage storage) {
-  const auto weight = random_values(size_t{shape.channels_out} * shape.channels_in * shape.kernel * shape.kernel, 1);
+void convolution(benchmark::State& state, const Conv2dShape& shape, const Conv2dKernel& kernel,
+                 Storage storage) {
+  const auto weight =
+      random_values(size_t{shape.channels_out} * shape.channels_in * shape.kernel * shape.kernel, 1);
   const auto bias = random_values(shape.channels_out, 2);
   Graph graph(storage, default_kernels(device().info()).addressed);
   const Tensor in = graph.input("in", {shape.height, shape.width, shape.channels_in});
@@ -80,7 +83,8 @@ void convolution(benchmark::State& state, const Conv2dShape& shape, const Conv2d
 }
 
 void add(const std::string& name, const Conv2dShape& shape, const Conv2dKernel& kernel, Storage storage) {
-  benchmark::RegisterBenchmark(name.c_str(), [=](benchmark::State& state) { convolution(state, shape, kernel, storage); })
+  benchmark::RegisterBenchmark(name.c_str(),
+                               [=](benchmark::State& state) { convolution(state, shape, kernel, storage); })
       ->UseManualTime()
       ->Unit(benchmark::kMillisecond);
 }
@@ -92,7 +96,8 @@ void register_device() {
 }
 
 void register_convolutions() {
-  const Tuning tuning = load_tuning(tuning_file(PipelineCache::default_folder(), device(), Storage::kFloat32));
+  const Tuning tuning =
+      load_tuning(tuning_file(PipelineCache::default_folder(), device(), Storage::kFloat32));
   for (const Conv2dShape& shape : shapes()) {
     const std::string name = "conv2d/" + name_of(shape);
     add(name + "/direct", shape, {}, Storage::kFloat32);

@@ -1,12 +1,13 @@
 // Whole frames of RAYMELD_BENCH_MODELS, a list of files separated by ':', at RAYMELD_BENCH_SIZES, such as
-// 512x512:1920x1080. With RAYMELD_BENCH_FRAME, a folder, the inputs are its lrhs.raw and hrls.raw, planar floats, and the
-// last output is written to its fused.raw.
+// 512x512:1920x1080. With RAYMELD_BENCH_FRAME, a folder, the inputs are its lrhs.raw and hrls.raw, planar
+// floats, and the last output is written to its fused.raw.
 #include <fmt/format.h>
 #include <sys/resource.h>
 
 #include <chrono>
 #include <cstdlib>
 #include <fstream>
+#include <map>
 #include <sstream>
 
 #include "bench.h"
@@ -39,7 +40,9 @@ std::vector<float> image(const std::string& name, size_t count, uint32_t seed) {
   return values;
 }
 
-void frame(benchmark::State& state, const std::string& file, uint32_t height, uint32_t width, Storage storage) {
+void frame(benchmark::State& state, const std::string& file, uint32_t height, uint32_t width,
+           Storage storage) {
+  const std::string name = fmt::format("{} {}x{} {}", file, height, width, int(storage));
   const auto start = Clock::now();
   const Model model(file);
   const uint32_t scale = model.architecture().scale;
@@ -50,7 +53,10 @@ void frame(benchmark::State& state, const std::string& file, uint32_t height, ui
                            hrls = image("hrls", pixels * 3 * model.architecture().hrls_layers.size(), 2);
   std::vector<float> fused(pixels * 3);
   fuser.fuse(lrhs.data(), hrls.data(), fused.data());
-  const double first_s = since(start);  // the device itself was there
+  // Google Benchmark calls this several times; in the first call, drivers compile. The device itself was
+  // there.
+  static std::map<std::string, double> first_s;
+  first_s.try_emplace(name, since(start));
   double device_s = 0, all_s = 0;
   for ([[maybe_unused]] auto _ : state) {
     const auto begin = Clock::now();
@@ -60,7 +66,7 @@ void frame(benchmark::State& state, const std::string& file, uint32_t height, ui
   }
   using benchmark::Counter;
   state.counters["FLOP/s"] = Counter(fuser.plan().flop, Counter::kIsIterationInvariantRate);
-  state.counters["first_s"] = first_s;
+  state.counters["first_s"] = first_s.at(name);
   state.counters["host_share"] = 1 - device_s / all_s;
   state.counters["device_bytes"] = static_cast<double>(fuser.allocated_bytes());
   state.counters["tiles"] = fuser.plan().tiling.count();
@@ -69,7 +75,8 @@ void frame(benchmark::State& state, const std::string& file, uint32_t height, ui
   state.counters["rss_bytes"] = static_cast<double>(usage.ru_maxrss) * 1024;
   if (const char* folder = std::getenv("RAYMELD_BENCH_FRAME")) {
     std::ofstream(std::string(folder) + "/fused.raw", std::ios::binary)
-        .write(reinterpret_cast<const char*>(fused.data()), static_cast<std::streamsize>(fused.size() * sizeof(float)));
+        .write(reinterpret_cast<const char*>(fused.data()),
+               static_cast<std::streamsize>(fused.size() * sizeof(float)));
   }
 }
 
@@ -81,8 +88,8 @@ void register_frames() {
       uint32_t width = 0, height = 0;
       if (std::sscanf(size.c_str(), "%ux%u", &width, &height) != 2) throw Error("'{}' is no size", size);
       for (const Storage storage : {Storage::kFloat32, Storage::kFloat16}) {
-        const std::string name = fmt::format("frame/{}/{}/{}", std::filesystem::path(file).stem().string(), size,
-                                             storage == Storage::kFloat16 ? "fp16" : "fp32");
+        const std::string name = fmt::format("frame/{}/{}/{}", std::filesystem::path(file).stem().string(),
+                                             size, storage == Storage::kFloat16 ? "fp16" : "fp32");
         benchmark::RegisterBenchmark(
             name.c_str(), [=](benchmark::State& state) { frame(state, file, height, width, storage); })
             ->UseManualTime()

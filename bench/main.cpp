@@ -1,5 +1,6 @@
-// raymeld_bench: see --help of Google Benchmark. RAYMELD_BENCH_DEVICE chooses the device, RAYMELD_BENCH_MODELS lists the
-// model files of the frames, RAYMELD_BENCH_FRAME the files of one frame: see frames.cpp.
+// raymeld_bench: see --help of Google Benchmark. RAYMELD_BENCH_DEVICE chooses the device,
+// RAYMELD_BENCH_MODELS lists the model files of the frames, RAYMELD_BENCH_FRAME the files of one frame: see
+// frames.cpp.
 #include <fmt/format.h>
 
 #include <cstdlib>
@@ -11,7 +12,8 @@
 namespace raymeld::bench {
 
 const Device& device() {
-  static const auto device = Device::create({std::getenv("RAYMELD_BENCH_DEVICE") ? std::getenv("RAYMELD_BENCH_DEVICE") : ""});
+  static const auto device =
+      Device::create({std::getenv("RAYMELD_BENCH_DEVICE") ? std::getenv("RAYMELD_BENCH_DEVICE") : ""});
   return *device;
 }
 
@@ -30,9 +32,9 @@ std::vector<float> random_values(size_t count, uint32_t seed) {
 
 const std::vector<Conv2dShape>& shapes() {
   static const std::vector<Conv2dShape> all{
-      {128, 128, 64, 64, 3},  {128, 128, 320, 64, 1}, {128, 128, 64, 256, 3}, {512, 512, 64, 64, 3}, {512, 512, 18, 64, 3},
-      {128, 128, 432, 24, 3}, {128, 128, 40, 16, 3},  {128, 128, 72, 24, 1},  {512, 512, 43, 16, 3}, {512, 512, 16, 16, 3},
-      {512, 512, 16, 8, 3},   {512, 512, 64, 3, 3}};
+      {128, 128, 64, 64, 3}, {128, 128, 320, 64, 1}, {128, 128, 64, 256, 3}, {512, 512, 64, 64, 3},
+      {512, 512, 18, 64, 3}, {128, 128, 432, 24, 3}, {128, 128, 40, 16, 3},  {128, 128, 72, 24, 1},
+      {512, 512, 43, 16, 3}, {512, 512, 16, 16, 3},  {512, 512, 16, 8, 3},   {512, 512, 64, 3, 3}};
   return all;
 }
 

@@ -1,7 +1,7 @@
-// The same convolutions by oneDNN on one CPU thread, in the memory formats it likes best; reorders do not count.
-#include <dnnl.hpp>
-
+// The same convolutions by oneDNN on one CPU thread, in the memory formats it likes best; reorders do not
+// count.
 #include <chrono>
+#include <dnnl.hpp>
 
 #include "bench.h"
 
@@ -10,20 +10,29 @@ namespace {
 
 using dnnl::memory;
 
-void convolution(benchmark::State& state, const Conv2dShape& s, memory::data_type type, dnnl::algorithm algorithm) {
+void convolution(benchmark::State& state, const Conv2dShape& s, memory::data_type type,
+                 dnnl::algorithm algorithm) {
   static dnnl::engine engine(dnnl::engine::kind::cpu, 0);
   static dnnl::stream stream(engine);
   const memory::dim h = s.height, w = s.width, pad = s.kernel / 2;
-  const auto any = [&](memory::dims dims, memory::data_type t) { return memory::desc(dims, t, memory::format_tag::any); };
+  const auto any = [&](memory::dims dims, memory::data_type t) {
+    return memory::desc(dims, t, memory::format_tag::any);
+  };
   try {
     dnnl::primitive_attr attributes;
     dnnl::post_ops relu;
     relu.append_eltwise(1, dnnl::algorithm::eltwise_relu, 0, 0);
     attributes.set_post_ops(relu);
     const dnnl::convolution_forward::primitive_desc descriptor(
-        {dnnl::prop_kind::forward_inference, algorithm, any({1, s.channels_in, h, w}, type),
-         any({s.channels_out, s.channels_in, s.kernel, s.kernel}, type), any({s.channels_out}, memory::data_type::f32),
-         any({1, s.channels_out, h, w}, type), {1, 1}, {pad, pad}, {pad, pad}},
+        {dnnl::prop_kind::forward_inference,
+         algorithm,
+         any({1, s.channels_in, h, w}, type),
+         any({s.channels_out, s.channels_in, s.kernel, s.kernel}, type),
+         any({s.channels_out}, memory::data_type::f32),
+         any({1, s.channels_out, h, w}, type),
+         {1, 1},
+         {pad, pad},
+         {pad, pad}},
         attributes, engine);
     // Zeros are as slow as anything else.
     memory source(descriptor.src_desc(), engine), weights(descriptor.weights_desc(), engine),
@@ -54,7 +63,8 @@ void register_onednn() {
   for (const Conv2dShape& shape : shapes()) {
     const auto add = [&](const char* kind, memory::data_type type, dnnl::algorithm algorithm) {
       const std::string name = "conv2d/" + name_of(shape) + "/onednn/" + kind;
-      benchmark::RegisterBenchmark(name.c_str(), [=](benchmark::State& state) { convolution(state, shape, type, algorithm); })
+      benchmark::RegisterBenchmark(
+          name.c_str(), [=](benchmark::State& state) { convolution(state, shape, type, algorithm); })
           ->UseManualTime()
           ->Unit(benchmark::kMillisecond);
     };

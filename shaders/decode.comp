@@ -5,16 +5,25 @@
 #include "params.h"
 #include "bilinear.glsl"
 #include "tensor.glsl"
+#include "memory.glsl"
 #include "transfer.glsl"
 
 layout(local_size_x = 32, local_size_y = 2) in;
+layout(std430, binding = 1) writeonly buffer Frame { float frame[]; };
+#ifdef DATA_BY_ADDRESS
+layout(push_constant) uniform Push {
+  Floats exposure;  // and its inverse
+  Values source, lrhs;
+  Decode p;
+};
+#else
 layout(push_constant) uniform Push { Decode p; };
-layout(std430, binding = 1) readonly buffer Input { STORAGE in_data[]; };
-layout(std430, binding = 2) readonly buffer Lrhs { STORAGE lrhs[]; };
-layout(std430, binding = 3) writeonly buffer Frame { float frame[]; };
-layout(std430, binding = 4) readonly buffer Exposure { float exposure, inverse_exposure; };
+layout(std430, binding = 2) readonly buffer Exposure { float v[2]; } exposure;
+layout(std430, binding = 3) readonly buffer Source { STORAGE v[]; } source;
+layout(std430, binding = 4) readonly buffer Lrhs { STORAGE v[]; } lrhs;
+#endif
 
-float lrhs_at(uint c, uint y, uint x) { return float(lrhs[address(c, y, x, p.of.lrhs_plane, p.of.lrhs_width)]); }
+float lrhs_at(uint c, uint y, uint x) { return float(lrhs.v[address(c, y, x, p.of.lrhs_plane, p.of.lrhs_width)]); }
 
 float bilinear(uint c, uint y, uint x) {
   Bilinear at = bilinear_at(uvec2(x, y), p.of.phase, p.of.inverse_scale, uvec2(p.of.lrhs_width, p.of.lrhs_height));
@@ -24,16 +33,19 @@ float bilinear(uint c, uint y, uint x) {
 
 void main() {
   uvec3 id = gl_GlobalInvocationID;
-  if (id.x >= p.of.width || id.y >= p.of.height) return;
+  // The last pixel again, rather than a branch, in which drivers for CPUs load lane by lane.
+  bool inside = id.x < p.of.width && id.y < p.of.height;
+  id.xy = min(id.xy, uvec2(p.of.width, p.of.height) - 1);
   // precise: a compiler that moved the sum into the interpolation would round in it at the sum's magnitude.
-  precise float value = float(in_data[address(id.z, id.y, id.x, p.of.plane, p.of.width)]);
+  precise float value = float(source.v[address(id.z, id.y, id.x, p.of.plane, p.of.width)]);
   if (p.bilinear_base != 0) value += bilinear(id.z, id.y, id.x);
   if (isnan(value) || isinf(value)) {
-    atomicAdd(status.not_finite, 1u);
+    if (inside) atomicAdd(status.not_finite, 1u);
     value = 0.0;
   }
   value = to_linear(value, p.of.log_transfer);
-  value = clamp(value * inverse_exposure, 0.0, 65504.0);
+  value = clamp(value * exposure.v[1], 0.0, 65504.0);
+  if (!inside) return;
   frame[p.frame.offset + id.z * p.frame.channel_stride + id.y * p.frame.row_stride + id.x * p.frame.pixel_stride] =
       value;
 }

@@ -1,37 +1,41 @@
 // From a frame's image (scene linear floats) to the network's input. NaN becomes 0; infinities meet the clamps.
-// One invocation for each element; z is the channel, whose kind the table gives.
+// One invocation for each element; z is the channel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
 #include "tensor.glsl"
+#include "memory.glsl"
 #include "transfer.glsl"
 
 layout(local_size_x = 32, local_size_y = 2) in;
+layout(std430, binding = 1) readonly buffer Frame { float frame[]; };
+#ifdef DATA_BY_ADDRESS
+layout(push_constant) uniform Push {
+  Floats exposure;
+  Values target;
+  Encode p;
+};
+#else
 layout(push_constant) uniform Push { Encode p; };
-layout(std430, binding = 1) readonly buffer Kinds { uint kinds[]; };
-layout(std430, binding = 2) readonly buffer Frame { float frame[]; };
-layout(std430, binding = 3) writeonly buffer Output { STORAGE out_data[]; };
-layout(std430, binding = 4) readonly buffer Exposure { float exposure; };
-
-// Comparisons rather than min and max, whose result for NaN is undefined in GLSL.
-float clamp_finite(float value, float low, float high) {
-  if (!(value >= low)) return isnan(value) ? 0.0 : low;
-  return value > high ? high : value;
-}
+layout(std430, binding = 2) readonly buffer Exposure { float v[2]; } exposure;
+layout(std430, binding = 3) writeonly buffer Target { STORAGE v[]; } target;
+#endif
 
 void main() {
   uvec3 id = gl_GlobalInvocationID;
-  if (id.x >= p.width || id.y >= p.height) return;
-  uint at = p.frame.offset + id.z * p.frame.channel_stride + id.y * p.frame.row_stride + id.x * p.frame.pixel_stride;
-  float value = frame[at];
-  uint kind = kinds[id.z];
-  if (kind == RAYMELD_ALBEDO) {
-    value = clamp_finite(value, 0.0, 1.0);
-  } else if (kind == RAYMELD_NORMAL) {
-    value = clamp_finite(value, -1.0, 1.0);
-  } else {
-    value *= kind == RAYMELD_VARIANCE ? exposure * exposure : exposure;
-    value = to_network(clamp_finite(value, 0.0, p.clip), p.log_transfer);
-  }
-  out_data[address(id.z, id.y, id.x, p.plane, p.width)] = STORAGE(storable(value));
+  // Selections rather than branches, in which drivers for CPUs load lane by lane.
+  bool inside = id.x < p.width && id.y < p.height;
+  uint at = p.frame.offset + id.z * p.frame.channel_stride + min(id.y, p.height - 1) * p.frame.row_stride +
+            min(id.x, p.width - 1) * p.frame.pixel_stride;
+  uint kind = p.kinds[id.z / RAYMELD_KINDS_OF_WORD] >> id.z % RAYMELD_KINDS_OF_WORD * 2 & 3;
+  bool light = kind == RAYMELD_RADIANCE || kind == RAYMELD_VARIANCE;
+  float low = kind == RAYMELD_NORMAL ? -1.0 : 0.0, high = light ? p.clip : 1.0;
+  float factor = exposure.v[0];
+  float value = frame[at] * (light ? factor * (kind == RAYMELD_VARIANCE ? factor : 1.0) : 1.0);
+  // Comparisons rather than min and max, whose result for NaN is undefined in GLSL.
+  value = isnan(value) ? 0.0 : value;
+  value = value >= low ? value : low;
+  value = value > high ? high : value;
+  if (p.log_transfer != 0) value = light ? to_network(value, 1) : value;
+  if (inside) target.v[address(id.z, id.y, id.x, p.plane, p.width)] = STORAGE(storable(value));
 }

@@ -84,6 +84,7 @@ struct Encode {
   uint plane;
   uint log_transfer;  // 0: linear
   float clip;
+  uint kinds[4];  // of each channel, in two bits
 };
 
 // Of the LRHS size; plane_large and scale of the full one.
@@ -151,7 +152,8 @@ struct Decode {
 #define RAYMELD_FIREFLY 20.0
 #define RAYMELD_FIREFLY_FLOOR 1e-3
 
-// How an input channel is encoded.
+// How an input channel is encoded; words hold several of these.
+#define RAYMELD_KINDS_OF_WORD 16
 #define RAYMELD_RADIANCE 0  // times the exposure, clamped to [0, clip], then the transfer function
 #define RAYMELD_ALBEDO 1    // clamped to [0, 1]
 #define RAYMELD_NORMAL 2    // clamped to [-1, 1]

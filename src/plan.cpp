@@ -60,7 +60,7 @@ Storage storage_for(Precision precision, const DeviceInfo& device) {
   return half ? Storage::kFloat16 : Storage::kFloat32;
 }
 
-float lrhs_phase(bool centered, uint32_t scale) {
+float lrhs_phase(bool centered, uint32_t scale) noexcept {
   return centered ? (static_cast<float>(scale) - 1.0f) / 2.0f : 0.0f;
 }
 

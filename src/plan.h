@@ -15,7 +15,7 @@ Storage storage_for(Precision precision, const DeviceInfo& device);
 
 // Where LRHS samples lie in their s x s cell, in full-size pixels: 0 for nearest-neighbour degradation (the
 // top-left pixel), (s - 1) / 2 for a real low-resolution render.
-float lrhs_phase(bool centered, uint32_t scale);
+float lrhs_phase(bool centered, uint32_t scale) noexcept;
 
 struct FuserOptions {
   Storage storage = Storage::kFloat32;

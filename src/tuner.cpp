@@ -65,7 +65,7 @@ double flop_of(const Conv2dShape& s) {
 double distance(const Conv2dShape& a, const Conv2dShape& b) {
   const auto ratio = [](double x, double y) { return std::abs(std::log(x / y)); };
   return 4 * ratio(a.channels_out, b.channels_out) + 4 * ratio(a.channels_in, b.channels_in) +
-         ratio(double(a.height) * a.width, double(b.height) * b.width);
+         ratio(double(a.height) * a.width, double(b.height) * b.width) + (a.most_tile != b.most_tile);
 }
 
 using Json = nlohmann::json;
@@ -178,7 +178,7 @@ Kernels default_kernels(const DeviceInfo& device) {
 }
 
 Kernels Tuning::kernels(const DeviceInfo& device) const {
-  if (entries.empty() || (addressed && !device.buffer_device_address)) return default_kernels(device);
+  if (entries.empty() || !device.buffer_device_address) return default_kernels(device);
   const auto choose = [entries = entries,
                        fallback = default_kernels(device).conv2d](const Conv2dShape& shape) {
     const auto exact = entries.find(shape);

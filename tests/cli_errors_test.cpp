@@ -218,7 +218,8 @@ TEST_F(CliErrors, NoVulkanLoader) {
 TEST_F(CliErrors, InterruptedInTheMiddle) {
   write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 128, 128, 1));
   write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 512, 512, 2));
-  std::vector<std::string> arguments = fuse({"--max-memory", "1", "--kernels", "direct", "--preview", "preview.png"});
+  std::vector<std::string> arguments =
+      fuse({"--max-memory", "1", "--kernels", "direct", "--preview", "preview.png"});
   arguments.insert(arguments.begin(), RAYMELD_PROGRAM);
   for (int signal : {SIGINT, SIGTERM}) {
     check(run_process(arguments, {.directory = folder_.path(),

@@ -24,10 +24,12 @@ class NetworkTest : public GpuTest {};
 
 // The reference's name of what a pass wrote: residuals and shuffles are part of its layers. Empty: only an
 // intermediate of one.
-std::string reference_name(const std::string& pass, const reference::Architecture& a) {
+std::string reference_name(const std::string& pass, const Graph& graph, const reference::Architecture& a) {
   if (pass.ends_with(".space_to_depth") || pass == "decode") return {};
-  if (pass.starts_with("up."))
-    return pass.ends_with(".pixel_shuffle") ? pass.substr(0, pass.find('.', 3)) : "";
+  if (pass.ends_with(".pixel_shuffle")) return pass.substr(0, pass.find('.', 3));
+  for (const Pass* layer : graph.layers()) {
+    if (layer->name == pass + ".pixel_shuffle") return {};
+  }
   for (int g = 0; g < a.groups; ++g) {
     if (pass != fmt::format("groups.{}.blocks.{}.merge", g, a.blocks - 1)) continue;
     return g + 1 == a.groups ? "trunk" : fmt::format("groups.{}", g);
@@ -42,23 +44,26 @@ struct DeviceRun {
 };
 
 DeviceRun run_on_gpu(const std::filesystem::path& file, const reference::Architecture& architecture,
-                     const Planes& lrhs, const Planes& hrls, float phase, Precision precision,
-                     float exposure) {
+                     const Planes& lrhs, const Planes& hrls, float phase, Precision precision, float exposure,
+                     const Kernels& kernels = {}) {
   const Model model(file);
-  Fuser fuser(
-      gpu(), model, uint32_t(lrhs.h), uint32_t(lrhs.w),
-      {.storage = storage_of(precision), .phase = phase, .exposure = exposure, .keep_activations = true},
-      shared_cache_folder());
+  Fuser fuser(gpu(), model, uint32_t(lrhs.h), uint32_t(lrhs.w),
+              {.storage = storage_of(precision),
+               .kernels = kernels,
+               .phase = phase,
+               .exposure = exposure,
+               .keep_activations = true},
+              shared_cache_folder());
   Image fused;
   DeviceRun run;
   run.report = fuser.fuse(image_of(lrhs), image_of(hrls), fused);
   run.output = planes_of(fused);
-  for (const Pass& pass : fuser.graph().passes()) {
-    const std::string name = reference_name(pass.name, architecture);
+  for (const Pass* layer : fuser.graph().layers()) {
+    const std::string name = reference_name(layer->name, fuser.graph(), architecture);
     if (name.empty()) continue;
-    const Shape& shape = pass.output()->shape;
+    const Shape& shape = layer->output()->shape;
     run.layers[name] = planes(int(shape.channels), int(shape.height), int(shape.width),
-                              fuser.program().read(*pass.output()));
+                              fuser.program().read(*layer->output()));
   }
   return run;
 }
@@ -66,19 +71,19 @@ DeviceRun run_on_gpu(const std::filesystem::path& file, const reference::Archite
 // Each layer against the reference fed with the device's own values, then the whole with bounds carried
 // through all layers.
 void check_against_reference(const std::filesystem::path& file, const Subject& subject, float phase,
-                             Precision precision, float exposure) {
+                             Precision precision, float exposure, const Kernels& kernels = {}, int tile = 0) {
   const DeviceRun run =
-      run_on_gpu(file, subject.architecture, subject.lrhs, subject.hrls, phase, precision, exposure);
+      run_on_gpu(file, subject.architecture, subject.lrhs, subject.hrls, phase, precision, exposure, kernels);
   reference::Weights weights;
   for (const auto& [name, conv] : subject.weights) weights[name] = round_to(conv, precision);
   const Outputs layers = reference::network(subject.architecture, weights, subject.lrhs, subject.hrls, phase,
-                                            precision, run.layers, exposure);
+                                            precision, run.layers, exposure, tile);
   for (const auto& [name, device] : run.layers) {
     EXPECT_TRUE(within_bounds(fmt::format("{} {}", name, name_of(precision)), device, layers.at(name)));
   }
   EXPECT_TRUE(within_bounds("output " + name_of(precision), run.output, layers.at("output")));
   const Outputs carried = reference::network(subject.architecture, weights, subject.lrhs, subject.hrls, phase,
-                                             precision, {}, exposure);
+                                             precision, {}, exposure, tile);
   EXPECT_TRUE(within_bounds("carried " + name_of(precision), run.output, carried.at("output")));
   EXPECT_EQ(run.report.status.saturated, 0u);
 }
@@ -92,6 +97,29 @@ TEST_F(NetworkTest, GoldenNetworksLayerByLayer) {
         SCOPED_TRACE(fmt::format("{} {} phase {}", name, name_of(precision), phase));
         check_against_reference(golden_model_path(name), subject, phase, precision, float(golden.exposure));
       }
+    }
+  }
+}
+
+// By every tile, activations in buffers and by address. The golden networks have few channels, so that parts
+// and bands are small, to have several.
+TEST_F(NetworkTest, GoldenNetworksByMinimalFiltering) {
+  if (!gpu().info().buffer_device_address) GTEST_SKIP() << "the device has no buffer addresses";
+  for (const std::string& name : golden_names()) {
+    const Golden golden = load_golden(name);
+    const Subject subject{golden.architecture, golden.weights, golden.lrhs, golden.hrls};
+    for (const auto& [tile, addressed, precision] : {std::tuple(2u, false, Precision::kFp32),
+                                                     {4u, true, Precision::kFp32},
+                                                     {4u, true, Precision::kFp16}}) {
+      SCOPED_TRACE(
+          fmt::format("{} F({}, 3) {}{}", name, tile, name_of(precision), addressed ? " by address" : ""));
+      const Kernels kernels{
+          .addressed = addressed, .conv2d = [tile = tile](const Conv2dShape& shape) {
+            return Conv2dKernel{
+                .tile = shape.kernel == 1 ? 1 : tile, .outputs = 8, .channels = 8, .band = 64};
+          }};
+      check_against_reference(golden_model_path(name), subject, 0, precision, float(golden.exposure), kernels,
+                              int(tile));
     }
   }
 }

@@ -140,15 +140,16 @@ Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precisio
   expect(conv.in == x.value.c, "conv2d: the input has another number of channels");
   expect(conv.weight.size() == size_t(conv.out) * conv.in * conv.kernel * conv.kernel, "conv2d: weights");
   expect(conv.bias.size() == size_t(conv.out), "conv2d: bias");
-  const int n = tile > 1 ? conv.in + 1 + kFilteringRoundings : conv.in * conv.kernel * conv.kernel + 1;
-  const Planes magnitudes = tile > 1 ? filtered_magnitudes(x, conv, tile) : Planes();
+  const bool filtered = tile > 1 && conv.kernel == 3;
+  const int n = filtered ? conv.in + 1 + kFilteringRoundings : conv.in * conv.kernel * conv.kernel + 1;
+  const Planes magnitudes = filtered ? filtered_magnitudes(x, conv, tile) : Planes();
   Bounded result = exact(Planes(conv.out, x.value.h, x.value.w));
   for (const Bounded* residual : residuals) expect_same_shape(residual->value, result.value);
   for (int o = 0; o < conv.out; ++o) {
     for (int y = 0; y < x.value.h; ++y) {
       for (int column = 0; column < x.value.w; ++column) {
         const Sum sum = convolve_at(x, conv, o, y, column);
-        const double magnitude = tile > 1 ? magnitudes.at(o, y, column) : sum.magnitude;
+        const double magnitude = filtered ? magnitudes.at(o, y, column) : sum.magnitude;
         double value = sum.value, bound = sum.input_error + gamma(n) * magnitude + n * kFlush;
         if (relu) relu_in_place(value, bound);
         for (const Bounded* residual : residuals) {

@@ -14,12 +14,13 @@ void dump_layers(const fs::path& folder, Fuser& fuser, const Image& fused, Stage
     });
   };
   staged.add_folder(folder);
-  for (const Pass& pass : fuser.graph().passes()) {
+  for (const Pass* layer : fuser.graph().layers()) {
     check_interrupted();
-    if (const Tensor* output = pass.output()) {
-      write(pass.name, fuser.program().read(*output), output->shape);
+    if (const Tensor* output = layer->output()) {
+      write(layer->name, fuser.program().read(*output), output->shape);
     } else {
-      write(pass.name, fused.data, {uint32_t(fused.height), uint32_t(fused.width), uint32_t(fused.channels)});
+      write(layer->name, fused.data,
+            {uint32_t(fused.height), uint32_t(fused.width), uint32_t(fused.channels)});
     }
   }
 }

@@ -34,8 +34,8 @@ size_t Pass::address_count() const {
 }
 
 const Tensor* Pass::output() const {
-  for (const Binding& binding : bindings) {
-    if (binding.kind == Binding::Kind::kTensor && binding.access == Access::kWrite) return &binding.tensor;
+  for (auto binding = bindings.rbegin(); binding != bindings.rend(); ++binding) {
+    if (binding->kind == Binding::Kind::kTensor && binding->access == Access::kWrite) return &binding->tensor;
   }
   return nullptr;
 }
@@ -143,6 +143,15 @@ uint64_t Graph::largest_binding_bytes() const {
     }
   }
   return largest;
+}
+
+std::vector<const Pass*> Graph::layers() const {
+  std::vector<const Pass*> last;
+  for (const Pass& pass : passes_) {
+    if (!last.empty() && last.back()->name == pass.name) last.pop_back();
+    last.push_back(&pass);
+  }
+  return last;
 }
 
 std::array<uint32_t, 3> Graph::most_groups() const {

@@ -41,7 +41,7 @@ struct Binding {
   Tensor tensor = {};                 // kTensor
   uint32_t constant = 0;              // kConstant: index of the graph's constant
   FrameSlot slot = FrameSlot::kLrhs;  // kFrame
-  // kTensor, kConstant: the shader reads its address in the push constants, and there is no descriptor.
+  // The shader reads its address in the push constants, and there is no descriptor. Not for kFrame.
   bool by_address = false;
 };
 
@@ -76,7 +76,7 @@ struct Pass {
   size_t address_count() const;
   // The frame image this pass reads or writes, if any.
   const Binding* frame() const;
-  // The tensor this pass writes, if any.
+  // The tensor this pass writes, if any; the last of its bindings where it writes scratch as well.
   const Tensor* output() const;
 };
 
@@ -135,6 +135,9 @@ class Graph {
   uint64_t constant_bytes() const { return constant_bytes_; }
   // The largest range that one binding of a tensor or constant spans.
   uint64_t largest_binding_bytes() const;
+
+  // The last pass of each layer: a layer's passes follow each other and have its name.
+  std::vector<const Pass*> layers() const;
 
   // The most workgroups that a dispatch has along x, y and z.
   std::array<uint32_t, 3> most_groups() const;

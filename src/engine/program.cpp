@@ -160,10 +160,18 @@ void Program::create_sets(uint32_t sets) {
   }
 }
 
-VkDeviceAddress Program::address_of(const Binding& binding) const {
-  return binding.kind == Binding::Kind::kTensor
-             ? activations_.address() + graph_.offset_bytes(binding.tensor)
-             : constants_.address() + graph_.constants()[binding.constant].offset_bytes;
+VkDeviceAddress Program::address_of(const Binding& binding, uint32_t set) const {
+  switch (binding.kind) {
+    case Binding::Kind::kTensor:
+      return activations_.address() + graph_.offset_bytes(binding.tensor);
+    case Binding::Kind::kConstant:
+      return constants_.address() + graph_.constants()[binding.constant].offset_bytes;
+    case Binding::Kind::kExposure:
+      return exposures_.address() + set * kExposureStrideBytes;
+    case Binding::Kind::kFrame:
+      break;
+  }
+  throw Error("a frame image has no address");
 }
 
 VkDescriptorBufferInfo Program::buffer_info(const Binding& binding, uint32_t set,
@@ -260,12 +268,12 @@ void Program::record(VkCommandBuffer commands, uint32_t set, size_t first, size_
     size_t next = 0;
     for (const Binding& binding : pass.bindings) {
       if (!binding.by_address) continue;
-      const VkDeviceAddress address = address_of(binding);
+      const VkDeviceAddress address = address_of(binding, set);
       std::memcpy(push.data() + next, &address, sizeof(address));
       next += sizeof(address);
     }
     // The frame's view is the first member of the parameters of every pass that touches a frame image.
-    if (pass.frame()) std::memcpy(push.data(), views_[set][i].data(), sizeof(views_[set][i]));
+    if (pass.frame()) std::memcpy(push.data() + next, views_[set][i].data(), sizeof(views_[set][i]));
     vk.CmdPushConstants(commands, kernel.layout(), VK_SHADER_STAGE_COMPUTE_BIT, 0, pass.push_bytes,
                         push.data());
     dispatch(commands, pass);

@@ -67,7 +67,7 @@ class Program {
   void create_sets(uint32_t sets);
   // Of descriptor set `set`; `frame` is null where the pass touches no frame image.
   void write_set(uint32_t set, size_t index, const FrameBindings* frame) const;
-  VkDeviceAddress address_of(const Binding& binding) const;
+  VkDeviceAddress address_of(const Binding& binding, uint32_t set) const;
   VkDescriptorBufferInfo buffer_info(const Binding& binding, uint32_t set, const FrameBindings* frame) const;
   void dispatch(VkCommandBuffer commands, const Pass& pass) const;
 

@@ -23,8 +23,8 @@ struct Shape {
 
 // Elements from one channel's plane to the next: planes start at multiples of 256 bytes, the largest
 // alignment Vulkan allows a device to ask of a binding's offset, so that any run of channels can be bound by
-// itself; but not at multiples of a page, where the same pixel of all channels would compete for one place of a
-// cache.
+// itself; but not at multiples of a page, where the same pixel of all channels would compete for one place of
+// a cache.
 constexpr uint64_t plane_stride(uint64_t pixels, Storage storage) {
   constexpr uint64_t kStepBytes = 256, kPageBytes = 4096;
   const uint64_t bytes = (pixels * element_bytes(storage) + kStepBytes - 1) / kStepBytes * kStepBytes;

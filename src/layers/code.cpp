@@ -1,7 +1,4 @@
 // encode and decode: between scene linear images and the network's range.
-#include <cstring>
-#include <vector>
-
 #include "layers/upsampled.h"
 
 namespace raymeld {
@@ -24,18 +21,22 @@ void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor&
     throw Error("layer {}: {} channel kinds, expected {}", name, kinds.size(), out.shape.channels);
   }
   if (!(clip > 0)) throw Error("layer {}: clip {} is not positive", name, clip);
-  const uint32_t table =
-      graph.constant(name + ".kinds", kinds.size_bytes(),
-                     [owned = std::vector(kinds.begin(), kinds.end())](std::byte* target) {
-                       std::memcpy(target, owned.data(), owned.size() * sizeof(ChannelKind));
-                     });
+  params::Encode params{
+      {}, out.shape.height, out.shape.width, plane_of(graph, out), transfer == Transfer::kLog, clip, {}};
+  if (kinds.size() > std::size(params.kinds) * RAYMELD_KINDS_OF_WORD) {
+    throw Error("layer {}: {} channels, at most {}", name, kinds.size(),
+                std::size(params.kinds) * RAYMELD_KINDS_OF_WORD);
+  }
+  for (size_t c = 0; c < kinds.size(); ++c) {
+    params.kinds[c / RAYMELD_KINDS_OF_WORD] |= static_cast<uint32_t>(kinds[c])
+                                               << c % RAYMELD_KINDS_OF_WORD * 2;
+  }
   Pass pass;
   pass.name = name;
-  pass.shader = &shaders::kEncode;
-  pass.bindings = {constant_binding(table), frame_binding(slot, Access::kRead), write_binding(out),
-                   exposure_binding()};
-  pass.set_push(params::Encode{
-      {}, out.shape.height, out.shape.width, plane_of(graph, out), transfer == Transfer::kLog, clip});
+  pass.shader = &shaders::kEncode[graph.addressed()];
+  pass.bindings = {frame_binding(slot, Access::kRead), exposure_binding(), write_binding(out)};
+  pass.bindings[1].by_address = pass.bindings[2].by_address = graph.addressed();
+  pass.set_push(params);
   pass.groups = element_groups(out.shape);
   pass.bytes = elements(out) * static_cast<double>(4 + element_bytes(graph.storage()));
   graph.add(std::move(pass));
@@ -52,9 +53,10 @@ void decode(Graph& graph, const std::string& name, const Tensor& in, const Decod
   }
   Pass pass;
   pass.name = name;
-  pass.shader = &shaders::kDecode;
-  pass.bindings = {read_binding(in), read_binding(base), frame_binding(FrameSlot::kFused, Access::kWrite),
-                   exposure_binding()};
+  pass.shader = &shaders::kDecode[graph.addressed()];
+  pass.bindings = {frame_binding(FrameSlot::kFused, Access::kWrite), exposure_binding(), read_binding(in),
+                   read_binding(base)};
+  for (size_t i = 1; i < pass.bindings.size(); ++i) pass.bindings[i].by_address = graph.addressed();
   pass.set_push(params::Decode{{},
                                upsampled(graph, in, base, options.transfer, options.scale, options.phase),
                                options.base != nullptr});

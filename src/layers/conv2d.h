@@ -29,8 +29,8 @@ uint32_t bias_constant(Graph& graph, const Convolution& conv, uint32_t padded_co
 // `residuals[i]`, or `other` where there is none.
 Binding residual_binding(const Convolution& conv, uint32_t i, const Tensor& other);
 
-// Input channels are summed up in parts of at most `most`: the fewest parts, or some more where these are of one size.
-// Part i is channels [i * channels / parts, (i + 1) * channels / parts).
+// Input channels are summed up in parts of at most `most`: the fewest parts, or some more where these are of
+// one size. Part i is channels [i * channels / parts, (i + 1) * channels / parts).
 uint32_t parts_of(uint32_t channels, uint32_t most);
 
 // In three steps, band by band: shaders/winograd_*.comp.

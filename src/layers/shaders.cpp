@@ -11,8 +11,8 @@ RAYMELD_SPIRV_FORMS(winograd_multiply)
 RAYMELD_SPIRV_FORMS(winograd_output)
 RAYMELD_SPIRV(space_to_depth, buffers)
 RAYMELD_SPIRV(pixel_shuffle, buffers)
-RAYMELD_SPIRV(encode, buffers)
-RAYMELD_SPIRV(decode, buffers)
+RAYMELD_SPIRV_FORMS(encode)
+RAYMELD_SPIRV_FORMS(decode)
 RAYMELD_SPIRV_FORMS(irradiance)
 RAYMELD_SPIRV_FORMS(light)
 RAYMELD_SPIRV_FORMS(joint_filter)
@@ -40,8 +40,8 @@ const Forms kWinogradMultiply RAYMELD_FORMS(winograd_multiply);
 const Forms kWinogradOutput RAYMELD_FORMS(winograd_output);
 const Shader kSpaceToDepth RAYMELD_SHADER(space_to_depth);
 const Shader kPixelShuffle RAYMELD_SHADER(pixel_shuffle);
-const Shader kEncode RAYMELD_SHADER(encode);
-const Shader kDecode RAYMELD_SHADER(decode);
+const Forms kEncode RAYMELD_FORMS(encode);
+const Forms kDecode RAYMELD_FORMS(decode);
 const Forms kIrradiance RAYMELD_FORMS(irradiance);
 const Forms kLight RAYMELD_FORMS(light);
 const Forms kJointFilter RAYMELD_FORMS(joint_filter);

@@ -16,6 +16,8 @@ extern const Forms kPointwise;
 extern const Forms kWinogradInput;
 extern const Forms kWinogradMultiply;
 extern const Forms kWinogradOutput;
+extern const Forms kEncode;
+extern const Forms kDecode;
 extern const Forms kIrradiance;
 extern const Forms kLight;
 extern const Forms kJointFilter;
@@ -23,8 +25,6 @@ extern const Forms kRelight;
 extern const Forms kMix;
 extern const Shader kSpaceToDepth;
 extern const Shader kPixelShuffle;
-extern const Shader kEncode;
-extern const Shader kDecode;
 }  // namespace shaders
 
 inline Binding read_binding(const Tensor& tensor) {

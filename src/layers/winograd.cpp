@@ -131,7 +131,8 @@ struct Steps {
     weight.by_address = true;
     Pass p = pass(shaders::kWinogradMultiply, {weight, read_binding(transformed), write_binding(products)});
     p.constants = {s.tile, end - first, s.outputs, part > 0, conv.options.how.order};
-    params::WinogradMultiply push{conv.channels_in, first, s.blocks, s.transformed_stride, s.products_stride, {}};
+    params::WinogradMultiply push{conv.channels_in,  first, s.blocks, s.transformed_stride,
+                                  s.products_stride, {}};
     for (uint32_t i = 0; i < std::size(push.digits); ++i) push.digits[i] = i;
     p.set_push(push);
     p.groups = {s.band_tiles / kMultiplyLocal, s.blocks, s.positions};

@@ -1,0 +1,182 @@
+"""Measures raymeld beside PyTorch and oneDNN and writes bench/results/NAME.csv and docs/performance.md.
+
+Everything is a child of this process, pinned to one core, one thread each, and takes turns: a round measures every
+frame by every program once, so that what the machine does meanwhile hits all alike. Figures are medians of the rounds; the
+device's peak is measured in every round, by the same driver.
+"""
+
+import argparse
+import collections
+import csv
+import json
+import os
+import pathlib
+import statistics
+import subprocess
+import sys
+import tempfile
+
+import numpy
+
+import report
+
+ROOT = pathlib.Path(__file__).parent.parent
+BENCH, PROGRAM = ROOT / "build/release/bench/raymeld_bench", ROOT / "build/release/raymeld"
+PAPER = "{scale},64,64,4,5,3"  # the network of the paper: scale,features,growth,dense_layers,blocks,groups
+
+FRAMES = ["x4-fast 256x256", "x4-fast 512x512", "x4-fast 1024x1024", "x4-fast 1920x1080", "x4-balanced 256x256",
+          "x4-balanced 512x512", "x4-full 256x256", "x4-full 512x512", "x2-fast 512x512", "x2-full 256x256", "x8-fast 512x512",
+          "x8-full 512x512"]
+
+Result = collections.namedtuple("Result", "kind name program metric value")
+
+
+def parse():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--name", default="here", help="of the results")
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--core", type=int, default=os.cpu_count() - 1, help="to pin to")
+    parser.add_argument("--frames", nargs="+", default=FRAMES, metavar="'MODEL WxH'", help="xN-full: the paper's network, untrained")
+    parser.add_argument("--no-tune", action="store_true", help="default kernels, or those tuned before")
+    parser.add_argument("--no-pytorch", action="store_true")
+    parser.add_argument("--layers", default="conv2d", help="which of raymeld_bench's benchmarks of layers")
+    parser.add_argument("--write-docs", action="store_true")
+    return parser.parse_args()
+
+
+class Bench:
+    def __init__(self, args, folder):
+        self.args, self.folder, self.results = args, folder, []
+        self.environment = os.environ | {
+            "OMP_NUM_THREADS": "1",
+            "LP_NUM_THREADS": "0",  # Mesa's driver for CPUs then works in the one thread that submits
+            "XDG_CACHE_HOME": str(folder / "cache"),
+            "MESA_SHADER_CACHE_DIR": str(folder / "mesa"),
+        }
+
+    def run(self, *command, **environment):
+        pinned = ["taskset", "-c", str(self.args.core), *map(str, command)]
+        done = subprocess.run(pinned, env=self.environment | environment, capture_output=True, text=True)
+        if done.returncode:
+            raise RuntimeError(f"{' '.join(pinned)}: {done.stderr or done.stdout}")
+        return done.stdout
+
+    def add(self, *fields):
+        self.results.append(Result(*fields))
+
+    def benchmarks(self, pattern, *options, **environment):
+        text = self.run(BENCH, f"--benchmark_filter={pattern}", "--benchmark_format=json", *options, **environment)
+        return json.loads(text)
+
+    def model_file(self, name):
+        stock = ROOT / f"models/{name}.safetensors"
+        if stock.exists():
+            return stock
+        path = self.folder / f"{name}.safetensors"
+        if not path.exists():
+            shape = PAPER.format(scale=name[1:].split("-")[0])
+            self.run(sys.executable, ROOT / "training/export.py", "--untrained", shape, "--name", name, "--out", path)
+        return path
+
+    def tune(self, frames):
+        for model, size in {model: size for model, size in frames if size != "1920x1080"}.items():
+            print("tuning", model, size, flush=True)
+            self.run(PROGRAM, "tune", "--precision", "fp32", "--model", self.model_file(model), "--size", size)
+
+    def layers(self):
+        repeated = (f"--benchmark_repetitions={self.args.rounds}", "--benchmark_enable_random_interleaving=true",
+                    "--benchmark_min_time=0.1")
+        for entry in self.benchmarks(f"peak|{self.args.layers}", *repeated)["benchmarks"]:
+            if entry["run_type"] != "iteration" or "error_message" in entry:
+                continue
+            parts = entry["run_name"].split("/manual_time")[0].split("/")
+            name, program = ("peak", "raymeld") if parts == ["peak"] else ("/".join(parts[1:4]), " ".join(parts[4:]))
+            self.add("layer", name, program, "time_ms", entry["real_time"])
+            self.add("layer", name, program, "gflop_per_s", entry["FLOP/s"] * 1e-9)
+
+    def frame_inputs(self, model, size):
+        folder = self.folder / f"{model}-{size}"
+        if not folder.exists():
+            folder.mkdir()
+            width, height = map(int, size.split("x"))
+            scale = int(model[1:].split("-")[0])
+            layers = len(report.metadata(self.model_file(model))["hrls_layers"].split(","))
+            generator = numpy.random.default_rng(1)
+            smooth = numpy.linspace(0.2, 1.0, width, dtype=numpy.float32)
+            hrls = smooth * generator.random((3 * layers, height, width), dtype=numpy.float32)
+            hrls.tofile(folder / "hrls.raw")
+            numpy.ascontiguousarray(hrls[:3, ::scale, ::scale]).tofile(folder / "lrhs.raw")
+        return folder
+
+    def raymeld_frame(self, model, size, precision, **environment):
+        folder = self.frame_inputs(model, size)
+        done = self.benchmarks(
+            f"^frame/{model}/{size}/{precision}/", "--benchmark_min_time=2", RAYMELD_BENCH_MODELS=str(self.model_file(model)),
+            RAYMELD_BENCH_SIZES=size, RAYMELD_BENCH_FRAME=str(folder), **environment)
+        return done["benchmarks"][0]
+
+    def frame(self, model, size, round_number):
+        name, folder = f"{model} {size}", self.frame_inputs(model, size)
+        peak = self.benchmarks("^peak")["benchmarks"][0]["FLOP/s"]
+        self.add("frame", name, "peak", "gflop_per_s", peak * 1e-9)
+        for precision in ("fp32", "fp16"):
+            if round_number == 0 and precision == "fp32":
+                cold = self.raymeld_frame(model, size, precision, MESA_SHADER_CACHE_DIR=str(folder / "cold"))
+                self.add("frame", name, "raymeld fp32", "cold_start_s", cold["first_s"] - cold["real_time"] * 1e-3)
+            entry = self.raymeld_frame(model, size, precision)
+            program = f"raymeld {precision}"
+            self.add("frame", name, program, "time_ms", entry["real_time"])
+            self.add("frame", name, program, "gflop_per_s", entry["FLOP/s"] * 1e-9)
+            self.add("frame", name, program, "share_of_peak", entry["FLOP/s"] / peak)
+            self.add("frame", name, program, "warm_start_s", entry["first_s"] - entry["real_time"] * 1e-3)
+            for metric in ("host_share", "device_bytes", "rss_bytes", "tiles"):
+                self.add("frame", name, program, metric, entry[metric])
+            (folder / "fused.raw").replace(folder / f"{precision}.raw")
+        if self.args.no_pytorch:
+            return
+        for precision in ("fp32", "bf16"):
+            said = self.run(sys.executable, ROOT / "bench/pytorch_frame.py", self.model_file(model), size, precision, folder)
+            self.add("frame", name, f"PyTorch {precision}", "time_ms", json.loads(said)["time_s"] * 1e3)
+            if precision == "fp32" and round_number == 0:
+                expected = numpy.fromfile(folder / "pytorch.raw", dtype=numpy.float32)
+                for own in ("fp32", "fp16"):
+                    off = numpy.abs(numpy.fromfile(folder / f"{own}.raw", dtype=numpy.float32) - expected)
+                    self.add("frame", name, f"raymeld {own}", "largest_error", float((off / (1 + expected)).max()))
+
+
+def medians(results):
+    """One result for each of what was measured, in the order of the first."""
+    values = collections.defaultdict(list)
+    for result in results:
+        values[result[:4]].append(result.value)
+    return [Result(*key, statistics.median(all_of_it)) for key, all_of_it in values.items()]
+
+
+def main():
+    args = parse()
+    frames = [tuple(frame.split()) for frame in args.frames]
+    with tempfile.TemporaryDirectory() as folder:
+        bench = Bench(args, pathlib.Path(folder))
+        device = json.loads(bench.run(PROGRAM, "devices", "--json"))["devices"][0]
+        if not args.no_tune:
+            bench.tune(frames)
+        print("layers", flush=True)
+        bench.layers()
+        for round_number in range(args.rounds):
+            for model, size in frames:
+                print(f"round {round_number + 1}: {model} {size}", flush=True)
+                bench.frame(model, size, round_number)
+    results = [Result("device", "device", "", key, device[key]) for key in ("name", "driver")] + medians(bench.results)
+    target = ROOT / f"bench/results/{args.name}.csv"
+    target.parent.mkdir(exist_ok=True)
+    with target.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(Result._fields)
+        writer.writerows(r._replace(value=f"{r.value:.6g}" if isinstance(r.value, float) else r.value) for r in results)
+    print("wrote", target.relative_to(ROOT))
+    if args.write_docs:
+        report.write(target, ROOT / "docs")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,58 @@
+"""Times whole frames in PyTorch, of the same weights and inputs as raymeld_bench; prints one JSON object.
+
+pytorch_frame.py MODEL WIDTHxHEIGHT fp32|bf16 FOLDER: FOLDER holds lrhs.raw and hrls.raw, planar floats; the last output is
+written to FOLDER/pytorch.raw.
+"""
+
+import json
+import pathlib
+import statistics
+import sys
+import time
+
+import numpy
+import torch
+
+sys.path.insert(0, str(pathlib.Path(__file__).parent.parent / "training"))
+
+import model as networks
+from evaluation.agreement import load
+
+SECONDS, FRAMES = 3.0, 3  # at least, of each measurement
+
+
+@torch.no_grad()
+def main(path, size, precision, folder):
+    torch.set_num_threads(1)
+    width, height = map(int, size.split("x"))
+    network = load(path).to(memory_format=torch.channels_last)
+    scale, layers = network.config.scale, len(network.config.hrls_layers)
+
+    def image(name, channels, h, w):
+        values = numpy.fromfile(folder / f"{name}.raw", dtype=numpy.float32)
+        return torch.from_numpy(values).reshape(1, channels, h, w)
+
+    lrhs = image("lrhs", 3, height // scale, width // scale)
+    hrls = image("hrls", 3 * layers, height, width)
+    exposure = networks.exposure(lrhs, network.config)
+    gains = torch.ones(1, 3 * layers, 1, 1)
+    for i, name in enumerate(network.config.hrls_layers):
+        gains[:, 3 * i : 3 * i + 3] = {"albedo": 1, "normal": 1, "variance": exposure**2}.get(name, exposure)
+    lrhs, hrls = lrhs * exposure, hrls * gains
+
+    def frame():
+        with torch.autocast("cpu", torch.bfloat16, enabled=precision == "bf16"):
+            return networks.predict(network, lrhs, hrls)[1].float() / exposure
+
+    fused = frame()
+    times = []
+    while len(times) < FRAMES or sum(times) < SECONDS:
+        start = time.perf_counter()
+        frame()
+        times.append(time.perf_counter() - start)
+    fused.clamp(0, 65504).numpy().tofile(folder / "pytorch.raw")
+    print(json.dumps({"time_s": statistics.median(times)}))
+
+
+if __name__ == "__main__":
+    main(pathlib.Path(sys.argv[1]), sys.argv[2], sys.argv[3], pathlib.Path(sys.argv[4]))

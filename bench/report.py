@@ -1,0 +1,206 @@
+"""Turns bench/results/NAME.csv into docs/performance.md and its plots."""
+
+import collections
+import csv
+import json
+import struct
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+COLOURS = {"raymeld fp32": "#c0392b", "raymeld fp16": "#e59866", "PyTorch fp32": "#2471a3", "PyTorch bf16": "#85c1e9"}
+
+
+def metadata(path):
+    """Of a safetensors file."""
+    with open(path, "rb") as file:
+        size = struct.unpack("<Q", file.read(8))[0]
+        return json.loads(file.read(size))["__metadata__"]
+
+
+class Results:
+    def __init__(self, path):
+        self.values = {}
+        with open(path, newline="") as file:
+            for row in csv.DictReader(file):
+                self.values[row["kind"], row["name"], row["program"], row["metric"]] = row["value"]
+
+    def get(self, kind, name, program, metric):
+        value = self.values.get((kind, name, program, metric))
+        return None if value is None else float(value)
+
+    def names(self, kind):
+        return list(dict.fromkeys(key[1] for key in self.values if key[0] == kind))
+
+    def programs(self, kind, name):
+        return list(dict.fromkeys(key[2] for key in self.values if key[:2] == (kind, name)))
+
+
+def table(head, rows):
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows]) + "\n"
+
+
+def number(value, form="{:.1f}"):
+    return "" if value is None else form.format(value)
+
+
+def layer_rows(results):
+    peak = results.get("layer", "peak", "raymeld", "gflop_per_s")
+    rows = []
+    for name in results.names("layer"):
+        if name == "peak":
+            continue
+        for program in results.programs("layer", name):
+            rate = results.get("layer", name, program, "gflop_per_s")
+            rows.append([name.replace("/", " "), program, number(results.get("layer", name, program, "time_ms"), "{:.2f}"),
+                         number(rate), number(100 * rate / peak, "{:.0f} %")])
+    return rows
+
+
+def frame_rows(results):
+    rows = []
+    for name in results.names("frame"):
+        get = lambda program, metric, name=name: results.get("frame", name, program, metric)
+        pytorch, own = get("PyTorch fp32", "time_ms"), get("raymeld fp32", "time_ms")
+        rows.append([name, number(own), number(get("raymeld fp32", "gflop_per_s")),
+                     number(100 * get("raymeld fp32", "share_of_peak"), "{:.0f} %"), number(get("raymeld fp16", "time_ms")),
+                     number(pytorch), number(get("PyTorch bf16", "time_ms")),
+                     number(own / pytorch if pytorch else None, "{:.2f}"), number(get("raymeld fp32", "largest_error"), "{:.1e}"),
+                     number(get("raymeld fp16", "largest_error"), "{:.1e}")])
+    return rows
+
+
+def memory_rows(results):
+    rows = []
+    for name in results.names("frame"):
+        get = lambda program, metric, name=name: results.get("frame", name, program, metric)
+        rows.append([name, number(get("raymeld fp32", "device_bytes") / 2**20, "{:.0f}"),
+                     number(get("raymeld fp16", "device_bytes") / 2**20, "{:.0f}"),
+                     number(get("raymeld fp32", "rss_bytes") / 2**20, "{:.0f}"),
+                     number(get("raymeld fp32", "cold_start_s"), "{:.2f}"), number(get("raymeld fp32", "warm_start_s"), "{:.2f}"),
+                     number(100 * get("raymeld fp32", "host_share"), "{:.2f} %")])
+    return rows
+
+
+def plot_layers(results, path):
+    names = [name for name in results.names("layer") if name != "peak"]
+    peak = results.get("layer", "peak", "raymeld", "gflop_per_s")
+    kinds = collections.OrderedDict()
+    for name in names:
+        for program in results.programs("layer", name):
+            if "bf16" not in program and "fp16" not in program:
+                kinds.setdefault(program, None)
+    figure, axes = plt.subplots(figsize=(9, 0.9 * len(names) + 1))
+    height = 0.8 / len(kinds)
+    for i, kind in enumerate(kinds):
+        shares = [100 * (results.get("layer", name, kind, "gflop_per_s") or 0) / peak for name in names]
+        axes.barh([y + i * height for y in range(len(names))], shares, height, label=kind)
+    axes.set_yticks([y + 0.4 for y in range(len(names))], [name.replace("/", " ") for name in names])
+    axes.axvline(100, color="black", linewidth=0.8)
+    axes.invert_yaxis()
+    axes.set_xlabel("effective share of the driver's multiply-add peak, %")
+    axes.legend()
+    figure.tight_layout()
+    figure.savefig(path)
+
+
+def plot_growth(results, path):
+    """Time and memory against pixels, of the models that were measured at several sizes."""
+    by_model = collections.defaultdict(list)
+    for name in results.names("frame"):
+        model, size = name.split()
+        width, height = map(int, size.split("x"))
+        by_model[model].append((width * height / 1e6, name))
+    figure, (times, memory) = plt.subplots(1, 2, figsize=(10, 4))
+    for model, frames in by_model.items():
+        if len(frames) < 2:
+            continue
+        frames.sort()
+        pixels = [x for x, _ in frames]
+        times.plot(pixels, [results.get("frame", n, "raymeld fp32", "time_ms") for _, n in frames], "o-", label=model)
+        if all(results.get("frame", n, "PyTorch fp32", "time_ms") for _, n in frames):
+            times.plot(pixels, [results.get("frame", n, "PyTorch fp32", "time_ms") for _, n in frames], "x:", color=times.lines[-1].get_color(),
+                       label=f"{model}, PyTorch fp32")
+        memory.plot(pixels, [results.get("frame", n, "raymeld fp32", "device_bytes") / 2**20 for _, n in frames], "o-", label=model)
+    for axes, label in ((times, "ms a frame"), (memory, "MiB on the device")):
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_xlabel("megapixels")
+        axes.set_ylabel(label)
+        axes.grid(True, which="both", alpha=0.3)
+    times.legend(fontsize=7)
+    figure.tight_layout()
+    figure.savefig(path)
+
+
+def plot_frames(results, path):
+    names = results.names("frame")
+    figure, axes = plt.subplots(figsize=(9, 0.5 * len(names) + 1))
+    height = 0.8 / len(COLOURS)
+    for i, (program, colour) in enumerate(COLOURS.items()):
+        times = [results.get("frame", name, program, "time_ms") or 0 for name in names]
+        axes.barh([y + i * height for y in range(len(names))], times, height, label=program, color=colour)
+    axes.set_yticks([y + 0.4 for y in range(len(names))], names)
+    axes.set_xscale("log")
+    axes.invert_yaxis()
+    axes.set_xlabel("ms a frame")
+    axes.legend()
+    figure.tight_layout()
+    figure.savefig(path)
+
+
+TEXT = """# Performance
+
+`scripts/bench --name {name} --write-docs` measured all of this in one go and wrote it, from `bench/results/{name}.csv`:
+{device}, {driver}. One thread, pinned to one core; every figure is the median of rounds in which all programs took turns.
+GFLOP/s count the multiplications and additions of direct convolutions, so minimal filtering (F(2,3), F(4,3), Lavin and
+Gray 2016) may pass 100 % of the peak, which is what a shader of this driver reaches with multiply-adds in registers, here
+{peak:.0f} GFLOP/s. Absolute times are those of a shared machine; the ratios are what counts.
+
+## Whole frames
+
+`xN-full` is the paper's network (C = R = 64, D = 4, B = 5, G = 3), untrained; the others are stock models. PyTorch runs the
+same weights on the same inputs, channels last; *error* is the largest difference from its fp32 output, divided by 1 + output.
+
+{frames}
+![Time of whole frames](performance-frames.svg)
+
+![Time and memory against pixels](performance-growth.svg)
+
+## Memory, start, host
+
+Memory is what raymeld allocates on the device, weights and images on their way in and out included; RSS that of the whole
+process on a CPU driver, its inputs and compiler included. Start is from the model's file to the first frame, less
+the frame itself: *cold* with empty caches, when drivers compile, *warm* with them filled. Host is the share of a frame that is not
+spent waiting for the device.
+
+{memory}
+## Single convolutions
+
+Height x width, input and output channels; *direct* is the portable kernel, the others are chosen by `raymeld tune`. oneDNN runs in
+the memory format it likes best, fp32 unless said.
+
+{layers}
+![Single convolutions](performance-layers.svg)
+
+{notes}"""
+
+
+def write(csv_path, docs):
+    results = Results(csv_path)
+    plot_layers(results, docs / "performance-layers.svg")
+    plot_growth(results, docs / "performance-growth.svg")
+    plot_frames(results, docs / "performance-frames.svg")
+    frames = table(["frame", "fp32, ms", "GFLOP/s", "of the peak", "fp16, ms", "PyTorch fp32, ms", "bf16, ms", "raymeld / PyTorch, fp32",
+                    "error fp32", "fp16"], frame_rows(results))
+    memory = table(["frame", "fp32, MiB", "fp16, MiB", "RSS fp32, MiB", "cold start, s", "warm start, s", "host"], memory_rows(results))
+    layers = table(["convolution", "by", "ms", "GFLOP/s", "of the peak"], layer_rows(results))
+    notes = docs / "performance-notes.md"
+    text = TEXT.format(name=csv_path.stem, device=results.values["device", "device", "", "name"],
+                       driver=results.values["device", "device", "", "driver"],
+                       peak=results.get("layer", "peak", "raymeld", "gflop_per_s"), frames=frames, memory=memory, layers=layers,
+                       notes=notes.read_text() if notes.exists() else "")
+    (docs / "performance.md").write_text(text.rstrip() + "\n")

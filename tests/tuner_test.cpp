@@ -1,0 +1,144 @@
+#include "tuner.h"
+
+#include <gtest/gtest.h>
+
+#include <fstream>
+
+#include "gpu.h"
+#include "network.h"
+#include "subject.h"
+
+namespace raymeld::test {
+namespace {
+
+class TunerTest : public GpuTest {
+ protected:
+  TemporaryDirectory folder_;
+};
+
+constexpr Conv2dShape kSmall{16, 16, 5, 7, 3};
+constexpr Conv2dShape kSmall1x1{16, 16, 5, 7, 1};
+
+Tuning example() {
+  Tuning tuning;
+  tuning.entries[{128, 128, 64, 64, 3}] = {{.tile = 4, .outputs = 24, .band = 512}, 1.5, 30};
+  tuning.entries[{128, 128, 64, 64, 3, 2}] = {{.tile = 2, .order = 0}, 2.5, 30};
+  tuning.entries[{512, 512, 16, 8, 3}] = {{}, 3, 3};
+  tuning.entries[{128, 128, 320, 64, 1}] = {{.tile = 1, .band = 4096}, 4, 20};
+  return tuning;
+}
+
+DeviceInfo device_with_addresses() {
+  DeviceInfo info;
+  info.buffer_device_address = true;
+  return info;
+}
+
+TEST(Tuning, IsKeptInAFile) {
+  const TemporaryDirectory folder;
+  const std::filesystem::path file = folder.path() / "new" / "tuning.json";
+  Tuning tuning = example();
+  tuning.addressed = true;
+  save_tuning(file, tuning);
+  const Tuning loaded = load_tuning(file);
+  EXPECT_TRUE(loaded.addressed);
+  ASSERT_EQ(loaded.entries.size(), tuning.entries.size());
+  for (const auto& [shape, entry] : tuning.entries) {
+    EXPECT_EQ(loaded.entries.at(shape).kernel, entry.kernel);
+    EXPECT_EQ(loaded.entries.at(shape).time_ms, entry.time_ms);
+    EXPECT_EQ(loaded.entries.at(shape).direct_ms, entry.direct_ms);
+  }
+}
+
+TEST(Tuning, ADamagedFileIsNoTuning) {
+  const TemporaryDirectory folder;
+  const std::filesystem::path file = folder.path() / "tuning.json";
+  EXPECT_TRUE(load_tuning(file).entries.empty());
+  save_tuning(file, example());
+  std::ifstream stream(file);
+  const std::string good{std::istreambuf_iterator<char>(stream), {}};
+  const auto entries_of = [&](const std::string& text) {
+    std::ofstream(file) << text;
+    return load_tuning(file).entries.size();
+  };
+  const auto changed = [&](const std::string& from, const std::string& to) {
+    std::string text = good;
+    EXPECT_NE(text.find(from), std::string::npos) << from;
+    return entries_of(text.replace(text.find(from), from.size(), to));
+  };
+  EXPECT_EQ(entries_of(good), 4u);
+  for (size_t length = 0; length + 2 < good.size(); length += 7)
+    EXPECT_EQ(entries_of(good.substr(0, length)), 0u);
+  EXPECT_EQ(changed("\"format_version\": 1", "\"format_version\": 2"), 0u);
+  EXPECT_EQ(changed("\"tile\": 4", "\"tile\": 3"), 0u);
+  EXPECT_EQ(changed("\"tile\": 4", "\"tile\": \"4\""), 0u);
+  EXPECT_EQ(changed("\"outputs\": 24", "\"outputs\": 0"), 0u);
+  EXPECT_EQ(changed("\"band\": 512", "\"band\": 4000000000"), 0u);
+}
+
+TEST(Tuning, ChoosesWhatWasMeasuredOrTheMostAlike) {
+  const Conv2dChoice choose = example().kernels(device_with_addresses()).conv2d;
+  EXPECT_EQ(choose({128, 128, 64, 64, 3}).band, 512u);
+  EXPECT_EQ(choose({120, 160, 60, 64, 3}).outputs, 24u);
+  EXPECT_EQ(choose({128, 128, 60, 64, 3, 2}), (Conv2dKernel{.tile = 2, .order = 0}));
+  EXPECT_EQ(choose({500, 500, 16, 6, 3}).tile, 0u);
+  EXPECT_EQ(choose({128, 128, 3, 3, 1}).band, 4096u);
+}
+
+TEST(Tuning, NeverAsksADeviceForWhatItCannot) {
+  const Kernels plain = default_kernels(DeviceInfo{});
+  EXPECT_FALSE(plain.addressed);
+  EXPECT_EQ(plain.conv2d({128, 128, 64, 64, 3}), Conv2dKernel{});
+  Tuning tuning = example();
+  tuning.addressed = true;
+  EXPECT_EQ(tuning.kernels(DeviceInfo{}).conv2d({128, 128, 64, 64, 3}), Conv2dKernel{});
+  tuning.addressed = false;
+  EXPECT_EQ(tuning.kernels(DeviceInfo{}).conv2d({128, 128, 64, 64, 3}), Conv2dKernel{});
+}
+
+TEST_F(TunerTest, MeasuresEachShapeOnce) {
+  Tuning tuning;
+  std::vector<Conv2dShape> measured;
+  const auto note = [&](const Conv2dShape& shape, const Tuning::Entry& entry) {
+    measured.push_back(shape);
+    EXPECT_GT(entry.time_ms, 0);
+    EXPECT_LE(entry.time_ms, entry.direct_ms);
+  };
+  tune(gpu(), shared_cache(), Storage::kFloat32, {kSmall, kSmall1x1, kSmall}, tuning, note);
+  EXPECT_EQ(measured, (std::vector{kSmall, kSmall1x1}));
+  tune(gpu(), shared_cache(), Storage::kFloat32, {kSmall}, tuning, note);
+  EXPECT_EQ(measured.size(), 2u);
+  EXPECT_NE(tuning.entries.at(kSmall).kernel.tile, 1u);
+  EXPECT_LE(tuning.entries.at(kSmall1x1).kernel.tile, 1u);
+}
+
+// Of 3x3 ones and of a single one, by the formula evaluated by hand: 149.38 and 128.44 (18496 / 144).
+TEST(WinogradAmplification, IsWhatTheTransformsAbsoluteValuesLetThrough) {
+  const float bias[] = {0};
+  const std::vector<float> ones(9, 1.0f), one{0, 0, 0, 0, 1, 0, 0, 0, 0}, two(18, -2.0f);
+  EXPECT_NEAR(winograd_amplification({ones, bias}, 1), 149.38271605, 1e-6);
+  EXPECT_NEAR(winograd_amplification({one, bias}, 1), 128.44444444, 1e-6);
+  EXPECT_NEAR(winograd_amplification({two, bias}, 2), 149.38271605, 1e-6);
+  EXPECT_EQ(winograd_amplification({std::vector<float>(9, 0.0f), bias}, 1), 0);
+}
+
+// A logarithm leaves no radiance that drowns its neighbours; scene linear radiance of up to 1000 does.
+TEST_F(TunerTest, F43IsRefusedWhereItIsNotAccurateEnough) {
+  for (const auto transfer : {reference::Transfer::kLog, reference::Transfer::kLinear}) {
+    Subject subject = make_subject(small_architecture(4), 5, 7, 1);
+    subject.architecture.transfer = transfer;
+    subject.architecture.clip = 1000;
+    const std::filesystem::path path = folder_.path() / "model.safetensors";
+    write_model(path, subject.architecture, subject.weights);
+    size_t count = 0;
+    for (const Conv2dShape& shape : conv2d_shapes(Model(path), 5, 7)) {
+      if (shape.kernel == 1) continue;
+      EXPECT_EQ(shape.most_tile, transfer == reference::Transfer::kLog ? 4u : 2u);
+      ++count;
+    }
+    EXPECT_GT(count, 5u);
+  }
+}
+
+}  // namespace
+}  // namespace raymeld::test
