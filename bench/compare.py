@@ -12,13 +12,12 @@ import json
 import os
 import pathlib
 import statistics
+import struct
 import subprocess
 import sys
 import tempfile
 
 import numpy
-
-import report
 
 ROOT = pathlib.Path(__file__).parent.parent
 BENCH, PROGRAM = ROOT / "build/release/bench/raymeld_bench", ROOT / "build/release/raymeld"
@@ -27,6 +26,13 @@ PAPER = "{scale},64,64,4,5,3"  # the network of the paper: scale,features,growth
 FRAMES = ["x4-fast 256x256", "x4-fast 512x512", "x4-fast 1024x1024", "x4-fast 1920x1080", "x4-balanced 256x256",
           "x4-balanced 512x512", "x4-full 256x256", "x4-full 512x512", "x2-fast 512x512", "x2-full 256x256", "x8-fast 512x512",
           "x8-full 512x512"]
+
+def metadata(path):
+    """Of a safetensors file."""
+    with open(path, "rb") as file:
+        size = struct.unpack("<Q", file.read(8))[0]
+        return json.loads(file.read(size))["__metadata__"]
+
 
 Result = collections.namedtuple("Result", "kind name program metric value")
 
@@ -47,6 +53,7 @@ def parse():
 class Bench:
     def __init__(self, args, folder):
         self.args, self.folder, self.results = args, folder, []
+        self.on_cpu = True
         self.environment = os.environ | {
             "OMP_NUM_THREADS": "1",
             "LP_NUM_THREADS": "0",  # Mesa's driver for CPUs then works in the one thread that submits
@@ -100,7 +107,7 @@ class Bench:
             folder.mkdir()
             width, height = map(int, size.split("x"))
             scale = int(model[1:].split("-")[0])
-            layers = len(report.metadata(self.model_file(model))["hrls_layers"].split(","))
+            layers = len(metadata(self.model_file(model))["hrls_layers"].split(","))
             generator = numpy.random.default_rng(1)
             smooth = numpy.linspace(0.2, 1.0, width, dtype=numpy.float32)
             hrls = smooth * generator.random((3 * layers, height, width), dtype=numpy.float32)
@@ -134,7 +141,7 @@ class Bench:
             (folder / "fused.raw").replace(folder / f"{precision}.raw")
         if self.args.no_pytorch:
             return
-        for precision in ("fp32", "bf16"):
+        for precision in ("fp32", "bf16") if self.on_cpu else ("fp32", "fp16"):
             said = self.run(sys.executable, ROOT / "bench/pytorch_frame.py", self.model_file(model), size, precision, folder)
             self.add("frame", name, f"PyTorch {precision}", "time_ms", json.loads(said)["time_s"] * 1e3)
             if precision == "fp32" and round_number == 0:
@@ -158,6 +165,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(args, pathlib.Path(folder))
         device = json.loads(bench.run(PROGRAM, "devices", "--json"))["devices"][0]
+        bench.on_cpu = device["type"] == "CPU"
         if not args.no_tune:
             bench.tune(frames)
         print("layers", flush=True)
@@ -175,6 +183,8 @@ def main():
         writer.writerows(r._replace(value=f"{r.value:.6g}" if isinstance(r.value, float) else r.value) for r in results)
     print("wrote", target.relative_to(ROOT))
     if args.write_docs:
+        import report  # takes matplotlib
+
         report.write(target, ROOT / "docs")
 
 

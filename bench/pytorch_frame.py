@@ -1,7 +1,7 @@
 """Times whole frames in PyTorch, of the same weights and inputs as raymeld_bench; prints one JSON object.
 
-pytorch_frame.py MODEL WIDTHxHEIGHT fp32|bf16 FOLDER: FOLDER holds lrhs.raw and hrls.raw, planar floats; the last output is
-written to FOLDER/pytorch.raw.
+pytorch_frame.py MODEL WIDTHxHEIGHT fp32|bf16|fp16 FOLDER: FOLDER holds lrhs.raw and hrls.raw, planar floats; the last
+output is written to FOLDER/pytorch.raw. On one CPU thread or, where CUDA has one, on a GPU and compiled.
 """
 
 import json
@@ -24,6 +24,8 @@ SECONDS, FRAMES = 3.0, 3  # at least, of each measurement
 @torch.no_grad()
 def main(path, size, precision, folder):
     torch.set_num_threads(1)
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    dtype = torch.float16 if precision == "fp16" else torch.bfloat16
     width, height = map(int, size.split("x"))
     network = load(path).to(memory_format=torch.channels_last)
     scale, layers = network.config.scale, len(network.config.hrls_layers)
@@ -38,11 +40,15 @@ def main(path, size, precision, folder):
     gains = torch.ones(1, 3 * layers, 1, 1)
     for i, name in enumerate(network.config.hrls_layers):
         gains[:, 3 * i : 3 * i + 3] = {"albedo": 1, "normal": 1, "variance": exposure**2}.get(name, exposure)
-    lrhs, hrls = lrhs * exposure, hrls * gains
+    lrhs, hrls, network = (lrhs * exposure).to(device), (hrls * gains).to(device), network.to(device)
+    predict = torch.compile(networks.predict) if device == "cuda" else networks.predict
 
     def frame():
-        with torch.autocast("cpu", torch.bfloat16, enabled=precision == "bf16"):
-            return networks.predict(network, lrhs, hrls)[1].float() / exposure
+        with torch.autocast(device, dtype, enabled=precision != "fp32"):
+            result = predict(network, lrhs, hrls)[1].float() / exposure
+        if device == "cuda":
+            torch.cuda.synchronize()
+        return result
 
     fused = frame()
     times = []
@@ -50,7 +56,7 @@ def main(path, size, precision, folder):
         start = time.perf_counter()
         frame()
         times.append(time.perf_counter() - start)
-    fused.clamp(0, 65504).numpy().tofile(folder / "pytorch.raw")
+    fused.clamp(0, 65504).cpu().numpy().tofile(folder / "pytorch.raw")
     print(json.dumps({"time_s": statistics.median(times)}))
 
 

@@ -2,8 +2,6 @@
 
 import collections
 import csv
-import json
-import struct
 
 import matplotlib
 
@@ -11,13 +9,6 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 COLOURS = {"raymeld fp32": "#c0392b", "raymeld fp16": "#e59866", "PyTorch fp32": "#2471a3", "PyTorch bf16": "#85c1e9"}
-
-
-def metadata(path):
-    """Of a safetensors file."""
-    with open(path, "rb") as file:
-        size = struct.unpack("<Q", file.read(8))[0]
-        return json.loads(file.read(size))["__metadata__"]
 
 
 class Results:

@@ -87,13 +87,15 @@ VkDebugUtilsMessengerEXT make_messenger(const VulkanFunctions& vk, VkInstance in
 
 }  // namespace
 
-CallerDevice::CallerDevice(bool storage_16bit) : vk_(VulkanFunctions::load()) {
+CallerDevice::CallerDevice(bool storage_16bit, bool addresses) : vk_(VulkanFunctions::load()) {
   real_get_instance_proc_addr = vk_.GetInstanceProcAddr;
   external_.get_instance_proc_addr = get_instance_proc_addr;
   external_.instance = make_instance(vk_, true);
   messenger_ = make_messenger(vk_, external_.instance, messages_);
   external_.physical_device = physical_devices(vk_, external_.instance).front();
   external_.storage_16bit = storage_16bit;
+  external_.buffer_device_address =
+      addresses && describe(vk_, external_.physical_device, 0).buffer_device_address;
 
   const float priority = 1;
   auto queue = vk_struct<VkDeviceQueueCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO);
@@ -103,9 +105,21 @@ CallerDevice::CallerDevice(bool storage_16bit) : vk_(VulkanFunctions::load()) {
   auto storage = vk_struct<VkPhysicalDevice16BitStorageFeatures>(
       VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_16BIT_STORAGE_FEATURES);
   storage.storageBuffer16BitAccess = storage_16bit;
+  auto address = vk_struct<VkPhysicalDeviceBufferDeviceAddressFeatures>(
+      VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_BUFFER_DEVICE_ADDRESS_FEATURES);
+  address.bufferDeviceAddress = VK_TRUE;
+  VkPhysicalDeviceFeatures features{};
+  const char* extension = VK_KHR_BUFFER_DEVICE_ADDRESS_EXTENSION_NAME;
   auto info = vk_struct<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO, &storage);
   info.queueCreateInfoCount = 1;
   info.pQueueCreateInfos = &queue;
+  if (external_.buffer_device_address) {
+    storage.pNext = &address;
+    features.shaderInt64 = VK_TRUE;
+    info.pEnabledFeatures = &features;
+    info.enabledExtensionCount = 1;
+    info.ppEnabledExtensionNames = &extension;
+  }
   check(vk_.CreateDevice(external_.physical_device, &info, nullptr, &external_.device), "creating a device");
   vk_.load_device(external_.device);
   vk_.GetDeviceQueue(external_.device, external_.queue_family, 0, &external_.queue);

@@ -58,6 +58,9 @@ TEST_F(CliErrors, Usage) {
   expect_error({"degrade", "high.exr", "--scale", "3", "-o", "out.exr"}, {"--scale"});
   expect_error({"graph", "--model", tiny_model(), "--size", "64"}, {"--size", "'64'", "WxH"});
   expect_error({"graph", "--model", tiny_model(), "--size", "66x48"}, {"66x48", "scale 4"});
+  expect_error({"tune", "--model", tiny_model(), "--size", "66x48"}, {"66x48", "scale 4"});
+  expect_error({"tune", "--precision", "int8"}, {"--precision", "fp16"});
+  expect_error(fuse({"--kernels", "fastest"}), {"--kernels", "direct"});
   expect_error(fuse({"--map", "shine=R"}), {"shine", "albedo"});
 }
 

@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <cstring>
+#include <fstream>
 
 #include "cli_fixture.h"
 #include "io/safetensors.h"
@@ -47,7 +48,7 @@ TEST_F(Cli, HelpAndVersion) {
   EXPECT_EQ(run({"--version"}).out.substr(0, 8), "raymeld ");
   const ProcessResult help = run({"--help"});
   EXPECT_EQ(help.exit_status, 0);
-  for (const char* command : {"fuse", "devices", "compare", "degrade", "graph"}) {
+  for (const char* command : {"fuse", "devices", "compare", "degrade", "graph", "tune"}) {
     EXPECT_NE(help.out.find(command), std::string::npos);
     const ProcessResult its_help = run({command, "--help"});
     EXPECT_EQ(its_help.exit_status, 0);
@@ -401,6 +402,37 @@ TEST_F(Cli, CompareGivesThePapersMeasures) {
   const Json sanitized = run_json({"compare", "quarter.exr", "half.exr", "--json"});
   EXPECT_TRUE(sanitized.at("psnr_db").is_number());
   EXPECT_EQ(sanitized.at("warnings").at(0).at("count"), 1);
+}
+
+// In a folder of the test's own, so that nothing was measured before.
+TEST_F(Cli, TuneMeasuresOnceAndFuseReadsIt) {
+  const std::vector<std::string> tune{"tune",  "--model",     tiny_model(), "--size",
+                                      "32x32", "--precision", "fp32",       "--json"};
+  const Json first = run_json(tune), again = run_json(tune);
+  EXPECT_GE(first.at("conv2d").size(), 8u);
+  EXPECT_EQ(again, first);  // times and all
+  const std::string file = first.at("file");
+  EXPECT_EQ(file.substr(0, folder_.path().string().size()), folder_.path().string());
+  write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 8, 8, 5));
+  write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 32, 32, 6));
+  EXPECT_EQ(run(fuse({"--precision", "fp32"})).exit_status, 0);
+  const Image tuned = read("out.exr");
+  std::ofstream(file) << "{";
+  EXPECT_EQ(run(fuse({"--precision", "fp32"})).exit_status, 0);
+  const Image untuned = read("out.exr");
+  for (size_t i = 0; i < tuned.data.size(); ++i)
+    EXPECT_NEAR(tuned.data[i], untuned.data[i], 1e-3 * (1 + untuned.data[i]));
+}
+
+TEST_F(Cli, KernelsAgree) {
+  write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 9, 11, 5));
+  write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 36, 44, 6));
+  EXPECT_EQ(run(fuse({"--precision", "fp32", "--kernels", "auto"})).exit_status, 0);
+  const Image fast = read("out.exr");
+  EXPECT_EQ(run(fuse({"--precision", "fp32", "--kernels", "direct"})).exit_status, 0);
+  const Image direct = read("out.exr");
+  for (size_t i = 0; i < fast.data.size(); ++i)
+    EXPECT_NEAR(fast.data[i], direct.data[i], 1e-3 * (1 + direct.data[i]));
 }
 
 TEST_F(Cli, GraphNeedsNoDevice) {

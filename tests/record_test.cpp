@@ -177,6 +177,20 @@ TEST_F(RecordTest, A16BitDeviceMustBeAsked) {
   EXPECT_EQ(fused.width, 18);
 }
 
+TEST_F(RecordTest, AddressesMustBeEnabled) {
+  CallerDevice caller(true, false);
+  const std::unique_ptr<Device> device = Device::wrap(caller.external());
+  const Model model(file_);
+  EXPECT_ERROR(Fuser(*device, model, 6, 9, {.kernels = {.addressed = true}}, folder_.path()),
+               "buffer addresses", device->info().name);
+  std::vector<float> own(3 * 12 * 18), direct(own.size());
+  const std::vector<float> lrhs = floats(subject_.lrhs), hrls = floats(subject_.hrls);
+  Fusion(file_.string(), 6, 9, {}, caller.external()).fuse(lrhs.data(), hrls.data(), own.data());
+  Fusion(file_.string(), 6, 9, {.kernels = KernelChoice::kDirect}, caller.external())
+      .fuse(lrhs.data(), hrls.data(), direct.data());
+  EXPECT_TRUE(same_bits(own, direct));
+}
+
 TEST_F(RecordTest, IncompleteHandlesAreRefused) {
   CallerDevice caller;
   ExternalDevice incomplete = caller.external();

@@ -2,6 +2,7 @@
 
 #include <Imath/half.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 
@@ -129,6 +130,11 @@ uint32_t parts_of(uint32_t channels, uint32_t most) {
     if (channels % parts == 0) return parts;
   }
   return fewest;
+}
+
+uint32_t blocks_of(const Convolution& conv) {
+  constexpr uint32_t kMostBlocks = 64;
+  return std::min(divide_up(conv.channels_out, conv.options.how.outputs), kMostBlocks);
 }
 
 Binding residual_binding(const Convolution& conv, uint32_t i, const Tensor& other) {

@@ -28,8 +28,7 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
     throw Error("layer {}: a shuffled 1x1", conv.name);
   const auto pixels = static_cast<uint32_t>(conv.out.shape.pixels());
   const uint32_t band = std::clamp(how.band / kLocal, 1u, divide_up(pixels, kLocal)) * kLocal;
-  const uint32_t blocks = divide_up(conv.channels_out, how.outputs),
-                 outputs = divide_up(conv.channels_out, blocks);
+  const uint32_t blocks = blocks_of(conv), outputs = divide_up(conv.channels_out, blocks);
   const uint32_t parts = parts_of(conv.channels_in, how.channels);
   const uint64_t weight_count = uint64_t{blocks} * outputs * conv.channels_in;
   const uint32_t weights =

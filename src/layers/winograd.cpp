@@ -44,7 +44,7 @@ Sizes sizes_of(const Convolution& conv) {
   s.band_rows = std::clamp(how.band / s.tiles_x, 1u, s.tile_rows);
   s.band_tiles = divide_up(s.band_rows * s.tiles_x, kMultiplyLocal) * kMultiplyLocal;
   s.parts = parts_of(conv.channels_in, how.channels);
-  s.blocks = divide_up(conv.channels_out, how.outputs);
+  s.blocks = blocks_of(conv);
   s.outputs = divide_up(conv.channels_out, s.blocks);
   s.transformed_stride = s.band_tiles * conv.channels_in + kPaddingElements;
   s.products_stride = s.band_tiles * s.blocks * s.outputs + kPaddingElements;
@@ -108,7 +108,9 @@ struct Steps {
   }
 
   // Share of the whole convolution that a band is.
-  double share() const { return double(s.band_rows) / s.tile_rows; }
+  double share(uint32_t first_tile_row) const {
+    return double(std::min(s.band_rows, s.tile_rows - first_tile_row)) / s.tile_rows;
+  }
 
   // Whether rows of an image that is shuffled by `shuffle` can be accessed by aligned pairs of floats.
   bool by_pairs(uint32_t shuffle) const {
@@ -121,11 +123,11 @@ struct Steps {
     p.set_push(params::WinogradInput{conv.height, conv.width, plane_of(graph, conv.in), s.tiles_x,
                                      first_tile_row, conv.channels_in, s.transformed_stride});
     p.groups = {s.band_tiles / kTransformLocal, 1, conv.channels_in};
-    p.bytes = share() * traffic(graph, conv.in);
+    p.bytes = share(first_tile_row) * traffic(graph, conv.in);
     graph.add(std::move(p));
   }
 
-  void multiply(uint32_t part) const {
+  void multiply(uint32_t first_tile_row, uint32_t part) const {
     const uint32_t first = part * conv.channels_in / s.parts, end = (part + 1) * conv.channels_in / s.parts;
     Binding weight = constant_binding(weights);
     weight.by_address = true;
@@ -136,8 +138,8 @@ struct Steps {
     for (uint32_t i = 0; i < std::size(push.digits); ++i) push.digits[i] = i;
     p.set_push(push);
     p.groups = {s.band_tiles / kMultiplyLocal, s.blocks, s.positions};
-    p.flop = share() * conv.flop() / s.parts;
-    p.bytes = share() * double(weight_count) * sizeof(float) / s.parts;
+    p.flop = share(first_tile_row) * conv.flop() / s.parts;
+    p.bytes = share(first_tile_row) * double(weight_count) * sizeof(float) / s.parts;
     graph.add(std::move(p));
   }
 
@@ -150,7 +152,8 @@ struct Steps {
     p.set_push(params::WinogradOutput{conv.height, conv.width, plane_of(graph, conv.out), s.tiles_x,
                                       first_tile_row, s.blocks * s.outputs, s.products_stride});
     p.groups = {s.band_tiles / kTransformLocal, 1, conv.channels_out};
-    p.bytes = share() * traffic(graph, conv.out) * (1.0 + double(conv.options.residuals.size()));
+    p.bytes =
+        share(first_tile_row) * traffic(graph, conv.out) * (1.0 + double(conv.options.residuals.size()));
     graph.add(std::move(p));
   }
 };
@@ -186,10 +189,9 @@ double winograd_amplification(const ConvWeights& weights, uint32_t channels_in) 
 
 void conv2d_winograd(Graph& graph, const Convolution& conv) {
   const Steps steps{.graph = graph, .conv = conv};
-  if (steps.s.blocks > 64) throw Error("layer {}: more than 64 blocks of output channels", conv.name);
   for (uint32_t row = 0; row < steps.s.tile_rows; row += steps.s.band_rows) {
     steps.input(row);
-    for (uint32_t part = 0; part < steps.s.parts; ++part) steps.multiply(part);
+    for (uint32_t part = 0; part < steps.s.parts; ++part) steps.multiply(row, part);
     steps.output(row);
   }
 }
