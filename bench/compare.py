@@ -11,6 +11,7 @@ import csv
 import json
 import os
 import pathlib
+import shutil
 import statistics
 import struct
 import subprocess
@@ -86,9 +87,18 @@ class Bench:
         return path
 
     def tune(self, frames):
-        for model, size in {model: size for model, size in frames if size != "1920x1080"}.items():
-            print("tuning", model, size, flush=True)
-            self.run(PROGRAM, "tune", "--precision", "fp32", "--model", self.model_file(model), "--size", size)
+        for model, size in {model: size for model, size in frames}.items():  # the last size of each
+            for precision in ("fp32",) if self.on_cpu else ("fp32", "fp16"):
+                print("tuning", model, size, precision, flush=True)
+                self.run(PROGRAM, "tune", "--precision", precision, "--model", self.model_file(model), "--size", size)
+
+    def cold_caches(self):
+        """Environment with empty caches but what was tuned."""
+        folder = pathlib.Path(tempfile.mkdtemp(dir=self.folder))
+        (folder / "raymeld").mkdir()
+        for file in (self.folder / "cache/raymeld").glob("tuning-*.json"):
+            shutil.copy(file, folder / "raymeld")
+        return {"XDG_CACHE_HOME": str(folder), "MESA_SHADER_CACHE_DIR": str(folder / "mesa")}
 
     def layers(self):
         repeated = (f"--benchmark_repetitions={self.args.rounds}", "--benchmark_enable_random_interleaving=true",
@@ -128,7 +138,7 @@ class Bench:
         self.add("frame", name, "peak", "gflop_per_s", peak * 1e-9)
         for precision in ("fp32", "fp16"):
             if round_number == 0 and precision == "fp32":
-                cold = self.raymeld_frame(model, size, precision, MESA_SHADER_CACHE_DIR=str(folder / "cold"))
+                cold = self.raymeld_frame(model, size, precision, **self.cold_caches())
                 self.add("frame", name, "raymeld fp32", "cold_start_s", cold["first_s"] - cold["real_time"] * 1e-3)
             entry = self.raymeld_frame(model, size, precision)
             program = f"raymeld {precision}"
@@ -164,8 +174,9 @@ def main():
     frames = [tuple(frame.split()) for frame in args.frames]
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(args, pathlib.Path(folder))
-        device = json.loads(bench.run(PROGRAM, "devices", "--json"))["devices"][0]
-        bench.on_cpu = device["type"] == "CPU"
+        device = bench.benchmarks("^peak")["context"]
+        listed = json.loads(bench.run(PROGRAM, "devices", "--json"))["devices"]
+        bench.on_cpu = any(d["name"] == device["device"] and d["type"] == "CPU" for d in listed)
         if not args.no_tune:
             bench.tune(frames)
         print("layers", flush=True)
@@ -174,18 +185,23 @@ def main():
             for model, size in frames:
                 print(f"round {round_number + 1}: {model} {size}", flush=True)
                 bench.frame(model, size, round_number)
-    results = [Result("device", "device", "", key, device[key]) for key in ("name", "driver")] + medians(bench.results)
-    target = ROOT / f"bench/results/{args.name}.csv"
+            facts = {"name": device["device"], "driver": device["driver"], "type": "CPU" if bench.on_cpu else "GPU"}
+            target = write(args.name, [Result("device", "device", "", *fact) for fact in facts.items()] + medians(bench.results))
+    if args.write_docs:
+        import report  # takes matplotlib
+
+        report.write(target, ROOT / "docs")
+
+
+def write(name, results):
+    target = ROOT / f"bench/results/{name}.csv"
     target.parent.mkdir(exist_ok=True)
     with target.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(Result._fields)
         writer.writerows(r._replace(value=f"{r.value:.6g}" if isinstance(r.value, float) else r.value) for r in results)
-    print("wrote", target.relative_to(ROOT))
-    if args.write_docs:
-        import report  # takes matplotlib
-
-        report.write(target, ROOT / "docs")
+    print("wrote", target.relative_to(ROOT), flush=True)
+    return target
 
 
 if __name__ == "__main__":

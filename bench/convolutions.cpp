@@ -65,11 +65,11 @@ void peak(benchmark::State& state) {
 }
 
 void convolution(benchmark::State& state, const Conv2dShape& shape, const Conv2dKernel& kernel,
-                 Storage storage) {
+                 Storage storage, bool addressed) {
   const auto weight =
       random_values(size_t{shape.channels_out} * shape.channels_in * shape.kernel * shape.kernel, 1);
   const auto bias = random_values(shape.channels_out, 2);
-  Graph graph(storage, default_kernels(device().info()).addressed);
+  Graph graph(storage, addressed);
   const Tensor in = graph.input("in", {shape.height, shape.width, shape.channels_in});
   const Tensor out = graph.tensor("out", {shape.height, shape.width, shape.channels_out});
   conv2d(graph, "conv2d", in, out, {weight, bias}, {.kernel = shape.kernel, .relu = true, .how = kernel});
@@ -82,11 +82,24 @@ void convolution(benchmark::State& state, const Conv2dShape& shape, const Conv2d
   rates(state, flop_of(shape), bytes);
 }
 
-void add(const std::string& name, const Conv2dShape& shape, const Conv2dKernel& kernel, Storage storage) {
-  benchmark::RegisterBenchmark(name.c_str(),
-                               [=](benchmark::State& state) { convolution(state, shape, kernel, storage); })
+void add(const std::string& name, const Conv2dShape& shape, const Conv2dKernel& kernel, Storage storage,
+         bool addressed) {
+  benchmark::RegisterBenchmark(
+      name.c_str(), [=](benchmark::State& state) { convolution(state, shape, kernel, storage, addressed); })
       ->UseManualTime()
       ->Unit(benchmark::kMillisecond);
+}
+
+// By each kind of kernel, its other parameters as tuned.
+void add_fast(const Conv2dShape& shape, Storage storage) {
+  const Kernels tuned = kernels_for(device(), storage);
+  for (const uint32_t tile : shape.kernel == 1 ? std::vector<uint32_t>{1} : std::vector<uint32_t>{2, 4}) {
+    Conv2dKernel kernel = tuned.conv2d(shape);
+    kernel.tile = tile;
+    const std::string kind = tile == 1 ? "pointwise" : fmt::format("F({},3)", tile);
+    add("conv2d/" + name_of(shape) + "/" + kind + (storage == Storage::kFloat16 ? "/fp16" : ""), shape,
+        kernel, storage, tuned.addressed);
+  }
 }
 
 }  // namespace
@@ -96,21 +109,11 @@ void register_device() {
 }
 
 void register_convolutions() {
-  const Tuning tuning =
-      load_tuning(tuning_file(PipelineCache::default_folder(), device(), Storage::kFloat32));
   for (const Conv2dShape& shape : shapes()) {
-    const std::string name = "conv2d/" + name_of(shape);
-    add(name + "/direct", shape, {}, Storage::kFloat32);
+    add("conv2d/" + name_of(shape) + "/direct", shape, {}, Storage::kFloat32, false);
     if (!device().info().buffer_device_address) continue;
-    const Conv2dChoice tuned = tuning.kernels(device().info()).conv2d;
-    for (const uint32_t tile : shape.kernel == 1 ? std::vector<uint32_t>{1} : std::vector<uint32_t>{2, 4}) {
-      // As tuned; but for another tile than it chose with the same other parameters.
-      Conv2dKernel kernel = tuned(shape);
-      kernel.tile = tile;
-      const std::string kind = tile == 1 ? "/pointwise" : fmt::format("/F({},3)", tile);
-      add(name + kind, shape, kernel, Storage::kFloat32);
-      if (device().info().storage_16bit) add(name + kind + "/fp16", shape, kernel, Storage::kFloat16);
-    }
+    add_fast(shape, Storage::kFloat32);
+    if (device().info().storage_16bit) add_fast(shape, Storage::kFloat16);
   }
 }
 

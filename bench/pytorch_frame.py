@@ -24,6 +24,7 @@ SECONDS, FRAMES = 3.0, 3  # at least, of each measurement
 @torch.no_grad()
 def main(path, size, precision, folder):
     torch.set_num_threads(1)
+    torch.backends.cudnn.allow_tf32 = False  # fp32 means that
     device = "cuda" if torch.cuda.is_available() else "cpu"
     dtype = torch.float16 if precision == "fp16" else torch.bfloat16
     width, height = map(int, size.split("x"))

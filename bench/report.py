@@ -146,7 +146,7 @@ def plot_frames(results, path):
 TEXT = """# Performance
 
 `scripts/bench --name {name} --write-docs` measured all of this in one go and wrote it, from `bench/results/{name}.csv`:
-{device}, {driver}. One thread, pinned to one core; every figure is the median of rounds in which all programs took turns.
+{device}, {driver}{threads}. Every figure is the median of rounds in which all programs took turns.
 GFLOP/s count the multiplications and additions of direct convolutions, so minimal filtering (F(2,3), F(4,3), Lavin and
 Gray 2016) may pass 100 % of the peak, which is what a shader of this driver reaches with multiply-adds in registers, here
 {peak:.0f} GFLOP/s. Absolute times are those of a shared machine; the ratios are what counts.
@@ -192,6 +192,7 @@ def write(csv_path, docs):
     notes = docs / "performance-notes.md"
     text = TEXT.format(name=csv_path.stem, device=results.values["device", "device", "", "name"],
                        driver=results.values["device", "device", "", "driver"],
+                       threads="; one thread, pinned to one core" if results.values["device", "device", "", "type"] == "CPU" else "",
                        peak=results.get("layer", "peak", "raymeld", "gflop_per_s"), frames=frames, memory=memory, layers=layers,
                        notes=notes.read_text() if notes.exists() else "")
     (docs / "performance.md").write_text(text.rstrip() + "\n")

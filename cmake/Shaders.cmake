@@ -25,6 +25,7 @@ function(embed_shader objects source variant)
   set(${objects} ${${objects}} ${embedded} PARENT_SCOPE)
 endfunction()
 
+set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${shader_sources})
 foreach(source ${shader_sources})
   get_filename_component(name ${source} NAME_WE)
   embed_shader(shader_objects ${source} ${name}_buffers_f32)

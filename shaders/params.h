@@ -60,7 +60,7 @@ struct WinogradMultiply {
 };
 
 struct WinogradOutput {
-  uint height;
+  uint height;  // up to the end of the band
   uint width;
   uint plane;
   uint tiles_x;

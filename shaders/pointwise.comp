@@ -11,6 +11,7 @@
 #include "memory.glsl"
 
 layout(local_size_x = 64) in;
+const uint kLanes = 16;  // sums of neighbouring pixels lie side by side
 layout(constant_id = 0) const uint kChannels = 64;
 layout(constant_id = 1) const uint kOutputs = 16;
 layout(constant_id = 2) const uint kOrder = 8;
@@ -56,7 +57,7 @@ void store(uint at, float value, bool inside) {
 void main() {
   uint block = uniform_number(gl_WorkGroupID.y), in_band = gl_GlobalInvocationID.x;
   // A plane's padding takes what lies beyond the last pixel.
-  uint pixel = p.first_pixel + in_band, sum_at = (in_band / 16 * p.blocks + block) * kOutputs * 16 + in_band % 16;
+  uint pixel = p.first_pixel + in_band, sum_at = (in_band / kLanes * p.blocks + block) * kOutputs * kLanes + in_band % kLanes;
   Floats w = Floats(uint64_t(weights) + 4ul * ((block * p.channels_in + p.first_channel) * kOutputs));
   Floats b = Floats(uint64_t(bias) + 4ul * (block * kOutputs));
   uint from = p.first_channel * p.plane + pixel;
@@ -65,7 +66,7 @@ void main() {
   uint64_t next = uint64_t(source) + uint64_t(from) * STORAGE_BYTES;
 #endif
   float sum[kOutputs];
-  [[unroll]] for (uint o = 0; o < kOutputs; ++o) sum[o] = kFirst != 0 ? b.v[o] : sums.v[sum_at + o * 16];
+  [[unroll]] for (uint o = 0; o < kOutputs; ++o) sum[o] = kFirst != 0 ? b.v[o] : sums.v[sum_at + o * kLanes];
   [[unroll]] for (uint i = 0; i < kChannels; ++i) {
 #ifdef DATA_BY_ADDRESS
     float value = float(Values(next).v[0]);
@@ -81,7 +82,7 @@ void main() {
     }
   }
   if (kLast == 0) {
-    [[unroll]] for (uint o = 0; o < kOutputs; ++o) sums.v[sum_at + o * 16] = sum[o];
+    [[unroll]] for (uint o = 0; o < kOutputs; ++o) sums.v[sum_at + o * kLanes] = sum[o];
   } else {
     uint to = block * kOutputs * p.plane + pixel;
     [[unroll]] for (uint o = 0; o < kOutputs; ++o) {

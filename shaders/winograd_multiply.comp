@@ -43,22 +43,22 @@ void main() {
   uint to = element(position, block * kOutputs, tile, p.products_stride, p.blocks * kOutputs);
   Floats w = Floats(uint64_t(weights) + 4ul * weight);
 #ifdef DATA_BY_ADDRESS
-  Floats x = Floats(uint64_t(transformed) + 4ul * from), y = Floats(uint64_t(products) + 4ul * to);
+  Floats inputs = Floats(uint64_t(transformed) + 4ul * from), results = Floats(uint64_t(products) + 4ul * to);
   from = to = 0;
 #else
-#define x transformed
-#define y products
+#define inputs transformed
+#define results products
 #endif
   float sum[kOutputs];
-  [[unroll]] for (uint o = 0; o < kOutputs; ++o) sum[o] = kAdd != 0 ? y.v[to + o * kLanes] : 0.0;
+  [[unroll]] for (uint o = 0; o < kOutputs; ++o) sum[o] = kAdd != 0 ? results.v[to + o * kLanes] : 0.0;
   [[unroll]] for (uint i = 0; i < kChannels; ++i) {
-    float value = x.v[from + i * kLanes];
+    float value = inputs.v[from + i * kLanes];
     [[unroll]] for (uint o = 0; o < kOutputs; ++o) sum[o] = fma(w.v[i * kOutputs + o], value, sum[o]);
     if (kOrder > 0 && (i + 1) % kOrder == 0 && i + 1 < kChannels) {
       float all = 0.0;
       [[unroll]] for (uint o = 0; o < kOutputs; ++o) all += sum[o];
-      y.v[to] = all;
+      results.v[to] = all;
     }
   }
-  [[unroll]] for (uint o = 0; o < kOutputs; ++o) y.v[to + o * kLanes] = sum[o];
+  [[unroll]] for (uint o = 0; o < kOutputs; ++o) results.v[to + o * kLanes] = sum[o];
 }

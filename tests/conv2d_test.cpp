@@ -118,24 +118,28 @@ TEST_F(Conv2dTest, RandomValuesKeepTheBounds) {
 
 TEST_F(Conv2dTest, ReadsAndWritesSlicesOfOneTensor) {
   for (const Precision precision : kPrecisions) {
-    SCOPED_TRACE(name_of(precision));
-    const Planes wide = round_to(random_planes(13, 9, 7, Fill::kUniform, 1), precision);
-    const Conv conv = round_to(random_conv(3, 5, 3, Fill::kUniform, 2), precision);
-    LayerRun run(precision);
-    const Tensor all = run.input("features", wide);
-    conv2d(run.graph(), "dense", all.slice(2, 5), all.slice(8, 3), run.weights(conv), {.kernel = 3});
-    run.run();
+    for (const How& how : ways(3)) {
+      SCOPED_TRACE(name_of(precision) + ", " + describe(how, 3));
+      const Planes wide = round_to(random_planes(13, 9, 7, Fill::kUniform, 1), precision);
+      const Conv conv = round_to(random_conv(3, 5, 3, Fill::kUniform, 2), precision);
+      LayerRun run(precision, how.addressed);
+      const Tensor all = run.input("features", wide);
+      conv2d(run.graph(), "dense", all.slice(2, 5), all.slice(8, 3), run.weights(conv),
+             {.kernel = 3, .how = how.kernel});
+      run.run();
 
-    const auto channels = [&](const Planes& p, int first, int count) {
-      const size_t plane = size_t(p.h) * p.w;
-      const auto begin = p.data.begin() + ptrdiff_t(first * plane);
-      return Planes(count, p.h, p.w, {begin, begin + ptrdiff_t(count * plane)});
-    };
-    const Planes after = run.read(all);
-    EXPECT_TRUE(within_bounds("slices", channels(after, 8, 3),
-                              reference::conv2d(exact(channels(wide, 2, 5)), conv, false, precision)));
-    EXPECT_EQ(channels(after, 0, 8).data, channels(wide, 0, 8).data);
-    EXPECT_EQ(channels(after, 11, 2).data, channels(wide, 11, 2).data);
+      const auto channels = [&](const Planes& p, int first, int count) {
+        const size_t plane = size_t(p.h) * p.w;
+        const auto begin = p.data.begin() + ptrdiff_t(first * plane);
+        return Planes(count, p.h, p.w, {begin, begin + ptrdiff_t(count * plane)});
+      };
+      const Planes after = run.read(all);
+      EXPECT_TRUE(within_bounds(
+          "slices", channels(after, 8, 3),
+          reference::conv2d(exact(channels(wide, 2, 5)), conv, false, precision, {}, int(how.kernel.tile))));
+      EXPECT_EQ(channels(after, 0, 8).data, channels(wide, 0, 8).data);
+      EXPECT_EQ(channels(after, 11, 2).data, channels(wide, 11, 2).data);
+    }
   }
 }
 

@@ -19,7 +19,10 @@ using reference::Planes;
 using reference::Precision;
 
 const Device& gpu() {
-  static const std::unique_ptr<Device> device = Device::create({.selector = {}, .validation = true});
+  // RAYMELD_TEST_VALIDATION=0 is for machines that have a device but no layers.
+  const char* wish = std::getenv("RAYMELD_TEST_VALIDATION");
+  static const std::unique_ptr<Device> device =
+      Device::create({.selector = {}, .validation = !wish || std::string(wish) != "0"});
   return *device;
 }
 

@@ -72,6 +72,7 @@ TEST(Tuning, ADamagedFileIsNoTuning) {
   EXPECT_EQ(changed("\"format_version\": 1", "\"format_version\": 2"), 0u);
   EXPECT_EQ(changed("\"tile\": 4", "\"tile\": 3"), 0u);
   EXPECT_EQ(changed("\"tile\": 4", "\"tile\": \"4\""), 0u);
+  EXPECT_EQ(changed("\"tile\": 2", "\"tile\": 4"), 0u);  // where it was refused
   EXPECT_EQ(changed("\"outputs\": 24", "\"outputs\": 0"), 0u);
   EXPECT_EQ(changed("\"band\": 512", "\"band\": 4000000000"), 0u);
 }

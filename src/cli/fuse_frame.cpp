@@ -54,8 +54,10 @@ FuseResult run_with(const FuserOptions& options, const FuseArguments& arguments,
 
 const char* precision_name(Storage storage) { return storage == Storage::kFloat16 ? "fp16" : "fp32"; }
 
-FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device) {
-  const Storage storage = storage_for(arguments.precision, device.info());
+namespace {
+
+FuserOptions options_in(Storage storage, const FuseArguments& arguments, const FuseFiles& files,
+                        const Device& device) {
   const bool direct = arguments.kernels == KernelChoice::kDirect;
   return {.storage = storage,
           .max_memory_bytes = arguments.max_memory_mib << 20,
@@ -66,10 +68,16 @@ FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& file
           .profile = arguments.profile};
 }
 
+}  // namespace
+
+FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device) {
+  return options_in(storage_for(arguments.precision, device.info()), arguments, files, device);
+}
+
 // With "auto", whatever 16 bits cannot hold is done again in 32.
 FuseResult run_frame(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images,
                      const Device& device, Console& console, StagedFiles& staged) {
-  FuserOptions options = fuser_options(arguments, files, device);
+  const FuserOptions options = fuser_options(arguments, files, device);
   const bool may_repeat = arguments.precision == Precision::kAuto && options.storage == Storage::kFloat16;
   try {
     FuseResult result = run_with(options, arguments, files, images, device, console, staged);
@@ -84,8 +92,8 @@ FuseResult run_frame(const FuseArguments& arguments, const FuseFiles& files, con
     if (!may_repeat) throw;
     console.warn(fmt::format("fp16: {}; fusing again in fp32", error.what()), 1);
   }
-  options.storage = Storage::kFloat32;
-  return run_with(options, arguments, files, images, device, console, staged);
+  return run_with(options_in(Storage::kFloat32, arguments, files, device), arguments, files, images, device,
+                  console, staged);
 }
 
 }  // namespace raymeld::cli

@@ -23,10 +23,10 @@ std::string shape_text(const Conv2dShape& s) {
 }
 
 std::string kernel_text(const Conv2dShape& shape, const Conv2dKernel& k) {
-  if (k.tile == 0) return "direct";
-  const std::string name = k.tile == 1 ? "pointwise" : fmt::format("F({}, 3)", k.tile);
   const std::string refused =
-      shape.kernel == 3 && shape.most_tile < 4 ? ", F(4, 3) refused: not accurate enough" : "";
+      shape.kernel == 3 && shape.most_tile < 4 ? "; F(4, 3) refused: not accurate enough" : "";
+  if (k.tile == 0) return "direct" + refused;
+  const std::string name = k.tile == 1 ? "pointwise" : fmt::format("F({}, 3)", k.tile);
   return fmt::format("{}, {} outputs, bands of {}, ordered by {}{}", name, k.outputs, k.band, k.order,
                      refused);
 }

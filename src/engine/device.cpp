@@ -49,6 +49,9 @@ std::unique_ptr<Device> Device::wrap(const ExternalDevice& external) {
   device->adopt(external.physical_device, 0);
   device->info_.storage_16bit = device->info_.storage_16bit && external.storage_16bit;
   device->info_.buffer_device_address = device->info_.buffer_device_address && external.buffer_device_address;
+  if (device->info_.buffer_device_address && !device->vk_.GetBufferDeviceAddress) {
+    throw Error("wrapping a Vulkan device: buffer addresses are said to be enabled, but are not");
+  }
   const auto fence = vk_struct<VkFenceCreateInfo>(VK_STRUCTURE_TYPE_FENCE_CREATE_INFO);
   check(device->vk_.CreateFence(device->device_, &fence, nullptr, &device->fence_), "creating a fence");
   return device;

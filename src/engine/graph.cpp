@@ -87,7 +87,8 @@ void Graph::plan(bool alias) {
   std::vector<ArenaRequest> requests;
   const int last = static_cast<int>(passes_.size()) - 1;
   for (const TensorRecord& tensor : tensors_) {
-    requests.push_back({tensor.size_bytes, alias ? tensor.first_use : 0, alias ? tensor.last_use : last});
+    const bool own = alias || tensor.scratch;
+    requests.push_back({tensor.size_bytes, own ? tensor.first_use : 0, own ? tensor.last_use : last});
   }
   const ArenaPlan plan = plan_arena(requests, kAlignmentBytes);
   for (size_t i = 0; i < tensors_.size(); ++i) tensors_[i].offset_bytes = plan.offset_bytes[i];
@@ -128,7 +129,7 @@ size_t Graph::barrier_count() const {
 
 uint64_t Graph::unaliased_bytes() const {
   uint64_t sum = 0;
-  for (const TensorRecord& tensor : tensors_) sum += align(tensor.size_bytes);
+  for (const TensorRecord& tensor : tensors_) sum += tensor.scratch ? 0 : align(tensor.size_bytes);
   return sum;
 }
 

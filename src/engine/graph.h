@@ -118,7 +118,7 @@ class Graph {
   void add(Pass pass);
 
   // Gives every tensor its place. With `alias`, tensors whose lifetimes do not meet share memory; without it,
-  // all of them can still be read when the frame is done.
+  // all but scratch can still be read when the frame is done.
   void plan(bool alias = true);
 
   std::span<const Pass> passes() const { return passes_; }
@@ -131,7 +131,7 @@ class Graph {
   size_t barrier_count() const;
 
   uint64_t activation_bytes() const { return activation_bytes_; }
-  uint64_t unaliased_bytes() const;
+  uint64_t unaliased_bytes() const;  // of activations, without scratch
   uint64_t constant_bytes() const { return constant_bytes_; }
   // The largest range that one binding of a tensor or constant spans.
   uint64_t largest_binding_bytes() const;

@@ -9,9 +9,10 @@
 namespace raymeld {
 namespace {
 
-constexpr uint32_t kLanes = 16;            // winograd.glsl
-constexpr uint32_t kMultiplyLocal = 64;    // tiles of a workgroup of winograd_multiply.comp
-constexpr uint32_t kTransformLocal = 64;   // and of the transforms
+constexpr uint32_t kLanes = 16;                      // winograd.glsl
+constexpr uint32_t kMultiplyLocal = 64;              // tiles of a workgroup of winograd_multiply.comp
+constexpr uint32_t kTransformLocal = 64;             // and of the transforms
+constexpr uint64_t kMostScratchElements = 1u << 24;  // bands are lower where they would need more
 constexpr uint32_t kPaddingElements = 16;  // keeps positions from falling into the same set of a cache
 
 // One of G, by tile; Lavin and Gray 2016, section 4.
@@ -41,7 +42,10 @@ Sizes sizes_of(const Convolution& conv) {
   s.positions = s.side * s.side;
   s.tiles_x = divide_up(conv.width, 2 * s.tile) * 2;
   s.tile_rows = divide_up(conv.height, s.tile);
-  s.band_rows = std::clamp(how.band / s.tiles_x, 1u, s.tile_rows);
+  const uint64_t row_elements = uint64_t{s.positions} * s.tiles_x * (conv.channels_in + conv.channels_out);
+  const auto most_rows =
+      static_cast<uint32_t>(std::clamp<uint64_t>(kMostScratchElements / row_elements, 1, s.tile_rows));
+  s.band_rows = std::clamp(how.band / s.tiles_x, 1u, most_rows);
   s.band_tiles = divide_up(s.band_rows * s.tiles_x, kMultiplyLocal) * kMultiplyLocal;
   s.parts = parts_of(conv.channels_in, how.channels);
   s.blocks = blocks_of(conv);
@@ -149,8 +153,10 @@ struct Steps {
     Pass p = pass(shaders::kWinogradOutput, std::move(bindings));
     p.constants = {s.tile, conv.options.shuffle, conv.options.relu,
                    static_cast<uint32_t>(conv.options.residuals.size()), by_pairs(conv.options.shuffle)};
-    p.set_push(params::WinogradOutput{conv.height, conv.width, plane_of(graph, conv.out), s.tiles_x,
-                                      first_tile_row, s.blocks * s.outputs, s.products_stride});
+    // What lies below the band is the next one's.
+    const uint32_t end = std::min(conv.height, (first_tile_row + s.band_rows) * s.tile);
+    p.set_push(params::WinogradOutput{end, conv.width, plane_of(graph, conv.out), s.tiles_x, first_tile_row,
+                                      s.blocks * s.outputs, s.products_stride});
     p.groups = {s.band_tiles / kTransformLocal, 1, conv.channels_out};
     p.bytes =
         share(first_tile_row) * traffic(graph, conv.out) * (1.0 + double(conv.options.residuals.size()));
