@@ -41,10 +41,10 @@ def number(value, form="{:.1f}"):
 def layer_rows(results):
     peak = results.get("layer", "peak", "raymeld", "gflop_per_s")
     rows = []
-    for name in results.names("layer"):
+    for name in sorted(results.names("layer")):
         if name == "peak":
             continue
-        for program in results.programs("layer", name):
+        for program in sorted(results.programs("layer", name)):
             rate = results.get("layer", name, program, "gflop_per_s")
             rows.append([name.replace("/", " "), program, number(results.get("layer", name, program, "time_ms"), "{:.2f}"),
                          number(rate), number(100 * rate / peak, "{:.0f} %")])
@@ -77,7 +77,7 @@ def memory_rows(results):
 
 
 def plot_layers(results, path):
-    names = [name for name in results.names("layer") if name != "peak"]
+    names = sorted(name for name in results.names("layer") if name != "peak")
     peak = results.get("layer", "peak", "raymeld", "gflop_per_s")
     kinds = collections.OrderedDict()
     for name in names:
@@ -171,8 +171,7 @@ spent waiting for the device.
 {memory}
 ## Single convolutions
 
-Height x width, input and output channels; *direct* is the portable kernel, the others are chosen by `raymeld tune`. oneDNN runs in
-the memory format it likes best, fp32 unless said.
+Height x width, input and output channels; *direct* is the portable kernel, the others are chosen by `raymeld tune`.{onednn}
 
 {layers}
 ![Single convolutions](performance-layers.svg)
@@ -194,5 +193,6 @@ def write(csv_path, docs):
                        driver=results.values["device", "device", "", "driver"],
                        threads="; one thread, pinned to one core" if results.values["device", "device", "", "type"] == "CPU" else "",
                        peak=results.get("layer", "peak", "raymeld", "gflop_per_s"), frames=frames, memory=memory, layers=layers,
+                       onednn=" oneDNN runs in\nthe memory format it likes best, fp32 unless said." if "onednn" in layers else "",
                        notes=notes.read_text() if notes.exists() else "")
     (docs / "performance.md").write_text(text.rstrip() + "\n")
