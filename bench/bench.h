@@ -18,7 +18,6 @@ std::vector<float> random_values(size_t count, uint32_t seed);
 // models.
 const std::vector<Conv2dShape>& shapes();
 std::string name_of(const Conv2dShape& shape);
-double flop_of(const Conv2dShape& shape);
 
 void register_device();
 void register_convolutions();

@@ -79,7 +79,7 @@ void convolution(benchmark::State& state, const Conv2dShape& shape, const Conv2d
   recorded.run(state);
   double bytes = 0;
   for (const Pass& pass : graph.passes()) bytes += pass.bytes;
-  rates(state, flop_of(shape), bytes);
+  rates(state, shape.flop(), bytes);
 }
 
 void add(const std::string& name, const Conv2dShape& shape, const Conv2dKernel& kernel, Storage storage,

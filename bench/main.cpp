@@ -42,10 +42,6 @@ std::string name_of(const Conv2dShape& s) {
   return fmt::format("{0}x{0}/{1}x{2}/{3}-{4}", s.kernel, s.height, s.width, s.channels_in, s.channels_out);
 }
 
-double flop_of(const Conv2dShape& s) {
-  return 2.0 * s.height * s.width * s.channels_in * s.channels_out * s.kernel * s.kernel;
-}
-
 }  // namespace raymeld::bench
 
 int main(int argc, char** argv) try {

@@ -57,7 +57,7 @@ void convolution(benchmark::State& state, const Conv2dShape& s, memory::data_typ
       run();
       state.SetIterationTime(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
     }
-    state.counters["FLOP/s"] = benchmark::Counter(flop_of(s), benchmark::Counter::kIsIterationInvariantRate);
+    state.counters["FLOP/s"] = benchmark::Counter(s.flop(), benchmark::Counter::kIsIterationInvariantRate);
   } catch (const dnnl::error& error) {
     state.SkipWithError(error.what());
   }

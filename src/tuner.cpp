@@ -64,10 +64,6 @@ Conv2dKernel first_guess(const DeviceInfo& device, const Conv2dShape& shape) {
   return kernel;
 }
 
-double flop_of(const Conv2dShape& s) {
-  return 2.0 * s.height * s.width * s.channels_in * s.channels_out * s.kernel * s.kernel;
-}
-
 // How unlike two shapes are; the channels count more than the size.
 double distance(const Conv2dShape& a, const Conv2dShape& b) {
   const auto ratio = [](double x, double y) { return std::abs(std::log(x / y)); };
@@ -268,7 +264,7 @@ void tune(const Device& device, PipelineCache& cache, Storage storage, const std
   if (tuning.entries.empty() && device.info().buffer_device_address) {
     // The largest convolution, as the defaults would compute it, tells.
     const Conv2dShape& most = *std::max_element(
-        shapes.begin(), shapes.end(), [](const auto& a, const auto& b) { return flop_of(a) < flop_of(b); });
+        shapes.begin(), shapes.end(), [](const auto& a, const auto& b) { return a.flop() < b.flop(); });
     tuning.addressed = tuner.time(true, most, first_guess(device.info(), most)) <
                        tuner.time(false, most, first_guess(device.info(), most));
   }

@@ -25,6 +25,18 @@ void dump_layers(const fs::path& folder, Fuser& fuser, const Image& fused, Stage
   }
 }
 
+FuserOptions options_in(Storage storage, const FuseArguments& arguments, const FuseFiles& files,
+                        const Device& device) {
+  const bool direct = arguments.kernels == KernelChoice::kDirect;
+  return {.storage = storage,
+          .max_memory_bytes = arguments.max_memory_mib << 20,
+          .kernels = direct ? Kernels{} : kernels_for(device, storage),
+          .phase = files.phase,
+          .exposure = arguments.input_exposure,
+          .keep_activations = !arguments.dump.empty(),
+          .profile = arguments.profile};
+}
+
 FuseResult run_with(const FuserOptions& options, const FuseArguments& arguments, const FuseFiles& files,
                     const FuseImages& images, const Device& device, const Console& console,
                     StagedFiles& staged) {
@@ -53,22 +65,6 @@ FuseResult run_with(const FuserOptions& options, const FuseArguments& arguments,
 }  // namespace
 
 const char* precision_name(Storage storage) { return storage == Storage::kFloat16 ? "fp16" : "fp32"; }
-
-namespace {
-
-FuserOptions options_in(Storage storage, const FuseArguments& arguments, const FuseFiles& files,
-                        const Device& device) {
-  const bool direct = arguments.kernels == KernelChoice::kDirect;
-  return {.storage = storage,
-          .max_memory_bytes = arguments.max_memory_mib << 20,
-          .kernels = direct ? Kernels{} : kernels_for(device, storage),
-          .phase = files.phase,
-          .exposure = arguments.input_exposure,
-          .keep_activations = !arguments.dump.empty(),
-          .profile = arguments.profile};
-}
-
-}  // namespace
 
 FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device) {
   return options_in(storage_for(arguments.precision, device.info()), arguments, files, device);

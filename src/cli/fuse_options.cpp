@@ -2,13 +2,11 @@
 
 #include "cli/commands.h"
 #include "cli/fuse.h"
+#include "cli/precisions.h"
 #include "exposure.h"
 
 namespace raymeld::cli {
 namespace {
-
-const std::map<std::string, Precision> kPrecisions = {
-    {"auto", Precision::kAuto}, {"fp32", Precision::kFp32}, {"fp16", Precision::kFp16}};
 
 std::string finite(const std::string& text) {
   return std::isfinite(std::strtof(text.c_str(), nullptr)) ? "" : text + " is not finite";
@@ -79,8 +77,8 @@ void add_run(CLI::App& command, FuseArguments& a) {
             a.kernels = name == "direct" ? KernelChoice::kDirect : KernelChoice::kAuto;
           },
           "auto: the fastest, as raymeld tune measured, or a default; direct: plain sums, the same bits "
-          "whatever "
-          "the tiles")
+          "whatever the "
+          "tiles")
       ->check(CLI::IsMember({"auto", "direct"}))
       ->default_str("auto");
   command.add_option("--max-memory", a.max_memory_mib, "Of the device, in MiB; larger frames are tiled")

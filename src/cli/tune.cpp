@@ -3,6 +3,7 @@
 #include "cli/console.h"
 #include "cli/interrupt.h"
 #include "cli/models.h"
+#include "cli/precisions.h"
 #include "cli/sizes.h"
 #include "network.h"
 #include "plan.h"
@@ -31,13 +32,9 @@ std::string kernel_text(const Conv2dShape& shape, const Conv2dKernel& k) {
                      refused);
 }
 
-double gflop_per_s(const Conv2dShape& s, double time_ms) {
-  return 2e-6 * s.height * s.width * s.channels_in * s.channels_out * s.kernel * s.kernel / time_ms;
-}
-
 void print_entry(const Conv2dShape& shape, const Tuning::Entry& entry) {
   print(fmt::format("{:<30} {:>9.3f} ms {:>8.1f} GFLOP/s {:>6.1f} x direct   {}\n", shape_text(shape),
-                    entry.time_ms, gflop_per_s(shape, entry.time_ms), entry.direct_ms / entry.time_ms,
+                    entry.time_ms, shape.flop() / entry.time_ms * 1e-6, entry.direct_ms / entry.time_ms,
                     kernel_text(shape, entry.kernel)));
 }
 
@@ -45,9 +42,7 @@ void run(const TuneArguments& arguments) {
   const auto device = Device::create({arguments.device});
   const std::filesystem::path folder = PipelineCache::default_folder();
   if (folder.empty()) throw Error("neither XDG_CACHE_HOME nor HOME says where to keep what is measured");
-  const std::map<std::string, Precision> precisions{
-      {"auto", Precision::kAuto}, {"fp32", Precision::kFp32}, {"fp16", Precision::kFp16}};
-  const Storage storage = storage_for(precisions.at(arguments.precision), device->info());
+  const Storage storage = storage_for(kPrecisions.at(arguments.precision), device->info());
   const std::filesystem::path file = tuning_file(folder, *device, storage);
   Tuning tuning = arguments.again ? Tuning{} : load_tuning(file);
 
@@ -69,7 +64,6 @@ void run(const TuneArguments& arguments) {
     check_interrupted();
   });
   cache.save();
-  save_tuning(file, tuning);
   console.note(
       fmt::format("activations {}; wrote {}", tuning.addressed ? "by address" : "in buffers", file.string()));
   if (!arguments.json) return;

@@ -38,6 +38,8 @@ struct Conv2dShape {
   uint32_t most_tile = 4;  // 2 where F(4, 3) would not be accurate enough
 
   auto operator<=>(const Conv2dShape&) const = default;
+  // Multiply-adds count as two.
+  double flop() const { return 2.0 * height * width * channels_in * channels_out * kernel * kernel; }
 };
 using Conv2dChoice = std::function<Conv2dKernel(const Conv2dShape&)>;
 

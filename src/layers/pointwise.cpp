@@ -1,5 +1,6 @@
 // 1x1 convolutions: one band of pixels after another, so that the sums of a band stay in a cache.
 #include <algorithm>
+#include <numeric>
 
 #include "layers/conv2d.h"
 #include "params.h"
@@ -54,7 +55,7 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
         binding.by_address = graph.addressed() || binding.kind == Binding::Kind::kConstant;
       params::Pointwise push{plane_of(graph, conv.out), pixels, first, conv.channels_in, channel,
                              conv.channels_out,         blocks, {}};
-      for (uint32_t i = 0; i < std::size(push.digits); ++i) push.digits[i] = i;
+      std::iota(std::begin(push.digits), std::end(push.digits), 0u);
       pass.set_push(push);
       pass.groups = {std::min(band, divide_up(pixels - first, kLocal) * kLocal) / kLocal, blocks, 1};
       pass.flop = share * conv.flop();

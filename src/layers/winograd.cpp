@@ -2,6 +2,7 @@
 // after another.
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "layers/conv2d.h"
 #include "params.h"
@@ -9,7 +10,6 @@
 namespace raymeld {
 namespace {
 
-constexpr uint32_t kLanes = 16;                      // winograd.glsl
 constexpr uint32_t kMultiplyLocal = 64;              // tiles of a workgroup of winograd_multiply.comp
 constexpr uint32_t kTransformLocal = 64;             // and of the transforms
 constexpr uint64_t kMostScratchElements = 1u << 24;  // bands are lower where they would need more
@@ -27,10 +27,10 @@ constexpr Filter kFilter4{{{1. / 4, 0, 0},
 
 struct Sizes {
   uint32_t tile, side, positions;
-  uint32_t tiles_x, tile_rows;     // tiles_x even
-  uint32_t band_rows, band_tiles;  // band_tiles a multiple of all workgroups
-  uint32_t parts;                  // of the input channels
-  uint32_t outputs, blocks;
+  uint32_t tiles_x, tile_rows;             // tiles_x even
+  uint32_t band_rows, band_tiles;          // band_tiles a multiple of all workgroups
+  uint32_t parts;                          // of the input channels
+  uint32_t outputs, blocks, channels_out;  // channels_out = outputs * blocks
   uint32_t transformed_stride, products_stride;
 };
 
@@ -50,8 +50,9 @@ Sizes sizes_of(const Convolution& conv) {
   s.parts = parts_of(conv.channels_in, how.channels);
   s.blocks = blocks_of(conv);
   s.outputs = divide_up(conv.channels_out, s.blocks);
+  s.channels_out = s.outputs * s.blocks;
   s.transformed_stride = s.band_tiles * conv.channels_in + kPaddingElements;
-  s.products_stride = s.band_tiles * s.blocks * s.outputs + kPaddingElements;
+  s.products_stride = s.band_tiles * s.channels_out + kPaddingElements;
   return s;
 }
 
@@ -75,7 +76,7 @@ Tile transformed(uint32_t tile, std::span<const float, 9> g) {
 // The layout of winograd_multiply.comp: [position][block][in][output], zeros where channels end early.
 void pack_weights(std::byte* target, const Convolution& conv, const Sizes& s) {
   auto* packed = reinterpret_cast<float*>(target);
-  const size_t stride = size_t{s.blocks} * conv.channels_in * s.outputs;
+  const size_t stride = size_t{s.channels_out} * conv.channels_in;
   std::fill_n(packed, s.positions * stride, 0.0f);
   for (uint32_t o = 0; o < conv.channels_out; ++o) {
     for (uint32_t i = 0; i < conv.channels_in; ++i) {
@@ -96,11 +97,11 @@ struct Steps {
   const Tensor transformed =
       graph.scratch(conv.name + ".transformed", uint64_t{s.transformed_stride} * s.positions);
   const Tensor products = graph.scratch(conv.name + ".products", uint64_t{s.products_stride} * s.positions);
-  const uint64_t weight_count = uint64_t{s.positions} * s.blocks * conv.channels_in * s.outputs;
+  const uint64_t weight_count = uint64_t{s.positions} * s.channels_out * conv.channels_in;
   const uint32_t weights =
       graph.constant(conv.name + ".weight", weight_count * sizeof(float),
                      [c = conv, s = s](std::byte* target) { pack_weights(target, c, s); });
-  const uint32_t bias = bias_constant(graph, conv, s.blocks* s.outputs);
+  const uint32_t bias = bias_constant(graph, conv, s.channels_out);
 
   Pass pass(const shaders::Forms& forms, std::vector<Binding> bindings) const {
     Pass result;
@@ -139,7 +140,7 @@ struct Steps {
     p.constants = {s.tile, end - first, s.outputs, part > 0, conv.options.how.order};
     params::WinogradMultiply push{conv.channels_in,  first, s.blocks, s.transformed_stride,
                                   s.products_stride, {}};
-    for (uint32_t i = 0; i < std::size(push.digits); ++i) push.digits[i] = i;
+    std::iota(std::begin(push.digits), std::end(push.digits), 0u);
     p.set_push(push);
     p.groups = {s.band_tiles / kMultiplyLocal, s.blocks, s.positions};
     p.flop = share(first_tile_row) * conv.flop() / s.parts;
@@ -156,7 +157,7 @@ struct Steps {
     // What lies below the band is the next one's.
     const uint32_t end = std::min(conv.height, (first_tile_row + s.band_rows) * s.tile);
     p.set_push(params::WinogradOutput{end, conv.width, plane_of(graph, conv.out), s.tiles_x, first_tile_row,
-                                      s.blocks * s.outputs, s.products_stride});
+                                      s.channels_out, s.products_stride});
     p.groups = {s.band_tiles / kTransformLocal, 1, conv.channels_out};
     p.bytes =
         share(first_tile_row) * traffic(graph, conv.out) * (1.0 + double(conv.options.residuals.size()));
