@@ -50,10 +50,15 @@ struct WinogradInput {
   uint position_stride;
 };
 
+struct WinogradWeights {
+  uint count;
+};
+
 struct WinogradMultiply {
   uint channels_in;
   uint first_channel;
   uint blocks;
+  uint weights_stride;
   uint transformed_stride;
   uint products_stride;
   uint digits[8];  // 0 to 7: see uniform.glsl

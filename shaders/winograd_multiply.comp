@@ -38,7 +38,7 @@ layout(std430, binding = 2) buffer Products { float v[]; } products;
 void main() {
   uint block = uniform_number(gl_WorkGroupID.y), position = uniform_number(gl_WorkGroupID.z);
   uint tile = gl_GlobalInvocationID.x;
-  uint weight = (position * p.blocks + block) * p.channels_in * kOutputs + p.first_channel * kOutputs;
+  uint weight = position * p.weights_stride + (block * p.channels_in + p.first_channel) * kOutputs;
   uint from = element(position, p.first_channel, tile, p.transformed_stride, p.channels_in);
   uint to = element(position, block * kOutputs, tile, p.products_stride, p.blocks * kOutputs);
   Floats w = Floats(uint64_t(weights) + 4ul * weight);

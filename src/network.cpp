@@ -190,7 +190,7 @@ void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, 
 }
 
 bool tile_4_is_accurate(const Architecture& a, const ConvWeights& weights, uint32_t channels_in) {
-  constexpr double kMost = 0x1p-10, kUnit = 0x1p-24, kTransformRoundings = 22;
+  constexpr double kMost = 0x1p-10, kUnit = 0x1p-24, kTransformRoundings = 29;
   const double range = a.transfer == Transfer::kLog ? std::log1p(8.0 * a.clip) / 3 : a.clip;
   return std::sqrt(channels_in + kTransformRoundings) * kUnit * range *
              winograd_amplification(weights, channels_in) <=

@@ -96,7 +96,7 @@ Matrix tile_magnitudes(const Bounded& x, const Conv& conv, int o, int y0, int x0
 }
 
 // Replaces the magnitudes of direct sums. Roundings beside the sums over channels: up to 4 in each of two
-// passes of the input's transform, 1 in the weight's, up to 6 in each of two of the output's, 1 for the bias.
+// passes of the input's transform and of the weight's, up to 6 in each of two of the output's, 1 for the bias.
 Planes filtered_magnitudes(const Bounded& x, const Conv& conv, int tile) {
   Planes result(conv.out, x.value.h, x.value.w);
   for (int o = 0; o < conv.out; ++o) {
@@ -112,7 +112,7 @@ Planes filtered_magnitudes(const Bounded& x, const Conv& conv, int tile) {
   }
   return result;
 }
-constexpr int kFilteringRoundings = 2 * 4 + 1 + 2 * 6 + 1;
+constexpr int kFilteringRoundings = 2 * 4 + 2 * 4 + 2 * 6 + 1;
 
 void relu_in_place(double& value, double& bound) {
   bound = value + bound <= 0 ? 0 : value < 0 ? value + bound : bound;

@@ -6,6 +6,7 @@
 #define RAYMELD_SPIRV_FORMS(name) RAYMELD_SPIRV(name, buffers) RAYMELD_SPIRV(name, addresses)
 RAYMELD_SPIRV(conv2d, buffers)
 RAYMELD_SPIRV_FORMS(pointwise)
+RAYMELD_SPIRV_FORMS(winograd_weights)
 RAYMELD_SPIRV_FORMS(winograd_input)
 RAYMELD_SPIRV_FORMS(winograd_multiply)
 RAYMELD_SPIRV_FORMS(winograd_output)
@@ -35,6 +36,7 @@ namespace raymeld::shaders {
   }
 const Shader kConv2d RAYMELD_SHADER(conv2d);
 const Forms kPointwise RAYMELD_FORMS(pointwise);
+const Forms kWinogradWeights RAYMELD_FORMS(winograd_weights);
 const Forms kWinogradInput RAYMELD_FORMS(winograd_input);
 const Forms kWinogradMultiply RAYMELD_FORMS(winograd_multiply);
 const Forms kWinogradOutput RAYMELD_FORMS(winograd_output);

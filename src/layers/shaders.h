@@ -13,6 +13,7 @@ extern const Shader kConv2d;
 // Without and with DATA_BY_ADDRESS, see memory.glsl.
 using Forms = std::array<Shader, 2>;
 extern const Forms kPointwise;
+extern const Forms kWinogradWeights;
 extern const Forms kWinogradInput;
 extern const Forms kWinogradMultiply;
 extern const Forms kWinogradOutput;

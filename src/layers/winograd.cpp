@@ -1,5 +1,7 @@
 // Convolutions by minimal filtering: transform the input, multiply, transform back, one band of tile rows
 // after another.
+#include <Imath/half.h>
+
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -10,20 +12,11 @@
 namespace raymeld {
 namespace {
 
+constexpr uint32_t kWeightsLocal = 64;               // of winograd_weights.comp
 constexpr uint32_t kMultiplyLocal = 64;              // tiles of a workgroup of winograd_multiply.comp
 constexpr uint32_t kTransformLocal = 64;             // and of the transforms
 constexpr uint64_t kMostScratchElements = 1u << 24;  // bands are lower where they would need more
 constexpr uint32_t kPaddingElements = 16;  // keeps positions from falling into the same set of a cache
-
-// One of G, by tile; Lavin and Gray 2016, section 4.
-using Filter = std::array<std::array<double, 3>, 6>;
-constexpr Filter kFilter2{{{1, 0, 0}, {0.5, 0.5, 0.5}, {0.5, -0.5, 0.5}, {0, 0, 1}}};
-constexpr Filter kFilter4{{{1. / 4, 0, 0},
-                           {-1. / 6, -1. / 6, -1. / 6},
-                           {-1. / 6, 1. / 6, -1. / 6},
-                           {1. / 24, 1. / 12, 1. / 6},
-                           {1. / 24, -1. / 12, 1. / 6},
-                           {0, 0, 1}}};
 
 struct Sizes {
   uint32_t tile, side, positions;
@@ -31,7 +24,7 @@ struct Sizes {
   uint32_t band_rows, band_tiles;          // band_tiles a multiple of all workgroups
   uint32_t parts;                          // of the input channels
   uint32_t outputs, blocks, channels_out;  // channels_out = outputs * blocks
-  uint32_t transformed_stride, products_stride;
+  uint32_t weights_stride, transformed_stride, products_stride;
 };
 
 Sizes sizes_of(const Convolution& conv) {
@@ -51,41 +44,22 @@ Sizes sizes_of(const Convolution& conv) {
   s.blocks = blocks_of(conv);
   s.outputs = divide_up(conv.channels_out, s.blocks);
   s.channels_out = s.outputs * s.blocks;
+  s.weights_stride = divide_up(s.channels_out * conv.channels_in, 2 * kWeightsLocal) * 2 * kWeightsLocal;
   s.transformed_stride = s.band_tiles * conv.channels_in + kPaddingElements;
   s.products_stride = s.band_tiles * s.channels_out + kPaddingElements;
   return s;
 }
 
-using Tile = std::array<std::array<double, 6>, 6>;
-
-// G g G^T.
-Tile transformed(uint32_t tile, std::span<const float, 9> g) {
-  const Filter& filter = tile == 4 ? kFilter4 : kFilter2;
-  const uint32_t side = tile + 2;
-  Tile result{};
-  for (uint32_t row = 0; row < side; ++row) {
-    std::array<double, 3> part{};
-    for (uint32_t k = 0; k < 9; ++k) part[k % 3] += filter[row][k / 3] * g[k];
-    for (uint32_t column = 0; column < side; ++column) {
-      for (uint32_t k = 0; k < 3; ++k) result[row][column] += part[k] * filter[column][k];
-    }
-  }
-  return result;
-}
-
-// The layout of winograd_multiply.comp: [position][block][in][output], zeros where channels end early.
+// The layout of winograd_weights.comp, zeros where channels end early.
+template <typename Element>
 void pack_weights(std::byte* target, const Convolution& conv, const Sizes& s) {
-  auto* packed = reinterpret_cast<float*>(target);
-  const size_t stride = size_t{s.channels_out} * conv.channels_in;
-  std::fill_n(packed, s.positions * stride, 0.0f);
+  auto* packed = reinterpret_cast<Element*>(target);
+  std::fill_n(packed, 9 * size_t{s.weights_stride}, Element(0));
   for (uint32_t o = 0; o < conv.channels_out; ++o) {
     for (uint32_t i = 0; i < conv.channels_in; ++i) {
-      std::array<float, 9> g;
-      for (uint32_t k = 0; k < 9; ++k) g[k] = conv.weight_at(o, i, k / 3, k % 3);
-      const Tile u = transformed(s.tile, g);
-      float* first = packed + (size_t{o / s.outputs} * conv.channels_in + i) * s.outputs + o % s.outputs;
-      for (uint32_t position = 0; position < s.positions; ++position)
-        first[position * stride] = static_cast<float>(u[position / s.side][position % s.side]);
+      Element* first = packed + (size_t{o / s.outputs} * conv.channels_in + i) * s.outputs + o % s.outputs;
+      for (uint32_t k = 0; k < 9; ++k)
+        first[k * size_t{s.weights_stride}] = Element(conv.weight_at(o, i, k / 3, k % 3));
     }
   }
 }
@@ -94,13 +68,10 @@ struct Steps {
   Graph& graph;
   const Convolution& conv;
   const Sizes s = sizes_of(conv);
+  const Tensor weights = graph.scratch(conv.name + ".weights", uint64_t{s.weights_stride} * s.positions);
   const Tensor transformed =
       graph.scratch(conv.name + ".transformed", uint64_t{s.transformed_stride} * s.positions);
   const Tensor products = graph.scratch(conv.name + ".products", uint64_t{s.products_stride} * s.positions);
-  const uint64_t weight_count = uint64_t{s.positions} * s.channels_out * conv.channels_in;
-  const uint32_t weights =
-      graph.constant(conv.name + ".weight", weight_count * sizeof(float),
-                     [c = conv, s = s](std::byte* target) { pack_weights(target, c, s); });
   const uint32_t bias = bias_constant(graph, conv, s.channels_out);
 
   Pass pass(const shaders::Forms& forms, std::vector<Binding> bindings) const {
@@ -122,6 +93,20 @@ struct Steps {
     return graph.addressed() && graph.storage() == Storage::kFloat32 && shuffle == 1 && conv.width % 2 == 0;
   }
 
+  void transform_weights() const {
+    const uint64_t filters_bytes = uint64_t{9} * s.weights_stride * element_bytes(graph.storage());
+    const uint32_t filters =
+        graph.constant(conv.name + ".weight", filters_bytes, [c = conv, s = s](std::byte* target) {
+          c.half ? pack_weights<Imath::half>(target, c, s) : pack_weights<float>(target, c, s);
+        });
+    Pass p = pass(shaders::kWinogradWeights, {constant_binding(filters), write_binding(weights)});
+    p.constants = {s.tile};
+    p.set_push(params::WinogradWeights{s.weights_stride});
+    p.groups = {s.weights_stride / 2 / kWeightsLocal, 1, 1};
+    p.bytes = static_cast<double>(filters_bytes);
+    graph.add(std::move(p));
+  }
+
   void input(uint32_t first_tile_row) const {
     Pass p = pass(shaders::kWinogradInput, {read_binding(conv.in), write_binding(transformed)});
     p.constants = {s.tile, conv.options.unshuffle, by_pairs(conv.options.unshuffle)};
@@ -134,17 +119,17 @@ struct Steps {
 
   void multiply(uint32_t first_tile_row, uint32_t part) const {
     const uint32_t first = part * conv.channels_in / s.parts, end = (part + 1) * conv.channels_in / s.parts;
-    Binding weight = constant_binding(weights);
+    Binding weight = read_binding(weights);
     weight.by_address = true;
     Pass p = pass(shaders::kWinogradMultiply, {weight, read_binding(transformed), write_binding(products)});
     p.constants = {s.tile, end - first, s.outputs, part > 0, conv.options.how.order};
-    params::WinogradMultiply push{conv.channels_in,  first, s.blocks, s.transformed_stride,
+    params::WinogradMultiply push{conv.channels_in,  first, s.blocks, s.weights_stride, s.transformed_stride,
                                   s.products_stride, {}};
     std::iota(std::begin(push.digits), std::end(push.digits), 0u);
     p.set_push(push);
     p.groups = {s.band_tiles / kMultiplyLocal, s.blocks, s.positions};
     p.flop = share(first_tile_row) * conv.flop() / s.parts;
-    p.bytes = share(first_tile_row) * double(weight_count) * sizeof(float) / s.parts;
+    p.bytes = share(first_tile_row) * double(s.weights_stride) * s.positions * sizeof(float) / s.parts;
     graph.add(std::move(p));
   }
 
@@ -168,6 +153,13 @@ struct Steps {
 }  // namespace
 
 double winograd_amplification(const ConvWeights& weights, uint32_t channels_in) {
+  using Tile = std::array<std::array<double, 6>, 6>;
+  constexpr double kFilter[6][3] = {{1. / 4, 0, 0},
+                                    {-1. / 6, -1. / 6, -1. / 6},
+                                    {-1. / 6, 1. / 6, -1. / 6},
+                                    {1. / 24, 1. / 12, 1. / 6},
+                                    {1. / 24, -1. / 12, 1. / 6},
+                                    {0, 0, 1}};                      // G; Lavin and Gray 2016, section 4
   constexpr std::array<double, 6> kInputSums{10, 10, 10, 6, 6, 10};  // of the rows of |B^T|
   constexpr double kOutput[4][6] = {
       {1, 1, 1, 1, 1, 0}, {0, 1, 1, 2, 2, 0}, {0, 1, 1, 4, 4, 0}, {0, 1, 1, 8, 8, 1}};
@@ -177,7 +169,12 @@ double winograd_amplification(const ConvWeights& weights, uint32_t channels_in) 
     double direct = 0;
     for (size_t i = 0; i < channels_in; ++i) {
       const auto g = weights.weight.subspan((o * channels_in + i) * 9).first<9>();
-      const Tile u = transformed(4, g);
+      Tile u{};
+      for (size_t row = 0; row < 6; ++row) {
+        std::array<double, 3> part{};
+        for (size_t k = 0; k < 9; ++k) part[k % 3] += kFilter[row][k / 3] * g[k];
+        for (size_t k = 0; k < 18; ++k) u[row][k / 3] += part[k % 3] * kFilter[k / 3][k % 3];
+      }
       for (size_t p = 0; p < 36; ++p) sum[p / 6][p % 6] += std::abs(u[p / 6][p % 6]);
       for (const float value : g) direct += std::abs(value);
     }
@@ -196,6 +193,7 @@ double winograd_amplification(const ConvWeights& weights, uint32_t channels_in) 
 
 void conv2d_winograd(Graph& graph, const Convolution& conv) {
   const Steps steps{.graph = graph, .conv = conv};
+  steps.transform_weights();
   for (uint32_t row = 0; row < steps.s.tile_rows; row += steps.s.band_rows) {
     steps.input(row);
     for (uint32_t part = 0; part < steps.s.parts; ++part) steps.multiply(row, part);

@@ -1,0 +1,69 @@
+// Before the three steps of a convolution: G g G^T of every pair of channels. Each invocation makes two, which are
+// neighbours in the layout that winograd_multiply.comp reads: [position][block][in][output]. Filters come as
+// [3 x 3][block][in][output]; p.count from one of the 9, or of the positions, to the next, is a multiple of all workgroups.
+#version 450
+#extension GL_GOOGLE_include_directive : require
+#include "params.h"
+#include "tensor.glsl"
+#include "memory.glsl"
+#include "winograd.glsl"
+
+layout(local_size_x = 64) in;
+#ifdef DATA_BY_ADDRESS
+layout(push_constant) uniform Push {
+  Values filters;
+  Pairs transformed;
+  WinogradWeights p;
+};
+#else
+layout(push_constant) uniform Push { WinogradWeights p; };
+layout(std430, binding = 1) readonly buffer Filters { STORAGE v[]; } filters;
+layout(std430, binding = 2) writeonly buffer Transformed { float v[]; } transformed;
+#endif
+
+vec2 load(uint at) {
+#if defined(DATA_BY_ADDRESS) && !defined(STORAGE_F16)
+  return floats(Pairs(uint64_t(filters)).v[at / 2]);
+#else
+  return vec2(float(filters.v[at]), float(filters.v[at + 1]));
+#endif
+}
+
+void store(uint at, vec2 values) {
+#ifdef DATA_BY_ADDRESS
+  transformed.v[at / 2] = pair(values);
+#else
+  transformed.v[at] = values.x;
+  transformed.v[at + 1] = values.y;
+#endif
+}
+
+// G g, of a column or a row of two filters.
+void transform(vec2 g0, vec2 g1, vec2 g2, out vec2 u[kMostSide]) {
+  vec2 outer = g0 + g2;
+  u[0] = g0;
+  if (kSide == 4) {
+    u[1] = 0.5 * (outer + g1);
+    u[2] = 0.5 * (outer - g1);
+  } else {
+    vec2 far = (g0 + 4.0 * g2) / 24.0;
+    u[0] = 0.25 * g0;
+    u[1] = (outer + g1) / -6.0;
+    u[2] = (outer - g1) / -6.0;
+    u[3] = far + g1 / 12.0;
+    u[4] = far - g1 / 12.0;
+  }
+  u[kSide - 1] = g2;
+}
+
+void main() {
+  uint at = 2 * gl_GlobalInvocationID.x;
+  vec2 columns[kKernel][kMostSide];  // [column of g][row of G g]
+  [[unroll]] for (uint x = 0; x < kKernel; ++x)
+    transform(load(at + x * p.count), load(at + (kKernel + x) * p.count), load(at + (2 * kKernel + x) * p.count), columns[x]);
+  [[unroll]] for (uint y = 0; y < kSide; ++y) {
+    vec2 row[kMostSide];
+    transform(columns[0][y], columns[1][y], columns[2][y], row);
+    [[unroll]] for (uint x = 0; x < kSide; ++x) store(at + (y * kSide + x) * p.count, row[x]);
+  }
+}
