@@ -16,6 +16,7 @@ layout(constant_id = 1) const uint kVectors = 2;
 layout(constant_id = 2) const uint kRows = 4;
 layout(constant_id = 3) const uint kRelu = 0;
 layout(constant_id = 4) const uint kResiduals = 0;
+layout(constant_id = 5) const uint kBehind = 0;  // channels from p.channels_front on are those of a second input
 
 layout(push_constant) uniform Push { Conv2d p; };
 layout(std430, binding = 1) readonly buffer Weights { STORAGE4 weights[]; };
@@ -26,6 +27,8 @@ layout(std430, binding = 4) writeonly buffer Output { STORAGE out_data[]; };
 layout(std430, binding = 5) readonly buffer Residual0 { STORAGE residual0[]; };
 layout(std430, binding = 6) readonly buffer Residual1 { STORAGE residual1[]; };
 layout(std430, binding = 7) readonly buffer Residual2 { STORAGE residual2[]; };
+// Bound to the input where that is all.
+layout(std430, binding = 8) readonly buffer Behind { STORAGE behind_data[]; };
 
 const uint kRadius = kKernel / 2;
 const uint kColumn = kRows + kKernel - 1;
@@ -33,7 +36,9 @@ const uint kColumn = kRows + kKernel - 1;
 // Outside the image lies zero; unsigned wrap-around makes one comparison serve both edges.
 float load(uint i, uint y, uint x) {
   bool inside = y < p.height && x < p.width;
-  float value = float(in_data[inside ? address(i, y, x, p.plane, p.width) : 0]);
+  bool behind = kBehind != 0 && i >= p.channels_front;
+  uint at = inside ? address(behind ? i - p.channels_front : i, y, x, p.plane, p.width) : 0;
+  float value = behind ? float(behind_data[at]) : float(in_data[at]);
   return inside ? value : 0.0;
 }
 

@@ -23,6 +23,7 @@ struct Conv2d {
   uint width;
   uint plane;
   uint channels_in;
+  uint channels_front;  // of the first of two inputs
   uint channels_out;
 };
 
@@ -32,21 +33,24 @@ struct Pointwise {
   uint pixels;
   uint first_pixel;
   uint channels_in;
-  uint first_channel;
+  uint first_channel;  // of the part, whose first one is bound
   uint channels_out;
   uint blocks;
   uint digits[8];  // 0 to 7: see uniform.glsl
 };
 
 // The steps of a convolution by tiles, one band of rows at a time: see winograd.glsl. plane is that of the tensor bound,
+// its row y is at y & rows_mask;
 // height and width are those of the convolution; tiles_x is even.
 struct WinogradInput {
   uint height;
   uint width;
   uint plane;
+  uint rows_mask;
   uint tiles_x;
   uint first_tile_row;
   uint channels;
+  uint first_channel;  // of those of the source
   uint position_stride;
 };
 
@@ -68,6 +72,9 @@ struct WinogradOutput {
   uint height;  // up to the end of the band
   uint width;
   uint plane;
+  uint rows_mask;
+  uint residual_plane;
+  uint residual_rows_mask;
   uint tiles_x;
   uint first_tile_row;
   uint channels;  // a multiple of what a block has

@@ -60,10 +60,9 @@ void main() {
   uint pixel = p.first_pixel + in_band, sum_at = (in_band / kLanes * p.blocks + block) * kOutputs * kLanes + in_band % kLanes;
   Floats w = Floats(uint64_t(weights) + 4ul * ((block * p.channels_in + p.first_channel) * kOutputs));
   Floats b = Floats(uint64_t(bias) + 4ul * (block * kOutputs));
-  uint from = p.first_channel * p.plane + pixel;
 #ifdef DATA_BY_ADDRESS
   const uint64_t step = uint64_t(p.plane) * STORAGE_BYTES;
-  uint64_t next = uint64_t(source) + uint64_t(from) * STORAGE_BYTES;
+  uint64_t next = uint64_t(source) + uint64_t(pixel) * STORAGE_BYTES;
 #endif
   float sum[kOutputs];
   [[unroll]] for (uint o = 0; o < kOutputs; ++o) sum[o] = kFirst != 0 ? b.v[o] : sums.v[sum_at + o * kLanes];
@@ -72,7 +71,7 @@ void main() {
     float value = float(Values(next).v[0]);
     next += step;
 #else
-    float value = float(source.v[from + i * p.plane]);
+    float value = float(source.v[i * p.plane + pixel]);
 #endif
     [[unroll]] for (uint o = 0; o < kOutputs; ++o) sum[o] = fma(w.v[i * kOutputs + o], value, sum[o]);
     if (kOrder > 0 && (i + 1) % kOrder == 0 && i + 1 < kChannels) {

@@ -25,8 +25,8 @@ layout(std430, binding = 2) writeonly buffer Transformed { float v[]; } transfor
 
 float load(uint c, uint y, uint x) {
   bool inside = y < p.height && x < p.width;
-  uint at = address(c / (kUnshuffle * kUnshuffle), kUnshuffle * y + c / kUnshuffle % kUnshuffle,
-                    kUnshuffle * x + c % kUnshuffle, p.plane, kUnshuffle * p.width);
+  uint row = (kUnshuffle * y + c / kUnshuffle % kUnshuffle) & p.rows_mask;
+  uint at = address(c / (kUnshuffle * kUnshuffle), row, kUnshuffle * x + c % kUnshuffle, p.plane, kUnshuffle * p.width);
   float value = float(source.v[inside ? at : 0]);
   return inside ? value : 0.0;
 }
@@ -35,7 +35,7 @@ float load(uint c, uint y, uint x) {
 vec2 load_pair(uint c, uint y, uint x) {
 #if defined(DATA_BY_ADDRESS) && !defined(STORAGE_F16)
   bool inside = y < p.height && x < p.width;
-  uint at = address(c, y, x, p.plane, p.width) / 2;
+  uint at = address(c, y & p.rows_mask, x, p.plane, p.width) / 2;
   vec2 values = floats(Pairs(uint64_t(source)).v[inside ? at : 0]);
   return inside ? values : vec2(0.0);
 #else
@@ -97,7 +97,7 @@ void main() {
       columns[y][x + 1] = d[y].y;
     }
   }
-  uint at = element(0, channel, tile, p.position_stride, p.channels);
+  uint at = element(0, p.first_channel + channel, tile, p.position_stride, p.channels);
   [[unroll]] for (uint y = 0; y < kSide; ++y) {
     vec2 d[kMostSide];
     [[unroll]] for (uint x = 0; x < kSide; ++x) d[x] = vec2(columns[y][x], columns[y][x + kTile]);

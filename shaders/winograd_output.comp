@@ -45,25 +45,27 @@ float activated(float value) { return kRelu != 0 && value < 0.0 ? 0.0 : value; }
 
 void store(uint o, uint y, uint x, float value) {
   if (y >= p.height || x >= p.width) return;
-  uint at = address(o / (kShuffle * kShuffle), kShuffle * y + o / kShuffle % kShuffle, kShuffle * x + o % kShuffle,
-                    p.plane, kShuffle * p.width);
+  uint c = o / (kShuffle * kShuffle), width = kShuffle * p.width;
+  y = kShuffle * y + o / kShuffle % kShuffle;
+  x = kShuffle * x + o % kShuffle;
   value = activated(value);
-  if (kResiduals > 0) value += float(residual0.v[at]);
-  if (kResiduals > 1) value += float(residual1.v[at]);
-  if (kResiduals > 2) value += float(residual2.v[at]);
-  target.v[at] = STORAGE(storable(value));
+  uint from = address(c, y & p.residual_rows_mask, x, p.residual_plane, width);
+  if (kResiduals > 0) value += float(residual0.v[from]);
+  if (kResiduals > 1) value += float(residual1.v[from]);
+  if (kResiduals > 2) value += float(residual2.v[from]);
+  target.v[address(c, y & p.rows_mask, x, p.plane, width)] = STORAGE(storable(value));
 }
 
 // The same at x and x + 1, of an even x and an even width.
 void store_pair(uint o, uint y, uint x, vec2 values) {
 #if defined(DATA_BY_ADDRESS) && !defined(STORAGE_F16)
   if (y >= p.height || x >= p.width) return;
-  uint at = address(o, y, x, p.plane, p.width) / 2;
   values = vec2(activated(values.x), activated(values.y));
-  if (kResiduals > 0) values += floats(Pairs(uint64_t(residual0)).v[at]);
-  if (kResiduals > 1) values += floats(Pairs(uint64_t(residual1)).v[at]);
-  if (kResiduals > 2) values += floats(Pairs(uint64_t(residual2)).v[at]);
-  Pairs(uint64_t(target)).v[at] = pair(values);
+  uint from = address(o, y & p.residual_rows_mask, x, p.residual_plane, p.width) / 2;
+  if (kResiduals > 0) values += floats(Pairs(uint64_t(residual0)).v[from]);
+  if (kResiduals > 1) values += floats(Pairs(uint64_t(residual1)).v[from]);
+  if (kResiduals > 2) values += floats(Pairs(uint64_t(residual2)).v[from]);
+  Pairs(uint64_t(target)).v[address(o, y & p.rows_mask, x, p.plane, p.width) / 2] = pair(values);
 #endif
 }
 

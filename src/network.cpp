@@ -2,7 +2,9 @@
 // h, w: the LRHS size; s: the scale; H = s h, W = s w; C, R, D, B, G, M, K as in Architecture.
 #include "network.h"
 
+#include <array>
 #include <cmath>
+#include <utility>
 
 namespace raymeld {
 namespace {
@@ -21,10 +23,11 @@ struct Builder {
     return graph.tensor(name, {height, width, channels});
   }
 
-  void conv(const std::string& name, const Tensor& in, const Tensor& out, Conv2dOptions options,
-            const std::string& bias = "bias") {
+  Conv2dLink link(const std::string& name, const Tensor& in, const Tensor& out, Conv2dOptions options,
+                  const std::string& bias = "bias") {
     const uint32_t u = options.unshuffle, s = options.shuffle;
-    Conv2dShape shape{in.shape.height / u, in.shape.width / u, in.shape.channels * u * u,
+    const uint32_t channels_in = in.shape.channels + (options.behind ? options.behind->shape.channels : 0);
+    Conv2dShape shape{in.shape.height / u, in.shape.width / u, channels_in * u * u,
                       out.shape.channels * s * s, options.kernel};
     const ConvWeights weights = model.conv(name, shape.channels_out, shape.channels_in, shape.kernel, bias);
     options.how = choose(shape);
@@ -32,72 +35,74 @@ struct Builder {
       shape.most_tile = 2;
       options.how = choose(shape);
     }
-    conv2d(graph, name, in, out, weights, options);
+    return {name, in, out, weights, options};
+  }
+
+  void conv(const std::string& name, const Tensor& in, const Tensor& out, const Conv2dOptions& options,
+            const std::string& bias = "bias") {
+    conv2d_chain(graph, std::array{link(name, in, out, options, bias)});
   }
 
   // (H, W, K) -> F_HRLS (h, w, C): Eq. 5 and 6, or one convolution of what is unshuffled by s.
-  void hrls_encoder(const Tensor& hrls, const Tensor& f_hrls) {
+  Tensor hrls_encoder(const Tensor& hrls) {
+    const auto [height, width, channels] = hrls.shape;
     if (a.hrls_encoder == HrlsEncoder::kUnshuffled) {
-      return conv("hrls", hrls, f_hrls, {.kernel = 3, .relu = true, .unshuffle = a.scale});
+      const Tensor f_hrls = tensor("hrls", height / a.scale, width / a.scale, a.features);
+      conv("hrls", hrls, f_hrls, {.kernel = 3, .relu = true, .unshuffle = a.scale});
+      return f_hrls;
     }
-    Tensor x = tensor("hrls", hrls.shape.height, hrls.shape.width, a.features);
-    conv("hrls", hrls, x, {.kernel = 3, .relu = true});
+    Tensor x = tensor("hrls", height, width, a.features);
+    std::vector<Conv2dLink> links{link("hrls", hrls, x, {.kernel = 3, .relu = true})};
     for (uint32_t i = 0; i < a.levels(); ++i) {
       const std::string name = fmt::format("down.{}", i);
-      const uint32_t height = x.shape.height / 2, width = x.shape.width / 2;
-      const Tensor next = i + 1 == a.levels() ? f_hrls : tensor(name, height, width, a.features);
-      conv(name, x, next, {.kernel = 3, .relu = true, .unshuffle = 2});
+      const Tensor next = tensor(name, x.shape.height / 2, x.shape.width / 2, a.features);
+      links.push_back(link(name, x, next, {.kernel = 3, .relu = true, .unshuffle = 2}));
       x = next;
     }
+    conv2d_chain(graph, links);
+    return x;
   }
 
-  // G groups of B residual dense blocks on F_0 -> F_DF (h, w, C), Eq. 7 and 8. A block's features are one
-  // tensor of C + D R channels: its input, then what each dense layer appends.
-  Tensor trunk(const Tensor& f_lrhs, Tensor features) {
-    const uint32_t height = f_lrhs.shape.height, width = f_lrhs.shape.width;
-    const Tensor f_0 = features.slice(0, a.features);
+  // G groups of B residual dense blocks on F_0 -> F_DF (h, w, C), Eq. 7 and 8. A block's D layers append R
+  // channels each to one tensor, and read its input and what is there.
+  Tensor trunk(const Tensor& f_lrhs, const Tensor& f_0) {
+    const auto [height, width, channels] = f_0.shape;
+    Tensor x = f_0;
     for (uint32_t g = 0; g < a.groups; ++g) {
-      const Tensor group_input = features.slice(0, a.features);
+      const Tensor group_input = x;
       for (uint32_t b = 0; b < a.blocks; ++b) {
         const std::string name = fmt::format("groups.{}.blocks.{}", g, b);
         const bool last_of_group = b + 1 == a.blocks, last = last_of_group && g + 1 == a.groups;
-        const Tensor block_input = features.slice(0, a.features);
+        const Tensor dense = tensor(name + ".dense", height, width, a.dense_layers * a.growth);
         for (uint32_t d = 0; d < a.dense_layers; ++d) {
-          const uint32_t known = a.features + d * a.growth;
-          conv(fmt::format("{}.dense.{}", name, d), features.slice(0, known), features.slice(known, a.growth),
-               {.kernel = 3, .relu = true});
+          Conv2dOptions options{.kernel = 3, .relu = true};
+          if (d > 0) options.behind = dense.slice(0, d * a.growth);
+          conv(fmt::format("{}.dense.{}", name, d), x, dense.slice(d * a.growth, a.growth), options);
         }
-        std::vector<Tensor> residuals{block_input};
+        std::vector<Tensor> residuals{x};
         if (last_of_group) residuals.push_back(group_input);
         if (last) residuals.push_back(a.long_skip == LongSkip::kLrhs ? f_lrhs : f_0);
-        const Tensor next = last            ? tensor("trunk", height, width, a.features)
-                            : last_of_group ? block_features(g + 1, 0)
-                                            : block_features(g, b + 1);
-        conv(name + ".merge", features, next.slice(0, a.features),
-             {.kernel = 1, .relu = a.merge_relu, .residuals = residuals});
-        features = next;
+        const Tensor next = tensor(name + ".merge", height, width, channels);
+        conv(name + ".merge", x, next,
+             {.kernel = 1, .relu = a.merge_relu, .residuals = residuals, .behind = dense});
+        x = next;
       }
     }
-    return features;
-  }
-
-  Tensor block_features(uint32_t g, uint32_t b) {
-    const std::string name = fmt::format("groups.{}.blocks.{}.features", g, b);
-    return tensor(name, lrhs_height, lrhs_width, a.features + a.dense_layers * a.growth);
+    return x;
   }
 
   // F_DF (h, w, C) -> (H, W, M): Eq. 9, or by s at once.
-  void upscale(Tensor x, const Tensor& full) {
+  Tensor upscale(std::vector<Conv2dLink>& links, Tensor x) {
     const bool direct = a.upscale == Upscale::kDirect;
     const uint32_t steps = direct ? 1 : a.levels(), factor = direct ? a.scale : 2;
-    const uint32_t channels = full.shape.channels;
     for (uint32_t i = 0; i < steps; ++i) {
       const std::string name = fmt::format("up.{}", i);
-      const uint32_t height = factor * x.shape.height, width = factor * x.shape.width;
-      const Tensor next = i + 1 == steps ? full : tensor(name + ".pixel_shuffle", height, width, channels);
-      conv(name, x, next, {.kernel = 3, .relu = true, .shuffle = factor});
+      const Tensor next = tensor(name + ".pixel_shuffle", factor * x.shape.height, factor * x.shape.width,
+                                 a.upscaled_features);
+      links.push_back(link(name, x, next, {.kernel = 3, .relu = true, .shuffle = factor}));
       x = next;
     }
+    return x;
   }
 
   // HRLS and LRHS without their albedo, filtered (H, W, 3 kJointKept): guided by the albedo, the normal and
@@ -122,30 +127,28 @@ struct Builder {
     }
   }
 
-  // (H, W, M or M + K) -> (H, W, 3), or (H, W, 8) for a joint base.
-  Tensor reconstruct(Tensor x) {
+  // (H, W, M) and, behind it, the guide if there is one -> (H, W, 3), or (H, W, 8) for a joint base.
+  Tensor reconstruct(std::vector<Conv2dLink>& links, Tensor x, std::optional<Tensor> guide) {
     const auto [height, width, channels] = x.shape;
     for (uint32_t i = 0; i < a.head_layers; ++i) {
       const std::string name = fmt::format("head.{}", i);
       const Tensor head = tensor(name, height, width, a.head_features);
-      std::vector<Tensor> residuals;
-      if (i > 0) residuals.push_back(x);
-      conv(name, x, head, {.kernel = 3, .relu = true, .residuals = residuals});
+      Conv2dOptions options{.kernel = 3, .relu = true, .behind = std::exchange(guide, std::nullopt)};
+      if (i > 0) options.residuals = {x};
+      links.push_back(link(name, x, head, options));
       x = head;
     }
     const Tensor fused = tensor("rec", height, width, a.base == Base::kJoint ? 3 + kCandidates : 3);
-    conv("rec", x, fused, {.kernel = 3});
+    links.push_back(link("rec", x, fused, {.kernel = 3, .behind = guide}));
     return fused;
   }
-
-  uint32_t lrhs_height, lrhs_width;
 };
 
 }  // namespace
 
 void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase,
              const Conv2dChoice& choose) {
-  Builder build{.graph = graph, .model = model, .choose = choose, .lrhs_height = height, .lrhs_width = width};
+  Builder build{.graph = graph, .model = model, .choose = choose};
   const Architecture& a = model.architecture();
   const uint32_t full_height = a.scale * height, full_width = a.scale * width;
   const std::vector<ChannelKind> hrls_kinds = a.hrls_kinds(), lrhs_kinds(3, ChannelKind::kRadiance);
@@ -154,31 +157,26 @@ void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, 
 
   // With a joint base, the irradiance follows the encoded LRHS, and the filtered images the encoded HRLS.
   const Tensor lrhs = build.tensor("encode.lrhs", height, width, joint ? 6 : 3);
-  const uint32_t layers = static_cast<uint32_t>(hrls_kinds.size()), m = a.upscaled_features;
+  const uint32_t layers = static_cast<uint32_t>(hrls_kinds.size());
   const uint32_t k = layers + (joint ? 3 * kJointKept : 0);
-  // With a guide, one tensor holds the upscaled features and, from the start, the encoded HRLS behind them.
-  const Tensor guided = a.hrls_guide ? build.tensor("guided", full_height, full_width, m + k) : Tensor{};
-  const Tensor hrls =
-      a.hrls_guide ? guided.slice(m, k) : build.tensor("encode.hrls", full_height, full_width, k);
+  const Tensor hrls = build.tensor("encode.hrls", full_height, full_width, k);
   const Tensor filtered = hrls.slice(layers, k - layers);
   encode(graph, "encode.lrhs", FrameSlot::kLrhs, lrhs.slice(0, 3), lrhs_kinds, a.transfer, a.clip);
   encode(graph, "encode.hrls", FrameSlot::kHrls, hrls.slice(0, layers), hrls_kinds, a.transfer, a.clip);
   if (joint) build.joint_candidates(lrhs, hrls, filtered, joint_options);
 
-  const Tensor both = build.tensor("encoders", height, width, 2 * a.features);  // F_LRHS, F_HRLS
-  const Tensor f_lrhs = both.slice(0, a.features), f_hrls = both.slice(a.features, a.features);
+  const Tensor f_lrhs = build.tensor("lrhs", height, width, a.features);
   const bool centered = phase > 0;
   build.conv("lrhs", lrhs, f_lrhs, {.kernel = 3, .relu = true},
              a.both_samplings && centered ? "centered_bias" : "bias");  // Eq. 4
-  build.hrls_encoder(hrls, f_hrls);
-
-  const Tensor features = build.block_features(0, 0);
-  build.conv("fuse", both, features.slice(0, a.features), {.kernel = 1, .relu = true});  // F_0
-  const Tensor deep = build.trunk(f_lrhs, features);                                     // F_DF
-  const Tensor full =
-      a.hrls_guide ? guided.slice(0, m) : build.tensor("upscaled", full_height, full_width, m);
-  build.upscale(deep, full);
-  const Tensor fused = build.reconstruct(a.hrls_guide ? guided : full);
+  const Tensor f_hrls = build.hrls_encoder(hrls);
+  const Tensor f_0 = build.tensor("fuse", height, width, a.features);
+  build.conv("fuse", f_lrhs, f_0, {.kernel = 1, .relu = true, .behind = f_hrls});
+  const Tensor deep = build.trunk(f_lrhs, f_0);  // F_DF
+  std::vector<Conv2dLink> links;
+  const Tensor full = build.upscale(links, deep);
+  const Tensor fused = build.reconstruct(links, full, a.hrls_guide ? std::optional(hrls) : std::nullopt);
+  conv2d_chain(graph, links);
   if (!joint) {
     const Tensor* base = a.base == Base::kBilinear ? &lrhs : nullptr;
     return decode(graph, "decode", fused, {a.transfer, base, a.scale, phase});

@@ -65,9 +65,9 @@ float lrhs_phase(bool centered, uint32_t scale) noexcept {
 }
 
 Graph build_graph(const Model& model, TileSize tile, const FuserOptions& options) {
-  Graph graph(options.storage, options.kernels.addressed);
+  Graph graph(options.storage, options.kernels.addressed, options.keep_activations);
   network(graph, model, tile.height, tile.width, options.phase, options.kernels.conv2d);
-  graph.plan(!options.keep_activations);
+  graph.plan();
   return graph;
 }
 

@@ -44,18 +44,26 @@ struct Case {
   int in, out, kernel;
   bool relu;
   int residuals;
+  int behind = 0;  // of the input channels, in a tensor of their own
 };
 
 // Odd channel counts around the shader's blocks of 4 and 8, every kernel with every number of residuals.
 constexpr Case kCases[] = {
-    {1, 1, 3, false, 0}, {3, 8, 3, true, 0},   {4, 3, 1, false, 3},  {5, 9, 3, true, 1},
-    {8, 4, 1, true, 2},  {9, 5, 3, false, 2},  {18, 8, 3, true, 0},  {7, 17, 1, false, 1},
-    {2, 16, 3, true, 3}, {24, 3, 3, false, 0}, {16, 12, 1, true, 0},
+    {1, 1, 3, false, 0},     {3, 8, 3, true, 0},   {4, 3, 1, false, 3},  {5, 9, 3, true, 1},
+    {8, 4, 1, true, 2},      {9, 5, 3, false, 2},  {18, 8, 3, true, 0},  {7, 17, 1, false, 1},
+    {2, 16, 3, true, 3},     {24, 3, 3, false, 0}, {16, 12, 1, true, 0}, {9, 5, 3, true, 1, 4},
+    {11, 9, 1, false, 1, 7},
 };
 
 std::string describe(const Case& c, const Size& size, Precision precision) {
-  return fmt::format("{} -> {} channels, kernel {}, relu {}, {} residuals, {} x {}, {}", c.in, c.out,
-                     c.kernel, c.relu, c.residuals, size.h, size.w, name_of(precision));
+  return fmt::format(
+      "{} -> {} channels, {} in a second tensor, kernel {}, relu {}, {} residuals, {} x {}, {}", c.in, c.out,
+      c.behind, c.kernel, c.relu, c.residuals, size.h, size.w, name_of(precision));
+}
+
+Planes channels(const Planes& p, int first, int count) {
+  const auto begin = p.data.begin() + ptrdiff_t(p.index(first, 0, 0));
+  return Planes(count, p.h, p.w, {begin, begin + ptrdiff_t(p.index(count, 0, 0))});
 }
 
 struct Result {
@@ -68,7 +76,10 @@ Result run_case(const Case& c, const Size& size, Precision precision, Fill fill,
   const Conv conv = round_to(random_conv(c.out, c.in, c.kernel, fill, seed), precision);
   const Planes x = round_to(random_planes(c.in, size.h, size.w, fill, seed + 1), precision);
   LayerRun run(precision, how.addressed);
-  const Tensor in = run.input("in", x), out = run.tensor("out", c.out, size.h, size.w);
+  const Tensor in = run.input("in", channels(x, 0, c.in - c.behind));
+  const Tensor out = run.tensor("out", c.out, size.h, size.w);
+  std::optional<Tensor> behind;
+  if (c.behind > 0) behind = run.input("behind", channels(x, c.in - c.behind, c.behind));
   std::vector<Tensor> residuals;
   std::vector<Bounded> bounded;
   for (int i = 0; i < c.residuals; ++i) {
@@ -77,7 +88,11 @@ Result run_case(const Case& c, const Size& size, Precision precision, Fill fill,
     bounded.push_back(exact(values));
   }
   conv2d(run.graph(), "conv", in, out, run.weights(conv),
-         {.kernel = uint32_t(c.kernel), .relu = c.relu, .residuals = residuals, .how = how.kernel});
+         {.kernel = uint32_t(c.kernel),
+          .relu = c.relu,
+          .residuals = residuals,
+          .behind = behind,
+          .how = how.kernel});
   run.run();
   std::vector<const Bounded*> pointers;
   for (const Bounded& b : bounded) pointers.push_back(&b);
@@ -128,11 +143,6 @@ TEST_F(Conv2dTest, ReadsAndWritesSlicesOfOneTensor) {
              {.kernel = 3, .how = how.kernel});
       run.run();
 
-      const auto channels = [&](const Planes& p, int first, int count) {
-        const size_t plane = size_t(p.h) * p.w;
-        const auto begin = p.data.begin() + ptrdiff_t(first * plane);
-        return Planes(count, p.h, p.w, {begin, begin + ptrdiff_t(count * plane)});
-      };
       const Planes after = run.read(all);
       EXPECT_TRUE(within_bounds(
           "slices", channels(after, 8, 3),

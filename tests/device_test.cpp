@@ -105,7 +105,7 @@ TEST(Validation, AMissingBarrierBetweenDispatchesIsReported) {
   const Tensor in = graph.input("in", {4, 4, 3}), out = graph.tensor("out", {4, 4, 3});
   decode(graph, "decode", in, {});
   encode(graph, "encode", FrameSlot::kHrls, out, std::vector(3, ChannelKind::kAlbedo), Transfer::kLinear, 1);
-  graph.plan(false);
+  graph.plan();
   PipelineCache cache(*device, {});
   Program program(*device, graph, cache, 1);
   const FrameImage image(*device, {4, 4, 3}, Memory::kReadback, {});

@@ -154,7 +154,7 @@ ConvWeights LayerRun::weights(const reference::Conv& conv) {
 }
 
 void LayerRun::run(const FrameBindings& frame, float exposure) {
-  graph_.plan(false);
+  graph_.plan();
   program_ = std::make_unique<Program>(gpu(), graph_, shared_cache(), 1);
   for (const auto& [tensor, values] : inputs_) program_->write(tensor, values);
   program_->bind(0, frame);

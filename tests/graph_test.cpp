@@ -28,7 +28,9 @@ Pass pass(const std::string& name, std::vector<Tensor> reads, std::vector<Tensor
 constexpr Shape kShape{4, 4, 2};
 
 struct Hand {
-  Graph graph{Storage::kFloat32};
+  explicit Hand(bool keep = true) : graph(Storage::kFloat32, false, keep) {}
+
+  Graph graph;
   Tensor a = graph.input("a", kShape), b = graph.input("b", kShape);
 
   Tensor add(const std::string& name, std::vector<Tensor> reads) {
@@ -36,8 +38,8 @@ struct Hand {
     graph.add(pass(name, std::move(reads), {out}));
     return out;
   }
-  std::vector<bool> barriers(bool alias) {
-    graph.plan(alias);
+  std::vector<bool> barriers() {
+    graph.plan();
     std::vector<bool> result;
     for (size_t i = 0; i < graph.passes().size(); ++i) result.push_back(graph.barrier_before(i));
     EXPECT_EQ(graph.barrier_count(), size_t(std::count(result.begin(), result.end(), true)));
@@ -52,7 +54,7 @@ TEST(Barriers, IndependentPassesNeedNone) {
   hand.add("c", {hand.a});
   hand.add("d", {hand.b});
   hand.add("e", {hand.a, hand.b});
-  EXPECT_EQ(hand.barriers(false), (Barriers{false, false, false}));
+  EXPECT_EQ(hand.barriers(), (Barriers{false, false, false}));
 }
 
 TEST(Barriers, ReadAfterWrite) {
@@ -61,7 +63,7 @@ TEST(Barriers, ReadAfterWrite) {
   const Tensor d = hand.add("d", {c});
   hand.add("e", {c, hand.a});  // c has been visible since d's barrier
   hand.add("f", {d});
-  EXPECT_EQ(hand.barriers(false), (Barriers{false, true, false, true}));
+  EXPECT_EQ(hand.barriers(), (Barriers{false, true, false, true}));
 }
 
 TEST(Barriers, WriteAfterReadAndWrite) {
@@ -70,7 +72,7 @@ TEST(Barriers, WriteAfterReadAndWrite) {
   hand.graph.add(pass("rewrites a", {hand.b}, {hand.a}));  // c's pass reads it
   hand.graph.add(pass("rewrites a again", {hand.b}, {hand.a}));
   hand.graph.add(pass("rewrites c", {hand.b}, {c}));
-  EXPECT_EQ(hand.barriers(false), (Barriers{false, true, true, false}));
+  EXPECT_EQ(hand.barriers(), (Barriers{false, true, true, false}));
 }
 
 TEST(Barriers, SlicesOfOneTensorAreApart) {
@@ -79,21 +81,21 @@ TEST(Barriers, SlicesOfOneTensorAreApart) {
   hand.graph.add(pass("low", {hand.a}, {wide.slice(0, 2)}));
   hand.graph.add(pass("high", {hand.b}, {wide.slice(2, 2)}));
   hand.graph.add(pass("reads across", {wide.slice(1, 2)}, {hand.a}));
-  EXPECT_EQ(hand.barriers(false), (Barriers{false, false, true}));
+  EXPECT_EQ(hand.barriers(), (Barriers{false, false, true}));
 }
 
 // d takes c's place as soon as c is no longer read: a hazard that only aliasing makes.
 TEST(Barriers, ReusedMemory) {
-  const auto build = [] {
-    Hand hand;
+  const auto build = [](bool keep) {
+    Hand hand(keep);
     const Tensor c = hand.add("c", {hand.a});
     hand.add("d", {c, hand.b});
     hand.add("e", {hand.b});
     return hand;
   };
-  Hand plain = build(), aliased = build();
-  EXPECT_EQ(plain.barriers(false), (Barriers{false, true, false}));
-  EXPECT_EQ(aliased.barriers(true), (Barriers{false, true, true}));
+  Hand plain = build(true), aliased = build(false);
+  EXPECT_EQ(plain.barriers(), (Barriers{false, true, false}));
+  EXPECT_EQ(aliased.barriers(), (Barriers{false, true, true}));
   EXPECT_LT(aliased.graph.activation_bytes(), plain.graph.activation_bytes());
   EXPECT_EQ(aliased.graph.unaliased_bytes(), plain.graph.activation_bytes());
 }
@@ -131,11 +133,13 @@ TEST_F(LayerShapes, Conv2d) {
   const auto wrong = [&](const Tensor& from, const Tensor& to, const Conv2dOptions& options) {
     return error_of([&] { conv2d(graph_, "my layer", from, to, weights_, options); });
   };
-  const Tensor four[] = {y, y, y, y}, other[] = {x};
+  const std::vector<Tensor> four(4, y), other{x};
   for (const std::string& message :
        {wrong(x, y, {.kernel = 2}), wrong(x, y, {.kernel = 1}), wrong(x, out({4, 5, 3}), {.kernel = 3}),
         wrong(in({5, 4, 3}), y, {.kernel = 3}), wrong(x, out({5, 4, 4}), {.kernel = 3}),
-        wrong(x, y, {.kernel = 3, .residuals = four}), wrong(x, y, {.kernel = 3, .residuals = other})}) {
+        wrong(x, y, {.kernel = 3, .residuals = four}), wrong(x, y, {.kernel = 3, .residuals = other}),
+        wrong(x, y, {.kernel = 3, .behind = x}),
+        wrong(in({5, 4, 1}), y, {.kernel = 3, .behind = in({4, 5, 1})})}) {
     EXPECT_TRUE(contains(message, "layer my layer")) << message;
   }
   EXPECT_ERROR(conv2d(graph_, "my layer", x, y, {weight_, std::span(bias_).first(2)}, {.kernel = 3}),
@@ -179,30 +183,62 @@ TEST_F(GraphTest, WhatTheDeviceCannotBindIsAnError) {
   EXPECT_ERROR(Program(gpu(), graph, shared_cache(), 1), "binds", gpu().info().name);
 }
 
-// The whole network, where almost every tensor takes another's place.
-TEST_F(GraphTest, AliasedAndUnaliasedPlansComputeTheSameBits) {
+TEST(Graph, KeepsSomeRowsOfATensor) {
+  Graph graph(Storage::kFloat32);
+  const Tensor tall = graph.tensor("tall", {100, 64, 3}), whole = graph.tensor("whole", {16, 64, 3});
+  EXPECT_EQ(graph.rows_mask(tall), ~0u);
+  graph.keep_rows(tall, 8);
+  EXPECT_EQ(graph.rows_mask(tall), 7u);
+  EXPECT_EQ(graph.plane(tall), plane_stride(8 * 64, Storage::kFloat32));
+  EXPECT_EQ(graph.size_bytes(tall), uint64_t{graph.plane(tall)} * 3 * 4);
+  EXPECT_EQ(graph.tensors()[tall.id].size_bytes, graph.size_bytes(tall));
+  EXPECT_EQ(graph.offset_bytes(tall.slice(2, 1)), uint64_t{graph.plane(tall)} * 2 * 4);
+  graph.keep_rows(whole, 16);  // all
+  EXPECT_EQ(graph.rows_mask(whole), ~0u);
+  EXPECT_ERROR(graph.keep_rows(whole, 3), "whole", "3 rows");
+  graph.add(pass("writer", {}, {whole}));
+  EXPECT_ERROR(graph.keep_rows(whole, 4), "whole", "4 rows");
+}
+
+// By minimal filtering, in small bands.
+Conv2dKernel banded(const Conv2dShape& shape) {
+  const uint32_t tile = shape.channels_out % 2 ? 2 : 4;  // tiles of both sizes read each other's rows
+  return {.tile = shape.kernel == 1 ? 1 : tile, .outputs = 8, .channels = 8, .band = 8};
+}
+
+// The whole network, where almost every tensor takes another's place and, banded, some are kept by a few
+// rows.
+TEST_F(GraphTest, KeepingAllActivationsMakesTheSameBits) {
   const TemporaryDirectory folder;
+  const std::vector<Kernels> direct{{}}, all{{}, {.conv2d = banded}, {.addressed = true, .conv2d = banded}};
   for (const auto& shape : {small_architecture, guided_architecture, joint_architecture}) {
-    const Subject subject = make_subject(shape(4), 5, 9, 1);
+    const Subject subject = make_subject(shape(4), 9, 5, 1);
     write_model(folder / "model.safetensors", subject.architecture, subject.weights);
     const Model model(folder / "model.safetensors");
-    for (const Storage storage : {Storage::kFloat32, Storage::kFloat16}) {
-      std::vector<Planes> outputs;
-      for (const bool alias : {false, true}) {
-        Graph graph(storage);
-        network(graph, model, 5, 9, 0);
-        graph.plan(alias);
-        if (alias) {
-          EXPECT_LT(graph.activation_bytes(), graph.unaliased_bytes() / 4 * 3);
+    for (const Kernels& kernels : gpu().info().buffer_device_address ? all : direct) {
+      for (const Storage storage : {Storage::kFloat32, Storage::kFloat16}) {
+        std::vector<Planes> outputs;
+        for (const bool keep : {true, false}) {
+          Graph graph(storage, kernels.addressed, keep);
+          network(graph, model, 9, 5, 0, kernels.conv2d);
+          graph.plan();
+          const auto tensors = graph.tensors();
+          const bool cut = std::any_of(tensors.begin(), tensors.end(),
+                                       [](const TensorRecord& t) { return t.rows < t.shape.height; });
+          const bool is_banded = kernels.conv2d(Conv2dShape{1, 1, 1, 1, 3}).tile > 1;
+          EXPECT_EQ(cut, is_banded && !keep);
+          if (!keep && !is_banded) {
+            EXPECT_LT(graph.activation_bytes(), graph.unaliased_bytes() / 4 * 3);
+          }
+          Program program(gpu(), graph, shared_cache(), 1);
+          const FrameImage lrhs(gpu(), subject.lrhs), hrls(gpu(), subject.hrls);
+          const FrameImage fused(gpu(), {36, 20, 3}, Memory::kReadback, {});
+          program.bind(0, {lrhs.binding(), hrls.binding(), fused.binding()});
+          run_passes(program, graph);
+          outputs.push_back(fused.read());
         }
-        Program program(gpu(), graph, shared_cache(), 1);
-        const FrameImage lrhs(gpu(), subject.lrhs), hrls(gpu(), subject.hrls);
-        const FrameImage fused(gpu(), {20, 36, 3}, Memory::kReadback, {});
-        program.bind(0, {lrhs.binding(), hrls.binding(), fused.binding()});
-        run_passes(program, graph);
-        outputs.push_back(fused.read());
+        EXPECT_TRUE(same_bits(floats(outputs[1]), floats(outputs[0])));
       }
-      EXPECT_TRUE(same_bits(floats(outputs[1]), floats(outputs[0])));
     }
   }
 }

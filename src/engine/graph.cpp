@@ -1,6 +1,8 @@
 #include "engine/graph.h"
 
 #include <algorithm>
+#include <bit>
+#include <map>
 
 namespace raymeld {
 namespace {
@@ -44,14 +46,35 @@ Tensor Graph::tensor(const std::string& name, Shape shape) {
   if (shape.pixels() == 0 || shape.channels == 0) {
     throw Error("tensor {}: {}x{}x{} is empty", name, shape.height, shape.width, shape.channels);
   }
-  const uint64_t elements = plane_stride(shape.pixels(), storage_) * shape.channels;
-  tensors_.push_back({name, shape, elements * element_bytes(storage_)});
-  return {static_cast<uint32_t>(tensors_.size() - 1), shape, 0};
+  tensors_.push_back({.name = name, .shape = shape, .rows = shape.height});
+  const Tensor result{static_cast<uint32_t>(tensors_.size() - 1), shape, 0};
+  tensors_.back().size_bytes = size_bytes(result);
+  return result;
+}
+
+void Graph::keep_rows(const Tensor& tensor, uint32_t rows) {
+  TensorRecord& record = tensors_.at(tensor.id);
+  if (!std::has_single_bit(rows) || record.first_use >= 0)
+    throw Error("tensor {} cannot be kept by {} rows", record.name, rows);
+  if (rows >= record.shape.height) return;
+  record.rows = rows;
+  record.size_bytes = size_bytes({tensor.id, record.shape, 0});
+}
+
+uint32_t Graph::rows_mask(const Tensor& tensor) const {
+  const TensorRecord& record = tensors_.at(tensor.id);
+  return record.rows < record.shape.height ? record.rows - 1 : ~0u;
+}
+
+uint32_t Graph::plane(const Tensor& tensor) const {
+  const uint64_t pixels = uint64_t{tensors_.at(tensor.id).rows} * tensor.shape.width;
+  return static_cast<uint32_t>(plane_stride(pixels, storage_));
 }
 
 Tensor Graph::scratch(const std::string& name, uint64_t count) {
   const Shape shape{1, static_cast<uint32_t>(count), 1};
-  tensors_.push_back({.name = name, .shape = shape, .size_bytes = count * sizeof(float), .scratch = true});
+  tensors_.push_back(
+      {.name = name, .shape = shape, .rows = 1, .size_bytes = count * sizeof(float), .scratch = true});
   return {static_cast<uint32_t>(tensors_.size() - 1), shape, 0};
 }
 
@@ -83,12 +106,12 @@ void Graph::add(Pass pass) {
   passes_.push_back(std::move(pass));
 }
 
-void Graph::plan(bool alias) {
+void Graph::plan() {
   std::vector<ArenaRequest> requests;
   const int last = static_cast<int>(passes_.size()) - 1;
   for (const TensorRecord& tensor : tensors_) {
-    const bool own = alias || tensor.scratch;
-    requests.push_back({tensor.size_bytes, own ? tensor.first_use : 0, own ? tensor.last_use : last});
+    const bool shares = !keep_ || tensor.scratch;
+    requests.push_back({tensor.size_bytes, shares ? tensor.first_use : 0, shares ? tensor.last_use : last});
   }
   const ArenaPlan plan = plan_arena(requests, kAlignmentBytes);
   for (size_t i = 0; i < tensors_.size(); ++i) tensors_[i].offset_bytes = plan.offset_bytes[i];
@@ -137,10 +160,11 @@ uint64_t Graph::largest_binding_bytes() const {
   uint64_t largest = 0;
   for (const Pass& pass : passes_) {
     for (const Binding& binding : pass.bindings) {
-      if (binding.kind == Binding::Kind::kTensor) largest = std::max(largest, size_bytes(binding.tensor));
-      if (binding.kind == Binding::Kind::kConstant) {
-        largest = std::max(largest, constants_.at(binding.constant).size_bytes);
-      }
+      uint64_t bytes = 0;
+      if (binding.kind == Binding::Kind::kTensor) bytes = size_bytes(binding.tensor);
+      if (binding.kind == Binding::Kind::kConstant) bytes = constants_.at(binding.constant).size_bytes;
+      // By address, what shaders count in 32 bits can be reached.
+      if (!binding.by_address || bytes > UINT32_MAX) largest = std::max(largest, bytes);
     }
   }
   return largest;
@@ -148,9 +172,11 @@ uint64_t Graph::largest_binding_bytes() const {
 
 std::vector<const Pass*> Graph::layers() const {
   std::vector<const Pass*> last;
+  std::map<std::string, size_t> places;
   for (const Pass& pass : passes_) {
-    if (!last.empty() && last.back()->name == pass.name) last.pop_back();
-    last.push_back(&pass);
+    const auto [place, is_new] = places.try_emplace(pass.name, last.size());
+    if (is_new) last.push_back(nullptr);
+    last[place->second] = &pass;
   }
   return last;
 }
@@ -164,13 +190,13 @@ std::array<uint32_t, 3> Graph::most_groups() const {
 }
 
 uint64_t Graph::offset_bytes(const Tensor& tensor) const {
-  const uint64_t plane_bytes = plane_stride(tensor.shape.pixels(), storage_) * element_bytes(storage_);
-  return tensors_.at(tensor.id).offset_bytes + tensor.channel_offset * plane_bytes;
+  return tensors_.at(tensor.id).offset_bytes +
+         uint64_t{tensor.channel_offset} * plane(tensor) * element_bytes(storage_);
 }
 
 uint64_t Graph::size_bytes(const Tensor& tensor) const {
   if (tensors_.at(tensor.id).scratch) return tensors_[tensor.id].size_bytes;
-  return plane_stride(tensor.shape.pixels(), storage_) * element_bytes(storage_) * tensor.shape.channels;
+  return uint64_t{plane(tensor)} * tensor.shape.channels * element_bytes(storage_);
 }
 
 }  // namespace raymeld

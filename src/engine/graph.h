@@ -83,6 +83,7 @@ struct Pass {
 struct TensorRecord {
   std::string name;
   Shape shape;
+  uint32_t rows = 0;  // that are kept, see Graph::keep_rows()
   uint64_t size_bytes = 0;
   uint64_t offset_bytes = 0;  // in the activation block, after plan()
   bool scratch = false;       // of one layer's own, and no activation
@@ -101,13 +102,22 @@ struct ConstantRecord {
 class Graph {
  public:
   // `addressed`: shaders that can read and write activations by address, which is faster on some devices.
-  explicit Graph(Storage storage, bool addressed = false) : storage_(storage), addressed_(addressed) {}
+  // `keep`: all activations can still be read when the frame is done; none share memory.
+  explicit Graph(Storage storage, bool addressed = false, bool keep = false)
+      : storage_(storage), addressed_(addressed), keep_(keep) {}
 
   Storage storage() const { return storage_; }
   bool addressed() const { return addressed_; }
+  bool keep() const { return keep_; }
 
   // A new activation; its memory lives from the first pass that touches it to the last.
   Tensor tensor(const std::string& name, Shape shape);
+  // Of a tensor that no pass uses yet, only as many rows, a power of two, are in memory at a time: row y is
+  // where row y % rows is, in all channels. For passes that take turns, see conv2d_chain().
+  void keep_rows(const Tensor& tensor, uint32_t rows);
+  // Row y is at y & rows_mask(), and elements from one channel's plane to the next.
+  uint32_t rows_mask(const Tensor& tensor) const;
+  uint32_t plane(const Tensor& tensor) const;
   // Floats of 32 bits, whatever the storage, that passes of one layer hand to each other: (1, count, 1).
   Tensor scratch(const std::string& name, uint64_t count);
   // One that the host fills with Program::write() before each run; how layers are tested alone.
@@ -117,9 +127,8 @@ class Graph {
   // Passes run in the order in which they were added.
   void add(Pass pass);
 
-  // Gives every tensor its place. With `alias`, tensors whose lifetimes do not meet share memory; without it,
-  // all but scratch can still be read when the frame is done.
-  void plan(bool alias = true);
+  // Gives every tensor its place: those whose lifetimes do not meet share memory, but see keep().
+  void plan();
 
   std::span<const Pass> passes() const { return passes_; }
   std::span<const TensorRecord> tensors() const { return tensors_; }
@@ -133,10 +142,10 @@ class Graph {
   uint64_t activation_bytes() const { return activation_bytes_; }
   uint64_t unaliased_bytes() const;  // of activations, without scratch
   uint64_t constant_bytes() const { return constant_bytes_; }
-  // The largest range that one binding of a tensor or constant spans.
+  // The largest range of a tensor or constant that takes a descriptor or, by address, more than 32 bits.
   uint64_t largest_binding_bytes() const;
 
-  // The last pass of each layer: a layer's passes follow each other and have its name.
+  // The last pass of each layer, whose passes all have its name.
   std::vector<const Pass*> layers() const;
 
   // The most workgroups that a dispatch has along x, y and z.
@@ -151,6 +160,7 @@ class Graph {
 
   Storage storage_;
   bool addressed_;
+  bool keep_;
   std::vector<Pass> passes_;
   std::vector<TensorRecord> tensors_;
   std::vector<ConstantRecord> constants_;

@@ -205,7 +205,7 @@ VkDescriptorBufferInfo Program::buffer_info(const Binding& binding, uint32_t set
 
 void Program::write_set(uint32_t set, size_t index, const FrameBindings* frame) const {
   const Pass& pass = graph_.passes()[index];
-  constexpr size_t kMostBindings = 8;
+  constexpr size_t kMostBindings = 9;
   std::array<VkDescriptorBufferInfo, kMostBindings> infos{};
   std::array<VkWriteDescriptorSet, kMostBindings> writes{};
   uint32_t count = 0;
@@ -314,11 +314,12 @@ void Program::reset_status() { std::memset(status_.mapped(), 0, sizeof(Status));
 
 void Program::write(const Tensor& tensor, std::span<const float> values) {
   const uint64_t size_bytes = graph_.size_bytes(tensor), pixels = tensor.shape.pixels();
+  if (graph_.rows_mask(tensor) != ~0u) throw Error("writing a tensor of which some rows are kept");
   if (values.size() != pixels * tensor.shape.channels) {
     throw Error("writing {} values to a tensor of {}", values.size(), pixels * tensor.shape.channels);
   }
   const Buffer host(device_, size_bytes, Memory::kUpload, "tensor upload");
-  const uint64_t stride = plane_stride(pixels, graph_.storage());
+  const uint64_t stride = graph_.plane(tensor);
   for (uint64_t c = 0; c < tensor.shape.channels; ++c) {
     const auto plane = values.subspan(c * pixels, pixels);
     if (graph_.storage() == Storage::kFloat16) {
@@ -333,11 +334,12 @@ void Program::write(const Tensor& tensor, std::span<const float> values) {
 
 std::vector<float> Program::read(const Tensor& tensor) const {
   const uint64_t size_bytes = graph_.size_bytes(tensor), pixels = tensor.shape.pixels();
+  if (graph_.rows_mask(tensor) != ~0u) throw Error("reading a tensor of which some rows are kept");
   const Buffer host(device_, size_bytes, Memory::kReadback, "tensor download");
   copy_now(device_, activations_.handle(), host.handle(), {graph_.offset_bytes(tensor), 0, size_bytes},
            "tensor download");
   host.invalidate();
-  const uint64_t stride = plane_stride(pixels, graph_.storage());
+  const uint64_t stride = graph_.plane(tensor);
   std::vector<float> values(pixels * tensor.shape.channels);
   for (uint64_t c = 0; c < tensor.shape.channels; ++c) {
     const auto plane = values.begin() + static_cast<ptrdiff_t>(c * pixels);

@@ -22,7 +22,7 @@ void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor&
   }
   if (!(clip > 0)) throw Error("layer {}: clip {} is not positive", name, clip);
   params::Encode params{
-      {}, out.shape.height, out.shape.width, plane_of(graph, out), transfer == Transfer::kLog, clip, {}};
+      {}, out.shape.height, out.shape.width, graph.plane(out), transfer == Transfer::kLog, clip, {}};
   if (kinds.size() > std::size(params.kinds) * RAYMELD_KINDS_OF_WORD) {
     throw Error("layer {}: {} channels, at most {}", name, kinds.size(),
                 std::size(params.kinds) * RAYMELD_KINDS_OF_WORD);

@@ -36,13 +36,20 @@ Convolution make_convolution(const Graph& graph, const std::string& name, const 
                              const ConvWeights& weights, const Conv2dOptions& options) {
   const uint32_t u = options.unshuffle, s = options.shuffle, kernel = options.kernel;
   if (kernel != 1 && kernel != 3) throw Error("layer {}: kernel {}, expected 1 or 3", name, kernel);
+  const uint32_t behind = options.behind ? options.behind->shape.channels : 0;
+  if (behind && (u > 1 || options.behind->shape.height != in.shape.height ||
+                 options.behind->shape.width != in.shape.width)) {
+    throw Error("layer {}: inputs of {}x{} and {}x{}, unshuffled by {}, expected one size and 1", name,
+                in.shape.height, in.shape.width, options.behind->shape.height, options.behind->shape.width,
+                u);
+  }
   const Convolution conv{.name = name,
                          .in = in,
                          .out = out,
                          .options = options,
                          .height = in.shape.height / u,
                          .width = in.shape.width / u,
-                         .channels_in = in.shape.channels * u * u,
+                         .channels_in = (in.shape.channels + behind) * u * u,
                          .channels_out = out.shape.channels * s * s,
                          .weight = weights.weight,
                          .bias = weights.bias,
@@ -91,23 +98,32 @@ void direct(Graph& graph, Convolution conv) {
   Pass pass;
   pass.name = conv.name;
   pass.shader = &shaders::kConv2d;
-  pass.constants = {kernel, vectors, kRows, conv.options.relu,
-                    static_cast<uint32_t>(conv.options.residuals.size())};
+  pass.constants = {kernel,
+                    vectors,
+                    kRows,
+                    conv.options.relu,
+                    static_cast<uint32_t>(conv.options.residuals.size()),
+                    conv.options.behind.has_value()};
   pass.bindings = {constant_binding(weights), constant_binding(bias_constant(graph, conv, blocks * lanes)),
                    read_binding(conv.in), write_binding(conv.out)};
   for (uint32_t i = 0; i < kMostResiduals; ++i) pass.bindings.push_back(residual_binding(conv, i, conv.in));
-  pass.set_push(params::Conv2d{conv.height, conv.width, plane_of(graph, conv.out), conv.channels_in,
-                               conv.channels_out});
+  pass.bindings.push_back(read_binding(conv.options.behind.value_or(conv.in)));
+  pass.set_push(params::Conv2d{conv.height, conv.width, graph.plane(conv.out), conv.channels_in,
+                               conv.in.shape.channels, conv.channels_out});
   pass.groups = {divide_up(conv.width, kLocalX), divide_up(conv.height, kLocalY * kRows), blocks};
   pass.flop = conv.flop();
-  pass.bytes = traffic(graph, conv.in) +
-               traffic(graph, conv.out) * (1.0 + double(conv.options.residuals.size())) +
-               double(weight_count * element_bytes(graph.storage()));
+  for (const Tensor& in : conv.inputs()) pass.bytes += traffic(graph, in);
+  pass.bytes += traffic(graph, conv.out) * (1.0 + double(conv.options.residuals.size())) +
+                double(weight_count * element_bytes(graph.storage()));
   graph.add(std::move(pass));
   if (conv.options.shuffle > 1) pixel_shuffle(graph, conv.name + ".pixel_shuffle", conv.out, shuffled);
 }
 
 }  // namespace
+
+std::vector<Tensor> Convolution::inputs() const {
+  return options.behind ? std::vector{in, *options.behind} : std::vector{in};
+}
 
 float Convolution::weight_at(uint32_t o, uint32_t i, uint32_t ky, uint32_t kx) const {
   const float value = weight[((size_t{o} * channels_in + i) * options.kernel + ky) * options.kernel + kx];
@@ -143,14 +159,27 @@ Binding residual_binding(const Convolution& conv, uint32_t i, const Tensor& othe
 
 void conv2d(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out,
             const ConvWeights& weights, const Conv2dOptions& options) {
-  const Convolution conv = make_convolution(graph, name, in, out, weights, options);
-  const uint32_t tile = options.how.tile;
-  if (tile > 0 && (options.kernel == 1 ? tile != 1 : tile != 2 && tile != 4)) {
-    throw Error("layer {}: no F({}, {})", name, tile, options.kernel);
+  conv2d_chain(graph, std::array{Conv2dLink{name, in, out, weights, options}});
+}
+
+void conv2d_chain(Graph& graph, std::span<const Conv2dLink> links) {
+  std::vector<Convolution> run;  // by minimal filtering, one after another
+  const auto end_run = [&] {
+    if (!run.empty()) conv2d_winograd(graph, run);
+    run.clear();
+  };
+  for (const auto& [name, in, out, weights, options] : links) {
+    const Convolution conv = make_convolution(graph, name, in, out, weights, options);
+    const uint32_t tile = options.how.tile;
+    if (tile > 0 && (options.kernel == 1 ? tile != 1 : tile != 2 && tile != 4)) {
+      throw Error("layer {}: no F({}, {})", name, tile, options.kernel);
+    }
+    if (graph.keep() || tile <= 1) end_run();
+    if (tile == 0) direct(graph, conv);
+    if (tile == 1) conv2d_pointwise(graph, conv);
+    if (tile > 1) run.push_back(conv);
   }
-  return tile == 0   ? direct(graph, conv)
-         : tile == 1 ? conv2d_pointwise(graph, conv)
-                     : conv2d_winograd(graph, conv);
+  end_run();
 }
 
 }  // namespace raymeld

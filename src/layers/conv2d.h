@@ -19,6 +19,8 @@ struct Convolution {
   double flop() const {
     return 2.0 * height * width * channels_out * channels_in * options.kernel * options.kernel;
   }
+  // What is convolved, in the order of its channels.
+  std::vector<Tensor> inputs() const;
   // As the device keeps it. Throws Error where it does not fit.
   float weight_at(uint32_t o, uint32_t i, uint32_t ky, uint32_t kx) const;
 };
@@ -37,8 +39,9 @@ uint32_t parts_of(uint32_t channels, uint32_t most);
 // than uniform.glsl numbers.
 uint32_t blocks_of(const Convolution& conv);
 
-// In three steps, band by band: shaders/winograd_*.comp.
-void conv2d_winograd(Graph& graph, const Convolution& conv);
+// In three steps, band by band: shaders/winograd_*.comp. Each convolution but the first reads what the one
+// before wrote; in between, only as many rows as that takes are kept.
+void conv2d_winograd(Graph& graph, std::span<const Convolution> convs);
 
 // Of a 1x1: shaders/pointwise.comp.
 void conv2d_pointwise(Graph& graph, const Convolution& conv);

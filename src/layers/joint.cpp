@@ -46,9 +46,8 @@ void irradiance(Graph& graph, const std::string& name, const Tensor& lrhs, const
   expect_shape(name, "the normal", normal, albedo.shape);
   expect_shape(name, "the output", out, lrhs.shape);
   Pass pass = pass_of(graph, name, shaders::kIrradiance, {lrhs, albedo, normal}, out);
-  pass.set_push(params::Irradiance{out.shape.height, out.shape.width, plane_of(graph, out),
-                                   plane_of(graph, albedo), options.scale, options.phase > 0,
-                                   options.transfer == Transfer::kLog});
+  pass.set_push(params::Irradiance{out.shape.height, out.shape.width, graph.plane(out), graph.plane(albedo),
+                                   options.scale, options.phase > 0, options.transfer == Transfer::kLog});
   pass.groups = pixel_groups(out.shape);
   graph.add(std::move(pass));
 }
@@ -79,7 +78,7 @@ void joint_filter(Graph& graph, const std::string& name, const Tensor& in, const
   expect_shape(name, "the output", out, shape);
   if (step == 0) throw Error("layer {}: a step of 0 pixels", name);
   Pass pass = pass_of(graph, name, shaders::kJointFilter, {in, albedo, normal, brightness}, out);
-  pass.set_push(params::JointFilter{shape.height, shape.width, plane_of(graph, out), step});
+  pass.set_push(params::JointFilter{shape.height, shape.width, graph.plane(out), step});
   pass.groups = pixel_groups(shape);
   constexpr double kFlopOfTap = 34;
   pass.flop = 9 * kFlopOfTap * static_cast<double>(shape.pixels());
@@ -93,7 +92,7 @@ void relight(Graph& graph, const std::string& name, const Tensor& light, const T
   expect_shape(name, "the albedo", albedo, shape);
   expect_shape(name, "the output", out, shape);
   Pass pass = pass_of(graph, name, shaders::kRelight, {light, albedo}, out);
-  pass.set_push(params::Relight{shape.height, shape.width, plane_of(graph, out), transfer == Transfer::kLog});
+  pass.set_push(params::Relight{shape.height, shape.width, graph.plane(out), transfer == Transfer::kLog});
   pass.groups = element_groups(shape);
   graph.add(std::move(pass));
 }

@@ -3,8 +3,10 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "engine/graph.h"
 
@@ -60,9 +62,10 @@ double winograd_amplification(const ConvWeights& weights, uint32_t channels_in);
 struct Conv2dOptions {
   uint32_t kernel = 3;  // 1 or 3
   bool relu = false;
-  std::span<const Tensor> residuals = {};  // at most three, of the output's shape; added after the activation
-  uint32_t unshuffle = 1;                  // reads space_to_depth() of `in` by this
-  uint32_t shuffle = 1;                    // writes pixel_shuffle() by this to `out`
+  std::vector<Tensor> residuals = {};  // at most three, of the output's shape; added after the activation
+  std::optional<Tensor> behind = {};   // of the input's size, with further input channels; not if unshuffled
+  uint32_t unshuffle = 1;              // reads space_to_depth() of `in` by this
+  uint32_t shuffle = 1;                // writes pixel_shuffle() by this to `out`
   Conv2dKernel how = {};
 };
 
@@ -70,6 +73,19 @@ struct Conv2dOptions {
 // that `in` is another slice of.
 void conv2d(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out,
             const ConvWeights& weights, const Conv2dOptions& options);
+
+// The arguments of conv2d().
+struct Conv2dLink {
+  std::string name;
+  Tensor in, out;
+  ConvWeights weights;
+  Conv2dOptions options;
+};
+
+// One convolution after another, of which each reads what the one before wrote, and nothing else does.
+// Where both are by minimal filtering they take turns, band by band, and of the tensor between them only
+// some rows are in memory at a time, unless the graph is to keep() it.
+void conv2d_chain(Graph& graph, std::span<const Conv2dLink> links);
 
 // (r h, r w, c) -> (h, w, r r c), PyTorch's channel order: r r c + r dy + dx. r follows from the shapes.
 void space_to_depth(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out);

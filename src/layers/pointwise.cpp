@@ -21,6 +21,27 @@ void pack_weights(std::byte* target, const Convolution& conv, uint32_t outputs, 
   }
 }
 
+// Input channels that one dispatch sums up, from `channel` on, counted over all inputs.
+struct Part {
+  Tensor source;
+  uint32_t channel;
+};
+
+std::vector<Part> parts_by_input(const Convolution& conv) {
+  std::vector<Part> all;
+  uint32_t before = 0;
+  for (const Tensor& in : conv.inputs()) {
+    const uint32_t channels = in.shape.channels;
+    const uint32_t parts = parts_of(channels, conv.options.how.channels);
+    for (uint32_t i = 0; i < parts; ++i) {
+      const uint32_t first = i * channels / parts, end = (i + 1) * channels / parts;
+      all.push_back({in.slice(first, end - first), before + first});
+    }
+    before += channels;
+  }
+  return all;
+}
+
 }  // namespace
 
 void conv2d_pointwise(Graph& graph, const Convolution& conv) {
@@ -30,7 +51,7 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
   const auto pixels = static_cast<uint32_t>(conv.out.shape.pixels());
   const uint32_t band = std::clamp(how.band / kLocal, 1u, divide_up(pixels, kLocal)) * kLocal;
   const uint32_t blocks = blocks_of(conv), outputs = divide_up(conv.channels_out, blocks);
-  const uint32_t parts = parts_of(conv.channels_in, how.channels);
+  const std::vector<Part> parts = parts_by_input(conv);
   const uint64_t weight_count = uint64_t{blocks} * outputs * conv.channels_in;
   const uint32_t weights =
       graph.constant(conv.name + ".weight", weight_count * sizeof(float),
@@ -39,29 +60,29 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
   const Tensor sums = graph.scratch(conv.name + ".sums", uint64_t{band} * blocks * outputs);
   const auto residuals = static_cast<uint32_t>(conv.options.residuals.size());
   for (uint32_t first = 0; first < pixels; first += band) {
-    const double share = double(std::min(band, pixels - first)) / pixels / parts;
-    for (uint32_t part = 0; part < parts; ++part) {
-      const uint32_t channel = part * conv.channels_in / parts, end = (part + 1) * conv.channels_in / parts;
-      const bool last = part + 1 == parts;
+    for (const auto& [source, channel] : parts) {
+      const uint32_t channels = source.shape.channels;
+      const bool last = channel + channels == conv.channels_in;
+      const double pixel_share = double(std::min(band, pixels - first)) / pixels;
+      const double share = pixel_share * channels / conv.channels_in;
       Pass pass;
       pass.name = conv.name;
       pass.shader = &shaders::kPointwise[graph.addressed()];
-      pass.constants = {end - channel, outputs, how.order, part == 0, last, conv.options.relu, residuals};
-      pass.bindings = {constant_binding(weights), constant_binding(bias), read_binding(conv.in),
+      pass.constants = {channels, outputs, how.order, channel == 0, last, conv.options.relu, residuals};
+      pass.bindings = {constant_binding(weights), constant_binding(bias), read_binding(source),
                        write_binding(sums), write_binding(conv.out)};
       for (uint32_t i = 0; i < kMostResiduals; ++i)
         pass.bindings.push_back(residual_binding(conv, i, conv.in));
       for (Binding& binding : pass.bindings)
         binding.by_address = graph.addressed() || binding.kind == Binding::Kind::kConstant;
-      params::Pointwise push{plane_of(graph, conv.out), pixels, first, conv.channels_in, channel,
-                             conv.channels_out,         blocks, {}};
+      params::Pointwise push{graph.plane(conv.out), pixels, first, conv.channels_in, channel,
+                             conv.channels_out,     blocks, {}};
       std::iota(std::begin(push.digits), std::end(push.digits), 0u);
       pass.set_push(push);
       pass.groups = {std::min(band, divide_up(pixels - first, kLocal) * kLocal) / kLocal, blocks, 1};
       pass.flop = share * conv.flop();
-      pass.bytes =
-          share * (traffic(graph, conv.in) + traffic(graph, conv.out) * (last ? 1.0 + residuals : 0.0) +
-                   double(weight_count) * sizeof(float));
+      pass.bytes = pixel_share * traffic(graph, source) + share * double(weight_count) * sizeof(float) +
+                   (last ? pixel_share * traffic(graph, conv.out) * (1.0 + residuals) : 0.0);
       graph.add(std::move(pass));
     }
   }

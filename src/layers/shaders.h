@@ -54,10 +54,6 @@ constexpr std::array<uint32_t, 3> pixel_groups(const Shape& shape) {
   return {divide_up(shape.width, 32), divide_up(shape.height, 2), 1};
 }
 
-inline uint32_t plane_of(const Graph& graph, const Tensor& tensor) {
-  return static_cast<uint32_t>(plane_stride(tensor.shape.pixels(), graph.storage()));
-}
-
 // Of a tensor read or written once.
 inline double traffic(const Graph& graph, const Tensor& tensor) {
   return static_cast<double>(tensor.shape.pixels() * tensor.shape.channels * element_bytes(graph.storage()));

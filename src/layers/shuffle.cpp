@@ -17,15 +17,15 @@ uint32_t factor_of(const std::string& name, const Shape& small, const Shape& lar
 }
 
 Pass shuffle(const Graph& graph, const std::string& name, const Shader& shader, const Tensor& in,
-             const Tensor& out, const Shape& small, const Shape& large) {
+             const Tensor& out, const Tensor& small_image, const Tensor& large_image) {
+  const Shape &small = small_image.shape, &large = large_image.shape;
   Pass pass;
   pass.name = name;
   pass.shader = &shader;
   pass.constants = {factor_of(name, small, large)};
   pass.bindings = {read_binding(in), write_binding(out)};
-  pass.set_push(params::Shuffle{small.height, small.width,
-                                static_cast<uint32_t>(plane_stride(small.pixels(), graph.storage())),
-                                static_cast<uint32_t>(plane_stride(large.pixels(), graph.storage()))});
+  pass.set_push(
+      params::Shuffle{small.height, small.width, graph.plane(small_image), graph.plane(large_image)});
   pass.groups = element_groups(out.shape);
   pass.bytes = 2.0 * static_cast<double>(large.pixels() * large.channels * element_bytes(graph.storage()));
   return pass;
@@ -34,11 +34,11 @@ Pass shuffle(const Graph& graph, const std::string& name, const Shader& shader, 
 }  // namespace
 
 void space_to_depth(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out) {
-  graph.add(shuffle(graph, name, shaders::kSpaceToDepth, in, out, out.shape, in.shape));
+  graph.add(shuffle(graph, name, shaders::kSpaceToDepth, in, out, out, in));
 }
 
 void pixel_shuffle(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out) {
-  graph.add(shuffle(graph, name, shaders::kPixelShuffle, in, out, in.shape, out.shape));
+  graph.add(shuffle(graph, name, shaders::kPixelShuffle, in, out, in, out));
 }
 
 }  // namespace raymeld

@@ -11,10 +11,10 @@ inline params::Upsampled upsampled(const Graph& graph, const Tensor& full, const
                                    Transfer transfer, uint32_t scale, float phase) {
   return {full.shape.height,
           full.shape.width,
-          plane_of(graph, full),
+          graph.plane(full),
           lrhs.shape.height,
           lrhs.shape.width,
-          plane_of(graph, lrhs),
+          graph.plane(lrhs),
           transfer == Transfer::kLog,
           1.0f / static_cast<float>(scale),
           phase};

@@ -3,6 +3,7 @@
 #include <Imath/half.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <numeric>
 
@@ -64,15 +65,17 @@ void pack_weights(std::byte* target, const Convolution& conv, const Sizes& s) {
   }
 }
 
+struct Scratch {
+  Tensor transformed, products;  // of one band at a time
+};
+
 struct Steps {
   Graph& graph;
   const Convolution& conv;
-  const Sizes s = sizes_of(conv);
-  const Tensor weights = graph.scratch(conv.name + ".weights", uint64_t{s.weights_stride} * s.positions);
-  const Tensor transformed =
-      graph.scratch(conv.name + ".transformed", uint64_t{s.transformed_stride} * s.positions);
-  const Tensor products = graph.scratch(conv.name + ".products", uint64_t{s.products_stride} * s.positions);
-  const uint32_t bias = bias_constant(graph, conv, s.channels_out);
+  Sizes s;
+  Scratch scratch;
+  Tensor weights = graph.scratch(conv.name + ".weights", uint64_t{s.weights_stride} * s.positions);
+  uint32_t bias = bias_constant(graph, conv, s.channels_out);
 
   Pass pass(const shaders::Forms& forms, std::vector<Binding> bindings) const {
     Pass result;
@@ -107,21 +110,28 @@ struct Steps {
     graph.add(std::move(p));
   }
 
-  void input(uint32_t first_tile_row) const {
-    Pass p = pass(shaders::kWinogradInput, {read_binding(conv.in), write_binding(transformed)});
-    p.constants = {s.tile, conv.options.unshuffle, by_pairs(conv.options.unshuffle)};
-    p.set_push(params::WinogradInput{conv.height, conv.width, plane_of(graph, conv.in), s.tiles_x,
-                                     first_tile_row, conv.channels_in, s.transformed_stride});
-    p.groups = {s.band_tiles / kTransformLocal, 1, conv.channels_in};
-    p.bytes = share(first_tile_row) * traffic(graph, conv.in);
-    graph.add(std::move(p));
+  void transform_input(uint32_t first_tile_row) const {
+    uint32_t channel = 0;
+    for (const Tensor& in : conv.inputs()) {
+      const uint32_t u = conv.options.unshuffle, channels = in.shape.channels * u * u;
+      Pass p = pass(shaders::kWinogradInput, {read_binding(in), write_binding(scratch.transformed)});
+      p.constants = {s.tile, u, by_pairs(u)};
+      p.set_push(params::WinogradInput{conv.height, conv.width, graph.plane(in), graph.rows_mask(in),
+                                       s.tiles_x, first_tile_row, conv.channels_in, channel,
+                                       s.transformed_stride});
+      p.groups = {s.band_tiles / kTransformLocal, 1, channels};
+      p.bytes = share(first_tile_row) * traffic(graph, in);
+      graph.add(std::move(p));
+      channel += channels;
+    }
   }
 
   void multiply(uint32_t first_tile_row, uint32_t part) const {
     const uint32_t first = part * conv.channels_in / s.parts, end = (part + 1) * conv.channels_in / s.parts;
     Binding weight = read_binding(weights);
     weight.by_address = true;
-    Pass p = pass(shaders::kWinogradMultiply, {weight, read_binding(transformed), write_binding(products)});
+    Pass p = pass(shaders::kWinogradMultiply,
+                  {weight, read_binding(scratch.transformed), write_binding(scratch.products)});
     p.constants = {s.tile, end - first, s.outputs, part > 0, conv.options.how.order};
     params::WinogradMultiply push{conv.channels_in,  first, s.blocks, s.weights_stride, s.transformed_stride,
                                   s.products_stride, {}};
@@ -133,22 +143,79 @@ struct Steps {
     graph.add(std::move(p));
   }
 
-  void output(uint32_t first_tile_row) const {
-    std::vector<Binding> bindings{read_binding(products), constant_binding(bias), write_binding(conv.out)};
-    for (uint32_t i = 0; i < kMostResiduals; ++i) bindings.push_back(residual_binding(conv, i, products));
+  void transform_output(uint32_t first_tile_row) const {
+    const std::vector<Tensor>& residuals = conv.options.residuals;
+    std::vector<Binding> bindings{read_binding(scratch.products), constant_binding(bias),
+                                  write_binding(conv.out)};
+    for (uint32_t i = 0; i < kMostResiduals; ++i)
+      bindings.push_back(residual_binding(conv, i, scratch.products));
     Pass p = pass(shaders::kWinogradOutput, std::move(bindings));
-    p.constants = {s.tile, conv.options.shuffle, conv.options.relu,
-                   static_cast<uint32_t>(conv.options.residuals.size()), by_pairs(conv.options.shuffle)};
+    p.constants = {s.tile, conv.options.shuffle, conv.options.relu, static_cast<uint32_t>(residuals.size()),
+                   by_pairs(conv.options.shuffle)};
+    const Tensor& residual = residuals.empty() ? conv.out : residuals.front();
+    for (const Tensor& other : residuals) {
+      if (graph.rows_mask(other) != graph.rows_mask(residual))
+        throw Error("layer {}: residuals that are kept by different numbers of rows", conv.name);
+    }
     // What lies below the band is the next one's.
     const uint32_t end = std::min(conv.height, (first_tile_row + s.band_rows) * s.tile);
-    p.set_push(params::WinogradOutput{end, conv.width, plane_of(graph, conv.out), s.tiles_x, first_tile_row,
-                                      s.channels_out, s.products_stride});
+    p.set_push(params::WinogradOutput{end, conv.width, graph.plane(conv.out), graph.rows_mask(conv.out),
+                                      graph.plane(residual), graph.rows_mask(residual), s.tiles_x,
+                                      first_tile_row, s.channels_out, s.products_stride});
     p.groups = {s.band_tiles / kTransformLocal, 1, conv.channels_out};
-    p.bytes =
-        share(first_tile_row) * traffic(graph, conv.out) * (1.0 + double(conv.options.residuals.size()));
+    p.bytes = share(first_tile_row) * traffic(graph, conv.out) * (1.0 + double(residuals.size()));
     graph.add(std::move(p));
   }
+
+  void compute(uint32_t first_tile_row) const {
+    transform_input(first_tile_row);
+    for (uint32_t part = 0; part < s.parts; ++part) multiply(first_tile_row, part);
+    transform_output(first_tile_row);
+  }
 };
+
+// Bands of several convolutions, in an order in which each finds its input's rows.
+struct Schedule {
+  struct Band {
+    size_t conv;
+    uint32_t first_tile_row;
+  };
+  std::span<const Convolution> convs;
+  std::span<const Sizes> sizes;
+  std::vector<Band> bands = {};
+  std::vector<uint32_t> done = std::vector<uint32_t>(convs.size());  // tile rows of each
+  std::vector<uint32_t> kept =
+      std::vector<uint32_t>(convs.size());  // the most rows of its output needed at once
+
+  // Adds what it takes until `rows` of the output of convolution i are there.
+  void require(size_t i, uint32_t rows) {
+    const Sizes& s = sizes[i];
+    while (rows_done(i) < rows) {
+      const uint32_t first_tile_row = done[i];
+      done[i] = std::min(s.tile_rows, first_tile_row + s.band_rows);
+      if (i > 0) {
+        // A 3x3 reads a row above and one below.
+        const uint32_t u = convs[i].options.unshuffle, first = first_tile_row * s.tile;
+        require(i - 1, std::min(convs[i].height, done[i] * s.tile + 1) * u);
+        kept[i - 1] = std::max(kept[i - 1], rows_done(i - 1) - (first - std::min(first, 1u)) * u);
+      }
+      bands.push_back({i, first_tile_row});
+    }
+  }
+
+  uint32_t rows_done(size_t i) const {
+    return std::min(convs[i].height, done[i] * sizes[i].tile) * convs[i].options.shuffle;
+  }
+};
+
+Scratch scratch_for(Graph& graph, const std::string& name, std::span<const Sizes> sizes) {
+  uint64_t transformed = 0, products = 0;
+  for (const Sizes& s : sizes) {
+    transformed = std::max(transformed, uint64_t{s.transformed_stride} * s.positions);
+    products = std::max(products, uint64_t{s.products_stride} * s.positions);
+  }
+  return {graph.scratch(name + ".transformed", transformed), graph.scratch(name + ".products", products)};
+}
 
 }  // namespace
 
@@ -191,14 +258,20 @@ double winograd_amplification(const ConvWeights& weights, uint32_t channels_in) 
   return largest;
 }
 
-void conv2d_winograd(Graph& graph, const Convolution& conv) {
-  const Steps steps{.graph = graph, .conv = conv};
-  steps.transform_weights();
-  for (uint32_t row = 0; row < steps.s.tile_rows; row += steps.s.band_rows) {
-    steps.input(row);
-    for (uint32_t part = 0; part < steps.s.parts; ++part) steps.multiply(row, part);
-    steps.output(row);
+void conv2d_winograd(Graph& graph, std::span<const Convolution> convs) {
+  std::vector<Sizes> sizes;
+  for (const Convolution& conv : convs) sizes.push_back(sizes_of(conv));
+  Schedule schedule{convs, sizes};
+  schedule.require(convs.size() - 1, convs.back().out.shape.height);
+  for (size_t i = 0; i + 1 < convs.size(); ++i)
+    graph.keep_rows(convs[i].out, std::bit_ceil(schedule.kept[i]));
+  const Scratch scratch = scratch_for(graph, convs.front().name, sizes);
+  std::vector<Steps> steps;
+  for (size_t i = 0; i < convs.size(); ++i) {
+    steps.push_back({.graph = graph, .conv = convs[i], .s = sizes[i], .scratch = scratch});
+    steps.back().transform_weights();
   }
+  for (const auto& [i, first_tile_row] : schedule.bands) steps[i].compute(first_tile_row);
 }
 
 }  // namespace raymeld
