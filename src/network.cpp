@@ -165,11 +165,11 @@ void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, 
   encode(graph, "encode.hrls", FrameSlot::kHrls, hrls.slice(0, layers), hrls_kinds, a.transfer, a.clip);
   if (joint) build.joint_candidates(lrhs, hrls, filtered, joint_options);
 
+  const Tensor f_hrls = build.hrls_encoder(hrls);
   const Tensor f_lrhs = build.tensor("lrhs", height, width, a.features);
   const bool centered = phase > 0;
   build.conv("lrhs", lrhs, f_lrhs, {.kernel = 3, .relu = true},
              a.both_samplings && centered ? "centered_bias" : "bias");  // Eq. 4
-  const Tensor f_hrls = build.hrls_encoder(hrls);
   const Tensor f_0 = build.tensor("fuse", height, width, a.features);
   build.conv("fuse", f_lrhs, f_0, {.kernel = 1, .relu = true, .behind = f_hrls});
   const Tensor deep = build.trunk(f_lrhs, f_0);  // F_DF

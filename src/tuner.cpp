@@ -151,7 +151,9 @@ struct Tuner {
     };
     if (shape.channels_out > 8) vary(&Conv2dKernel::outputs, {8, 24});
     if (device.info().is_cpu) {
-      vary(&Conv2dKernel::band, {512, 1024, 4096});
+      // What a 3x3 keeps of a band takes 36 floats a channel for each tile, a 1x1 one for each pixel.
+      shape.kernel == 1 ? vary(&Conv2dKernel::band, {512, 1024, 4096})
+                        : vary(&Conv2dKernel::band, {128, 512});
       vary(&Conv2dKernel::order, {0, 16});
     } else {
       vary(&Conv2dKernel::band, {1u << 14, 1u << 18});

@@ -265,12 +265,12 @@ TEST(Network, HasTheLayersOfThePaper) {
   for (const Pass& pass : graph.passes()) names.push_back(pass.name);
   EXPECT_EQ(names, (std::vector<std::string>{"encode.lrhs",
                                              "encode.hrls",
-                                             "lrhs",
                                              "hrls",
                                              "down.0.space_to_depth",
                                              "down.0",
                                              "down.1.space_to_depth",
                                              "down.1",
+                                             "lrhs",
                                              "fuse",
                                              "groups.0.blocks.0.dense.0",
                                              "groups.0.blocks.0.dense.1",
