@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cstring>
+#include <map>
 
 #include "exposure.h"
 
@@ -205,10 +206,10 @@ void Fuser::add_pass_times(FuseReport& report) const {
                                          ticks.data(), sizeof(uint64_t),
                                          VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT),
         "reading timestamps");
-  // A layer's passes follow each other; tiles add up.
-  size_t layer = 0;
+  // Passes of one layer add up, as do tiles.
+  std::map<std::string, size_t> layers;
   for (size_t i = 0; i < passes.size(); ++i) {
-    if (i > 0 && passes[i].name != passes[i - 1].name) ++layer;
+    const size_t layer = layers.try_emplace(passes[i].name, layers.size()).first->second;
     if (layer == report.passes.size()) report.passes.push_back({.name = passes[i].name});
     PassTime& time = report.passes[layer];
     time.time_ms += static_cast<double>(ticks[i + 1] - ticks[i]) * device_.info().timestamp_period_ns * 1e-6;
