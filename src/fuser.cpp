@@ -32,8 +32,7 @@ Fuser::Fuser(const Device& device, const Model& model, uint32_t height, uint32_t
       options_(options),
       plan_(plan_fusion(model, height, width, device.info(), options)),
       cache_(device, cache_folder),
-      graph_(build_graph(model, plan_.tiling.tile, options)),
-      program_(device, graph_, cache_, kFramesInFlight + 1) {
+      program_(device, plan_.graph, cache_, kFramesInFlight + 1) {
   if (options.profile && device.info().timestamp_period_ns == 0) {
     throw Error("device {} has no timestamps to profile with", device.info().name);
   }
@@ -62,7 +61,7 @@ void Fuser::record(VkCommandBuffer commands, const FrameBuffer& lrhs, const Fram
   check_exposure(exposure);
   program_.bind(next_set_, bindings(lrhs, hrls, fused));
   program_.set_exposure(next_set_, exposure);
-  program_.record(commands, next_set_, 0, graph_.passes().size());
+  program_.record(commands, next_set_, 0, plan_.graph.passes().size());
   next_set_ = (next_set_ + 1) % kFramesInFlight;
 }
 
@@ -84,7 +83,7 @@ void Fuser::prepare_host() {
   if (options_.profile) {
     auto info = vk_struct<VkQueryPoolCreateInfo>(VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO);
     info.queryType = VK_QUERY_TYPE_TIMESTAMP;
-    info.queryCount = static_cast<uint32_t>(graph_.passes().size()) + 1;
+    info.queryCount = static_cast<uint32_t>(plan_.graph.passes().size()) + 1;
     check(device_.vk().CreateQueryPool(device_.handle(), &info, nullptr, &host->queries),
           "creating a query pool");
   }
@@ -93,7 +92,7 @@ void Fuser::prepare_host() {
 }
 
 void Fuser::record_chunks(Host& host) const {
-  const auto passes = graph_.passes();
+  const auto passes = plan_.graph.passes();
   for (size_t first = 0; first < passes.size();) {
     double work = passes[first].work();
     size_t last = first + 1;
@@ -199,7 +198,7 @@ void Fuser::download(float* fused, const Tile& at) {
 }
 
 void Fuser::add_pass_times(FuseReport& report) const {
-  const auto passes = graph_.passes();
+  const auto passes = plan_.graph.passes();
   std::vector<uint64_t> ticks(passes.size() + 1);
   check(device_.vk().GetQueryPoolResults(device_.handle(), host_->queries, 0,
                                          static_cast<uint32_t>(ticks.size()), ticks.size() * sizeof(uint64_t),

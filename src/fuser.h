@@ -42,7 +42,7 @@ class Fuser {
         const std::filesystem::path& cache_folder = PipelineCache::default_folder());
 
   const FusePlan& plan() const { return plan_; }
-  const Graph& graph() const { return graph_; }
+  const Graph& graph() const { return plan_.graph; }
   Program& program() { return program_; }
   // What the Fuser has allocated on the device.
   uint64_t allocated_bytes() const;
@@ -94,7 +94,6 @@ class Fuser {
   FuserOptions options_;
   FusePlan plan_;
   PipelineCache cache_;
-  Graph graph_;
   Program program_;
   uint32_t next_set_ = 0;
   std::unique_ptr<Host> host_;

@@ -10,24 +10,26 @@
 namespace raymeld {
 namespace {
 
-FusePlan describe(const Graph& graph, const Model& model, const Tiling& tiling) {
-  FusePlan plan;
-  plan.tiling = tiling;
-  plan.constant_bytes = graph.constant_bytes();
-  plan.activation_bytes = graph.activation_bytes();
-  plan.unaliased_bytes = graph.unaliased_bytes();
+// Of a frame of one tile.
+FusePlan describe(const Model& model, TileSize tile, const FuserOptions& options) {
+  Graph graph(options.storage, options.kernels.addressed, options.keep_activations);
+  network(graph, model, tile.height, tile.width, options.phase, options.kernels.conv2d);
+  graph.plan();
+  FusePlan plan{.tiling = make_tiling(tile, 1, 1, 0), .graph = std::move(graph)};
+  plan.constant_bytes = plan.graph.constant_bytes();
+  plan.activation_bytes = plan.graph.activation_bytes();
+  plan.unaliased_bytes = plan.graph.unaliased_bytes();
   plan.frame_bytes = Program::host_bytes(Fusion::kFramesInFlight + 1);
-  for (const Shape& shape : frame_shapes(model, tiling.tile)) plan.frame_bytes += frame_bytes(shape);
-  for (const Pass& pass : graph.passes()) plan.flop += pass.flop * tiling.count();
+  for (const Shape& shape : frame_shapes(model, tile)) plan.frame_bytes += frame_bytes(shape);
+  for (const Pass& pass : plan.graph.passes()) plan.flop += pass.flop;
   return plan;
 }
 
 // Why a tile cannot run; nothing when it can.
-std::optional<std::string> obstacle(const Graph& graph, const Model& model, TileSize tile,
-                                    const DeviceInfo& device, uint64_t most_bytes) {
-  const FusePlan plan = describe(graph, model, make_tiling(tile, 1, 1, 0));
-  uint64_t binding_bytes = graph.largest_binding_bytes();
-  for (const Shape& shape : frame_shapes(model, tile))
+std::optional<std::string> obstacle(const FusePlan& plan, const Model& model, const DeviceInfo& device,
+                                    uint64_t most_bytes) {
+  uint64_t binding_bytes = plan.graph.largest_binding_bytes();
+  for (const Shape& shape : frame_shapes(model, plan.tiling.tile))
     binding_bytes = std::max(binding_bytes, frame_bytes(shape));
   const auto beyond = [](const char* what, uint64_t needed, uint64_t allowed, const char* whose) {
     return fmt::format("{} {:.1f} MiB, more than the {:.1f} MiB {}", what, double(needed) / kMebibyte,
@@ -42,7 +44,7 @@ std::optional<std::string> obstacle(const Graph& graph, const Model& model, Tile
     return beyond("a layer needs", binding_bytes, device.max_storage_range_bytes,
                   "that the device binds at once");
   }
-  const auto groups = graph.most_groups();
+  const auto groups = plan.graph.most_groups();
   for (size_t axis = 0; axis < 3; ++axis) {
     if (groups[axis] > device.max_groups[axis]) {
       return fmt::format("a layer needs {} workgroups along {}, more than the device's {}", groups[axis],
@@ -64,13 +66,6 @@ float lrhs_phase(bool centered, uint32_t scale) noexcept {
   return centered ? (static_cast<float>(scale) - 1.0f) / 2.0f : 0.0f;
 }
 
-Graph build_graph(const Model& model, TileSize tile, const FuserOptions& options) {
-  Graph graph(options.storage, options.kernels.addressed, options.keep_activations);
-  network(graph, model, tile.height, tile.width, options.phase, options.kernels.conv2d);
-  graph.plan();
-  return graph;
-}
-
 std::array<Shape, kFrameSlots> frame_shapes(const Model& model, TileSize tile) {
   const Architecture& a = model.architecture();
   const uint32_t height = a.scale * tile.height, width = a.scale * tile.width;
@@ -85,11 +80,11 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
   // A driver that tells no budget still shares its heap with others.
   const uint64_t most_bytes =
       options.max_memory_bytes ? options.max_memory_bytes : device.memory_bytes / 5 * 4;
-  std::optional<Graph> graph;  // of the tile tried last
+  std::optional<FusePlan> plan;  // of the tile tried last
   std::optional<std::string> reason;
   const auto fits = [&](TileSize tile) {
-    graph = build_graph(model, tile, options);
-    reason = obstacle(*graph, model, tile, device, most_bytes);
+    plan = describe(model, tile, options);
+    reason = obstacle(*plan, model, device, most_bytes);
     // Every layer's output stays readable in a frame of one tile only.
     if (reason && options.keep_activations)
       throw Error("keeping every layer's output takes one tile: {}", *reason);
@@ -97,7 +92,9 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
   };
   const Tiling tiling = choose_tiling({height, width}, receptive_halo(model.architecture()), fits);
   if (tiling.count() == 0) throw Error("model {}: the smallest tile does not fit: {}", model.name(), *reason);
-  return describe(*graph, model, tiling);
+  plan->tiling = tiling;
+  plan->flop *= tiling.count();
+  return std::move(*plan);
 }
 
 }  // namespace raymeld

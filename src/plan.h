@@ -33,6 +33,7 @@ struct FuserOptions {
 // How a frame will be run, before anything is allocated.
 struct FusePlan {
   Tiling tiling;
+  Graph graph;  // of one tile, planned
   uint64_t constant_bytes = 0;
   uint64_t activation_bytes = 0;
   uint64_t unaliased_bytes = 0;  // what the activations would take without sharing memory
@@ -46,9 +47,6 @@ struct FusePlan {
 // fits.
 FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const DeviceInfo& device,
                      const FuserOptions& options);
-
-// The planned graph of one tile.
-Graph build_graph(const Model& model, TileSize tile, const FuserOptions& options);
 
 // The images of a tile, as frames bring and take them: LRHS, HRLS, fused.
 std::array<Shape, kFrameSlots> frame_shapes(const Model& model, TileSize tile);

@@ -15,7 +15,7 @@
 namespace raymeld {
 namespace {
 
-constexpr int kFormatVersion = 1;
+constexpr int kFormatVersion = 2;
 constexpr double kBudgetMs = 60;  // of one measurement
 constexpr uint32_t kLeastRows = 32;
 
@@ -122,7 +122,8 @@ struct Tuner {
   }
 
   // One parameter after another, each at its best before the next is tried.
-  Tuning::Entry best(bool addressed, const Conv2dShape& shape) const {
+  Tuning::Entry best(const Tuning& tuning, const Conv2dShape& shape) const {
+    const bool addressed = tuning.addressed;
     Tuning::Entry best{{}, time(addressed, shape, {}), 0};
     best.direct_ms = best.time_ms;
     if (!device.info().buffer_device_address) return best;
@@ -138,6 +139,7 @@ struct Tuner {
       if (tile > shape.most_tile || (shape.kernel == 1) != (tile == 1)) continue;
       Conv2dKernel kernel = first_guess(device.info(), shape);
       kernel.tile = tile;
+      kernel.order = tuning.order;
       consider(kernel);
     }
     if (best.kernel.tile == 0) return best;
@@ -154,7 +156,6 @@ struct Tuner {
       // What a 3x3 keeps of a band takes 36 floats a channel for each tile, a 1x1 one for each pixel.
       shape.kernel == 1 ? vary(&Conv2dKernel::band, {512, 1024, 4096})
                         : vary(&Conv2dKernel::band, {128, 512});
-      vary(&Conv2dKernel::order, {0, 16});
     } else {
       vary(&Conv2dKernel::band, {1u << 14, 1u << 18});
     }
@@ -232,6 +233,7 @@ Tuning load_tuning(const std::filesystem::path& file) try {
   const Json json = Json::parse(stream);
   if (json.at("format_version") != kFormatVersion) return {};
   tuning.addressed = json.at("addressed");
+  tuning.order = json.at("order");
   for (const Json& entry : json.at("conv2d")) {
     const Conv2dShape shape = shape_from(entry.at("shape"));
     const Conv2dKernel kernel = kernel_from(entry.at("kernel"));
@@ -244,7 +246,10 @@ Tuning load_tuning(const std::filesystem::path& file) try {
 }
 
 void save_tuning(const std::filesystem::path& file, const Tuning& tuning) {
-  Json json{{"format_version", kFormatVersion}, {"addressed", tuning.addressed}, {"conv2d", Json::array()}};
+  Json json{{"format_version", kFormatVersion},
+            {"addressed", tuning.addressed},
+            {"order", tuning.order},
+            {"conv2d", Json::array()}};
   for (const auto& [shape, entry] : tuning.entries) {
     json["conv2d"].push_back({{"shape", to_json(shape)},
                               {"kernel", to_json(entry.kernel)},
@@ -267,12 +272,24 @@ void tune(const Device& device, PipelineCache& cache, Storage storage, const std
     // The largest convolution, as the defaults would compute it, tells.
     const Conv2dShape& most = *std::max_element(
         shapes.begin(), shapes.end(), [](const auto& a, const auto& b) { return a.flop() < b.flop(); });
-    tuning.addressed = tuner.time(true, most, first_guess(device.info(), most)) <
-                       tuner.time(false, most, first_guess(device.info(), most));
+    Conv2dKernel kernel = first_guess(device.info(), most);
+    double least_ms = tuner.time(false, most, kernel);
+    const auto consider = [&](bool addressed, uint32_t order) {
+      kernel.order = order;
+      const double time_ms = tuner.time(addressed, most, kernel);
+      if (time_ms >= least_ms) return;
+      least_ms = time_ms;
+      std::tie(tuning.addressed, tuning.order) = std::pair(addressed, order);
+    };
+    tuning.order = kernel.order;
+    consider(true, kernel.order);
+    for (const uint32_t order : {0u, 8u, 16u}) {
+      if (order != tuning.order) consider(tuning.addressed, order);
+    }
   }
   for (const Conv2dShape& shape : shapes) {
     if (tuning.entries.contains(shape)) continue;
-    progress(shape, tuning.entries[shape] = tuner.best(tuning.addressed, shape));
+    progress(shape, tuning.entries[shape] = tuner.best(tuning, shape));
   }
 }
 

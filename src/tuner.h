@@ -30,6 +30,7 @@ struct Tuning {
     double direct_ms = 0;  // what the direct kernel took
   };
   bool addressed = false;
+  uint32_t order = 8;  // of all kernels, so that they share pipelines
   std::map<Conv2dShape, Entry> entries;
 
   // A shape that was not measured is computed as the most alike of the same kernel size was, or by
@@ -48,8 +49,8 @@ void save_tuning(const std::filesystem::path& file, const Tuning& tuning);
 // Called for each shape with what was found for it; may throw to stop.
 using TuneProgress = std::function<void(const Conv2dShape&, const Tuning::Entry&)>;
 
-// Measures the candidates for each shape that `tuning` has not got yet, and whether activations are better
-// found by address. Throws Error.
+// Measures the candidates for each shape that `tuning` has not got yet and, the first time, whether
+// activations are better found by address, and the best order. Throws Error.
 void tune(const Device& device, PipelineCache& cache, Storage storage, const std::vector<Conv2dShape>& shapes,
           Tuning& tuning, const TuneProgress& progress);
 

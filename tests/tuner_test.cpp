@@ -69,7 +69,7 @@ TEST(Tuning, ADamagedFileIsNoTuning) {
   EXPECT_EQ(entries_of(good), 4u);
   for (size_t length = 0; length + 2 < good.size(); length += 7)
     EXPECT_EQ(entries_of(good.substr(0, length)), 0u);
-  EXPECT_EQ(changed("\"format_version\": 1", "\"format_version\": 2"), 0u);
+  EXPECT_EQ(changed("\"format_version\": 2", "\"format_version\": 1"), 0u);
   EXPECT_EQ(changed("\"tile\": 4", "\"tile\": 3"), 0u);
   EXPECT_EQ(changed("\"tile\": 4", "\"tile\": \"4\""), 0u);
   EXPECT_EQ(changed("\"tile\": 2", "\"tile\": 4"), 0u);  // where it was refused

@@ -68,7 +68,8 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
       Pass pass;
       pass.name = conv.name;
       pass.shader = &shaders::kPointwise[graph.addressed()];
-      pass.constants = {channels, outputs, how.order, channel == 0, last, conv.options.relu, residuals};
+      pass.constants = {
+          channels, outputs, how.order, channel == 0, last, last && conv.options.relu, last ? residuals : 0};
       pass.bindings = {constant_binding(weights), constant_binding(bias), read_binding(source),
                        write_binding(sums), write_binding(conv.out)};
       for (uint32_t i = 0; i < kMostResiduals; ++i)
