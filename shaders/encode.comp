@@ -7,7 +7,7 @@
 #include "memory.glsl"
 #include "transfer.glsl"
 
-layout(local_size_x = 32, local_size_y = 2) in;
+layout(local_size_x = 64, local_size_y = 2) in;
 layout(std430, binding = 1) readonly buffer Frame { float frame[]; };
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {

@@ -9,7 +9,7 @@
 #include "memory.glsl"
 #include "transfer.glsl"
 
-layout(local_size_x = 32, local_size_y = 2) in;
+layout(local_size_x = 64, local_size_y = 2) in;
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Values color, albedo, lrhs, target;

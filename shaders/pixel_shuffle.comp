@@ -5,7 +5,7 @@
 #include "params.h"
 #include "tensor.glsl"
 
-layout(local_size_x = 32, local_size_y = 2) in;
+layout(local_size_x = 64, local_size_y = 2) in;
 layout(constant_id = 0) const uint r = 2;
 layout(push_constant) uniform Push { Shuffle p; };
 layout(std430, binding = 1) readonly buffer Input { STORAGE in_data[]; };

@@ -44,14 +44,14 @@ inline Binding frame_binding(FrameSlot slot, Access access) {
 // Of passes with a frame_binding() only.
 inline Binding exposure_binding() { return {.kind = Binding::Kind::kExposure, .access = Access::kRead}; }
 
-// Workgroups of the shaders with one invocation for each element, 32 x 2 to a workgroup.
+// Workgroups of the shaders with one invocation for each element, 64 x 2 to a workgroup.
 constexpr std::array<uint32_t, 3> element_groups(const Shape& shape) {
-  return {divide_up(shape.width, 32), divide_up(shape.height, 2), shape.channels};
+  return {divide_up(shape.width, 64), divide_up(shape.height, 2), shape.channels};
 }
 
 // And of those with one for each pixel.
 constexpr std::array<uint32_t, 3> pixel_groups(const Shape& shape) {
-  return {divide_up(shape.width, 32), divide_up(shape.height, 2), 1};
+  return {divide_up(shape.width, 64), divide_up(shape.height, 2), 1};
 }
 
 // Of a tensor read or written once.
