@@ -440,7 +440,7 @@ TEST_F(Cli, GraphNeedsNoDevice) {
   const ProcessResult text = run({"graph", "--model", tiny_model(), "--size", "64x48"});
   EXPECT_EQ(text.exit_status, 0) << text.err;
   for (const char* part :
-       {"groups.1.blocks.0.dense.2", "12x16x11 -> 12x16x3", "| fuse", "barriers", "peak with aliasing"})
+       {"groups.1.blocks.0.dense.2", "12x16x5 + 12x16x6 -> 12x16x3", "| fuse", "barriers", "peak with aliasing"})
     EXPECT_NE(text.out.find(part), std::string::npos) << part;
   const ProcessResult dot = run({"graph", "--model", tiny_model(), "--size", "64x48", "--dot"});
   EXPECT_EQ(dot.exit_status, 0) << dot.err;

@@ -101,7 +101,7 @@ TEST(Validation, MisuseIsReported) {
 // A graph places no barrier between what it takes for different images; here they are one.
 TEST(Validation, AMissingBarrierBetweenDispatchesIsReported) {
   const std::unique_ptr<Device> device = Device::create({.selector = {}, .validation = true});
-  Graph graph(Storage::kFloat32);
+  Graph graph(Storage::kFloat32, false, true);
   const Tensor in = graph.input("in", {4, 4, 3}), out = graph.tensor("out", {4, 4, 3});
   decode(graph, "decode", in, {});
   encode(graph, "encode", FrameSlot::kHrls, out, std::vector(3, ChannelKind::kAlbedo), Transfer::kLinear, 1);

@@ -1,5 +1,6 @@
 #include "cli/graph_text.h"
 
+#include <algorithm>
 #include <map>
 
 #include "cli/console.h"
@@ -37,13 +38,18 @@ std::string binding_text(const Binding& binding) {
   return binding.kind == Binding::Kind::kFrame ? slot_name(binding.slot) : shape_text(binding.tensor.shape);
 }
 
-// What the pass mostly reads, and what it writes.
+// What the pass reads, each once, and what it writes.
 std::string operands_text(const Pass& pass) {
   std::string from, to;
+  std::vector<Tensor> listed;
   for (const Binding& binding : pass.bindings) {
     if (binding.kind == Binding::Kind::kConstant || binding.kind == Binding::Kind::kExposure) continue;
+    if (binding.kind == Binding::Kind::kTensor) {
+      if (std::find(listed.begin(), listed.end(), binding.tensor) != listed.end()) continue;
+      listed.push_back(binding.tensor);
+    }
     std::string& operand = binding.access == Access::kWrite ? to : from;
-    if (operand.empty()) operand = binding_text(binding);
+    operand += (operand.empty() ? "" : " + ") + binding_text(binding);
   }
   return from + " -> " + to;
 }

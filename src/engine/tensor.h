@@ -39,6 +39,7 @@ struct Tensor {
   Shape shape;
   uint32_t channel_offset = 0;
 
+  bool operator==(const Tensor&) const = default;
   // Channels [first, first + count) of this one, without a copy.
   Tensor slice(uint32_t first, uint32_t count) const {
     if (first + count > shape.channels) {
