@@ -144,6 +144,7 @@ Binding residual_binding(const Convolution& conv, uint32_t i, const Tensor& othe
 void conv2d(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out,
             const ConvWeights& weights, const Conv2dOptions& options) {
   const Convolution conv = make_convolution(graph, name, in, out, weights, options);
+  if (options.how.matrix) return conv2d_matrix(graph, conv);
   const uint32_t tile = options.how.tile;
   if (tile > 0 && (options.kernel == 1 ? tile != 1 : tile != 2 && tile != 4)) {
     throw Error("layer {}: no F({}, {})", name, tile, options.kernel);

@@ -40,6 +40,9 @@ uint32_t blocks_of(const Convolution& conv);
 // In three steps, band by band: shaders/winograd_*.comp.
 void conv2d_winograd(Graph& graph, const Convolution& conv);
 
+// By cooperative matrices: shaders/conv2d_matrix.comp.
+void conv2d_matrix(Graph& graph, const Convolution& conv);
+
 // Of a 1x1: shaders/pointwise.comp.
 void conv2d_pointwise(Graph& graph, const Convolution& conv);
 
