@@ -10,7 +10,9 @@ VKAPI_ATTR VkBool32 VKAPI_CALL collect_message(VkDebugUtilsMessageSeverityFlagBi
                                                VkDebugUtilsMessageTypeFlagsEXT,
                                                const VkDebugUtilsMessengerCallbackDataEXT* data,
                                                void* messages) {
-  static_cast<std::vector<std::string>*>(messages)->push_back(data->pMessage);
+  // Newer layers name the rule beside the text only.
+  const char* rule = data->pMessageIdName ? data->pMessageIdName : "";
+  static_cast<std::vector<std::string>*>(messages)->push_back(fmt::format("{}: {}", rule, data->pMessage));
   return VK_FALSE;
 }
 
