@@ -49,10 +49,11 @@ const uint kColumns = RAYMELD_MATRIX_COLUMNS, kRadius = kKernel / 2, kTaps = kKe
 const uint kTileWidth = kColumns + 2 * kRadius, kTilePixels = (kSubgroups * kRows + 2 * kRadius) * kTileWidth;
 const uint kPixelSteps = kChannels / kStep, kPixelStride = kPixelSteps + 1;
 const uint kWeightSteps = kTaps * kChannels / kStep, kWeightStride = kWeightSteps + 1;
-const uint kResultStride = kColumns + kStep;  // in floats
-shared uvec4 tile[kTilePixels * kPixelStride];
+// Once the tile was read, sums take its place: kM channels of a row of pixels, of each subgroup, 4 in a step.
+const uint kSumStride = kColumns / 4 + 2;
+const uint kTileSteps = kTilePixels * kPixelStride, kSumSteps = kSubgroups * kM * kSumStride;
+shared uvec4 tile[kTileSteps > kSumSteps ? kTileSteps : kSumSteps];
 shared uvec4 block_weights[kOutputs * kM * kWeightStride];
-shared float results[kSubgroups * kM * kResultStride];
 
 const uint kAcross = kColumns / kN, kPixels = kRows * kAcross;  // matrices of pixels
 #define MATRIX_A coopmat<float16_t, gl_ScopeSubgroup, kM, kK, gl_MatrixUseA>
@@ -125,17 +126,17 @@ void main() {
       }
     }
   }
-  // By way of shared memory, which a subgroup has a part of to itself: kM channels of a row of pixels at a time.
-  uint own = gl_SubgroupID * kM * kResultStride;
+  barrier();
+  uint own = gl_SubgroupID * kM * kSumStride;
   [[unroll]] for (uint o = 0; o < kOutputs; ++o) {
     [[unroll]] for (uint row = 0; row < kRows; ++row) {
       [[unroll]] for (uint n = 0; n < kAcross; ++n)
-        coopMatStore(sum[o * kPixels + row * kAcross + n], results, own + n * kN, kResultStride,
+        coopMatStore(sum[o * kPixels + row * kAcross + n], tile, own + n * kN / 4, kSumStride,
                      gl_CooperativeMatrixLayoutRowMajor);
       subgroupBarrier();
       for (uint n = gl_SubgroupInvocationID; n < kM * kColumns; n += gl_SubgroupSize)
         store((block * kOutputs + o) * kM + n / kColumns, y0 + first_row + row, x0 + n % kColumns,
-              results[own + n / kColumns * kResultStride + n % kColumns]);
+              uintBitsToFloat(tile[own + n / kColumns * kSumStride + n % kColumns / 4][n % 4]));
       subgroupBarrier();
     }
   }

@@ -36,9 +36,8 @@ uint64_t shared_bytes(const MatrixTiles& tiles, uint32_t kernel) {
   const uint64_t tile = pixels * (tiles.channels / kStep + 1) * kStepBytes;
   const uint64_t weights =
       tiles.outputs * (uint64_t{kernel} * kernel * tiles.channels / kStep + 1) * kStepBytes;
-  const uint64_t results =
-      uint64_t{tiles.subgroups} * tiles.matrix.m * (kMatrixColumns + kStep) * sizeof(float);
-  return tile + weights + results;
+  const uint64_t sums = uint64_t{tiles.subgroups} * tiles.matrix.m * (kMatrixColumns / 4 + 2) * kStepBytes;
+  return std::max(tile, sums) + weights;
 }
 
 }  // namespace
