@@ -96,10 +96,19 @@ void add_fast(const Conv2dShape& shape, Storage storage) {
   for (const uint32_t tile : shape.kernel == 1 ? std::vector<uint32_t>{1} : std::vector<uint32_t>{2, 4}) {
     Conv2dKernel kernel = tuned.conv2d(shape);
     kernel.tile = tile;
+    kernel.matrix.reset();
     const std::string kind = tile == 1 ? "pointwise" : fmt::format("F({},3)", tile);
     add("conv2d/" + name_of(shape) + "/" + kind + (storage == Storage::kFloat16 ? "/fp16" : ""), shape,
         kernel, storage, tuned.addressed);
   }
+}
+
+// By cooperative matrices, as tuned where they were found to be fastest.
+void add_matrix(const Conv2dShape& shape) {
+  const CooperativeMatrix& matrix = *device().info().cooperative_matrix;
+  const Conv2dKernel tuned = kernels_for(device(), Storage::kFloat16).conv2d(shape);
+  add("conv2d/" + name_of(shape) + "/matrix/fp16", shape,
+      tuned.matrix ? tuned : first_matrix_guess(matrix, shape), Storage::kFloat16, false);
 }
 
 }  // namespace
@@ -111,6 +120,7 @@ void register_device() {
 void register_convolutions() {
   for (const Conv2dShape& shape : shapes()) {
     add("conv2d/" + name_of(shape) + "/direct", shape, {}, Storage::kFloat32, false);
+    if (device().info().cooperative_matrix && device().info().storage_16bit) add_matrix(shape);
     if (!device().info().buffer_device_address) continue;
     add_fast(shape, Storage::kFloat32);
     if (device().info().storage_16bit) add_fast(shape, Storage::kFloat16);

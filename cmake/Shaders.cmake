@@ -1,5 +1,6 @@
 # Compiles shaders/*.comp with glslang, once for each storage type and, where a shader has DATA_BY_ADDRESS, with and
-# without that; checks them with spirv-val and embeds them in the static library raymeld_shaders.
+# without that; checks them with spirv-val and embeds them in the static library raymeld_shaders. conv2d_matrix.comp, which
+# Debian 12's glslang does not know the extensions of, is there as SPIR-V: see scripts/compile-matrix.
 find_program(GLSLANG glslangValidator REQUIRED)
 find_program(SPIRV_VAL spirv-val REQUIRED)
 
@@ -24,6 +25,16 @@ function(embed_shader objects source variant)
     COMMENT "Shader ${variant}")
   set(${objects} ${${objects}} ${embedded} PARENT_SCOPE)
 endfunction()
+
+set(matrix_source ${CMAKE_BINARY_DIR}/shaders/conv2d_matrix.cpp)
+add_custom_command(
+  OUTPUT ${matrix_source}
+  COMMAND ${CMAKE_COMMAND} -DSPIRV=${shader_dir}/conv2d_matrix.spv -DOUTPUT=${matrix_source} -DSYMBOL=k_conv2d_matrix
+          -P ${PROJECT_SOURCE_DIR}/cmake/EmbedSpirv.cmake
+  DEPENDS ${shader_dir}/conv2d_matrix.spv ${PROJECT_SOURCE_DIR}/cmake/EmbedSpirv.cmake
+  COMMENT "Shader conv2d_matrix")
+list(APPEND shader_objects ${matrix_source})
+list(REMOVE_ITEM shader_sources ${shader_dir}/conv2d_matrix.comp)
 
 set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${shader_sources})
 foreach(source ${shader_sources})

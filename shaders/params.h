@@ -27,6 +27,17 @@ struct Conv2d {
   uint channels_out;
 };
 
+// Of the convolution between the shuffles; the planes are those of the tensors bound.
+struct Conv2dMatrix {
+  uint height;
+  uint width;
+  uint plane_in;
+  uint plane_out;
+  uint channels_in;
+  uint channels_front;  // of the first of two inputs
+  uint channels_out;
+};
+
 // One part of a 1x1 convolution, of a band of pixels.
 struct Pointwise {
   uint plane;
@@ -163,6 +174,9 @@ struct Decode {
 #define RAYMELD_BRIGHTNESS_WIDTH 0.0667
 #define RAYMELD_FIREFLY 20.0
 #define RAYMELD_FIREFLY_FLOOR 1e-3
+
+// The width of a workgroup's pixels in conv2d_matrix.comp.
+#define RAYMELD_MATRIX_COLUMNS 32
 
 // How an input channel is encoded; words hold several of these.
 #define RAYMELD_KINDS_OF_WORD 16

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 #include <fstream>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <random>
 
@@ -64,6 +65,12 @@ Conv2dKernel first_guess(const DeviceInfo& device, const Conv2dShape& shape) {
   return kernel;
 }
 
+// Whether a device computes what may have been measured on another, or with more features enabled.
+bool is_for(const DeviceInfo& device, const Conv2dKernel& kernel) {
+  return (kernel.tile == 0 || device.buffer_device_address) &&
+         (!kernel.matrix || kernel.matrix->matrix == device.cooperative_matrix);
+}
+
 // How unlike two shapes are; the channels count more than the size.
 double distance(const Conv2dShape& a, const Conv2dShape& b) {
   const auto ratio = [](double x, double y) { return std::abs(std::log(x / y)); };
@@ -84,20 +91,46 @@ Conv2dShape shape_from(const Json& j) {
           j.at("channels_out"), j.at("kernel"), j.at("most_tile")};
 }
 
+Json to_json(const MatrixTiles& t) {
+  const CooperativeMatrix& matrix = t.matrix;
+  return {{"m", matrix.m},
+          {"n", matrix.n},
+          {"k", matrix.k},
+          {"subgroup_size", matrix.subgroup_size},
+          {"max_invocations", matrix.max_invocations},
+          {"max_shared_bytes", matrix.max_shared_bytes},
+          {"outputs", t.outputs},
+          {"rows", t.rows},
+          {"subgroups", t.subgroups},
+          {"channels", t.channels}};
+}
+
+MatrixTiles tiles_from(const Json& j) {
+  return {.matrix = {.m = j.at("m"),
+                     .n = j.at("n"),
+                     .k = j.at("k"),
+                     .subgroup_size = j.at("subgroup_size"),
+                     .max_invocations = j.at("max_invocations"),
+                     .max_shared_bytes = j.at("max_shared_bytes")},
+          .outputs = j.at("outputs"),
+          .rows = j.at("rows"),
+          .subgroups = j.at("subgroups"),
+          .channels = j.at("channels")};
+}
+
 Json to_json(const Conv2dKernel& k) {
-  return {{"tile", k.tile},
-          {"outputs", k.outputs},
-          {"channels", k.channels},
-          {"order", k.order},
-          {"band", k.band}};
+  return {{"tile", k.tile},   {"outputs", k.outputs}, {"channels", k.channels},
+          {"order", k.order}, {"band", k.band},       {"matrix", k.matrix ? to_json(*k.matrix) : Json()}};
 }
 
 Conv2dKernel kernel_from(const Json& j) {
-  return {.tile = j.at("tile"),
-          .outputs = j.at("outputs"),
-          .channels = j.at("channels"),
-          .order = j.at("order"),
-          .band = j.at("band")};
+  Conv2dKernel kernel{.tile = j.at("tile"),
+                      .outputs = j.at("outputs"),
+                      .channels = j.at("channels"),
+                      .order = j.at("order"),
+                      .band = j.at("band")};
+  if (!j.at("matrix").is_null()) kernel.matrix = tiles_from(j.at("matrix"));
+  return kernel;
 }
 
 // From a file that anyone may have edited.
@@ -108,7 +141,8 @@ bool is_valid(const Conv2dShape& shape, const Conv2dKernel& kernel) {
   const bool is_1x1 = shape.kernel == 1 && kernel.tile <= 1;
   const bool is_3x3 =
       shape.kernel == 3 && kernel.tile != 1 && kernel.tile != 3 && kernel.tile <= shape.most_tile;
-  return (is_1x1 || is_3x3) && shape.most_tile <= 4 && within(kernel.outputs, 4, 64) &&
+  const bool matrix = !kernel.matrix || (kernel.tile == 0 && is_possible(*kernel.matrix, shape.kernel));
+  return (is_1x1 || is_3x3) && matrix && shape.most_tile <= 4 && within(kernel.outputs, 4, 64) &&
          within(kernel.channels, 1, 256) && within(kernel.order, 0, 256) && within(kernel.band, 1, 1u << 20);
 }
 
@@ -121,12 +155,12 @@ struct Tuner {
     return time_conv2d(device, cache, storage, addressed, shape, kernel);
   }
 
-  // One parameter after another, each at its best before the next is tried.
+  // The kinds of kernels, then the parameters of the fastest one after another, each at its best before the
+  // next is tried.
   Tuning::Entry best(const Tuning& tuning, const Conv2dShape& shape) const {
     const bool addressed = tuning.addressed;
     Tuning::Entry best{{}, time(addressed, shape, {}), 0};
     best.direct_ms = best.time_ms;
-    if (!device.info().buffer_device_address) return best;
     const auto consider = [&](const Conv2dKernel& kernel) {
       try {
         const double time_ms = time(addressed, shape, kernel);
@@ -136,21 +170,34 @@ struct Tuner {
       }
     };
     for (const uint32_t tile : {1u, 2u, 4u}) {
+      if (!device.info().buffer_device_address) break;
       if (tile > shape.most_tile || (shape.kernel == 1) != (tile == 1)) continue;
       Conv2dKernel kernel = first_guess(device.info(), shape);
       kernel.tile = tile;
       kernel.order = tuning.order;
       consider(kernel);
     }
-    if (best.kernel.tile == 0) return best;
-    const auto vary = [&](uint32_t Conv2dKernel::*parameter, std::initializer_list<uint32_t> values) {
+    if (device.info().cooperative_matrix && storage == Storage::kFloat16) {
+      consider(first_matrix_guess(*device.info().cooperative_matrix, shape));
+    }
+    const auto vary = [&](const auto& parameter, std::initializer_list<uint32_t> values) {
       const Conv2dKernel start = best.kernel;
       for (const uint32_t value : values) {
         Conv2dKernel kernel = start;
-        kernel.*parameter = value;
+        std::invoke(parameter, kernel) = value;
         if (kernel != start) consider(kernel);
       }
     };
+    if (best.kernel.matrix && !device.info().is_cpu) {
+      const auto of_tiles = [](uint32_t MatrixTiles::*member) {
+        return [member](Conv2dKernel& kernel) -> uint32_t& { return (*kernel.matrix).*member; };
+      };
+      vary(of_tiles(&MatrixTiles::rows), {1, 4});
+      vary(of_tiles(&MatrixTiles::outputs), {16, 32});
+      vary(of_tiles(&MatrixTiles::subgroups), {2, 8});
+      vary(of_tiles(&MatrixTiles::channels), {16, 32, 64});
+    }
+    if (best.kernel.tile == 0) return best;
     if (shape.channels_out > 8) vary(&Conv2dKernel::outputs, {8, 24});
     if (device.info().is_cpu) {
       // What a 3x3 keeps of a band takes 36 floats a channel for each tile, a 1x1 one for each pixel.
@@ -190,14 +237,27 @@ double time_conv2d(const Device& device, PipelineCache& cache, Storage storage, 
   }
 }
 
+Conv2dKernel first_matrix_guess(const CooperativeMatrix& matrix, const Conv2dShape& shape) {
+  constexpr uint32_t kMostSums = 128;  // of a lane, about half of its registers
+  MatrixTiles tiles{.matrix = matrix, .channels = shape.kernel == 1 ? 32u : 16u};
+  tiles.outputs = std::min(tiles.outputs, divide_up(shape.channels_out, matrix.m) * matrix.m);
+  const auto sums = [&] { return tiles.outputs * tiles.rows * kMatrixColumns / matrix.subgroup_size; };
+  if (sums() > kMostSums) tiles.rows = 1;
+  while ((sums() > kMostSums || !is_possible(tiles, shape.kernel)) && tiles.outputs > matrix.m)
+    tiles.outputs = divide_up(tiles.outputs / 2, matrix.m) * matrix.m;
+  return {.matrix = tiles};
+}
+
 Kernels default_kernels(const DeviceInfo& device) {
   if (!device.is_cpu || !device.buffer_device_address) return {};
   return {.addressed = gathers(device), .conv2d = default_conv2d};
 }
 
 Kernels Tuning::kernels(const DeviceInfo& device) const {
-  if (entries.empty() || !device.buffer_device_address) return default_kernels(device);
-  const auto choose = [entries = entries,
+  auto usable = entries;
+  std::erase_if(usable, [&](const auto& entry) { return !is_for(device, entry.second.kernel); });
+  if (usable.empty()) return default_kernels(device);
+  const auto choose = [entries = usable,
                        fallback = default_kernels(device).conv2d](const Conv2dShape& shape) {
     // Where F(4, 3) will be refused, that is known only after it was chosen; what was measured without it is
     // for that shape.
@@ -216,7 +276,7 @@ Kernels Tuning::kernels(const DeviceInfo& device) const {
     }
     return nearest ? *nearest : fallback(shape);
   };
-  return {.addressed = addressed, .conv2d = choose};
+  return {.addressed = addressed && device.buffer_device_address, .conv2d = choose};
 }
 
 std::filesystem::path tuning_file(const std::filesystem::path& folder, const Device& device,

@@ -17,6 +17,9 @@ namespace raymeld {
 // and pointwise; activations by address where the driver gathers them. Otherwise the direct kernel.
 Kernels default_kernels(const DeviceInfo& device);
 
+// By cooperative matrices; what the search starts from. Never a default.
+Conv2dKernel first_matrix_guess(const CooperativeMatrix& matrix, const Conv2dShape& shape);
+
 // The median of a few runs on random values, in milliseconds; the first, in which some drivers compile, does
 // not count. Large images are measured by their first rows and scaled.
 double time_conv2d(const Device& device, PipelineCache& cache, Storage storage, bool addressed,

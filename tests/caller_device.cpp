@@ -87,15 +87,16 @@ VkDebugUtilsMessengerEXT make_messenger(const VulkanFunctions& vk, VkInstance in
 
 }  // namespace
 
-CallerDevice::CallerDevice(bool storage_16bit, bool addresses) : vk_(VulkanFunctions::load()) {
+CallerDevice::CallerDevice(bool storage_16bit, bool addresses, bool matrices) : vk_(VulkanFunctions::load()) {
   real_get_instance_proc_addr = vk_.GetInstanceProcAddr;
   external_.get_instance_proc_addr = get_instance_proc_addr;
   external_.instance = make_instance(vk_, true);
   messenger_ = make_messenger(vk_, external_.instance, messages_);
   external_.physical_device = physical_devices(vk_, external_.instance).front();
   external_.storage_16bit = storage_16bit;
-  external_.buffer_device_address =
-      addresses && describe(vk_, external_.physical_device, 0).buffer_device_address;
+  const DeviceInfo has = describe(vk_, external_.physical_device, 0);
+  external_.buffer_device_address = addresses && has.buffer_device_address;
+  external_.cooperative_matrix = matrices && has.cooperative_matrix;
 
   const float priority = 1;
   auto queue = vk_struct<VkDeviceQueueCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO);
@@ -109,7 +110,8 @@ CallerDevice::CallerDevice(bool storage_16bit, bool addresses) : vk_(VulkanFunct
       VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_BUFFER_DEVICE_ADDRESS_FEATURES);
   address.bufferDeviceAddress = VK_TRUE;
   VkPhysicalDeviceFeatures features{};
-  const char* extension = VK_KHR_BUFFER_DEVICE_ADDRESS_EXTENSION_NAME;
+  CooperativeMatrixFeatures matrix(&storage, true);
+  std::vector<const char*> extensions;
   auto info = vk_struct<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO, &storage);
   info.queueCreateInfoCount = 1;
   info.pQueueCreateInfos = &queue;
@@ -117,9 +119,14 @@ CallerDevice::CallerDevice(bool storage_16bit, bool addresses) : vk_(VulkanFunct
     storage.pNext = &address;
     features.shaderInt64 = VK_TRUE;
     info.pEnabledFeatures = &features;
-    info.enabledExtensionCount = 1;
-    info.ppEnabledExtensionNames = &extension;
+    extensions.push_back(VK_KHR_BUFFER_DEVICE_ADDRESS_EXTENSION_NAME);
   }
+  if (external_.cooperative_matrix) {
+    info.pNext = &matrix.matrix;
+    extensions.insert(extensions.end(), matrix.kExtensions.begin(), matrix.kExtensions.end());
+  }
+  info.enabledExtensionCount = static_cast<uint32_t>(extensions.size());
+  info.ppEnabledExtensionNames = extensions.data();
   check(vk_.CreateDevice(external_.physical_device, &info, nullptr, &external_.device), "creating a device");
   vk_.load_device(external_.device);
   vk_.GetDeviceQueue(external_.device, external_.queue_family, 0, &external_.queue);

@@ -13,8 +13,8 @@ namespace raymeld::test {
 // waits is counted by the function's name.
 class CallerDevice {
  public:
-  // `addresses`: enables buffer addresses, where the device has them.
-  explicit CallerDevice(bool storage_16bit = true, bool addresses = true);
+  // `addresses`, `matrices`: enables buffer addresses and cooperative matrices, where the device has them.
+  explicit CallerDevice(bool storage_16bit = true, bool addresses = true, bool matrices = true);
   ~CallerDevice();  // fails the test on any validation message, of objects left behind too
   CallerDevice(const CallerDevice&) = delete;
   CallerDevice& operator=(const CallerDevice&) = delete;

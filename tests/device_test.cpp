@@ -56,6 +56,36 @@ TEST(SelectDevice, AmbiguousAndUnknownListTheDevices) {
   EXPECT_ERROR(select_device(devices, "99999"), "does not exist");
 }
 
+TEST(ChooseMatrix, TakesTheWidestOf16BitFactorsAnd32BitSums) {
+  const auto matrix = [](uint32_t m, uint32_t n, uint32_t k, VkComponentTypeKHR factors,
+                         VkComponentTypeKHR sums) {
+    return VkCooperativeMatrixPropertiesKHR{VK_STRUCTURE_TYPE_COOPERATIVE_MATRIX_PROPERTIES_KHR,
+                                            nullptr,
+                                            m,
+                                            n,
+                                            k,
+                                            factors,
+                                            factors,
+                                            sums,
+                                            sums,
+                                            VK_FALSE,
+                                            VK_SCOPE_SUBGROUP_KHR};
+  };
+  constexpr auto kHalf = VK_COMPONENT_TYPE_FLOAT16_KHR, kFloat = VK_COMPONENT_TYPE_FLOAT32_KHR;
+  std::vector<VkCooperativeMatrixPropertiesKHR> listed;
+  EXPECT_EQ(choose_matrix(listed), nullptr);
+  listed = {matrix(16, 16, 16, kHalf, kHalf), matrix(8, 8, 8, kFloat, kFloat)};
+  EXPECT_EQ(choose_matrix(listed), nullptr);
+  listed.push_back(matrix(8, 8, 8, kHalf, kFloat));
+  EXPECT_EQ(choose_matrix(listed), &listed[2]);
+  listed.push_back(matrix(16, 8, 16, kHalf, kFloat));
+  EXPECT_EQ(choose_matrix(listed), &listed[3]);
+  listed.push_back(matrix(16, 16, 16, kHalf, kFloat));
+  EXPECT_EQ(choose_matrix(listed), &listed[4]);
+  listed[4].scope = VkScopeKHR(2);  // of a workgroup
+  EXPECT_EQ(choose_matrix(listed), &listed[3]);
+}
+
 class DeviceTest : public GpuTest {};
 
 TEST_F(DeviceTest, TheListHasTheDeviceInUse) {

@@ -71,19 +71,20 @@ DeviceRun run_on_gpu(const std::filesystem::path& file, const reference::Archite
 // Each layer against the reference fed with the device's own values, then the whole with bounds carried
 // through all layers.
 void check_against_reference(const std::filesystem::path& file, const Subject& subject, float phase,
-                             Precision precision, float exposure, const Kernels& kernels = {}, int tile = 0) {
+                             Precision precision, float exposure, const Kernels& kernels = {}, int tile = 0,
+                             int units = 1) {
   const DeviceRun run =
       run_on_gpu(file, subject.architecture, subject.lrhs, subject.hrls, phase, precision, exposure, kernels);
   reference::Weights weights;
   for (const auto& [name, conv] : subject.weights) weights[name] = round_to(conv, precision);
   const Outputs layers = reference::network(subject.architecture, weights, subject.lrhs, subject.hrls, phase,
-                                            precision, run.layers, exposure, tile);
+                                            precision, run.layers, exposure, tile, units);
   for (const auto& [name, device] : run.layers) {
     EXPECT_TRUE(within_bounds(fmt::format("{} {}", name, name_of(precision)), device, layers.at(name)));
   }
   EXPECT_TRUE(within_bounds("output " + name_of(precision), run.output, layers.at("output")));
   const Outputs carried = reference::network(subject.architecture, weights, subject.lrhs, subject.hrls, phase,
-                                             precision, {}, exposure, tile);
+                                             precision, {}, exposure, tile, units);
   EXPECT_TRUE(within_bounds("carried " + name_of(precision), run.output, carried.at("output")));
   EXPECT_EQ(run.report.status.saturated, 0u);
 }
@@ -121,6 +122,21 @@ TEST_F(NetworkTest, GoldenNetworksByMinimalFiltering) {
       check_against_reference(golden_model_path(name), subject, 0, precision, float(golden.exposure), kernels,
                               int(tile));
     }
+  }
+}
+
+TEST_F(NetworkTest, GoldenNetworksByCooperativeMatrices) {
+  const auto& matrix = gpu().info().cooperative_matrix;
+  if (!matrix) GTEST_SKIP() << "the device has no cooperative matrices";
+  const Kernels kernels{.conv2d = [&](const Conv2dShape&) {
+    return Conv2dKernel{.matrix = MatrixTiles{*matrix, matrix->m, 1, 2, matrix->k}};
+  }};
+  for (const std::string& name : golden_names()) {
+    SCOPED_TRACE(name);
+    const Golden golden = load_golden(name);
+    const Subject subject{golden.architecture, golden.weights, golden.lrhs, golden.hrls};
+    check_against_reference(golden_model_path(name), subject, 0, Precision::kFp16, float(golden.exposure),
+                            kernels, 0, reference::kMatrixUnits);
   }
 }
 

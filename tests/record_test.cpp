@@ -8,6 +8,7 @@
 #include "fuser.h"
 #include "raymeld/raymeld.hpp"
 #include "subject.h"
+#include "tuner.h"
 
 namespace raymeld::test {
 namespace {
@@ -189,6 +190,25 @@ TEST_F(RecordTest, AddressesMustBeEnabled) {
   Fusion(file_.string(), 6, 9, {.kernels = KernelChoice::kDirect}, caller.external())
       .fuse(lrhs.data(), hrls.data(), direct.data());
   EXPECT_TRUE(same_bits(own, direct));
+}
+
+TEST_F(RecordTest, CooperativeMatricesMustBeEnabled) {
+  const Model model(file_);
+  CallerDevice with, without(true, true, false);
+  if (!with.external().cooperative_matrix) GTEST_SKIP() << "the device has no cooperative matrices";
+  const std::unique_ptr<Device> device = Device::wrap(with.external()),
+                                plain = Device::wrap(without.external());
+  const CooperativeMatrix matrix = device->info().cooperative_matrix.value();
+  const FuserOptions options{
+      .storage = Storage::kFloat16,
+      .kernels = {.conv2d = [&](const Conv2dShape& shape) { return first_matrix_guess(matrix, shape); }}};
+  EXPECT_FALSE(plain->info().cooperative_matrix);
+  EXPECT_ERROR(Fuser(*plain, model, 6, 9, options, folder_.path()), "cooperative matrices",
+               plain->info().name);
+  Image fused;
+  Fuser(*device, model, 6, 9, options, folder_.path())
+      .fuse(image_of(subject_.lrhs), image_of(subject_.hrls), fused);
+  EXPECT_EQ(fused.width, 18);
 }
 
 TEST_F(RecordTest, IncompleteHandlesAreRefused) {

@@ -135,7 +135,7 @@ void expect_same_shape(const Planes& a, const Planes& b) {
 }  // namespace
 
 Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precision,
-               const std::vector<const Bounded*>& residuals, int tile) {
+               const std::vector<const Bounded*>& residuals, int tile, int units) {
   expect(conv.kernel == 1 || conv.kernel == 3, "conv2d: the kernel is neither 1 nor 3");
   expect(conv.in == x.value.c, "conv2d: the input has another number of channels");
   expect(conv.weight.size() == size_t(conv.out) * conv.in * conv.kernel * conv.kernel, "conv2d: weights");
@@ -150,7 +150,7 @@ Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precisio
       for (int column = 0; column < x.value.w; ++column) {
         const Sum sum = convolve_at(x, conv, o, y, column);
         const double magnitude = filtered ? magnitudes.at(o, y, column) : sum.magnitude;
-        double value = sum.value, bound = sum.input_error + gamma(n) * magnitude + n * kFlush;
+        double value = sum.value, bound = sum.input_error + gamma(units * n) * magnitude + n * kFlush;
         if (relu) relu_in_place(value, bound);
         for (const Bounded* residual : residuals) {
           const double r = residual->value.at(o, y, column);

@@ -26,9 +26,13 @@ struct Conv {
 // turn. ReLU turns what is below 0 into 0 and keeps NaN.
 // The bound is that of a direct sum or, with `tile` m > 1 and a 3x3 kernel, of minimal filtering F(m, 3):
 // each output's magnitude S is then what flows through the absolute values of the transforms, from its whole
-// tile.
+// tile. `units`: what one operation errs by, in units of a rounding to nearest; kMatrixUnits on tensor cores.
 Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precision,
-               const std::vector<const Bounded*>& residuals = {}, int tile = 0);
+               const std::vector<const Bounded*>& residuals = {}, int tile = 0, int units = 1);
+
+// A tensor core may align a step's addends to the largest of them and truncate each, then truncate the sum:
+// twice the error of a rounding for each addend and, as a step has few of them, at most as much for the sum.
+inline constexpr int kMatrixUnits = 4;
 
 Bounded concat(const Bounded& a, const Bounded& b);     // along c
 Bounded slice(const Bounded& x, int first, int count);  // channels
@@ -115,9 +119,11 @@ using Outputs = std::map<std::string, Bounded>;  // by the same, and those that 
 // also irradiance, light, joint.0 to joint.4, relight.1, relight.3, relight.5 and mix. phase > 0 is centered.
 // lrhs (3, h, w) and hrls (3 * layers, s*h, s*w) are raw images. Layers named in `given` are computed and
 // then replaced by the given values as exact: with a device's own outputs each layer is checked against what
-// the device itself fed it, and bounds do not pile up. `tile`: that of the 3x3 convolutions, see conv2d().
+// the device itself fed it, and bounds do not pile up. `tile`, of the 3x3 convolutions, and `units`: see
+// conv2d().
 Outputs network(const Architecture& architecture, const Weights& weights, const Planes& lrhs,
                 const Planes& hrls, double phase, Precision precision,
-                const std::map<std::string, Planes>& given = {}, double exposure = 1, int tile = 0);
+                const std::map<std::string, Planes>& given = {}, double exposure = 1, int tile = 0,
+                int units = 1);
 
 }  // namespace raymeld::reference

@@ -8,8 +8,9 @@ namespace {
 
 class Run {
  public:
-  Run(const Weights& weights, Precision precision, const std::map<std::string, Planes>& given, int tile)
-      : weights_(weights), precision_(precision), given_(given), tile_(tile) {}
+  Run(const Weights& weights, Precision precision, const std::map<std::string, Planes>& given, int tile,
+      int units)
+      : weights_(weights), precision_(precision), given_(given), tile_(tile), units_(units) {}
 
   Bounded keep(const std::string& name, Bounded output) {
     const auto replacement = given_.find(name);
@@ -24,17 +25,17 @@ class Run {
 
   Bounded conv(const std::string& name, const std::string& weights_name, const Bounded& x, bool relu,
                const std::vector<const Bounded*>& residuals) {
-    return keep(name, conv2d(x, weights(weights_name), relu, precision_, residuals, tile_));
+    return keep(name, conv2d(x, weights(weights_name), relu, precision_, residuals, tile_, units_));
   }
 
   Bounded conv_lrhs(const Bounded& x, bool centered) {
     Conv conv = weights("lrhs");
     if (centered && !conv.centered_bias.empty()) conv.bias = conv.centered_bias;
-    return keep("lrhs", conv2d(x, conv, true, precision_, {}, tile_));
+    return keep("lrhs", conv2d(x, conv, true, precision_, {}, tile_, units_));
   }
 
   Bounded conv_and_shuffle(const std::string& name, const Bounded& x, int r) {
-    return keep(name, pixel_shuffle(conv2d(x, weights(name), true, precision_, {}, tile_), r));
+    return keep(name, pixel_shuffle(conv2d(x, weights(name), true, precision_, {}, tile_, units_), r));
   }
 
   Outputs take() { return std::move(outputs_); }
@@ -49,7 +50,7 @@ class Run {
   const Weights& weights_;
   const Precision precision_;
   const std::map<std::string, Planes>& given_;
-  const int tile_;
+  const int tile_, units_;
   Outputs outputs_;
 };
 
@@ -145,8 +146,8 @@ Bounded upscale(Run& run, const Architecture& a, Bounded x) {
 
 Outputs network(const Architecture& a, const Weights& weights, const Planes& lrhs, const Planes& hrls,
                 double phase, Precision precision, const std::map<std::string, Planes>& given,
-                double exposure, int tile) {
-  Run run(weights, precision, given, tile);
+                double exposure, int tile, int units) {
+  Run run(weights, precision, given, tile, units);
   const bool joint = a.base == Base::kJoint;
   Bounded low =
       run.keep("encode.lrhs", encode(lrhs, LayerKind::kRadiance, a.transfer, a.clip, precision, exposure));

@@ -16,6 +16,7 @@ class TunerTest : public GpuTest {
   TemporaryDirectory folder_;
 };
 
+constexpr CooperativeMatrix kMatrix{16, 16, 16, 32, 1024, 49152};
 constexpr Conv2dShape kSmall{16, 16, 5, 7, 3};
 constexpr Conv2dShape kSmall1x1{16, 16, 5, 7, 1};
 
@@ -24,6 +25,7 @@ Tuning example() {
   tuning.entries[{128, 128, 64, 64, 3}] = {{.tile = 4, .outputs = 24, .band = 512}, 1.5, 30};
   tuning.entries[{128, 128, 64, 64, 3, 2}] = {{.tile = 2, .order = 0}, 2.5, 30};
   tuning.entries[{512, 512, 16, 8, 3}] = {{}, 3, 3};
+  tuning.entries[{64, 64, 64, 64, 3}] = {{.matrix = MatrixTiles{.matrix = kMatrix, .rows = 1}}, 0.5, 8};
   tuning.entries[{128, 128, 320, 64, 1}] = {{.tile = 1, .band = 4096}, 4, 20};
   return tuning;
 }
@@ -66,7 +68,7 @@ TEST(Tuning, ADamagedFileIsNoTuning) {
     EXPECT_NE(text.find(from), std::string::npos) << from;
     return entries_of(text.replace(text.find(from), from.size(), to));
   };
-  EXPECT_EQ(entries_of(good), 4u);
+  EXPECT_EQ(entries_of(good), 5u);
   for (size_t length = 0; length + 2 < good.size(); length += 7)
     EXPECT_EQ(entries_of(good.substr(0, length)), 0u);
   EXPECT_EQ(changed("\"format_version\": 2", "\"format_version\": 1"), 0u);
@@ -75,6 +77,9 @@ TEST(Tuning, ADamagedFileIsNoTuning) {
   EXPECT_EQ(changed("\"tile\": 2", "\"tile\": 4"), 0u);  // where it was refused
   EXPECT_EQ(changed("\"outputs\": 24", "\"outputs\": 0"), 0u);
   EXPECT_EQ(changed("\"band\": 512", "\"band\": 4000000000"), 0u);
+  EXPECT_EQ(changed("\"rows\": 1", "\"rows\": 40"), 0u);
+  EXPECT_EQ(changed("\"n\": 16", "\"n\": 12"), 0u);
+  EXPECT_EQ(changed("\"subgroups\": 4", "\"subgroups\": 0"), 0u);
 }
 
 TEST(Tuning, ChoosesWhatWasMeasuredOrTheMostAlike) {
@@ -95,6 +100,23 @@ TEST(Tuning, NeverAsksADeviceForWhatItCannot) {
   EXPECT_EQ(tuning.kernels(DeviceInfo{}).conv2d({128, 128, 64, 64, 3}), Conv2dKernel{});
   tuning.addressed = false;
   EXPECT_EQ(tuning.kernels(DeviceInfo{}).conv2d({128, 128, 64, 64, 3}), Conv2dKernel{});
+
+  constexpr Conv2dShape kByMatrices{64, 64, 64, 64, 3};
+  DeviceInfo device = device_with_addresses();
+  EXPECT_EQ(tuning.kernels(device).conv2d(kByMatrices).tile, 4u);
+  device.cooperative_matrix = CooperativeMatrix{8, 8, 8, 8, 1024, 32768};
+  EXPECT_EQ(tuning.kernels(device).conv2d(kByMatrices).tile, 4u);
+  device.cooperative_matrix = kMatrix;
+  EXPECT_EQ(tuning.kernels(device).conv2d(kByMatrices).matrix->rows, 1u);
+  EXPECT_FALSE(default_kernels(device).conv2d(kByMatrices).matrix);
+}
+
+TEST(Tuning, StartsTheSearchWithWhatFitsSharedMemory) {
+  EXPECT_EQ(first_matrix_guess(kMatrix, {128, 128, 64, 64, 3}).matrix->outputs, 64u);
+  EXPECT_EQ(first_matrix_guess(kMatrix, {128, 128, 64, 18, 3}).matrix->outputs, 32u);
+  const CooperativeMatrix small{8, 8, 8, 8, 1024, 32768};
+  for (const uint32_t kernel : {1u, 3u})
+    EXPECT_TRUE(is_possible(*first_matrix_guess(small, {128, 128, 64, 256, kernel}).matrix, kernel));
 }
 
 TEST_F(TunerTest, MeasuresEachShapeOnce) {
@@ -109,6 +131,10 @@ TEST_F(TunerTest, MeasuresEachShapeOnce) {
   EXPECT_EQ(measured, (std::vector{kSmall, kSmall1x1}));
   tune(gpu(), shared_cache(), Storage::kFloat32, {kSmall}, tuning, note);
   EXPECT_EQ(measured.size(), 2u);
+  tuning.entries.clear();
+  tune(gpu(), shared_cache(), Storage::kFloat16, {kSmall}, tuning, note);
+  EXPECT_EQ(measured.size(), 3u);
+  tune(gpu(), shared_cache(), Storage::kFloat32, {kSmall1x1}, tuning, note);
   EXPECT_NE(tuning.entries.at(kSmall).kernel.tile, 1u);
   EXPECT_LE(tuning.entries.at(kSmall1x1).kernel.tile, 1u);
 }

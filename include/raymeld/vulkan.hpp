@@ -19,6 +19,10 @@ struct ExternalDevice {
   // Whether bufferDeviceAddress, of VK_KHR_buffer_device_address or Vulkan 1.2, and shaderInt64 were enabled:
   // some drivers, Mesa's for CPUs among them, are several times faster with them.
   bool buffer_device_address = false;
+  // Whether cooperativeMatrix of VK_KHR_cooperative_matrix was enabled, with vulkanMemoryModel,
+  // vulkanMemoryModelDeviceScope, shaderFloat16, and computeFullSubgroups of VK_EXT_subgroup_size_control:
+  // fp16 convolutions can then use tensor cores, where `raymeld tune` found that to be fastest.
+  bool cooperative_matrix = false;
 };
 
 // An image of floats in a storage buffer: element (c, y, x) is at

@@ -13,6 +13,10 @@ std::string version_text(uint32_t version) {
                      VK_API_VERSION_PATCH(version));
 }
 
+std::string matrix_text(const CooperativeMatrix& matrix) {
+  return fmt::format("{}x{}x{}", matrix.m, matrix.n, matrix.k);
+}
+
 const char* yes_no(bool value) { return value ? "yes" : "no"; }
 
 void print_device(const DeviceInfo& device) {
@@ -30,13 +34,15 @@ void print_device(const DeviceInfo& device) {
   row("subgroup size", std::to_string(device.subgroup_size));
   row("16-bit storage", yes_no(device.storage_16bit));
   row("16-bit arithmetic", yes_no(device.float16_arithmetic));
-  row("cooperative matrix", yes_no(device.cooperative_matrix));
+  row("cooperative matrix", device.cooperative_matrix ? matrix_text(*device.cooperative_matrix) : "no");
   row("buffer device address", yes_no(device.buffer_device_address));
   row("timestamps",
       device.timestamp_period_ns > 0 ? fmt::format("every {:g} ns", device.timestamp_period_ns) : "no");
 }
 
-nlohmann::ordered_json to_json(const DeviceInfo& device) {
+using Json = nlohmann::ordered_json;
+
+Json to_json(const DeviceInfo& device) {
   return {{"index", device.index},
           {"name", device.name},
           {"type", device.type},
@@ -49,7 +55,8 @@ nlohmann::ordered_json to_json(const DeviceInfo& device) {
           {"subgroup_size", device.subgroup_size},
           {"storage_16bit", device.storage_16bit},
           {"float16", device.float16_arithmetic},
-          {"cooperative_matrix", device.cooperative_matrix},
+          {"cooperative_matrix",
+           device.cooperative_matrix ? Json(matrix_text(*device.cooperative_matrix)) : Json()},
           {"buffer_device_address", device.buffer_device_address},
           {"timestamp_period_ns", device.timestamp_period_ns}};
 }
@@ -60,9 +67,9 @@ void list(bool json) {
     for (const DeviceInfo& device : devices) print_device(device);
     return;
   }
-  auto all = nlohmann::ordered_json::array();
+  auto all = Json::array();
   for (const DeviceInfo& device : devices) all.push_back(to_json(device));
-  print(nlohmann::ordered_json{{"devices", all}}.dump(2) + "\n");
+  print(Json{{"devices", all}}.dump(2) + "\n");
 }
 
 }  // namespace

@@ -26,6 +26,11 @@ std::string shape_text(const Conv2dShape& s) {
 std::string kernel_text(const Conv2dShape& shape, const Conv2dKernel& k) {
   const std::string refused =
       shape.kernel == 3 && shape.most_tile < 4 ? "; F(4, 3) refused: not accurate enough" : "";
+  if (k.matrix) {
+    const auto& [matrix, outputs, rows, subgroups, channels] = *k.matrix;
+    return fmt::format("matrix {}x{}x{}, {} outputs, {} subgroups of {} rows, {} channels{}", matrix.m,
+                       matrix.n, matrix.k, outputs, subgroups, rows, channels, refused);
+  }
   if (k.tile == 0) return "direct" + refused;
   const std::string name = k.tile == 1 ? "pointwise" : fmt::format("F({}, 3)", k.tile);
   return fmt::format("{}, {} outputs, bands of {}, ordered by {}{}", name, k.outputs, k.band, k.order,

@@ -10,7 +10,9 @@ VKAPI_ATTR VkBool32 VKAPI_CALL collect_message(VkDebugUtilsMessageSeverityFlagBi
                                                VkDebugUtilsMessageTypeFlagsEXT,
                                                const VkDebugUtilsMessengerCallbackDataEXT* data,
                                                void* messages) {
-  static_cast<std::vector<std::string>*>(messages)->push_back(data->pMessage);
+  // Newer layers name the rule beside the text only.
+  const char* rule = data->pMessageIdName ? data->pMessageIdName : "";
+  static_cast<std::vector<std::string>*>(messages)->push_back(fmt::format("{}: {}", rule, data->pMessage));
   return VK_FALSE;
 }
 
@@ -49,6 +51,7 @@ std::unique_ptr<Device> Device::wrap(const ExternalDevice& external) {
   device->adopt(external.physical_device, 0);
   device->info_.storage_16bit = device->info_.storage_16bit && external.storage_16bit;
   device->info_.buffer_device_address = device->info_.buffer_device_address && external.buffer_device_address;
+  if (!external.cooperative_matrix) device->info_.cooperative_matrix.reset();
   if (device->info_.buffer_device_address && !device->vk_.GetBufferDeviceAddress) {
     throw Error("wrapping a Vulkan device: buffer addresses are said to be enabled, but are not");
   }
@@ -123,7 +126,12 @@ void Device::create_device() {
     features.shaderInt64 = VK_TRUE;
     extensions.push_back(VK_KHR_BUFFER_DEVICE_ADDRESS_EXTENSION_NAME);
   }
-  auto info = vk_struct<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO, &storage);
+  CooperativeMatrixFeatures matrix(&storage, info_.cooperative_matrix.has_value());
+  if (info_.cooperative_matrix) {
+    extensions.insert(extensions.end(), matrix.kExtensions.begin(), matrix.kExtensions.end());
+  }
+  auto info = vk_struct<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO);
+  info.pNext = info_.cooperative_matrix ? static_cast<void*>(&matrix.matrix) : &storage;
   info.pEnabledFeatures = &features;
   info.enabledExtensionCount = static_cast<uint32_t>(extensions.size());
   info.ppEnabledExtensionNames = extensions.data();

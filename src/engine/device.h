@@ -5,9 +5,11 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "engine/cooperative_matrix.h"
 #include "engine/vulkan.h"
 #include "raymeld/vulkan.hpp"
 
@@ -32,7 +34,7 @@ struct DeviceInfo {
   bool storage_16bit = false;
   bool float16_arithmetic = false;
   bool buffer_device_address = false;  // with 64-bit integers, which addresses are counted in
-  bool cooperative_matrix = false;
+  std::optional<CooperativeMatrix> cooperative_matrix;
 };
 
 // All devices of the system, in the driver's order. Throws Error without a loader or without a device.

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstring>
 #include <functional>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -58,6 +59,8 @@ struct Pass {
   alignas(8) std::array<std::byte, kMaxPushBytes> push{};
   uint32_t push_bytes = 0;
   std::array<uint32_t, 3> groups{1, 1, 1};
+  std::optional<CooperativeMatrix> matrix =
+      {};            // the shader multiplies these: only for a device that has them
   double flop = 0;   // multiply-adds count as two
   double bytes = 0;  // every operand once: the least traffic
 

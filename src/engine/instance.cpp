@@ -99,8 +99,7 @@ void describe_features(const VulkanFunctions& vk, VkPhysicalDevice device, Devic
   info.storage_16bit = storage.storageBuffer16BitAccess;
   info.float16_arithmetic = float16.shaderFloat16;
   info.buffer_device_address = address.bufferDeviceAddress && features.features.shaderInt64;
-  info.cooperative_matrix = has_extension(vk, device, "VK_KHR_cooperative_matrix") ||
-                            has_extension(vk, device, VK_NV_COOPERATIVE_MATRIX_EXTENSION_NAME);
+  info.cooperative_matrix = find_cooperative_matrix(vk, device);
 }
 
 }  // namespace

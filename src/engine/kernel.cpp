@@ -9,7 +9,7 @@ namespace raymeld {
 
 Kernel::Kernel(const Device& device, VkPipelineCache cache, std::span<const uint32_t> spirv,
                const std::string& name, std::span<const uint32_t> constants, uint32_t binding_count,
-               uint32_t push_bytes)
+               uint32_t push_bytes, VkPipelineShaderStageCreateFlags stage_flags)
     : Kernel() {
   device_ = &device;
   binding_count_ = binding_count;
@@ -30,7 +30,7 @@ Kernel::Kernel(const Device& device, VkPipelineCache cache, std::span<const uint
   info.flags = VK_PIPELINE_CREATE_DISPATCH_BASE_BIT;
   info.stage = {VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
                 nullptr,
-                0,
+                stage_flags,
                 VK_SHADER_STAGE_COMPUTE_BIT,
                 module,
                 "main",

@@ -22,7 +22,7 @@ class Kernel {
  public:
   Kernel(const Device& device, VkPipelineCache cache, std::span<const uint32_t> spirv,
          const std::string& name, std::span<const uint32_t> constants, uint32_t binding_count,
-         uint32_t push_bytes);
+         uint32_t push_bytes, VkPipelineShaderStageCreateFlags stage_flags = 0);
   ~Kernel();
   Kernel(Kernel&& other) noexcept { *this = std::move(other); }
   Kernel& operator=(Kernel&& other) noexcept;

@@ -66,6 +66,11 @@ Program::Program(const Device& device, const Graph& graph, PipelineCache& cache,
     throw Error("device {} has no buffer addresses (bufferDeviceAddress and shaderInt64)",
                 device.info().name);
   }
+  for (const Pass& pass : passes) {
+    if (!pass.matrix || pass.matrix == device.info().cooperative_matrix) continue;
+    throw Error("layer {}: device {} has no such cooperative matrices of {}x{}x{} (or they are not enabled)",
+                pass.name, device.info().name, pass.matrix->m, pass.matrix->n, pass.matrix->k);
+  }
   activations_ = Buffer(device, graph.activation_bytes(), Memory::kDevice, "activations");
   status_ = Buffer(device, sizeof(Status), Memory::kUpload, "status");
   reset_status();
@@ -106,9 +111,12 @@ void Program::create_kernels(PipelineCache& cache) {
     auto found = kernels_.find(key);
     if (found == kernels_.end()) {
       const auto spirv = graph_.storage() == Storage::kFloat16 ? pass.shader->f16 : pass.shader->f32;
+      // Subgroups must be whole to compute a matrix.
+      const VkPipelineShaderStageCreateFlags flags =
+          pass.matrix ? VK_PIPELINE_SHADER_STAGE_CREATE_REQUIRE_FULL_SUBGROUPS_BIT_EXT : 0;
       found = kernels_
                   .emplace(key, Kernel(device_, cache.handle(), spirv, pass.shader->name, pass.constants,
-                                       descriptors, pass.push_bytes))
+                                       descriptors, pass.push_bytes, flags))
                   .first;
     }
     pass_kernels_.push_back(&found->second);

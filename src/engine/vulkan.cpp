@@ -44,6 +44,7 @@ void VulkanFunctions::load_instance(VkInstance instance) {
   RAYMELD_LOAD(CreateDebugUtilsMessengerEXT)
   RAYMELD_LOAD(DestroyDebugUtilsMessengerEXT)
   RAYMELD_LOAD(SetDebugUtilsObjectNameEXT)
+  RAYMELD_LOAD(GetPhysicalDeviceCooperativeMatrixPropertiesKHR)
 #undef RAYMELD_LOAD
 }
 

@@ -6,6 +6,8 @@
 
 #include <string>
 
+#include "engine/khr_cooperative_matrix.h"
+
 #define RAYMELD_GLOBAL_FUNCTIONS(X)   \
   X(CreateInstance)                   \
   X(EnumerateInstanceVersion)         \
@@ -90,6 +92,9 @@ struct VulkanFunctions {
   PFN_vkCreateDebugUtilsMessengerEXT CreateDebugUtilsMessengerEXT = nullptr;
   PFN_vkDestroyDebugUtilsMessengerEXT DestroyDebugUtilsMessengerEXT = nullptr;
   PFN_vkSetDebugUtilsObjectNameEXT SetDebugUtilsObjectNameEXT = nullptr;
+  // Present only when a driver knows VK_KHR_cooperative_matrix.
+  PFN_vkGetPhysicalDeviceCooperativeMatrixPropertiesKHR GetPhysicalDeviceCooperativeMatrixPropertiesKHR =
+      nullptr;
   // Present only when the device has buffer_device_address.
   PFN_vkGetBufferDeviceAddress GetBufferDeviceAddress = nullptr;
 

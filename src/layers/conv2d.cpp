@@ -171,6 +171,11 @@ void conv2d_chain(Graph& graph, std::span<const Conv2dLink> links) {
   for (const auto& [name, in, out, weights, options] : links) {
     const Convolution conv = make_convolution(graph, name, in, out, weights, options);
     const uint32_t tile = options.how.tile;
+    if (options.how.matrix) {
+      end_run();
+      conv2d_matrix(graph, conv);
+      continue;
+    }
     if (tile > 0 && (options.kernel == 1 ? tile != 1 : tile != 2 && tile != 4)) {
       throw Error("layer {}: no F({}, {})", name, tile, options.kernel);
     }

@@ -43,6 +43,9 @@ uint32_t blocks_of(const Convolution& conv);
 // before wrote; in between, only as many rows as that takes are kept.
 void conv2d_winograd(Graph& graph, std::span<const Convolution> convs);
 
+// By cooperative matrices: shaders/conv2d_matrix.comp.
+void conv2d_matrix(Graph& graph, const Convolution& conv);
+
 // Of a 1x1: shaders/pointwise.comp.
 void conv2d_pointwise(Graph& graph, const Convolution& conv);
 

@@ -19,6 +19,22 @@ struct ConvWeights {
   std::span<const float> bias;
 };
 
+inline constexpr uint32_t kMatrixColumns = 32;  // pixels of a row of conv2d_matrix.comp's workgroups
+
+// How conv2d_matrix.comp cuts a convolution up, of 16-bit storage, with what the device has for it.
+struct MatrixTiles {
+  CooperativeMatrix matrix;
+  uint32_t outputs = 64;   // output channels of a workgroup; a multiple of matrix.m
+  uint32_t rows = 2;       // of kMatrixColumns pixels, of a subgroup
+  uint32_t subgroups = 4;  // of a workgroup
+  uint32_t channels = 16;  // input channels in shared memory at a time; a multiple of matrix.k
+
+  bool operator==(const MatrixTiles&) const = default;
+};
+
+// Whether the shader can, and finds room in shared memory.
+bool is_possible(const MatrixTiles& tiles, uint32_t kernel);
+
 // How a convolution is computed: which is fastest is the device's to say.
 struct Conv2dKernel {
   // 0: conv2d.comp, which any device runs; sums in the order of the equation. The others need DeviceInfo's
@@ -30,6 +46,9 @@ struct Conv2dKernel {
   uint32_t channels = 64;  // at most so many input channels are summed up by one dispatch
   uint32_t order = 8;      // see winograd_multiply.comp
   uint32_t band = 256;  // about so many tiles or pixels are worked on at a time, so that they stay in a cache
+  // Instead of all this, conv2d_matrix.comp: any kernel, shuffles in its loads and stores. Sums in 32 bits,
+  // but a device may truncate where others round.
+  std::optional<MatrixTiles> matrix = {};
 
   bool operator==(const Conv2dKernel&) const = default;
 };

@@ -5,6 +5,7 @@
   extern const std::span<const uint32_t> k_##name##_##form##_f16;
 #define RAYMELD_SPIRV_FORMS(name) RAYMELD_SPIRV(name, buffers) RAYMELD_SPIRV(name, addresses)
 RAYMELD_SPIRV(conv2d, buffers)
+extern const std::span<const uint32_t> k_conv2d_matrix;
 RAYMELD_SPIRV_FORMS(pointwise)
 RAYMELD_SPIRV_FORMS(winograd_weights)
 RAYMELD_SPIRV_FORMS(winograd_input)
@@ -35,6 +36,7 @@ namespace raymeld::shaders {
     }                                                                          \
   }
 const Shader kConv2d RAYMELD_SHADER(conv2d);
+const Shader kConv2dMatrix{"conv2d_matrix", {}, k_conv2d_matrix};
 const Forms kPointwise RAYMELD_FORMS(pointwise);
 const Forms kWinogradWeights RAYMELD_FORMS(winograd_weights);
 const Forms kWinogradInput RAYMELD_FORMS(winograd_input);

@@ -10,6 +10,7 @@ namespace raymeld {
 
 namespace shaders {
 extern const Shader kConv2d;
+extern const Shader kConv2dMatrix;  // 16-bit storage only
 // Without and with DATA_BY_ADDRESS, see memory.glsl.
 using Forms = std::array<Shader, 2>;
 extern const Forms kPointwise;
