@@ -25,7 +25,7 @@ BENCH, PROGRAM = ROOT / "build/release/bench/raymeld_bench", ROOT / "build/relea
 PAPER = "{scale},64,64,4,5,3"  # the network of the paper: scale,features,growth,dense_layers,blocks,groups
 
 FRAMES = ["x4-fast 256x256", "x4-fast 512x512", "x4-fast 1024x1024", "x4-fast 1920x1080", "x4-balanced 256x256",
-          "x4-balanced 512x512", "x4-full 256x256", "x4-full 512x512", "x2-fast 512x512", "x2-full 256x256", "x8-fast 512x512",
+          "x4-balanced 512x512", "x4-full 256x256", "x4-full 512x512", "x4-full 1024x1024", "x2-fast 512x512", "x2-full 256x256", "x8-fast 512x512",
           "x8-full 512x512"]
 
 def metadata(path):
@@ -44,6 +44,8 @@ def parse():
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--core", type=int, default=os.cpu_count() - 1, help="to pin to")
     parser.add_argument("--frames", nargs="+", default=FRAMES, metavar="'MODEL WxH'", help="xN-full: the paper's network, untrained")
+    parser.add_argument("--beside", type=pathlib.Path, metavar="FOLDER",
+                        help="of scripts/unpack: its Vulkan driver is measured as well, whole frames in fp32")
     parser.add_argument("--no-tune", action="store_true", help="default kernels, or those tuned before")
     parser.add_argument("--no-pytorch", action="store_true")
     parser.add_argument("--layers", default="conv2d", help="which of raymeld_bench's benchmarks of layers")
@@ -72,8 +74,8 @@ class Bench:
     def add(self, *fields):
         self.results.append(Result(*fields))
 
-    def benchmarks(self, pattern, *options, **environment):
-        text = self.run(BENCH, f"--benchmark_filter={pattern}", "--benchmark_format=json", *options, **environment)
+    def benchmarks(self, pattern, *options, runner=(), **environment):
+        text = self.run(*runner, BENCH, f"--benchmark_filter={pattern}", "--benchmark_format=json", *options, **environment)
         return json.loads(text)
 
     def model_file(self, name):
@@ -90,7 +92,13 @@ class Bench:
         for model, size in {model: size for model, size in frames}.items():  # the last size of each
             for precision in ("fp32",) if self.on_cpu else ("fp32", "fp16"):
                 print("tuning", model, size, precision, flush=True)
-                self.run(PROGRAM, "tune", "--precision", precision, "--model", self.model_file(model), "--size", size)
+                tune = (PROGRAM, "tune", "--precision", precision, "--model", self.model_file(model), "--size", size)
+                self.run(*tune)
+                if self.args.beside:
+                    self.run(*self.beside(), *tune)
+
+    def beside(self):
+        return (self.args.beside / "run",) if self.args.beside else ()
 
     def cold_caches(self):
         """Environment with empty caches but what was tuned."""
@@ -125,11 +133,11 @@ class Bench:
             numpy.ascontiguousarray(hrls[:3, ::scale, ::scale]).tofile(folder / "lrhs.raw")
         return folder
 
-    def raymeld_frame(self, model, size, precision, **environment):
+    def raymeld_frame(self, model, size, precision, runner=(), **environment):
         folder = self.frame_inputs(model, size)
         done = self.benchmarks(
             f"^frame/{model}/{size}/{precision}/", "--benchmark_min_time=2", RAYMELD_BENCH_MODELS=str(self.model_file(model)),
-            RAYMELD_BENCH_SIZES=size, RAYMELD_BENCH_FRAME=str(folder), **environment)
+            RAYMELD_BENCH_SIZES=size, RAYMELD_BENCH_FRAME=str(folder), runner=runner, **environment)
         return done["benchmarks"][0]
 
     def frame(self, model, size, round_number):
@@ -149,6 +157,12 @@ class Bench:
             for metric in ("host_share", "device_bytes", "rss_bytes", "tiles"):
                 self.add("frame", name, program, metric, entry[metric])
             (folder / "fused.raw").replace(folder / f"{precision}.raw")
+        if self.args.beside:
+            peak = self.benchmarks("^peak", runner=self.beside())["benchmarks"][0]["FLOP/s"]
+            entry = self.raymeld_frame(model, size, "fp32", runner=self.beside())
+            self.add("frame", name, "beside", "time_ms", entry["real_time"])
+            self.add("frame", name, "beside", "share_of_peak", entry["FLOP/s"] / peak)
+            (folder / "fused.raw").replace(folder / "beside.raw")
         if self.args.no_pytorch:
             return
         for precision in ("fp32", "bf16") if self.on_cpu else ("fp32", "fp16"):
@@ -156,9 +170,11 @@ class Bench:
             self.add("frame", name, f"PyTorch {precision}", "time_ms", json.loads(said)["time_s"] * 1e3)
             if precision == "fp32" and round_number == 0:
                 expected = numpy.fromfile(folder / "pytorch.raw", dtype=numpy.float32)
-                for own in ("fp32", "fp16"):
+                for own, program in (("fp32", "raymeld fp32"), ("fp16", "raymeld fp16"), ("beside", "beside")):
+                    if own == "beside" and not self.args.beside:
+                        continue
                     off = numpy.abs(numpy.fromfile(folder / f"{own}.raw", dtype=numpy.float32) - expected)
-                    self.add("frame", name, f"raymeld {own}", "largest_error", float((off / (1 + expected)).max()))
+                    self.add("frame", name, program, "largest_error", float((off / (1 + expected)).max()))
 
 
 def medians(results):
@@ -175,6 +191,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(args, pathlib.Path(folder))
         device = bench.benchmarks("^peak")["context"]
+        beside = bench.benchmarks("^peak", runner=bench.beside())["context"] if args.beside else {"driver": ""}
         listed = json.loads(bench.run(PROGRAM, "devices", "--json"))["devices"]
         bench.on_cpu = any(d["name"] == device["device"] and d["type"] == "CPU" for d in listed)
         if not args.no_tune:
@@ -185,7 +202,7 @@ def main():
             for model, size in frames:
                 print(f"round {round_number + 1}: {model} {size}", flush=True)
                 bench.frame(model, size, round_number)
-            facts = {"name": device["device"], "driver": device["driver"], "type": "CPU" if bench.on_cpu else "GPU"}
+            facts = {"name": device["device"], "driver": device["driver"], "beside": beside["driver"], "type": "CPU" if bench.on_cpu else "GPU"}
             target = write(args.name, [Result("device", "device", "", *fact) for fact in facts.items()] + medians(bench.results))
     if args.write_docs:
         import report  # takes matplotlib

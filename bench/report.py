@@ -64,6 +64,17 @@ def frame_rows(results):
     return rows
 
 
+def beside_rows(results):
+    rows = []
+    for name in results.names("frame"):
+        get = lambda program, metric, name=name: results.get("frame", name, program, metric)
+        time, own, pytorch = get("beside", "time_ms"), get("raymeld fp32", "time_ms"), get("PyTorch fp32", "time_ms")
+        if time is not None:
+            rows.append([name, number(time), number(100 * get("beside", "share_of_peak"), "{:.0f} %"), number(time / own, "{:.2f}"),
+                         number(time / pytorch if pytorch else None, "{:.2f}"), number(get("beside", "largest_error"), "{:.1e}")])
+    return rows
+
+
 def memory_rows(results):
     rows = []
     for name in results.names("frame"):
@@ -157,7 +168,7 @@ Gray 2016) may pass 100 % of the peak, which is what a shader of this driver rea
 same weights on the same inputs, channels last; *error* is the largest difference from its fp32 output, divided by 1 + output.
 
 {frames}
-![Time of whole frames](performance-frames.svg)
+{beside}![Time of whole frames](performance-frames.svg)
 
 ![Time and memory against pixels](performance-growth.svg)
 
@@ -186,13 +197,17 @@ def write(csv_path, docs):
     plot_frames(results, docs / "performance-frames.svg")
     frames = table(["frame", "fp32, ms", "GFLOP/s", "of the peak", "fp16, ms", "PyTorch fp32, ms", "bf16, ms", "raymeld / PyTorch, fp32",
                     "error fp32", "fp16"], frame_rows(results))
+    beside = ""
+    if beside_rows(results):
+        head = ["frame", "fp32, ms", "of its own peak", "to the driver above", "to PyTorch fp32", "error"]
+        beside = f"The same in the same rounds with {results.values['device', 'device', '', 'beside']}:\n\n" + table(head, beside_rows(results)) + "\n"
     memory = table(["frame", "fp32, MiB", "fp16, MiB", "RSS fp32, MiB", "cold start, s", "warm start, s", "host"], memory_rows(results))
     layers = table(["convolution", "by", "ms", "GFLOP/s", "of the peak"], layer_rows(results))
     notes = docs / "performance-notes.md"
     text = TEXT.format(name=csv_path.stem, device=results.values["device", "device", "", "name"],
                        driver=results.values["device", "device", "", "driver"],
                        threads="; one thread, pinned to one core" if results.values["device", "device", "", "type"] == "CPU" else "",
-                       peak=results.get("layer", "peak", "raymeld", "gflop_per_s"), frames=frames, memory=memory, layers=layers,
+                       peak=results.get("layer", "peak", "raymeld", "gflop_per_s"), frames=frames, beside=beside, memory=memory, layers=layers,
                        onednn=" oneDNN runs in\nthe memory format it likes best, fp32 unless said." if "onednn" in layers else "",
                        notes=notes.read_text() if notes.exists() else "")
     (docs / "performance.md").write_text(text.rstrip() + "\n")
