@@ -2,7 +2,6 @@
 // 512x512:1920x1080. With RAYMELD_BENCH_FRAME, a folder, the inputs are its lrhs.raw and hrls.raw, planar
 // floats, and the last output is written to its fused.raw.
 #include <fmt/format.h>
-#include <sys/resource.h>
 
 #include <chrono>
 #include <cstdlib>
@@ -25,6 +24,15 @@ std::vector<std::string> listed(const char* variable) {
   std::stringstream list(std::getenv(variable) ? std::getenv(variable) : "");
   for (std::string item; std::getline(list, item, ':');) items.push_back(item);
   return items;
+}
+
+// Of this process; what getrusage() tells includes that of the process that started it.
+double peak_resident_bytes() {
+  std::ifstream status("/proc/self/status");
+  for (std::string line; std::getline(status, line);) {
+    if (line.starts_with("VmHWM:")) return std::atof(line.c_str() + 6) * 1024;
+  }
+  return 0;
 }
 
 double since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
@@ -70,9 +78,7 @@ void frame(benchmark::State& state, const std::string& file, uint32_t height, ui
   state.counters["host_share"] = 1 - device_s / all_s;
   state.counters["device_bytes"] = static_cast<double>(fuser.allocated_bytes());
   state.counters["tiles"] = fuser.plan().tiling.count();
-  rusage usage{};
-  getrusage(RUSAGE_SELF, &usage);
-  state.counters["rss_bytes"] = static_cast<double>(usage.ru_maxrss) * 1024;
+  state.counters["rss_bytes"] = peak_resident_bytes();
   if (const char* folder = std::getenv("RAYMELD_BENCH_FRAME")) {
     std::ofstream(std::string(folder) + "/fused.raw", std::ios::binary)
         .write(reinterpret_cast<const char*>(fused.data()),

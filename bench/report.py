@@ -38,6 +38,15 @@ def number(value, form="{:.1f}"):
     return "" if value is None else form.format(value)
 
 
+def least_bytes(name, program):
+    """Every operand of a convolution once: KERNELxKERNEL/HEIGHTxWIDTH/IN-OUT."""
+    kernel, size, channels = name.split("/")
+    height, width = map(int, size.split("x"))
+    inputs, outputs = map(int, channels.split("-"))
+    element = 2 if "fp16" in program or "bf16" in program else 4
+    return element * (height * width * (inputs + outputs) + inputs * outputs * int(kernel[0]) ** 2)
+
+
 def layer_rows(results):
     peak = results.get("layer", "peak", "raymeld", "gflop_per_s")
     rows = []
@@ -46,8 +55,9 @@ def layer_rows(results):
             continue
         for program in sorted(results.programs("layer", name)):
             rate = results.get("layer", name, program, "gflop_per_s")
-            rows.append([name.replace("/", " "), program, number(results.get("layer", name, program, "time_ms"), "{:.2f}"),
-                         number(rate), number(100 * rate / peak, "{:.0f} %")])
+            time_ms = results.get("layer", name, program, "time_ms")
+            rows.append([name.replace("/", " "), program, number(time_ms, "{:.2f}"), number(rate),
+                         number(100 * rate / peak, "{:.0f} %"), number(least_bytes(name, program) / time_ms * 1e-6, "{:.2f}")])
     return rows
 
 
@@ -182,7 +192,8 @@ spent waiting for the device.
 {memory}
 ## Single convolutions
 
-Height x width, input and output channels; *direct* is the portable kernel, the others are chosen by `raymeld tune`.{onednn}
+Height x width, input and output channels; *direct* is the portable kernel, the others run with what
+`raymeld tune` found. GB/s count every operand once.{onednn}
 
 {layers}
 ![Single convolutions](performance-layers.svg)
@@ -202,7 +213,7 @@ def write(csv_path, docs):
         head = ["frame", "fp32, ms", "of its own peak", "to the driver above", "to PyTorch fp32", "error"]
         beside = f"The same in the same rounds with {results.values['device', 'device', '', 'beside']}:\n\n" + table(head, beside_rows(results)) + "\n"
     memory = table(["frame", "fp32, MiB", "fp16, MiB", "RSS fp32, MiB", "cold start, s", "warm start, s", "host"], memory_rows(results))
-    layers = table(["convolution", "by", "ms", "GFLOP/s", "of the peak"], layer_rows(results))
+    layers = table(["convolution", "by", "ms", "GFLOP/s", "of the peak", "GB/s"], layer_rows(results))
     notes = docs / "performance-notes.md"
     text = TEXT.format(name=csv_path.stem, device=results.values["device", "device", "", "name"],
                        driver=results.values["device", "device", "", "driver"],

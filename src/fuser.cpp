@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cstring>
-#include <map>
 
 #include "exposure.h"
 
@@ -205,15 +204,19 @@ void Fuser::add_pass_times(FuseReport& report) const {
                                          ticks.data(), sizeof(uint64_t),
                                          VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT),
         "reading timestamps");
-  // Passes of one layer add up, as do tiles.
-  std::map<std::string, size_t> layers;
+  const auto add = [](std::vector<PassTime>& times, const std::string& name, const PassTime& pass) {
+    auto time = std::find_if(times.begin(), times.end(), [&](const PassTime& t) { return t.name == name; });
+    if (time == times.end()) time = times.insert(time, {.name = name});
+    time->time_ms += pass.time_ms;
+    time->flop += pass.flop;
+    time->bytes += pass.bytes;
+  };
   for (size_t i = 0; i < passes.size(); ++i) {
-    const size_t layer = layers.try_emplace(passes[i].name, layers.size()).first->second;
-    if (layer == report.passes.size()) report.passes.push_back({.name = passes[i].name});
-    PassTime& time = report.passes[layer];
-    time.time_ms += static_cast<double>(ticks[i + 1] - ticks[i]) * device_.info().timestamp_period_ns * 1e-6;
-    time.flop += passes[i].flop;
-    time.bytes += passes[i].bytes;
+    const double time_ms =
+        static_cast<double>(ticks[i + 1] - ticks[i]) * device_.info().timestamp_period_ns * 1e-6;
+    const PassTime time{{}, time_ms, passes[i].flop, passes[i].bytes};
+    add(report.layers, passes[i].name, time);
+    add(report.kernels, passes[i].shader->name, time);
   }
 }
 

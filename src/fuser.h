@@ -13,6 +13,7 @@
 
 namespace raymeld {
 
+// Of all passes of a layer, or of a kernel.
 struct PassTime {
   std::string name;
   double time_ms = 0;
@@ -24,7 +25,9 @@ struct FuseReport {
   float exposure = 1;    // what radiance was multiplied by for the network
   double device_ms = 0;  // from the first submit of a tile to its end, summed over the tiles
   Status status;
-  std::vector<PassTime> passes;  // with FuserOptions::profile
+  // With FuserOptions::profile, each in the order of the first pass.
+  std::vector<PassTime> layers;
+  std::vector<PassTime> kernels;
 };
 
 // Called with the share of a frame that is done, in [0, 1]; false stops the frame with Cancelled.

@@ -376,18 +376,26 @@ TEST_F(FuserTest, ProfileHasEveryPass) {
   Fuser fuser = make_fuser(model, subject, {.profile = true});
   Image fused;
   const FuseReport report = fuser.fuse(image_of(subject.lrhs), image_of(subject.hrls), fused);
-  ASSERT_EQ(report.passes.size(), fuser.graph().passes().size());
+  ASSERT_EQ(report.layers.size(), fuser.graph().passes().size());
   double time_ms = 0, flop = 0;
-  for (size_t i = 0; i < report.passes.size(); ++i) {
-    EXPECT_EQ(report.passes[i].name, fuser.graph().passes()[i].name);
-    EXPECT_GE(report.passes[i].time_ms, 0);
-    EXPECT_GT(report.passes[i].bytes, 0);
-    time_ms += report.passes[i].time_ms;
-    flop += report.passes[i].flop;
+  for (size_t i = 0; i < report.layers.size(); ++i) {
+    EXPECT_EQ(report.layers[i].name, fuser.graph().passes()[i].name);
+    EXPECT_GE(report.layers[i].time_ms, 0);
+    EXPECT_GT(report.layers[i].bytes, 0);
+    time_ms += report.layers[i].time_ms;
+    flop += report.layers[i].flop;
   }
   EXPECT_GT(time_ms, 0);
   EXPECT_LE(time_ms, report.device_ms);
   EXPECT_EQ(flop, fuser.plan().flop);
+  double kernels_ms = 0, kernels_flop = 0;
+  for (const PassTime& kernel : report.kernels) {
+    kernels_ms += kernel.time_ms;
+    kernels_flop += kernel.flop;
+  }
+  EXPECT_NEAR(kernels_ms, time_ms, 1e-9 * time_ms);
+  EXPECT_EQ(kernels_flop, flop);
+  EXPECT_LT(report.kernels.size(), report.layers.size());
   EXPECT_EQ(fused.data, fuse_once(model, subject, {}));
 }
 

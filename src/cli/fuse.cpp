@@ -119,12 +119,15 @@ std::string json_text(const FuseFiles& files, const DeviceInfo& device, const Fu
   json["peak_bytes"] = result.allocated_bytes;
   json["metrics"] = to_json(quality);
   json["warnings"] = to_json(console.warnings());
-  if (!result.report.passes.empty()) json["layers"] = to_json(result.report.passes);
+  if (!result.report.layers.empty()) {
+    json["layers"] = to_json(result.report.layers);
+    json["kernels"] = to_json(result.report.kernels);
+  }
   return json.dump(2) + "\n";
 }
 
 std::string report_text(const FuseReport& report, const QualityTable& quality) {
-  return (report.passes.empty() ? "" : profile_text(report)) + (quality.empty() ? "" : table(quality));
+  return (report.layers.empty() ? "" : profile_text(report)) + (quality.empty() ? "" : table(quality));
 }
 
 }  // namespace

@@ -28,24 +28,28 @@ const char* rule_name(LayerRule rule) {
 }  // namespace
 
 std::string profile_text(const FuseReport& report) {
-  std::string text = fmt::format("{:<30} {:>12} {:>10} {:>10}\n", "layer", "ms", "GFLOP/s", "GB/s");
+  std::string text;
   PassTime total;
-  for (const PassTime& pass : report.passes) {
-    text += row(pass.name, pass.time_ms, pass.flop, pass.bytes);
-    total.time_ms += pass.time_ms;
-    total.flop += pass.flop;
-    total.bytes += pass.bytes;
+  for (const auto& [what, times] : {std::pair("layer", &report.layers), {"kernel", &report.kernels}}) {
+    text += fmt::format("{:<30} {:>12} {:>10} {:>10}\n", what, "ms", "GFLOP/s", "GB/s");
+    total = {};
+    for (const PassTime& time : *times) {
+      text += row(time.name, time.time_ms, time.flop, time.bytes);
+      total.time_ms += time.time_ms;
+      total.flop += time.flop;
+      total.bytes += time.bytes;
+    }
   }
   return text + row("total", total.time_ms, total.flop, total.bytes);
 }
 
-nlohmann::ordered_json to_json(const std::vector<PassTime>& passes) {
+nlohmann::ordered_json to_json(const std::vector<PassTime>& times) {
   auto json = nlohmann::ordered_json::array();
-  for (const PassTime& pass : passes) {
-    json.push_back({{"name", pass.name},
-                    {"ms", pass.time_ms},
-                    {"gflop_per_s", giga_per_second(pass.flop, pass.time_ms)},
-                    {"gb_per_s", giga_per_second(pass.bytes, pass.time_ms)}});
+  for (const PassTime& time : times) {
+    json.push_back({{"name", time.name},
+                    {"ms", time.time_ms},
+                    {"gflop_per_s", giga_per_second(time.flop, time.time_ms)},
+                    {"gb_per_s", giga_per_second(time.bytes, time.time_ms)}});
   }
   return json;
 }
