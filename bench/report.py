@@ -166,7 +166,7 @@ def plot_frames(results, path):
 
 TEXT = """# Performance
 
-`scripts/bench --name {name} --write-docs` measured all of this in one go and wrote it, from `bench/results/{name}.csv`:
+`scripts/bench --name {name} --write-docs{and_beside}` measured all of this in one go and wrote it, from `bench/results/{name}.csv`:
 {device}, {driver}{threads}. Every figure is the median of rounds in which all programs took turns.
 GFLOP/s count the multiplications and additions of direct convolutions, so minimal filtering (F(2,3), F(4,3), Lavin and
 Gray 2016) may pass 100 % of the peak, which is what a shader of this driver reaches with multiply-adds in registers, here
@@ -218,7 +218,7 @@ def write(csv_path, docs):
     text = TEXT.format(name=csv_path.stem, device=results.values["device", "device", "", "name"],
                        driver=results.values["device", "device", "", "driver"],
                        threads="; one thread, pinned to one core" if results.values["device", "device", "", "type"] == "CPU" else "",
-                       peak=results.get("layer", "peak", "raymeld", "gflop_per_s"), frames=frames, beside=beside, memory=memory, layers=layers,
+                       peak=results.get("layer", "peak", "raymeld", "gflop_per_s"), frames=frames, beside=beside, and_beside=" --beside build/sid" if beside else "", memory=memory, layers=layers,
                        onednn=" oneDNN runs in\nthe memory format it likes best, fp32 unless said." if "onednn" in layers else "",
                        notes=notes.read_text() if notes.exists() else "")
     (docs / "performance.md").write_text(text.rstrip() + "\n")
