@@ -16,9 +16,6 @@ FusePlan describe(const Model& model, TileSize tile, const FuserOptions& options
   network(graph, model, tile.height, tile.width, options.phase, options.kernels.conv2d);
   graph.plan();
   FusePlan plan{.tiling = make_tiling(tile, 1, 1, 0), .graph = std::move(graph)};
-  plan.constant_bytes = plan.graph.constant_bytes();
-  plan.activation_bytes = plan.graph.activation_bytes();
-  plan.unaliased_bytes = plan.graph.unaliased_bytes();
   plan.frame_bytes = Program::host_bytes(Fusion::kFramesInFlight + 1);
   for (const Shape& shape : frame_shapes(model, tile)) plan.frame_bytes += frame_bytes(shape);
   for (const Pass& pass : plan.graph.passes()) plan.flop += pass.flop;
@@ -36,8 +33,8 @@ std::optional<std::string> obstacle(const FusePlan& plan, const Model& model, co
                        double(allowed) / kMebibyte, whose);
   };
   if (plan.peak_bytes() > most_bytes) return beyond("it needs", plan.peak_bytes(), most_bytes, "allowed");
-  if (plan.activation_bytes > device.max_allocation_bytes) {
-    return beyond("its activations need", plan.activation_bytes, device.max_allocation_bytes,
+  if (plan.graph.activation_bytes() > device.max_allocation_bytes) {
+    return beyond("its activations need", plan.graph.activation_bytes(), device.max_allocation_bytes,
                   "that the device allocates at once");
   }
   if (binding_bytes > device.max_storage_range_bytes) {

@@ -33,14 +33,11 @@ struct FuserOptions {
 // How a frame will be run, before anything is allocated.
 struct FusePlan {
   Tiling tiling;
-  Graph graph;  // of one tile, planned
-  uint64_t constant_bytes = 0;
-  uint64_t activation_bytes = 0;
-  uint64_t unaliased_bytes = 0;  // what the activations would take without sharing memory
-  uint64_t frame_bytes = 0;      // the images on their way in and out of fuse()
-  double flop = 0;               // of the whole frame, halos included
+  Graph graph;               // of one tile, planned
+  uint64_t frame_bytes = 0;  // the images on their way in and out of fuse()
+  double flop = 0;           // of the whole frame, halos included
 
-  uint64_t peak_bytes() const { return constant_bytes + activation_bytes + frame_bytes; }
+  uint64_t peak_bytes() const { return graph.constant_bytes() + graph.activation_bytes() + frame_bytes; }
 };
 
 // Plans frames of (height, width) LRHS pixels for a device. Throws Error when not even the smallest tile

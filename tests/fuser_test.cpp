@@ -50,7 +50,8 @@ std::vector<float> fuse_once(const Model& model, const Subject& subject, const F
 FuserOptions tiled(const Model& model, const Subject& subject, FuserOptions options) {
   const FusePlan whole =
       plan_fusion(model, uint32_t(subject.lrhs.h), uint32_t(subject.lrhs.w), gpu().info(), options);
-  options.max_memory_bytes = whole.constant_bytes + (whole.activation_bytes + whole.frame_bytes) / 2;
+  options.max_memory_bytes =
+      whole.graph.constant_bytes() + (whole.graph.activation_bytes() + whole.frame_bytes) / 2;
   return options;
 }
 
@@ -314,7 +315,7 @@ TEST_F(FuserTest, PlansKeepTheLimitsOfTheDevice) {
   device.max_allocation_bytes = uint64_t{300} << 20;
   const FusePlan allocated = plan_fusion(model, 540, 960, device, {});
   EXPECT_GT(allocated.tiling.count(), 1u);
-  EXPECT_LE(allocated.activation_bytes, device.max_allocation_bytes);
+  EXPECT_LE(allocated.graph.activation_bytes(), device.max_allocation_bytes);
 
   device.max_allocation_bytes = uint64_t{64} << 30;
   device.memory_bytes = uint64_t{500} << 20;

@@ -86,8 +86,8 @@ void show_plan(const FuseArguments& arguments, FuseFiles& files, const Device& d
     json["halo"] = tiling.halo;
     json["gflop"] = plan.flop * 1e-9;
     json["peak_bytes"] = plan.peak_bytes();
-    json["activation_bytes"] = plan.activation_bytes;
-    json["unaliased_bytes"] = plan.unaliased_bytes;
+    json["activation_bytes"] = plan.graph.activation_bytes();
+    json["unaliased_bytes"] = plan.graph.unaliased_bytes();
     json["layers"] = {{"lrhs", to_json(files.lrhs_map)}, {"hrls", to_json(files.hrls_map)}};
     json["hrls_layers"] = files.model.architecture().hrls_layers;
     print(json.dump(2) + "\n");
@@ -100,8 +100,8 @@ void show_plan(const FuseArguments& arguments, FuseFiles& files, const Device& d
                     100 - 100 / tiling.overhead()));
   print(fmt::format(
       "memory {:.1f} MiB: weights {:.1f}, activations {:.1f} ({:.1f} without aliasing), frame {:.1f}\n",
-      double(plan.peak_bytes()) / kMebibyte, double(plan.constant_bytes) / kMebibyte,
-      double(plan.activation_bytes) / kMebibyte, double(plan.unaliased_bytes) / kMebibyte,
+      double(plan.peak_bytes()) / kMebibyte, double(plan.graph.constant_bytes()) / kMebibyte,
+      double(plan.graph.activation_bytes()) / kMebibyte, double(plan.graph.unaliased_bytes()) / kMebibyte,
       double(plan.frame_bytes) / kMebibyte));
 }
 

@@ -112,9 +112,7 @@ void direct(Graph& graph, Convolution conv) {
                                conv.in.shape.channels, conv.channels_out});
   pass.groups = {divide_up(conv.width, kLocalX), divide_up(conv.height, kLocalY * kRows), blocks};
   pass.flop = conv.flop();
-  for (const Tensor& in : conv.inputs()) pass.bytes += traffic(graph, in);
-  pass.bytes += traffic(graph, conv.out) * (1.0 + double(conv.options.residuals.size())) +
-                double(weight_count * element_bytes(graph.storage()));
+  pass.bytes = tensor_bytes(graph, conv) + double(weight_count * element_bytes(graph.storage()));
   graph.add(std::move(pass));
   if (conv.options.shuffle > 1) pixel_shuffle(graph, conv.name + ".pixel_shuffle", conv.out, shuffled);
 }
@@ -153,6 +151,12 @@ uint32_t blocks_of(const Convolution& conv) {
   return std::min(divide_up(conv.channels_out, conv.options.how.outputs), kMostBlocks);
 }
 
+double tensor_bytes(const Graph& graph, const Convolution& conv) {
+  double bytes = traffic(graph, conv.out) * (1.0 + double(conv.options.residuals.size()));
+  for (const Tensor& in : conv.inputs()) bytes += traffic(graph, in);
+  return bytes;
+}
+
 Binding residual_binding(const Convolution& conv, uint32_t i, const Tensor& other) {
   return read_binding(i < conv.options.residuals.size() ? conv.options.residuals[i] : other);
 }
@@ -171,18 +175,18 @@ void conv2d_chain(Graph& graph, std::span<const Conv2dLink> links) {
   for (const auto& [name, in, out, weights, options] : links) {
     const Convolution conv = make_convolution(graph, name, in, out, weights, options);
     const uint32_t tile = options.how.tile;
-    if (options.how.matrix) {
-      end_run();
-      conv2d_matrix(graph, conv);
-      continue;
-    }
     if (tile > 0 && (options.kernel == 1 ? tile != 1 : tile != 2 && tile != 4)) {
       throw Error("layer {}: no F({}, {})", name, tile, options.kernel);
     }
-    if (graph.keep() || tile <= 1) end_run();
-    if (tile == 0) direct(graph, conv);
-    if (tile == 1) conv2d_pointwise(graph, conv);
-    if (tile > 1) run.push_back(conv);
+    const bool filtered = !options.how.matrix && tile > 1;
+    if (!filtered || graph.keep()) end_run();
+    if (filtered) {
+      run.push_back(conv);
+    } else if (options.how.matrix) {
+      conv2d_matrix(graph, conv);
+    } else {
+      tile == 0 ? direct(graph, conv) : conv2d_pointwise(graph, conv);
+    }
   }
   end_run();
 }

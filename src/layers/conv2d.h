@@ -28,6 +28,9 @@ struct Convolution {
 // With zeros behind the last one, so that they are `padded_count`.
 uint32_t bias_constant(Graph& graph, const Convolution& conv, uint32_t padded_count);
 
+// Inputs, output and residuals, each once.
+double tensor_bytes(const Graph& graph, const Convolution& conv);
+
 // `residuals[i]`, or `other` where there is none.
 Binding residual_binding(const Convolution& conv, uint32_t i, const Tensor& other);
 

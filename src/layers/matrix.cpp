@@ -106,8 +106,7 @@ void conv2d_matrix(Graph& graph, const Convolution& conv) {
   pass.groups = {divide_up(conv.width, kMatrixColumns), divide_up(conv.height, tiles.subgroups * tiles.rows),
                  blocks};
   pass.flop = conv.flop();
-  for (const Tensor& in : conv.inputs()) pass.bytes += traffic(graph, in);
-  pass.bytes += traffic(graph, conv.out) * (1.0 + residuals) + double(weight_bytes);
+  pass.bytes = tensor_bytes(graph, conv) + double(weight_bytes);
   graph.add(std::move(pass));
 }
 
