@@ -1,4 +1,4 @@
-#include "bounds.h"
+#include "reference/bounds.h"
 
 #include <gtest/gtest.h>
 
@@ -7,8 +7,12 @@
 #include <limits>
 #include <stdexcept>
 
+#include "within_bounds.h"
+
 namespace raymeld::reference {
 namespace {
+
+using test::within_bounds;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 

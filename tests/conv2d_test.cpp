@@ -6,6 +6,7 @@
 
 #include "error_of.h"
 #include "gpu.h"
+#include "within_bounds.h"
 
 namespace raymeld::test {
 namespace {
@@ -15,7 +16,6 @@ using reference::Conv;
 using reference::exact;
 using reference::Planes;
 using reference::Precision;
-using reference::within_bounds;
 
 class Conv2dTest : public GpuTest {};
 

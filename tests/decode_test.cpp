@@ -3,6 +3,7 @@
 #include <limits>
 
 #include "gpu.h"
+#include "within_bounds.h"
 
 namespace raymeld::test {
 namespace {
@@ -11,8 +12,6 @@ using reference::Bounded;
 using reference::exact;
 using reference::Planes;
 using reference::Precision;
-using reference::round_to;
-using reference::within_bounds;
 
 class DecodeTest : public GpuTest {};
 

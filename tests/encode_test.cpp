@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
 #include "gpu.h"
+#include "within_bounds.h"
 
 namespace raymeld::test {
 namespace {
@@ -9,7 +10,6 @@ using reference::Bounded;
 using reference::LayerKind;
 using reference::Planes;
 using reference::Precision;
-using reference::within_bounds;
 
 class EncodeTest : public GpuTest {};
 

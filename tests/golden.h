@@ -2,7 +2,7 @@
 
 #include <filesystem>
 
-#include "reference.h"
+#include "reference/reference.h"
 
 namespace raymeld::test {
 

@@ -11,7 +11,7 @@
 
 #include "engine/program.h"
 #include "layers/layers.h"
-#include "reference.h"
+#include "reference/reference.h"
 #include "support.h"
 
 // What the tests on a device share: the device, one layer run alone, images in buffers, model files.

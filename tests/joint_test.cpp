@@ -5,7 +5,8 @@
 
 #include "error_of.h"
 #include "gpu.h"
-#include "transfer.h"
+#include "reference/transfer.h"
+#include "within_bounds.h"
 
 namespace raymeld::test {
 namespace {
@@ -14,9 +15,7 @@ using reference::Bounded;
 using reference::exact;
 using reference::Planes;
 using reference::Precision;
-using reference::round_to;
 using reference::slice;
-using reference::within_bounds;
 
 class JointTest : public GpuTest {};
 

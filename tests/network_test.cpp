@@ -9,6 +9,7 @@
 #include "golden.h"
 #include "gpu.h"
 #include "subject.h"
+#include "within_bounds.h"
 
 namespace raymeld::test {
 namespace {
@@ -18,7 +19,6 @@ using reference::LayerKind;
 using reference::Outputs;
 using reference::Planes;
 using reference::Precision;
-using reference::within_bounds;
 
 class NetworkTest : public GpuTest {};
 

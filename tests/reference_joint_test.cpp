@@ -4,14 +4,14 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "reference.h"
+#include "reference/reference.h"
 #include "support.h"
+#include "within_bounds.h"
 
 namespace raymeld::reference {
 namespace {
 
-using test::Fill;
-using test::random_planes;
+using test::within_bounds;
 
 constexpr auto kFp32 = Precision::kFp32;
 constexpr auto kLog = Transfer::kLog, kLinear = Transfer::kLinear;

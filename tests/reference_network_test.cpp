@@ -5,14 +5,14 @@
 #include <stdexcept>
 
 #include "golden.h"
-#include "reference.h"
+#include "reference/reference.h"
 #include "support.h"
+#include "within_bounds.h"
 
 namespace raymeld::reference {
 namespace {
 
-using test::Fill;
-using test::random_planes;
+using test::within_bounds;
 
 Architecture small(int scale) {
   Architecture a{.scale = scale, .features = 4, .growth = 3, .dense_layers = 2, .blocks = 2, .groups = 2};

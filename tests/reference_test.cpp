@@ -1,4 +1,4 @@
-#include "reference.h"
+#include "reference/reference.h"
 
 #include <gtest/gtest.h>
 
@@ -8,13 +8,12 @@
 #include <stdexcept>
 
 #include "support.h"
+#include "within_bounds.h"
 
 namespace raymeld::reference {
 namespace {
 
-using test::Fill;
-using test::random_conv;
-using test::random_planes;
+using test::within_bounds;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr auto kFp32 = Precision::kFp32;

@@ -9,39 +9,20 @@
 #include <vector>
 
 #include "io/safetensors.h"
-#include "reference.h"
+#include "reference/samples.h"
 
 namespace raymeld::test {
 
-enum class Fill {
-  kUniform,   // in [-1, 1)
-  kIntegers,  // -2 .. 2: sums are exact in fp32, and in fp16 while they stay below 2^11
-  kSpecials,  // every other value one of special_values()
-};
-
-// -0, subnormals, the limits of half and float, fireflies, Inf, NaN.
-const std::vector<float>& special_values();
-
-// Floats; the same seed gives the same values on every machine.
-reference::Planes random_planes(int c, int h, int w, Fill fill, uint64_t seed);
-
-// kUniform weights are scaled by 1 / sqrt(in * kernel^2), which keeps activations near 1 through many layers.
-reference::Conv random_conv(int out, int in, int kernel, Fill fill, uint64_t seed);
-// What the device reads: weights in the storage type, biases in fp32.
-reference::Conv round_to(reference::Conv conv, reference::Precision precision);
-
-// For `architecture`, uniform, by the model file's names; rounded as above.
-reference::Weights random_weights(const reference::Architecture& architecture, reference::Precision precision,
-                                  uint64_t seed);
-
-struct Size {
-  int h, w;
-};
-// 1x1, single rows and columns, primes, tile sizes and one more or less than a tile.
-const std::vector<Size>& awkward_sizes();
-
-std::vector<float> floats(const reference::Planes& planes);
-reference::Planes planes(int c, int h, int w, std::span<const float> values);
+using reference::awkward_sizes;
+using reference::Fill;
+using reference::floats;
+using reference::planes;
+using reference::random_conv;
+using reference::random_planes;
+using reference::random_weights;
+using reference::round_to;
+using reference::Size;
+using reference::special_values;
 
 // Gone, with all that it holds, when this goes.
 class TemporaryDirectory {

@@ -1,4 +1,4 @@
-#include "bounds.h"
+#include "reference/bounds.h"
 
 #include <fmt/format.h>
 
@@ -6,7 +6,6 @@
 #include <cfloat>
 #include <cmath>
 #include <limits>
-#include <map>
 #include <stdexcept>
 #include <utility>
 
@@ -20,14 +19,6 @@ double ratio_of(double actual, double expected, double bound) {
   if (actual == expected || (std::isnan(actual) && std::isnan(expected))) return 0;
   const double ratio = std::abs(actual - expected) / bound;
   return std::isfinite(bound) && !std::isnan(ratio) ? ratio : kInfinity;
-}
-
-// Keeps the largest ratio of each test and layer.
-void record(std::string_view layer, double ratio) {
-  static std::map<std::pair<const testing::TestInfo*, std::string>, double> largest;
-  double& kept = largest[{testing::UnitTest::GetInstance()->current_test_info(), std::string(layer)}];
-  kept = std::max(kept, ratio);
-  testing::Test::RecordProperty(fmt::format("worst_ratio_{}", layer), fmt::format("{:.3g}", kept));
 }
 
 }  // namespace
@@ -89,19 +80,6 @@ Worst worst(const Planes& actual, const Bounded& expected) {
     }
   }
   return result;
-}
-
-testing::AssertionResult within_bounds(std::string_view layer, const Planes& actual,
-                                       const Bounded& expected) {
-  const Worst at = worst(actual, expected);
-  const bool passed = at.ratio <= 1;
-  testing::AssertionResult result = passed ? testing::AssertionSuccess() : testing::AssertionFailure();
-  record(layer, at.ratio);
-  return result << fmt::format(
-             "{} ({} x {} x {}): worst error / bound {:.3g} at c {}, y {}, x {}: {:.9g}, expected {:.9g} "
-             "within {:.3g}; {} of {} values are outside",
-             layer, actual.c, actual.h, actual.w, at.ratio, at.c, at.y, at.x, at.actual, at.expected,
-             at.bound, at.failures, actual.data.size());
 }
 
 }  // namespace raymeld::reference

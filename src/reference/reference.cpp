@@ -1,10 +1,10 @@
-#include "reference.h"
+#include "reference/reference.h"
 
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
-#include "transfer.h"
+#include "reference/transfer.h"
 
 namespace raymeld::reference {
 namespace {
@@ -96,7 +96,8 @@ Matrix tile_magnitudes(const Bounded& x, const Conv& conv, int o, int y0, int x0
 }
 
 // Replaces the magnitudes of direct sums. Roundings beside the sums over channels: up to 4 in each of two
-// passes of the input's transform and of the weight's, up to 6 in each of two of the output's, 1 for the bias.
+// passes of the input's transform and of the weight's, up to 6 in each of two of the output's, 1 for the
+// bias.
 Planes filtered_magnitudes(const Bounded& x, const Conv& conv, int tile) {
   Planes result(conv.out, x.value.h, x.value.w);
   for (int o = 0; o < conv.out; ++o) {

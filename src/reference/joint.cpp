@@ -1,7 +1,7 @@
 // The layers of the joint base.
 #include <stdexcept>
 
-#include "transfer.h"
+#include "reference/transfer.h"
 
 namespace raymeld::reference {
 namespace {

@@ -1,7 +1,7 @@
 #pragma once
 
-#include "interval.h"
-#include "reference.h"
+#include "reference/interval.h"
+#include "reference/reference.h"
 
 // The transfer function and its inverse, for double and for Interval.
 namespace raymeld::reference {

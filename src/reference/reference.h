@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "bounds.h"
+#include "reference/bounds.h"
 
 // The scalar truth: every layer as its equation, in double, with the bound that any right device keeps
 // (fp32 accumulation in any order, fp32 or fp16 storage). Shares nothing with the engine. Weights and input

@@ -1,9 +1,6 @@
 #pragma once
 
-#include <gtest/gtest.h>
-
-#include <string>
-#include <string_view>
+#include <cstddef>
 #include <vector>
 
 namespace raymeld::reference {
@@ -53,9 +50,5 @@ struct Worst {
   size_t failures = 0;  // values with a ratio above 1
 };
 Worst worst(const Planes& actual, const Bounded& expected);
-
-// For EXPECT_TRUE; both outcomes name the worst place, and the test's XML records the largest ratio of each
-// layer.
-testing::AssertionResult within_bounds(std::string_view layer, const Planes& actual, const Bounded& expected);
 
 }  // namespace raymeld::reference

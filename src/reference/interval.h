@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include "bounds.h"
+#include "reference/bounds.h"
 
 // What a device's fp32 value may be: each operation widens it by the rounding that Vulkan allows (1.3,
 // "Precision and Operation of SPIR-V Instructions"). A formula that is a template gives the value in double

@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <stdexcept>
 
-#include "reference.h"
+#include "reference/reference.h"
 
 namespace raymeld::reference {
 namespace {
