@@ -96,8 +96,7 @@ void store(uint o, uint y, uint x, float value) {
   uint at = address(o / (kShuffle * kShuffle), kShuffle * y + o / kShuffle % kShuffle, kShuffle * x + o % kShuffle,
                     p.plane_out, kShuffle * p.width);
   value += bias[o];
-  // NaN stays, so that decode sees and counts it.
-  if (kRelu != 0) value = value < 0.0 ? 0.0 : value;
+  if (kRelu != 0) value = rectified(value);
   if (kResiduals > 0) value += float(residual0[at]);
   if (kResiduals > 1) value += float(residual1[at]);
   if (kResiduals > 2) value += float(residual2[at]);

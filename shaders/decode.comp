@@ -1,5 +1,7 @@
 // From the network's output, plus the upsampled encoded LRHS where the model predicts a residual, to scene linear
-// floats in [0, 65504], un-exposed. One invocation for each element; z is the channel.
+// floats in [0, 65504], un-exposed. The network sees no more than the clip: what LRHS has beyond it is added where the
+// output is near the clip, fully from half of it on and not at all below a quarter, so that the edges that the network
+// drew stay. One invocation for each element; z is the channel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -13,7 +15,7 @@ layout(std430, binding = 1) writeonly buffer Frame { float frame[]; };
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Floats exposure;  // and its inverse
-  Values source, lrhs;
+  Values source, lrhs, highlights;
   Decode p;
 };
 #else
@@ -21,14 +23,27 @@ layout(push_constant) uniform Push { Decode p; };
 layout(std430, binding = 2) readonly buffer Exposure { float v[2]; } exposure;
 layout(std430, binding = 3) readonly buffer Source { STORAGE v[]; } source;
 layout(std430, binding = 4) readonly buffer Lrhs { STORAGE v[]; } lrhs;
+layout(std430, binding = 5) readonly buffer Bright { STORAGE v[]; } highlights;
 #endif
 
 float lrhs_at(uint c, uint y, uint x) { return float(lrhs.v[address(c, y, x, p.of.lrhs_plane, p.of.lrhs_width)]); }
 
-float bilinear(uint c, uint y, uint x) {
-  Bilinear at = bilinear_at(uvec2(x, y), p.of.phase, p.of.inverse_scale, uvec2(p.of.lrhs_width, p.of.lrhs_height));
+float bilinear(uint c, Bilinear at) {
   return blended(at, vec4(lrhs_at(c, at.low.y, at.low.x), lrhs_at(c, at.low.y, at.high.x),
                           lrhs_at(c, at.high.y, at.low.x), lrhs_at(c, at.high.y, at.high.x)));
+}
+
+float highlight_at(uint c, uint y, uint x) {
+  return float(highlights.v[address(c, y, x, p.of.lrhs_plane, p.of.lrhs_width)]);
+}
+
+// The mean of the four samples around, each weighted by itself as well: at the rim of a lamp it is the lamp's.
+float highlight(uint c, Bilinear at) {
+  vec4 samples = vec4(highlight_at(c, at.low.y, at.low.x), highlight_at(c, at.low.y, at.high.x),
+                      highlight_at(c, at.high.y, at.low.x), highlight_at(c, at.high.y, at.high.x));
+  vec4 weights = samples * vec2(1.0 - at.t.x, at.t.x).xyxy * vec2(1.0 - at.t.y, at.t.y).xxyy;
+  float total = dot(weights, vec4(1.0));
+  return total > 0.0 ? dot(weights, samples) / total : 0.0;
 }
 
 void main() {
@@ -38,13 +53,17 @@ void main() {
   id.xy = min(id.xy, uvec2(p.of.width, p.of.height) - 1);
   // precise: a compiler that moved the sum into the interpolation would round in it at the sum's magnitude.
   precise float value = float(source.v[address(id.z, id.y, id.x, p.of.plane, p.of.width)]);
-  if (p.bilinear_base != 0) value += bilinear(id.z, id.y, id.x);
+  Bilinear at = bilinear_at(id.xy, p.of.phase, p.of.inverse_scale, uvec2(p.of.lrhs_width, p.of.lrhs_height));
+  if (p.bilinear_base != 0) value += bilinear(id.z, at);
   if (isnan(value) || isinf(value)) {
     if (inside) atomicAdd(status.not_finite, 1u);
     value = 0.0;
   }
   value = to_linear(value, p.of.log_transfer);
-  value = clamp(value * exposure.v[1], 0.0, 65504.0);
+  float share = p.clip > 0.0 ? clamp(4.0 * value / p.clip - 1.0, 0.0, 1.0) : 0.0;
+  value *= exposure.v[1];
+  if (share > 0.0) value += share * highlight(id.z, at);
+  value = clamp(value, 0.0, 65504.0);
   if (!inside) return;
   frame[p.frame.offset + id.z * p.frame.channel_stride + id.y * p.frame.row_stride + id.x * p.frame.pixel_stride] =
       value;

@@ -110,6 +110,14 @@ struct Encode {
   uint kinds[4];  // of each channel, in two bits
 };
 
+struct Highlights {
+  FrameView frame;
+  uint height;
+  uint width;
+  uint plane;
+  float clip;
+};
+
 // Of the LRHS size; plane_large and scale of the full one.
 struct Irradiance {
   uint height;
@@ -158,6 +166,7 @@ struct Decode {
   FrameView frame;
   Upsampled of;
   uint bilinear_base;  // 0: none
+  float clip;          // beyond it there are highlights; 0: there are none
 };
 
 #ifdef __cplusplus

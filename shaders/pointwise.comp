@@ -46,8 +46,7 @@ layout(std430, binding = 6) readonly buffer Residual2 { STORAGE v[]; } residual2
 #include "uniform.glsl"
 
 void store(uint at, float value, bool inside) {
-  // NaN stays, so that decode sees and counts it.
-  if (kRelu != 0) value = value < 0.0 ? 0.0 : value;
+  if (kRelu != 0) value = rectified(value);
   if (kResiduals > 0) value += float(residual0.v[at]);
   if (kResiduals > 1) value += float(residual1.v[at]);
   if (kResiduals > 2) value += float(residual2.v[at]);

@@ -20,6 +20,9 @@ layout(std430, set = 0, binding = 0) buffer Status {
 
 uint address(uint c, uint y, uint x, uint plane, uint width) { return c * plane + y * width + x; }
 
+// ReLU of a sum. NaN and -infinity stay: sums of finite values that overflowed must reach decode, which counts them.
+float rectified(float value) { return value < 0.0 && value >= -3.402823466e38 ? 0.0 : value; }
+
 // What STORAGE(value) may be made of. Beyond what 16 bits hold, values saturate and are counted; they are never
 // passed on as infinity. (A function that returned STORAGE would need 16-bit arithmetic, which is not required.)
 float storable(float value) {

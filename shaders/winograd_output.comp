@@ -40,8 +40,7 @@ vec2 load(uint at) {
 #endif
 }
 
-// NaN stays, so that decode sees and counts it.
-float activated(float value) { return kRelu != 0 && value < 0.0 ? 0.0 : value; }
+float activated(float value) { return kRelu != 0 ? rectified(value) : value; }
 
 void store(uint o, uint y, uint x, float value) {
   if (y >= p.height || x >= p.width) return;

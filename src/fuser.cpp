@@ -28,6 +28,7 @@ Fuser::Fuser(const Device& device, const Model& model, uint32_t height, uint32_t
              const FuserOptions& options, const std::filesystem::path& cache_folder)
     : device_(device),
       model_(model),
+      cache_folder_(cache_folder),
       options_(options),
       plan_(plan_fusion(model, height, width, device.info(), options)),
       cache_(device, cache_folder),
@@ -46,7 +47,7 @@ Fuser::Host::~Host() {
 uint64_t Fuser::allocated_bytes() const {
   const uint64_t frame_bytes =
       host_ ? host_->lrhs.size_bytes() + host_->hrls.size_bytes() + host_->fused.size_bytes() : 0;
-  return program_.allocated_bytes() + frame_bytes;
+  return program_.allocated_bytes() + frame_bytes + (wide_ ? wide_->allocated_bytes() : 0);
 }
 
 FrameBindings Fuser::bindings(const FrameBuffer& lrhs, const FrameBuffer& hrls,
@@ -136,32 +137,75 @@ FuseReport Fuser::fuse(const Image& lrhs, const Image& hrls, Image& fused, const
 }
 
 FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress) {
-  prepare_host();
-  FuseReport report;
-  report.exposure = exposure(lrhs);  // of the frame, so that it is the same for all tiles
-  program_.set_exposure(kHostSet, report.exposure);
-  program_.reset_status();
-  const double steps = static_cast<double>(plan_.tiling.count() * host_->chunks.size());
-  double done = 0;
-  for (uint32_t index = 0; index < plan_.tiling.count(); ++index) {
-    const Tile at = plan_.tiling.at(index);
-    upload(lrhs, hrls, at);
-    for (VkCommandBuffer chunk : host_->chunks) {
-      const auto start = std::chrono::steady_clock::now();
-      device_.submit_and_wait(chunk);
-      const std::chrono::duration<double, std::milli> time = std::chrono::steady_clock::now() - start;
-      report.device_ms += time.count();
-      if (progress && !progress(++done / steps)) throw Cancelled();
-    }
-    download(fused, at);
-    if (options_.profile) add_pass_times(report);
-  }
-  report.status = program_.status();
+  // The exposure is the frame's, so that it is the same for all tiles.
+  const FuseReport report = fuse(lrhs, hrls, fused, exposure(lrhs), progress);
   if (report.status.not_finite > 0) {
     throw Error("model {} gave {} values that are not finite; the image is of no use", model_.name(),
                 report.status.not_finite);
   }
   return report;
+}
+
+FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, float exposure,
+                       const Progress& progress) {
+  prepare_host();
+  FuseReport report;
+  report.exposure = exposure;
+  program_.set_exposure(kHostSet, exposure);
+  const double count = plan_.tiling.count();
+  for (uint32_t index = 0; index < plan_.tiling.count(); ++index) {
+    const Tile at = plan_.tiling.at(index);
+    upload(lrhs, hrls, at);
+    const auto of_frame = [&](double share) { return !progress || progress((index + share) / count); };
+    program_.reset_status();
+    run_tile(of_frame, report);
+    const Status status = program_.status();
+    last_redone_ = options_.fp32_kernels && (status.saturated > 0 || status.not_finite > 0);
+    if (last_redone_) {
+      copy_core(redo_tile(of_frame, report).data.data(), fused, at);
+      continue;
+    }
+    host_->fused.invalidate();
+    copy_core(static_cast<const float*>(host_->fused.mapped()), fused, at);
+    report.status.saturated += status.saturated;
+    report.status.not_finite += status.not_finite;
+    if (options_.profile) add_pass_times(report);
+  }
+  return report;
+}
+
+void Fuser::run_tile(const Progress& progress, FuseReport& report) {
+  double done = 0;
+  for (VkCommandBuffer chunk : host_->chunks) {
+    const auto start = std::chrono::steady_clock::now();
+    device_.submit_and_wait(chunk);
+    const std::chrono::duration<double, std::milli> time = std::chrono::steady_clock::now() - start;
+    report.device_ms += time.count();
+    if (!progress(++done / static_cast<double>(host_->chunks.size()))) throw Cancelled();
+  }
+}
+
+// The tile that was uploaded, as a frame of its own.
+Image Fuser::redo_tile(const Progress& progress, FuseReport& report) {
+  const auto [height, width] = plan_.tiling.tile;
+  if (!wide_) {
+    FuserOptions options = options_;
+    options.storage = Storage::kFloat32;
+    options.kernels = *options_.fp32_kernels;
+    options.fp32_kernels.reset();
+    options.max_memory_bytes = memory_limit(device_.info(), options_) - allocated_bytes();
+    wide_ = std::make_unique<Fuser>(device_, model_, height, width, options, cache_folder_);
+  }
+  const Shape shape = frame_shapes(model_, plan_.tiling.tile)[2];
+  Image image(static_cast<int>(shape.width), static_cast<int>(shape.height), 3);
+  const auto go_on = [&](double) { return progress(1); };
+  const FuseReport redone =
+      wide_->fuse(static_cast<const float*>(host_->lrhs.mapped()),
+                  static_cast<const float*>(host_->hrls.mapped()), image.data.data(), report.exposure, go_on);
+  report.device_ms += redone.device_ms;
+  report.status.not_finite += redone.status.not_finite;
+  ++report.redone_tiles;
+  return image;
 }
 
 void Fuser::upload(const float* lrhs, const float* hrls, const Tile& at) {
@@ -182,17 +226,16 @@ void Fuser::upload(const float* lrhs, const float* hrls, const Tile& at) {
   }
 }
 
-void Fuser::download(float* fused, const Tile& at) {
+void Fuser::copy_core(const float* tile_image, float* fused, const Tile& at) const {
   const auto [frame, tile] = std::pair(plan_.tiling.frame, plan_.tiling.tile);
   const size_t s = model_.architecture().scale;
-  host_->fused.invalidate();
-  const auto* in = static_cast<const float*>(host_->fused.mapped());
   for (size_t c = 0; c < 3; ++c) {
     const size_t from = s * s * c * tile.height * tile.width + s * (at.core_y - at.y) * s * tile.width +
                         s * (at.core_x - at.x);
     const size_t to =
         s * s * c * frame.height * frame.width + s * at.core_y * s * frame.width + s * at.core_x;
-    copy_rows(in + from, s * tile.width, fused + to, s * frame.width, s * at.core.width, s * at.core.height);
+    copy_rows(tile_image + from, s * tile.width, fused + to, s * frame.width, s * at.core.width,
+              s * at.core.height);
   }
 }
 

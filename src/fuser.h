@@ -22,9 +22,10 @@ struct PassTime {
 };
 
 struct FuseReport {
-  float exposure = 1;    // what radiance was multiplied by for the network
-  double device_ms = 0;  // from the first submit of a tile to its end, summed over the tiles
-  Status status;
+  float exposure = 1;         // what radiance was multiplied by for the network
+  double device_ms = 0;       // from the first submit of a tile to its end, summed over the tiles
+  Status status;              // of what the image was made of
+  uint32_t redone_tiles = 0;  // computed again in 32 bits; see FuserOptions::fp32_kernels
   // With FuserOptions::profile, each in the order of the first pass.
   std::vector<PassTime> layers;
   std::vector<PassTime> kernels;
@@ -47,7 +48,9 @@ class Fuser {
   const FusePlan& plan() const { return plan_; }
   const Graph& graph() const { return plan_.graph; }
   Program& program() { return program_; }
-  // What the Fuser has allocated on the device.
+  // The one that computed the last tile: this, or the one that did it again in 32 bits.
+  Fuser& last() { return last_redone_ ? *wide_ : *this; }
+  // What the Fuser has allocated on the device, for tiles done again in 32 bits as well.
   uint64_t allocated_bytes() const;
 
   // Records one frame into the caller's command buffer, outside of any render pass; never submits, allocates
@@ -86,20 +89,28 @@ class Fuser {
 
   void check_sizes(const Image& lrhs, const Image& hrls) const;
   FrameBindings bindings(const FrameBuffer& lrhs, const FrameBuffer& hrls, const FrameBuffer& fused) const;
+  FuseReport fuse(const float* lrhs, const float* hrls, float* fused, float exposure,
+                  const Progress& progress);
+  void run_tile(const Progress& progress, FuseReport& report);
+  Image redo_tile(const Progress& progress, FuseReport& report);
   void prepare_host();
   void record_chunks(Host& host) const;
   void upload(const float* lrhs, const float* hrls, const Tile& at);
-  void download(float* fused, const Tile& at);
+  // From the planar, dense image of a tile.
+  void copy_core(const float* tile_image, float* fused, const Tile& at) const;
   void add_pass_times(FuseReport& report) const;
 
   const Device& device_;
   const Model& model_;
+  std::filesystem::path cache_folder_;
   FuserOptions options_;
   FusePlan plan_;
   PipelineCache cache_;
   Program program_;
   uint32_t next_set_ = 0;
   std::unique_ptr<Host> host_;
+  std::unique_ptr<Fuser> wide_;  // of one tile, in 32 bits; made when first needed
+  bool last_redone_ = false;
 };
 
 }  // namespace raymeld

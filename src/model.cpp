@@ -59,6 +59,14 @@ ConvWeights Model::conv(const std::string& name, uint32_t out, uint32_t in, uint
   return {tensor(name + ".weight", {out, in, kernel, kernel}), tensor(name + "." + bias, {out})};
 }
 
+float Model::largest_weight() const {
+  float largest = 0;
+  for (const auto& [name, tensor] : tensors_) {
+    for (const float value : tensor.values) largest = std::max(largest, std::abs(value));
+  }
+  return largest;
+}
+
 uint64_t Model::parameters() const {
   uint64_t count = 0;
   for (const auto& [key, values] : tensors_) count += values.values.size();

@@ -17,10 +17,13 @@ struct Builder {
   Graph& graph;
   const Model& model;
   const Conv2dChoice& choose;
+  const StorageExponents& exponents;
+  ActivationEstimate* estimate = nullptr;  // follows the convolutions, if there is one
   const Architecture& a = model.architecture();
 
   Tensor tensor(const std::string& name, uint32_t height, uint32_t width, uint32_t channels) {
-    return graph.tensor(name, {height, width, channels});
+    const auto known = exponents.find(name);
+    return graph.tensor(name, {height, width, channels}, known == exponents.end() ? 0 : known->second);
   }
 
   Conv2dLink link(const std::string& name, const Tensor& in, const Tensor& out, Conv2dOptions options,
@@ -35,7 +38,9 @@ struct Builder {
       shape.most_tile = 2;
       options.how = choose(shape);
     }
-    return {name, in, out, weights, options};
+    const Conv2dLink result{name, in, out, weights, options};
+    if (estimate) estimate->add(graph, result);
+    return result;
   }
 
   void conv(const std::string& name, const Tensor& in, const Tensor& out, const Conv2dOptions& options,
@@ -144,12 +149,9 @@ struct Builder {
   }
 };
 
-}  // namespace
-
-void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase,
-             const Conv2dChoice& choose) {
-  Builder build{.graph = graph, .model = model, .choose = choose};
-  const Architecture& a = model.architecture();
+void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
+  const Architecture& a = build.a;
+  Graph& graph = build.graph;
   const uint32_t full_height = a.scale * height, full_width = a.scale * width;
   const std::vector<ChannelKind> hrls_kinds = a.hrls_kinds(), lrhs_kinds(3, ChannelKind::kRadiance);
   const bool joint = a.base == Base::kJoint;
@@ -163,6 +165,8 @@ void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, 
   const Tensor filtered = hrls.slice(layers, k - layers);
   encode(graph, "encode.lrhs", FrameSlot::kLrhs, lrhs.slice(0, 3), lrhs_kinds, a.transfer, a.clip);
   encode(graph, "encode.hrls", FrameSlot::kHrls, hrls.slice(0, layers), hrls_kinds, a.transfer, a.clip);
+  const Tensor bright = build.tensor("highlights", height, width, 3);
+  highlights(graph, "highlights", bright, a.clip);
   if (joint) build.joint_candidates(lrhs, hrls, filtered, joint_options);
 
   const Tensor f_hrls = build.hrls_encoder(hrls);
@@ -179,18 +183,46 @@ void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, 
   conv2d_chain(graph, links);
   if (!joint) {
     const Tensor* base = a.base == Base::kBilinear ? &lrhs : nullptr;
-    return decode(graph, "decode", fused, {a.transfer, base, a.scale, phase});
+    return decode(graph, "decode", fused, {a.transfer, base, a.scale, phase, &bright, a.clip});
   }
   const Tensor mixed = build.tensor("mix", full_height, full_width, 3);
   const Tensor albedo = hrls.slice(a.first_channel("albedo"), 3);
   mix(graph, "mix", fused, lrhs, albedo, filtered, mixed, joint_options);
-  decode(graph, "decode", mixed, {.transfer = a.transfer});
+  decode(graph, "decode", mixed, {a.transfer, nullptr, a.scale, phase, &bright, a.clip});
+}
+
+// The largest encoded radiance.
+double encoded_range(const Architecture& a) {
+  return a.transfer == Transfer::kLog ? std::log1p(8.0 * a.clip) / 3 : a.clip;
+}
+
+}  // namespace
+
+void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase,
+             const Conv2dChoice& choose, const StorageExponents& exponents) {
+  Builder build{.graph = graph, .model = model, .choose = choose, .exponents = exponents};
+  add_network(build, height, width, phase);
+}
+
+ActivationEstimate estimate_activations(const Model& model) {
+  Graph graph(Storage::kFloat32);
+  ActivationEstimate estimate(encoded_range(model.architecture()));
+  const Conv2dChoice choose = conv2d_direct;
+  const StorageExponents none;
+  Builder build{.graph = graph, .model = model, .choose = choose, .exponents = none, .estimate = &estimate};
+  add_network(build, 1, 1, 0);
+  return estimate;
+}
+
+StorageExponents storage_exponents(const Model& model) {
+  StorageExponents exponents = estimate_activations(model).exponents();
+  exponents.erase("rec");  // mix() and decode() read what it stands for
+  return exponents;
 }
 
 bool tile_4_is_accurate(const Architecture& a, const ConvWeights& weights, uint32_t channels_in) {
   constexpr double kMost = 0x1p-10, kUnit = 0x1p-24, kTransformRoundings = 29;
-  const double range = a.transfer == Transfer::kLog ? std::log1p(8.0 * a.clip) / 3 : a.clip;
-  return std::sqrt(channels_in + kTransformRoundings) * kUnit * range *
+  return std::sqrt(channels_in + kTransformRoundings) * kUnit * encoded_range(a) *
              winograd_amplification(weights, channels_in) <=
          kMost;
 }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "activations.h"
 #include "model.h"
 
 namespace raymeld {
@@ -7,9 +8,15 @@ namespace raymeld {
 // Adds the whole network to the graph: from an LRHS image of (height, width, 3) in FrameSlot::kLrhs and an
 // HRLS image of (s height, s width, K) in FrameSlot::kHrls to the fused image of (s height, s width, 3).
 // `phase`: where LRHS samples lie in their s x s cell (see DecodeOptions). `choose`: how each convolution is
-// computed. Throws Error naming the layer.
+// computed. `exponents`: of the tensors it makes. Throws Error naming the layer.
 void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase,
-             const Conv2dChoice& choose = conv2d_direct);
+             const Conv2dChoice& choose = conv2d_direct, const StorageExponents& exponents = {});
+
+// What the model's weights are expected to make of encoded images.
+ActivationEstimate estimate_activations(const Model& model);
+
+// Those that 16-bit storage takes, so that what the weights are expected to make of encoded images fits.
+StorageExponents storage_exponents(const Model& model);
 
 // The shapes of a network's convolutions, in order, as network() asks for them.
 std::vector<Conv2dShape> conv2d_shapes(const Model& model, uint32_t height, uint32_t width);

@@ -11,9 +11,10 @@ namespace raymeld {
 namespace {
 
 // Of a frame of one tile.
-FusePlan describe(const Model& model, TileSize tile, const FuserOptions& options) {
+FusePlan describe(const Model& model, TileSize tile, const FuserOptions& options,
+                  const StorageExponents& exponents) {
   Graph graph(options.storage, options.kernels.addressed, options.keep_activations);
-  network(graph, model, tile.height, tile.width, options.phase, options.kernels.conv2d);
+  network(graph, model, tile.height, tile.width, options.phase, options.kernels.conv2d, exponents);
   graph.plan();
   FusePlan plan{.tiling = make_tiling(tile, 1, 1, 0), .graph = std::move(graph)};
   plan.frame_bytes = Program::host_bytes(Fusion::kFramesInFlight + 1);
@@ -59,6 +60,11 @@ Storage storage_for(Precision precision, const DeviceInfo& device) {
   return half ? Storage::kFloat16 : Storage::kFloat32;
 }
 
+Storage storage_for(Precision precision, const DeviceInfo& device, const Model& model) {
+  const Storage storage = storage_for(precision, device);
+  return precision == Precision::kAuto && model.largest_weight() > 65504 ? Storage::kFloat32 : storage;
+}
+
 float lrhs_phase(bool centered, uint32_t scale) noexcept {
   return centered ? (static_cast<float>(scale) - 1.0f) / 2.0f : 0.0f;
 }
@@ -72,15 +78,20 @@ std::array<Shape, kFrameSlots> frame_shapes(const Model& model, TileSize tile) {
 
 uint64_t frame_bytes(const Shape& shape) { return shape.pixels() * shape.channels * sizeof(float); }
 
+// A driver that tells no budget still shares its heap with others.
+uint64_t memory_limit(const DeviceInfo& device, const FuserOptions& options) {
+  return options.max_memory_bytes ? options.max_memory_bytes : device.memory_bytes / 5 * 4;
+}
+
 FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const DeviceInfo& device,
                      const FuserOptions& options) {
-  // A driver that tells no budget still shares its heap with others.
-  const uint64_t most_bytes =
-      options.max_memory_bytes ? options.max_memory_bytes : device.memory_bytes / 5 * 4;
+  const uint64_t most_bytes = memory_limit(device, options) / (options.fp32_kernels ? 2 : 1);
+  const bool half = options.storage == Storage::kFloat16;
+  const StorageExponents exponents = half ? storage_exponents(model) : StorageExponents{};
   std::optional<FusePlan> plan;  // of the tile tried last
   std::optional<std::string> reason;
   const auto fits = [&](TileSize tile) {
-    plan = describe(model, tile, options);
+    plan = describe(model, tile, options, exponents);
     reason = obstacle(*plan, model, device, most_bytes);
     // Every layer's output stays readable in a frame of one tile only.
     if (reason && options.keep_activations)

@@ -1,6 +1,8 @@
 // How a frame will be run: the graph of a tile, and as few tiles as memory and the device's limits allow.
 #pragma once
 
+#include <optional>
+
 #include "engine/device.h"
 #include "engine/graph.h"
 #include "model.h"
@@ -12,6 +14,8 @@ namespace raymeld {
 // What a wish for a precision means on a device: kAuto takes 16-bit storage on GPUs that have it, 32 bits on
 // CPUs, where converting costs more than it saves.
 Storage storage_for(Precision precision, const DeviceInfo& device);
+// The same for a model: kAuto takes 32 bits where a weight does not fit 16.
+Storage storage_for(Precision precision, const DeviceInfo& device, const Model& model);
 
 // Where LRHS samples lie in their s x s cell, in full-size pixels: 0 for nearest-neighbour degradation (the
 // top-left pixel), (s - 1) / 2 for a real low-resolution render.
@@ -22,8 +26,11 @@ struct FuserOptions {
   // What all of raymeld's buffers on the device may take together; 0: what the device has to give.
   uint64_t max_memory_bytes = 0;
   Kernels kernels = {};  // how it is computed
-  float phase = 0;       // see lrhs_phase()
-  float exposure = 0;    // of fuse(): see exposure.h; 0: what the model's exposure_key asks for
+  // With 16-bit storage: tiles of fuse() with values that it cannot hold are computed again in 32 bits, by
+  // these kernels. Half of the memory is kept for that.
+  std::optional<Kernels> fp32_kernels = {};
+  float phase = 0;     // see lrhs_phase()
+  float exposure = 0;  // of fuse(): see exposure.h; 0: what the model's exposure_key asks for
   // Keeps every layer's output readable after a frame; needs the memory of all and a frame of one tile.
   bool keep_activations = false;
   // Measures every pass; the frame is slower, as passes no longer overlap.
@@ -39,6 +46,9 @@ struct FusePlan {
 
   uint64_t peak_bytes() const { return graph.constant_bytes() + graph.activation_bytes() + frame_bytes; }
 };
+
+// What all of raymeld's buffers may take together.
+uint64_t memory_limit(const DeviceInfo& device, const FuserOptions& options);
 
 // Plans frames of (height, width) LRHS pixels for a device. Throws Error when not even the smallest tile
 // fits.

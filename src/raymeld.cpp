@@ -8,18 +8,25 @@ namespace {
 
 FuserOptions fuser_options(const FusionOptions& options, const Device& device, const Model& model) {
   FuserOptions result;
-  result.storage = storage_for(options.precision, device.info());
+  result.storage = storage_for(options.precision, device.info(), model);
   result.max_memory_bytes = options.max_memory_bytes;
   const bool centered = options.lrhs_sampling == LrhsSampling::kModel
                             ? model.architecture().lrhs_centered
                             : options.lrhs_sampling == LrhsSampling::kCentered;
   result.exposure = options.exposure;
-  if (options.kernels == KernelChoice::kAuto) result.kernels = kernels_for(device, result.storage);
+  const auto kernels = [&](Storage storage) {
+    return options.kernels == KernelChoice::kAuto ? kernels_for(device, storage) : Kernels{};
+  };
+  result.kernels = kernels(result.storage);
+  if (options.precision == Precision::kAuto && result.storage == Storage::kFloat16)
+    result.fp32_kernels = kernels(Storage::kFloat32);
   result.phase = lrhs_phase(centered, model.architecture().scale);
   return result;
 }
 
-FusionStatus to_public(const Status& status) { return {status.saturated, status.not_finite}; }
+FusionStatus to_public(const Status& status, uint32_t redone_tiles) {
+  return {status.saturated, status.not_finite, redone_tiles};
+}
 
 }  // namespace
 
@@ -69,13 +76,14 @@ void Fusion::record(VkCommandBuffer commands, const FrameBuffer& lrhs, const Fra
 float Fusion::exposure(const float* lrhs) const { return state_->fuser.exposure(lrhs); }
 
 FusionStatus Fusion::fuse(const float* lrhs, const float* hrls, float* fused) {
-  const FusionStatus status = to_public(state_->fuser.fuse(lrhs, hrls, fused).status);
+  const FuseReport report = state_->fuser.fuse(lrhs, hrls, fused);
+  const FusionStatus status = to_public(report.status, report.redone_tiles);
   state_->fuser.program().reset_status();
   return status;
 }
 
 FusionStatus Fusion::take_status() {
-  const FusionStatus status = to_public(state_->fuser.program().status());
+  const FusionStatus status = to_public(state_->fuser.program().status(), 0);
   state_->fuser.program().reset_status();
   return status;
 }

@@ -281,6 +281,7 @@ TEST(Network, HasTheLayersOfThePaper) {
   for (const Pass& pass : graph.passes()) names.push_back(pass.name);
   EXPECT_EQ(names, (std::vector<std::string>{"encode.lrhs",
                                              "encode.hrls",
+                                             "highlights",
                                              "hrls",
                                              "down.0.space_to_depth",
                                              "down.0",

@@ -304,7 +304,7 @@ def joint_predict(network, lrhs, hrls, upsampled, centered):
 def predict(network, lrhs, hrls, centered=torch.tensor(False)):
     """As rendered, lrhs [N, 3, h, w] and hrls [N, K, s*h, s*w] -> (encoded, scene linear) image [N, 3, s*h, s*w].
 
-    `centered` as in Network.forward.
+    `centered` as in Network.forward. The linear image has, where it is near the clip, what LRHS has beyond it.
     """
     config = network.config
 
@@ -317,11 +317,19 @@ def predict(network, lrhs, hrls, centered=torch.tensor(False)):
     if config.base == "joint":
         y = joint_predict(network, lrhs, hrls, upsampled, centered)
     else:
-        lrhs = encode(lrhs, ("color",), config)
-        y = network(lrhs, encode(hrls, config.hrls_layers, config), centered)
+        low = encode(lrhs, ("color",), config)
+        y = network(low, encode(hrls, config.hrls_layers, config), centered)
         if config.base == "bilinear":
-            y = y + upsampled(lrhs)
-    return y, decode(y, config.transfer)
+            y = y + upsampled(low)
+    fused = decode(y, config.transfer)
+    beyond = torch.nan_to_num(lrhs - config.clip).clamp(min=0)
+    return y, fused + (4 * fused / config.clip - 1).clamp(0, 1) * highlights(beyond, upsampled)
+
+
+def highlights(beyond, upsampled):
+    """What LRHS has beyond the clip -> full size: the mean of four samples, each weighted by itself as well."""
+    total = upsampled(beyond)
+    return torch.where(total > 0, upsampled(beyond**2) / total, 0)
 
 
 def luminance(color):

@@ -13,7 +13,7 @@
 namespace raymeld {
 
 enum class Precision {
-  kAuto,  // fp16 on GPUs with 16-bit storage, else fp32
+  kAuto,  // fp16 on GPUs with 16-bit storage, else fp32; what fp16 cannot hold, fuse() computes again in fp32
   kFp32,
   kFp16,  // 16-bit storage, 32-bit sums; an error on a device without 16-bit storage
 };
@@ -25,10 +25,12 @@ enum class LrhsSampling {
   kCentered,  // the centre: LRHS is a render at low resolution
 };
 
-// What the device counted; all zero for a frame that can be trusted.
+// What the device counted; saturated and not_finite are zero for a frame that can be trusted.
 struct FusionStatus {
-  uint32_t saturated = 0;   // with fp16: values within the network beyond 65504, stored as +-65504; use fp32
-  uint32_t not_finite = 0;  // output values that were NaN or infinite, written as 0
+  uint32_t saturated =
+      0;  // with fp16: values within the network beyond 16 bits, stored as the largest; use fp32
+  uint32_t not_finite = 0;    // output values that were NaN or infinite, written as 0
+  uint32_t redone_tiles = 0;  // of fuse() with kAuto: which fp16 could not hold, computed again in fp32
 };
 
 // How convolutions are computed.

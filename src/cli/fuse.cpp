@@ -114,6 +114,7 @@ QualityTable measure_all(const FuseImages& images, const Comparison& comparison,
 std::string json_text(const FuseFiles& files, const DeviceInfo& device, const FuseResult& result,
                       const QualityTable& quality, const Console& console, double total_ms) {
   Json json = facts(files, device, result.storage, result.tiling, result.report.exposure);
+  json["redone_tiles"] = result.report.redone_tiles;
   json["device_ms"] = result.report.device_ms;
   json["total_ms"] = total_ms;
   json["peak_bytes"] = result.allocated_bytes;

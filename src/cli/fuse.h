@@ -13,9 +13,13 @@
 
 namespace raymeld::cli {
 
+// What becomes of a frame with values that --precision fp16 cannot hold.
+enum class Overflow { kError, kWarn, kRedo };
+
 struct FuseArguments {
   std::string lrhs, hrls, output, model, device, reference, preview, before_after, dump;
   Precision precision = Precision::kAuto;
+  Overflow overflow = Overflow::kError;
   KernelChoice kernels = KernelChoice::kAuto;
   std::string sampling = "auto", output_type = "auto";
   std::vector<std::string> map, lrhs_map;

@@ -25,21 +25,48 @@ void dump_layers(const fs::path& folder, Fuser& fuser, const Image& fused, Stage
   }
 }
 
-FuserOptions options_in(Storage storage, const FuseArguments& arguments, const FuseFiles& files,
-                        const Device& device) {
-  const bool direct = arguments.kernels == KernelChoice::kDirect;
-  return {.storage = storage,
-          .max_memory_bytes = arguments.max_memory_mib << 20,
-          .kernels = direct ? Kernels{} : kernels_for(device, storage),
-          .phase = files.phase,
-          .exposure = arguments.input_exposure,
-          .keep_activations = !arguments.dump.empty(),
-          .profile = arguments.profile};
+// Of what 16 bits could not hold.
+void report_overflow(const FuseArguments& arguments, const FuseReport& report, uint32_t tiles,
+                     Console& console) {
+  if (report.redone_tiles > 0) {
+    console.warn(fmt::format("{} of {} tiles have values that 16 bits cannot hold, and were computed in fp32",
+                             report.redone_tiles, tiles),
+                 report.redone_tiles);
+  }
+  if (report.status.saturated == 0) return;
+  const std::string what = fmt::format(
+      "{} values within the network passed the largest 16-bit float, 65504; --precision fp32 has room for "
+      "them",
+      report.status.saturated);
+  if (arguments.overflow == Overflow::kError)
+    throw Error("{}, --overflow redo takes it where needed, --overflow warn keeps the image", what);
+  console.warn(what, report.status.saturated);
 }
 
-FuseResult run_with(const FuserOptions& options, const FuseArguments& arguments, const FuseFiles& files,
-                    const FuseImages& images, const Device& device, const Console& console,
-                    StagedFiles& staged) {
+}  // namespace
+
+const char* precision_name(Storage storage) { return storage == Storage::kFloat16 ? "fp16" : "fp32"; }
+
+FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device) {
+  const Storage storage = storage_for(arguments.precision, device.info(), files.model);
+  const auto kernels = [&](Storage of) {
+    return arguments.kernels == KernelChoice::kDirect ? Kernels{} : kernels_for(device, of);
+  };
+  FuserOptions options{.storage = storage,
+                       .max_memory_bytes = arguments.max_memory_mib << 20,
+                       .kernels = kernels(storage),
+                       .phase = files.phase,
+                       .exposure = arguments.input_exposure,
+                       .keep_activations = !arguments.dump.empty(),
+                       .profile = arguments.profile};
+  const bool redo = arguments.precision == Precision::kAuto || arguments.overflow == Overflow::kRedo;
+  if (redo && storage == Storage::kFloat16) options.fp32_kernels = kernels(Storage::kFloat32);
+  return options;
+}
+
+FuseResult run_frame(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images,
+                     const Device& device, Console& console, StagedFiles& staged) {
+  const FuserOptions options = fuser_options(arguments, files, device);
   FuseResult result;
   result.storage = options.storage;
   console.note(fmt::format("fusing {} x {} with {} on {} ({})", images.hrls.width, images.hrls.height,
@@ -57,39 +84,10 @@ FuseResult run_with(const FuserOptions& options, const FuseArguments& arguments,
   result.report = fuser.fuse(images.lrhs, images.hrls, fused, progress);
   result.tiling = fuser.plan().tiling;
   result.allocated_bytes = fuser.allocated_bytes();
-  if (!arguments.dump.empty()) dump_layers(arguments.dump_folder(), fuser, fused, staged);
+  report_overflow(arguments, result.report, result.tiling.count(), console);
+  if (!arguments.dump.empty()) dump_layers(arguments.dump_folder(), fuser.last(), fused, staged);
   result.fused = seen_through(std::move(fused), files.canvas.hrls, files.hrls_windows.data);
   return result;
-}
-
-}  // namespace
-
-const char* precision_name(Storage storage) { return storage == Storage::kFloat16 ? "fp16" : "fp32"; }
-
-FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device) {
-  return options_in(storage_for(arguments.precision, device.info()), arguments, files, device);
-}
-
-// With "auto", whatever 16 bits cannot hold is done again in 32.
-FuseResult run_frame(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images,
-                     const Device& device, Console& console, StagedFiles& staged) {
-  const FuserOptions options = fuser_options(arguments, files, device);
-  const bool may_repeat = arguments.precision == Precision::kAuto && options.storage == Storage::kFloat16;
-  try {
-    FuseResult result = run_with(options, arguments, files, images, device, console, staged);
-    const uint64_t saturated = result.report.status.saturated;
-    if (saturated == 0) return result;
-    const std::string what =
-        fmt::format("{} values within the network passed the largest 16-bit float, 65504", saturated);
-    console.warn(what + (may_repeat ? "; fusing again in fp32" : "; --precision fp32 has room for them"),
-                 saturated);
-    if (!may_repeat) return result;
-  } catch (const Error& error) {
-    if (!may_repeat) throw;
-    console.warn(fmt::format("fp16: {}; fusing again in fp32", error.what()), 1);
-  }
-  return run_with(options_in(Storage::kFloat32, arguments, files, device), arguments, files, images, device,
-                  console, staged);
 }
 
 }  // namespace raymeld::cli

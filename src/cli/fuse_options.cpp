@@ -67,9 +67,24 @@ void add_run(CLI::App& command, FuseArguments& a) {
   command
       .add_option_function<std::string>(
           "--precision", [&a](const std::string& name) { a.precision = kPrecisions.at(name); },
-          "fp32, fp16 (activations and weights in 16 bits, sums in 32), or auto: fp16 on a GPU that has it")
+          "fp32, fp16 (activations and weights in 16 bits, sums in 32), or auto: fp16 on a GPU that has it, "
+          "and fp32 "
+          "for tiles that it cannot hold")
       ->check(CLI::IsMember({"auto", "fp32", "fp16"}))
       ->default_str("auto");
+  command
+      .add_option_function<std::string>(
+          "--overflow",
+          [&a](const std::string& name) {
+            a.overflow = name == "warn"   ? Overflow::kWarn
+                         : name == "redo" ? Overflow::kRedo
+                                          : Overflow::kError;
+          },
+          "With --precision fp16, of values that it cannot hold: error, warn (with their number), or redo: "
+          "these tiles "
+          "in fp32, as auto does")
+      ->check(CLI::IsMember({"error", "warn", "redo"}))
+      ->default_str("error");
   command
       .add_option_function<std::string>(
           "--kernels",

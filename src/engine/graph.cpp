@@ -42,11 +42,11 @@ const Tensor* Pass::output() const {
   return nullptr;
 }
 
-Tensor Graph::tensor(const std::string& name, Shape shape) {
+Tensor Graph::tensor(const std::string& name, Shape shape, int exponent) {
   if (shape.pixels() == 0 || shape.channels == 0) {
     throw Error("tensor {}: {}x{}x{} is empty", name, shape.height, shape.width, shape.channels);
   }
-  tensors_.push_back({.name = name, .shape = shape, .rows = shape.height});
+  tensors_.push_back({.name = name, .shape = shape, .rows = shape.height, .exponent = exponent});
   const Tensor result{static_cast<uint32_t>(tensors_.size() - 1), shape, 0};
   tensors_.back().size_bytes = size_bytes(result);
   return result;

@@ -87,6 +87,7 @@ struct TensorRecord {
   std::string name;
   Shape shape;
   uint32_t rows = 0;  // that are kept, see Graph::keep_rows()
+  int exponent = 0;   // what is stored is 2^-exponent times what the tensor stands for
   uint64_t size_bytes = 0;
   uint64_t offset_bytes = 0;  // in the activation block, after plan()
   bool scratch = false;       // of one layer's own, and no activation
@@ -114,7 +115,8 @@ class Graph {
   bool keep() const { return keep_; }
 
   // A new activation; its memory lives from the first pass that touches it to the last.
-  Tensor tensor(const std::string& name, Shape shape);
+  Tensor tensor(const std::string& name, Shape shape, int exponent = 0);
+  int exponent(const Tensor& tensor) const { return tensors_.at(tensor.id).exponent; }
   // Of a tensor that no pass uses yet, only as many rows, a power of two, are in memory at a time: row y is
   // where row y % rows is, in all channels. For passes that take turns, see conv2d_chain().
   void keep_rows(const Tensor& tensor, uint32_t rows);

@@ -328,12 +328,13 @@ void Program::write(const Tensor& tensor, std::span<const float> values) {
   }
   const Buffer host(device_, size_bytes, Memory::kUpload, "tensor upload");
   const uint64_t stride = graph_.plane(tensor);
+  const auto stored = [scale = std::ldexp(1.0f, -graph_.exponent(tensor))](float v) { return v * scale; };
   for (uint64_t c = 0; c < tensor.shape.channels; ++c) {
     const auto plane = values.subspan(c * pixels, pixels);
     if (graph_.storage() == Storage::kFloat16) {
-      std::copy(plane.begin(), plane.end(), static_cast<Imath::half*>(host.mapped()) + c * stride);
+      std::ranges::transform(plane, static_cast<Imath::half*>(host.mapped()) + c * stride, stored);
     } else {
-      std::copy(plane.begin(), plane.end(), static_cast<float*>(host.mapped()) + c * stride);
+      std::ranges::transform(plane, static_cast<float*>(host.mapped()) + c * stride, stored);
     }
   }
   copy_now(device_, host.handle(), activations_.handle(), {0, graph_.offset_bytes(tensor), size_bytes},
@@ -357,6 +358,8 @@ std::vector<float> Program::read(const Tensor& tensor) const {
       std::copy_n(static_cast<const float*>(host.mapped()) + c * stride, pixels, plane);
     }
   }
+  const float scale = std::ldexp(1.0f, graph_.exponent(tensor));
+  for (float& value : values) value *= scale;
   return values;
 }
 

@@ -54,6 +54,7 @@ class Program {
 
   // Copies a tensor (c, y, x, dense) from or to the host, rounding to the storage type. The device must be
   // idle; what other tensors have since overwritten is lost, unless the graph was planned without aliasing.
+  // Of what the tensor stands for, whatever its exponent.
   void write(const Tensor& tensor, std::span<const float> values);
   std::vector<float> read(const Tensor& tensor) const;
 

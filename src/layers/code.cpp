@@ -42,27 +42,45 @@ void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor&
   graph.add(std::move(pass));
 }
 
+void highlights(Graph& graph, const std::string& name, const Tensor& out, float clip) {
+  Pass pass;
+  pass.name = name;
+  pass.shader = &shaders::kHighlights[graph.addressed()];
+  pass.bindings = {frame_binding(FrameSlot::kLrhs, Access::kRead), exposure_binding(), write_binding(out)};
+  pass.bindings[1].by_address = pass.bindings[2].by_address = graph.addressed();
+  pass.set_push(params::Highlights{{}, out.shape.height, out.shape.width, graph.plane(out), clip});
+  pass.groups = element_groups(out.shape);
+  pass.bytes = elements(out) * static_cast<double>(4 + element_bytes(graph.storage()));
+  graph.add(std::move(pass));
+}
+
 void decode(Graph& graph, const std::string& name, const Tensor& in, const DecodeOptions& options) {
-  const Tensor& base = options.base ? *options.base : in;
-  if (options.base &&
-      (base.shape.channels != in.shape.channels || base.shape.height * options.scale != in.shape.height ||
-       base.shape.width * options.scale != in.shape.width)) {
-    throw Error("layer {}: a base of {}x{}x{} does not fit an output of {}x{}x{} at scale {}", name,
-                base.shape.height, base.shape.width, base.shape.channels, in.shape.height, in.shape.width,
-                in.shape.channels, options.scale);
+  for (const Tensor* low : {options.base, options.highlights}) {
+    if (!low) continue;
+    const auto [height, width, channels] = low->shape;
+    if (channels == in.shape.channels && height * options.scale == in.shape.height &&
+        width * options.scale == in.shape.width) {
+      continue;
+    }
+    throw Error("layer {}: LRHS of {}x{}x{} does not fit an output of {}x{}x{} at scale {}", name, height,
+                width, channels, in.shape.height, in.shape.width, in.shape.channels, options.scale);
   }
+  const Tensor& base = options.base ? *options.base : in;
+  const Tensor& highlights = options.highlights ? *options.highlights : base;
   Pass pass;
   pass.name = name;
   pass.shader = &shaders::kDecode[graph.addressed()];
   pass.bindings = {frame_binding(FrameSlot::kFused, Access::kWrite), exposure_binding(), read_binding(in),
-                   read_binding(base)};
+                   read_binding(base), read_binding(highlights)};
   for (size_t i = 1; i < pass.bindings.size(); ++i) pass.bindings[i].by_address = graph.addressed();
-  pass.set_push(params::Decode{{},
-                               upsampled(graph, in, base, options.transfer, options.scale, options.phase),
-                               options.base != nullptr});
+  pass.set_push(
+      params::Decode{{},
+                     upsampled(graph, in, highlights, options.transfer, options.scale, options.phase),
+                     options.base != nullptr,
+                     options.highlights ? options.clip : 0});
   pass.groups = element_groups(in.shape);
   pass.bytes = elements(in) * static_cast<double>(4 + element_bytes(graph.storage())) +
-               elements(base) * static_cast<double>(element_bytes(graph.storage()));
+               2 * elements(highlights) * static_cast<double>(element_bytes(graph.storage()));
   graph.add(std::move(pass));
 }
 

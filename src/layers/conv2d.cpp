@@ -43,6 +43,9 @@ Convolution make_convolution(const Graph& graph, const std::string& name, const 
                 in.shape.height, in.shape.width, options.behind->shape.height, options.behind->shape.width,
                 u);
   }
+  const auto factor = [&](const Tensor& from) {
+    return std::ldexp(1.0f, graph.exponent(from) - graph.exponent(out));
+  };
   const Convolution conv{.name = name,
                          .in = in,
                          .out = out,
@@ -53,7 +56,10 @@ Convolution make_convolution(const Graph& graph, const std::string& name, const 
                          .channels_out = out.shape.channels * s * s,
                          .weight = weights.weight,
                          .bias = weights.bias,
-                         .half = graph.storage() == Storage::kFloat16};
+                         .half = graph.storage() == Storage::kFloat16,
+                         .in_factor = factor(in),
+                         .behind_factor = options.behind ? factor(*options.behind) : 1,
+                         .bias_factor = std::ldexp(1.0f, -graph.exponent(out))};
   if (in.shape.height % u || in.shape.width % u || conv.height * s != out.shape.height ||
       conv.width * s != out.shape.width) {
     throw Error("layer {}: {}x{} in, {}x{} out, expected the same size after shuffles by {} and {}", name,
@@ -70,6 +76,8 @@ Convolution make_convolution(const Graph& graph, const std::string& name, const 
     throw Error("layer {}: more than {} residuals", name, kMostResiduals);
   for (const Tensor& residual : options.residuals) {
     if (residual.shape != out.shape) throw Error("layer {}: a residual's shape is not the output's", name);
+    if (graph.exponent(residual) != graph.exponent(out))
+      throw Error("layer {}: a residual's exponent is not the output's", name);
   }
   return conv;
 }
@@ -77,15 +85,16 @@ Convolution make_convolution(const Graph& graph, const std::string& name, const 
 // Shuffles are passes of their own.
 void direct(Graph& graph, Convolution conv) {
   if (conv.options.unshuffle > 1) {
-    const Tensor deep =
-        graph.tensor(conv.name + ".space_to_depth", {conv.height, conv.width, conv.channels_in});
+    const Tensor deep = graph.tensor(conv.name + ".space_to_depth",
+                                     {conv.height, conv.width, conv.channels_in}, graph.exponent(conv.in));
     space_to_depth(graph, conv.name + ".space_to_depth", conv.in, deep);
     conv.in = deep;
   }
   const Tensor shuffled = conv.out;
   if (conv.options.shuffle > 1) {
     if (!conv.options.residuals.empty()) throw Error("layer {}: residuals of what is shuffled", conv.name);
-    conv.out = graph.tensor(conv.name, {conv.height, conv.width, conv.channels_out});
+    conv.out =
+        graph.tensor(conv.name, {conv.height, conv.width, conv.channels_out}, graph.exponent(shuffled));
   }
   const uint32_t kernel = conv.options.kernel, vectors = conv.channels_out > 4 ? 2 : 1;
   const uint32_t lanes = 4 * vectors, blocks = divide_up(conv.channels_out, lanes);
@@ -124,7 +133,9 @@ std::vector<Tensor> Convolution::inputs() const {
 }
 
 float Convolution::weight_at(uint32_t o, uint32_t i, uint32_t ky, uint32_t kx) const {
-  const float value = weight[((size_t{o} * channels_in + i) * options.kernel + ky) * options.kernel + kx];
+  const bool is_behind = options.behind && i >= channels_in - options.behind->shape.channels;
+  const float value = weight[((size_t{o} * channels_in + i) * options.kernel + ky) * options.kernel + kx] *
+                      (is_behind ? behind_factor : in_factor);
   if (!half) return value;
   if (std::abs(value) > 65504.0f)
     throw Error("layer {}: weight {} does not fit 16 bits; use --precision fp32", name, value);
@@ -134,7 +145,8 @@ float Convolution::weight_at(uint32_t o, uint32_t i, uint32_t ky, uint32_t kx) c
 uint32_t bias_constant(Graph& graph, const Convolution& conv, uint32_t padded_count) {
   return graph.constant(conv.name + ".bias", uint64_t{padded_count} * 4, [=](std::byte* target) {
     std::memset(target, 0, uint64_t{padded_count} * 4);
-    std::memcpy(target, conv.bias.data(), conv.bias.size_bytes());
+    auto* bias = reinterpret_cast<float*>(target);
+    for (const float value : conv.bias) *bias++ = value * conv.bias_factor;
   });
 }
 

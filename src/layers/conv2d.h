@@ -15,13 +15,16 @@ struct Convolution {
   uint32_t height, width, channels_in, channels_out;
   std::span<const float> weight, bias;
   bool half;  // weights are rounded to 16 bits
+  // For the exponents of the tensors: of the weights of `in`, of those of what is behind it, of the bias.
+  // Powers of two.
+  float in_factor = 1, behind_factor = 1, bias_factor = 1;
 
   double flop() const {
     return 2.0 * height * width * channels_out * channels_in * options.kernel * options.kernel;
   }
   // What is convolved, in the order of its channels.
   std::vector<Tensor> inputs() const;
-  // As the device keeps it. Throws Error where it does not fit.
+  // As the device keeps it, for what is stored of its input and output. Throws Error where it does not fit.
   float weight_at(uint32_t o, uint32_t i, uint32_t ky, uint32_t kx) const;
 };
 

@@ -122,15 +122,23 @@ enum class Transfer { kLinear, kLog };
 void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor& out,
             std::span<const ChannelKind> kinds, Transfer transfer, float clip);
 
+// What LRHS has beyond the clip, scene linear (h, w, c): max(0, x - clip / exposure), at most 65504; of NaN
+// 0.
+void highlights(Graph& graph, const std::string& name, const Tensor& out, float clip);
+
 struct DecodeOptions {
   Transfer transfer = Transfer::kLinear;
   const Tensor* base = nullptr;  // the encoded LRHS (h, w, c), upsampled and added; null: none
   uint32_t scale = 1;
   float phase = 0;  // of LRHS samples, in full-size pixels: 0, or (scale - 1) / 2 for a low-resolution render
+  const Tensor* highlights = nullptr;  // (h, w, c), see highlights(); null: none
+  float clip = 0;                      // that of the highlights
 };
 
 // From (H, W, c) to the image in FrameSlot::kFused: adds the bilinearly upsampled base, inverts the transfer,
-// divides by the recording's exposure, clamps to [0, 65504].
+// divides by the recording's exposure, adds the highlights, clamps to [0, 65504]. The highlight of a pixel is
+// the mean of the four LRHS samples around it, weighted bilinearly and each by itself; what is added of it
+// rises from nothing where the output, still exposed, is a quarter of the clip to all of it at half the clip.
 void decode(Graph& graph, const std::string& name, const Tensor& in, const DecodeOptions& options);
 
 // The joint base: the output is mixed, pixel by pixel, of LRHS, of LRHS with the albedo of HRLS and of both

@@ -14,6 +14,7 @@ RAYMELD_SPIRV_FORMS(winograd_output)
 RAYMELD_SPIRV(space_to_depth, buffers)
 RAYMELD_SPIRV(pixel_shuffle, buffers)
 RAYMELD_SPIRV_FORMS(encode)
+RAYMELD_SPIRV_FORMS(highlights)
 RAYMELD_SPIRV_FORMS(decode)
 RAYMELD_SPIRV_FORMS(irradiance)
 RAYMELD_SPIRV_FORMS(light)
@@ -45,6 +46,7 @@ const Forms kWinogradOutput RAYMELD_FORMS(winograd_output);
 const Shader kSpaceToDepth RAYMELD_SHADER(space_to_depth);
 const Shader kPixelShuffle RAYMELD_SHADER(pixel_shuffle);
 const Forms kEncode RAYMELD_FORMS(encode);
+const Forms kHighlights RAYMELD_FORMS(highlights);
 const Forms kDecode RAYMELD_FORMS(decode);
 const Forms kIrradiance RAYMELD_FORMS(irradiance);
 const Forms kLight RAYMELD_FORMS(light);

@@ -19,6 +19,7 @@ extern const Forms kWinogradInput;
 extern const Forms kWinogradMultiply;
 extern const Forms kWinogradOutput;
 extern const Forms kEncode;
+extern const Forms kHighlights;
 extern const Forms kDecode;
 extern const Forms kIrradiance;
 extern const Forms kLight;

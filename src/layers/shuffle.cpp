@@ -19,6 +19,7 @@ uint32_t factor_of(const std::string& name, const Shape& small, const Shape& lar
 Pass shuffle(const Graph& graph, const std::string& name, const Shader& shader, const Tensor& in,
              const Tensor& out, const Tensor& small_image, const Tensor& large_image) {
   const Shape &small = small_image.shape, &large = large_image.shape;
+  if (graph.exponent(in) != graph.exponent(out)) throw Error("layer {}: exponents differ", name);
   Pass pass;
   pass.name = name;
   pass.shader = &shader;

@@ -169,8 +169,10 @@ Outputs network(const Architecture& a, const Weights& weights, const Planes& lrh
     x = run.keep("mix", mix(x, low, made.albedo, made.relit, a.transfer, a.scale, phase, precision));
   }
   const Bounded base = bilinear(low, a.scale, phase);
-  run.keep("output",
-           decode(x, a.base == Base::kBilinear ? &base : nullptr, a.transfer, Precision::kFp32, exposure));
+  const Bounded bright = run.keep("highlights", highlights(lrhs, a.clip, precision, exposure));
+  const Bounded upsampled = self_weighted(bright, a.scale, phase);
+  run.keep("output", decode(x, a.base == Base::kBilinear ? &base : nullptr, a.transfer, Precision::kFp32,
+                            exposure, &upsampled, a.clip));
   return run.take();
 }
 

@@ -1,7 +1,11 @@
 #include "reference/reference.h"
 
 #include <algorithm>
+#include <array>
+#include <cfloat>
 #include <cmath>
+#include <limits>
+#include <span>
 #include <stdexcept>
 
 #include "reference/transfer.h"
@@ -116,6 +120,10 @@ Planes filtered_magnitudes(const Bounded& x, const Conv& conv, int tile) {
 constexpr int kFilteringRoundings = 2 * 4 + 2 * 4 + 2 * 6 + 1;
 
 void relu_in_place(double& value, double& bound) {
+  if (value - bound < -double(FLT_MAX)) {
+    if (std::isfinite(value)) bound = std::numeric_limits<double>::infinity();
+    return;
+  }
   bound = value + bound <= 0 ? 0 : value < 0 ? value + bound : bound;
   if (value < 0) value = 0;
 }
@@ -267,12 +275,85 @@ Bounded bilinear(const Bounded& x, int scale, double phase) {
   return result;
 }
 
+Bounded highlights(const Planes& image, double clip, Precision precision, double exposure) {
+  Bounded result = exact(image);
+  for (size_t i = 0; i < image.data.size(); ++i) {
+    double &value = result.value.data[i], &bound = result.bound.data[i];
+    const double x = std::isnan(value) ? 0 : std::clamp(value, -kLargestOutput, 1e30);
+    value = std::clamp(x - clip / exposure, 0.0, kLargestOutput);
+    const Interval range =
+        clamp(Interval(x, x) - Interval(clip) / Interval(exposure, exposure), 0, kLargestOutput);
+    bound = stored_bound(value, std::max(range.high - value, value - range.low), precision);
+  }
+  return result;
+}
+
+namespace {
+
+// One of the four samples that a pixel lies between.
+struct Corner {
+  double factor, value, bound;
+};
+
+std::array<Corner, 4> corners(const Bounded& x, int c, double v, double u) {
+  const int y0 = int(v), x0 = int(u), h = x.value.h, w = x.value.w;
+  std::array<Corner, 4> result;
+  for (const int i : {0, 1, 2, 3}) {
+    const int dy = i / 2, dx = i % 2, y = std::min(y0 + dy, h - 1), xx = std::min(x0 + dx, w - 1);
+    const double factor = (dy ? v - y0 : 1 - (v - y0)) * (dx ? u - x0 : 1 - (u - x0));
+    result[size_t(i)] = {factor, x.value.at(c, y, xx), x.bound.at(c, y, xx)};
+  }
+  return result;
+}
+
+// The range of a mean of numbers from 0 on, weighted by themselves: no larger than the largest of them, and
+// anything below where the sum of the weights may be 0.
+Interval self_weighted_range(std::span<const Corner> samples) {
+  Interval weights(0), products(0);
+  double largest = 0;
+  for (const auto& [factor, value, bound] : samples) {
+    const Interval sample(std::max(0.0, value - bound), value + bound), weight = Interval(factor) * sample;
+    weights = weights + weight;
+    products = products + weight * sample;
+    if (factor > 0) largest = std::max(largest, sample.high);
+  }
+  largest *= 1 + gamma(9);
+  if (weights.low < 0x1p-100) return {0, largest};
+  const Interval mean = products / weights;
+  return {std::max(0.0, mean.low), std::min(mean.high, largest)};
+}
+
+}  // namespace
+
+Bounded self_weighted(const Bounded& x, int scale, double phase) {
+  const int h = x.value.h, w = x.value.w;
+  Bounded result = exact(Planes(x.value.c, h * scale, w * scale));
+  for (int c = 0; c < x.value.c; ++c) {
+    for (int y = 0; y < h * scale; ++y) {
+      for (int column = 0; column < w * scale; ++column) {
+        const double v = std::clamp((y - phase) / scale, 0.0, h - 1.0);
+        const double u = std::clamp((column - phase) / scale, 0.0, w - 1.0);
+        const auto samples = corners(x, c, v, u);
+        double weights = 0, products = 0;
+        for (const Corner& s : samples)
+          weights += s.factor * s.value, products += s.factor * s.value * s.value;
+        const double value = weights > 0 ? products / weights : 0;
+        const Interval range = self_weighted_range(samples);
+        result.value.at(c, y, column) = value;
+        result.bound.at(c, y, column) = std::max({range.high - value, value - range.low, 0.0});
+      }
+    }
+  }
+  return result;
+}
+
 // The device multiplies by the exposure's inverse, which rounds no more than a division does; by 1 not at
 // all.
 Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Precision precision,
-               double exposure) {
+               double exposure, const Bounded* highlights, double clip) {
   Bounded result = rec;
   if (base) expect_same_shape(base->value, rec.value);
+  if (highlights) expect_same_shape(highlights->value, rec.value);
   for (size_t i = 0; i < rec.value.data.size(); ++i) {
     double &value = result.value.data[i], &bound = result.bound.data[i];
     if (base) {
@@ -280,13 +361,18 @@ Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Preci
       value += base->value.data[i];
     }
     if (!std::isfinite(bound)) continue;
-    const auto curve = [&](const auto& y) {
+    const auto curve = [&](const auto& y, const auto& highlight) {
       using std::clamp;
       const auto x = invert(transfer, y);
-      return clamp(exposure == 1 ? x : x / exposure, 0.0, kLargestOutput);
+      auto linear = exposure == 1 ? x : x / exposure;
+      if (highlights) linear = linear + clamp(4 * x / clip - 1, 0.0, 1.0) * highlight;
+      return clamp(linear, 0.0, kLargestOutput);
     };
-    const Interval range = curve(Interval(value - bound, value + bound));
-    value = curve(value);
+    const double bright = highlights ? highlights->value.data[i] : 0;
+    const double off = highlights ? highlights->bound.data[i] : 0;
+    const Interval range =
+        curve(Interval(value - bound, value + bound), Interval(std::max(0.0, bright - off), bright + off));
+    value = curve(value, bright);
     bound = stored_bound(value, std::max(range.high - value, value - range.low), precision);
   }
   return result;

@@ -23,7 +23,8 @@ struct Conv {
 };
 
 // (in, h, w) -> (out, h, w), stride 1, zero padding: sum + bias, then ReLU if asked, then + residuals in
-// turn. ReLU turns what is below 0 into 0 and keeps NaN.
+// turn. ReLU turns what is below 0 into 0 and keeps NaN and, as
+// a sign of overflow, -infinity.
 // The bound is that of a direct sum or, with `tile` m > 1 and a 3x3 kernel, of minimal filtering F(m, 3):
 // each output's magnitude S is then what flows through the absolute values of the transforms, from its whole
 // tile. `units`: what one operation errs by, in units of a rounding to nearest; kMatrixUnits on tensor cores.
@@ -54,10 +55,17 @@ Bounded encode(const Planes& image, LayerKind kind, Transfer transfer, double cl
 // (c, h, w) -> (c, s*h, s*w): output X reads u = (X - phase) / s clamped to [0, w - 1], likewise y. Unstored.
 Bounded bilinear(const Bounded& x, int scale, double phase);
 
-// y = rec (+ base), then linear y or log (exp(3y) - 1) / 8, over `exposure`, clamped to [0, 65504]. base may
-// be null.
+// max(0, x - clip / exposure), at most 65504; of NaN 0.
+Bounded highlights(const Planes& image, double clip, Precision precision, double exposure = 1);
+
+// (c, h, w) -> (c, s*h, s*w): as bilinear(), but with factors that are multiplied by the values; 0 of zeros.
+// Unstored.
+Bounded self_weighted(const Bounded& x, int scale, double phase);
+
+// y = rec (+ base), then v: linear y or log (exp(3y) - 1) / 8, then v over `exposure`, plus highlights times
+// 4 v / clip - 1 clamped to [0, 1], clamped to [0, 65504]. base and highlights may be null.
 Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Precision precision,
-               double exposure = 1);
+               double exposure = 1, const Bounded* highlights = nullptr, double clip = 0);
 
 // The layers of the joint base, on encoded images: (h, w) is the LRHS size, (H, W) = scale * (h, w).
 
