@@ -1,6 +1,6 @@
 // From the network's output, plus the upsampled encoded LRHS where the model predicts a residual, to scene linear
 // floats in [0, 65504], un-exposed. The network sees no more than the clip: what LRHS has beyond it is added where the
-// output is near the clip, fully from half of it on and not at all below a quarter, so that the edges that the network
+// output is near the clip, fully from a quarter of it on and not at all below an eighth, so that the edges that the network
 // drew stay. One invocation for each element; z is the channel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
@@ -60,7 +60,7 @@ void main() {
     value = 0.0;
   }
   value = to_linear(value, p.of.log_transfer);
-  float share = p.clip > 0.0 ? clamp(4.0 * value / p.clip - 1.0, 0.0, 1.0) : 0.0;
+  float share = p.clip > 0.0 ? clamp(8.0 * value / p.clip - 1.0, 0.0, 1.0) : 0.0;
   value *= exposure.v[1];
   if (share > 0.0) value += share * highlight(id.z, at);
   value = clamp(value, 0.0, 65504.0);

@@ -234,25 +234,50 @@ TEST_F(Cli, HalfPrecisionIsSaidAndUsed) {
 // Weights that are right by themselves may make values that 16 bits cannot hold, or nothing finite at all.
 TEST_F(Cli, SaturationIsCountedAndNoImageIsMadeOfInfinities) {
   SafeTensors model = read_safetensors(tiny_model());
-  const auto fuse_scaled = [&](float factor, const std::string& precision) {
-    SafeTensors scaled = model;
-    for (float& weight : scaled.tensors.at("lrhs.weight").values) weight *= factor;
-    write_safetensors(folder_ / "scaled.safetensors", scaled);
-    return run({"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "-o", "out.exr", "--model",
-                "scaled.safetensors", "--device", "0", "--json", "--precision", precision});
+  const auto fuse_changed = [&](const char* tensor, float value, std::vector<std::string> options) {
+    SafeTensors changed = model;
+    for (float& v : changed.tensors.at(tensor).values) v = value;
+    write_safetensors(folder_ / "scaled.safetensors", changed);
+    std::vector<std::string> command{"fuse",
+                                     "--lrhs",
+                                     "low.exr",
+                                     "--hrls",
+                                     "high.exr",
+                                     "-o",
+                                     "out.exr",
+                                     "--model",
+                                     "scaled.safetensors",
+                                     "--device",
+                                     "0",
+                                     "--json",
+                                     "--input-exposure",
+                                     "4"};
+    command.insert(command.end(), options.begin(), options.end());
+    return run(command);
   };
-  const ProcessResult single = fuse_scaled(1e5f, "fp32");
+  const ProcessResult single = fuse_changed("rec.bias", 1e5f, {"--precision", "fp32"});
   ASSERT_EQ(single.exit_status, 0) << single.err;
   EXPECT_EQ(Json::parse(single.out).at("warnings"), Json::array());
-  if (run_json({"devices", "--json"}).at("devices").at(0).at("storage_16bit")) {
-    const ProcessResult half = fuse_scaled(1e5f, "fp16");
-    ASSERT_EQ(half.exit_status, 0) << half.err;
-    const Json warning = Json::parse(half.out).at("warnings").at(0);
-    EXPECT_GT(warning.at("count"), 0);
-    EXPECT_NE(half.err.find("65504"), std::string::npos) << half.err;
-  }
+  const Image expected = read("out.exr");
   fs::remove(folder_ / "out.exr");
-  const ProcessResult infinite = fuse_scaled(3e38f, "fp32");
+  if (run_json({"devices", "--json"}).at("devices").at(0).at("storage_16bit")) {
+    const ProcessResult half = fuse_changed("rec.bias", 1e5f, {"--precision", "fp16"});
+    EXPECT_EQ(half.exit_status, 2);
+    EXPECT_NE(half.err.find("65504"), std::string::npos) << half.err;
+    EXPECT_FALSE(fs::exists(folder_ / "out.exr"));
+    const ProcessResult warned =
+        fuse_changed("rec.bias", 1e5f, {"--precision", "fp16", "--overflow", "warn"});
+    ASSERT_EQ(warned.exit_status, 0) << warned.err;
+    EXPECT_GT(Json::parse(warned.out).at("warnings").at(0).at("count"), 0);
+    const ProcessResult again = fuse_changed("rec.bias", 1e5f, {"--precision", "fp16", "--overflow", "redo"});
+    ASSERT_EQ(again.exit_status, 0) << again.err;
+    const Json redone = Json::parse(again.out);
+    EXPECT_EQ(redone.at("redone_tiles"), redone.at("tiles"));
+    EXPECT_EQ(redone.at("warnings").at(0).at("count"), redone.at("tiles"));
+    EXPECT_EQ(read("out.exr").data, expected.data);
+    fs::remove(folder_ / "out.exr");
+  }
+  const ProcessResult infinite = fuse_changed("lrhs.weight", 3e38f, {"--precision", "fp32"});
   EXPECT_EQ(infinite.exit_status, 2);
   EXPECT_NE(infinite.err.find("not finite"), std::string::npos) << infinite.err;
   EXPECT_EQ(files(), (std::set<std::string>{"low.exr", "high.exr", "scaled.safetensors"}));
@@ -439,8 +464,8 @@ TEST_F(Cli, GraphNeedsNoDevice) {
   environment_["VK_DRIVER_FILES"] = environment_["VK_ICD_FILENAMES"] = "/nonexistent.json";
   const ProcessResult text = run({"graph", "--model", tiny_model(), "--size", "64x48"});
   EXPECT_EQ(text.exit_status, 0) << text.err;
-  for (const char* part :
-       {"groups.1.blocks.0.dense.2", "12x16x5 + 12x16x6 -> 12x16x3", "| fuse", "barriers", "peak with aliasing"})
+  for (const char* part : {"groups.1.blocks.0.dense.2", "12x16x5 + 12x16x6 -> 12x16x3", "| fuse", "barriers",
+                           "peak with aliasing"})
     EXPECT_NE(text.out.find(part), std::string::npos) << part;
   const ProcessResult dot = run({"graph", "--model", tiny_model(), "--size", "64x48", "--dot"});
   EXPECT_EQ(dot.exit_status, 0) << dot.err;

@@ -270,14 +270,14 @@ TEST_F(FuserTest, AnOverflowInsideIsAnErrorOrCounted) {
   EXPECT_ERROR(fuse(fuser, subject.lrhs, subject.hrls), "not finite", huge.name());
 
   subject = make_subject(small_architecture(2), 3, 4, 7);
-  for (double& w : subject.weights.at("up.0").weight) w *= 1e5;
+  for (double& b : subject.weights.at("rec").bias) b = 1e5;
   const Model large = model_of(subject);
   Fuser half = make_fuser(large, subject, {.storage = Storage::kFloat16});
   Image fused;
   EXPECT_GT(half.fuse(image_of(subject.lrhs), image_of(subject.hrls), fused).status.saturated, 0u);
-  subject.weights.at("up.0").weight[5] = -65520;
+  subject.weights.at("rec").weight[5] = -65520;
   const Model wide = model_of(subject);
-  EXPECT_ERROR(make_fuser(wide, subject, {.storage = Storage::kFloat16}), "layer up.0", "-65520", "16 bits");
+  EXPECT_ERROR(make_fuser(wide, subject, {.storage = Storage::kFloat16}), "layer rec", "-65520", "16 bits");
   EXPECT_NO_THROW(make_fuser(wide, subject, {}));
 
   const Model sane = model_of(make_subject(small_architecture(2), 3, 4, 7));

@@ -323,7 +323,7 @@ def predict(network, lrhs, hrls, centered=torch.tensor(False)):
             y = y + upsampled(low)
     fused = decode(y, config.transfer)
     beyond = torch.nan_to_num(lrhs - config.clip).clamp(min=0)
-    return y, fused + (4 * fused / config.clip - 1).clamp(0, 1) * highlights(beyond, upsampled)
+    return y, fused + (8 * fused / config.clip - 1).clamp(0, 1) * highlights(beyond, upsampled)
 
 
 def highlights(beyond, upsampled):

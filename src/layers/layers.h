@@ -138,7 +138,7 @@ struct DecodeOptions {
 // From (H, W, c) to the image in FrameSlot::kFused: adds the bilinearly upsampled base, inverts the transfer,
 // divides by the recording's exposure, adds the highlights, clamps to [0, 65504]. The highlight of a pixel is
 // the mean of the four LRHS samples around it, weighted bilinearly and each by itself; what is added of it
-// rises from nothing where the output, still exposed, is a quarter of the clip to all of it at half the clip.
+// rises from nothing where the output, still exposed, is an eighth of the clip to all of it at a quarter.
 void decode(Graph& graph, const std::string& name, const Tensor& in, const DecodeOptions& options);
 
 // The joint base: the output is mixed, pixel by pixel, of LRHS, of LRHS with the albedo of HRLS and of both

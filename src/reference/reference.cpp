@@ -365,7 +365,7 @@ Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Preci
       using std::clamp;
       const auto x = invert(transfer, y);
       auto linear = exposure == 1 ? x : x / exposure;
-      if (highlights) linear = linear + clamp(4 * x / clip - 1, 0.0, 1.0) * highlight;
+      if (highlights) linear = linear + clamp(8 * x / clip - 1, 0.0, 1.0) * highlight;
       return clamp(linear, 0.0, kLargestOutput);
     };
     const double bright = highlights ? highlights->value.data[i] : 0;

@@ -63,7 +63,7 @@ Bounded highlights(const Planes& image, double clip, Precision precision, double
 Bounded self_weighted(const Bounded& x, int scale, double phase);
 
 // y = rec (+ base), then v: linear y or log (exp(3y) - 1) / 8, then v over `exposure`, plus highlights times
-// 4 v / clip - 1 clamped to [0, 1], clamped to [0, 65504]. base and highlights may be null.
+// 8 v / clip - 1 clamped to [0, 1], clamped to [0, 65504]. base and highlights may be null.
 Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Precision precision,
                double exposure = 1, const Bounded* highlights = nullptr, double clip = 0);
 

@@ -1,0 +1,499 @@
+// What renders may hold and weights may do at their worst: nothing is silently wrong, and nothing spreads.
+#include <gtest/gtest.h>
+
+#include <cfloat>
+#include <cmath>
+#include <limits>
+
+#include "error_of.h"
+#include "fuser.h"
+#include "network.h"
+#include "subject.h"
+#include "tuner.h"
+#include "within_bounds.h"
+
+namespace raymeld::test {
+namespace {
+
+using reference::Architecture;
+using reference::LayerKind;
+using reference::Planes;
+using reference::Precision;
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+class ExtremesTest : public GpuTest {
+ protected:
+  Model model_of(const Subject& subject, const std::string& exposure_key = "0") {
+    const std::filesystem::path file = folder_ / "model.safetensors";
+    write_model(file, subject.architecture, subject.weights, {{"exposure_key", exposure_key}});
+    return Model(file);
+  }
+
+  TemporaryDirectory folder_;
+};
+
+struct Fused {
+  Planes image;
+  FuseReport report;
+};
+
+Fused fuse(Fuser& fuser, const Planes& lrhs, const Planes& hrls) {
+  Image image;
+  Fused fused;
+  fused.report = fuser.fuse(image_of(lrhs), image_of(hrls), image);
+  fused.image = planes_of(image);
+  return fused;
+}
+
+Fuser make_fuser(const Model& model, const Planes& lrhs, const FuserOptions& options) {
+  return Fuser(gpu(), model, uint32_t(lrhs.h), uint32_t(lrhs.w), options, shared_cache_folder());
+}
+
+Fused fuse_once(const Model& model, const Planes& lrhs, const Planes& hrls, const FuserOptions& options) {
+  Fuser fuser = make_fuser(model, lrhs, options);
+  return fuse(fuser, lrhs, hrls);
+}
+
+// Every storage and choice of kernels that differs on this device.
+std::vector<FuserOptions> all_options() {
+  std::vector<FuserOptions> all;
+  for (const Precision precision : kPrecisions) {
+    for (const Kernels& kernels : {Kernels{}, default_kernels(gpu().info())})
+      all.push_back({.storage = storage_of(precision), .kernels = kernels});
+  }
+  return all;
+}
+
+std::string describe(const FuserOptions& options) {
+  return fmt::format("{} {}", options.storage == Storage::kFloat16 ? "fp16" : "fp32",
+                     options.kernels.addressed ? "default kernels" : "direct");
+}
+
+// --- What renders may hold
+
+using Change = std::function<void(Planes& lrhs, Planes& hrls)>;
+
+Change both(const std::function<double(double)>& value) {
+  return [value](Planes& lrhs, Planes& hrls) {
+    for (Planes* image : {&lrhs, &hrls})
+      for (double& v : image->data) v = float(value(v));
+  };
+}
+
+// `hrls_kinds`: color, albedo and normal, three channels each.
+const std::vector<std::pair<std::string, Change>>& input_classes() {
+  static const std::vector<std::pair<std::string, Change>> classes = [] {
+    std::vector<std::pair<std::string, Change>> all;
+    for (const double value : {0.0, -0.0, 1e-40, double(FLT_TRUE_MIN), 1e-30, 65504.0, 65520.0, 1e8, 1e30,
+                               double(FLT_MAX), -1.0, -1e30, kNaN, kInfinity, -kInfinity})
+      all.emplace_back(fmt::format("all {:g}", value), both([value](double) { return value; }));
+    for (const double factor : {1e-40, 1e-30, 65504.0, 1e8, 1e30})
+      all.emplace_back(fmt::format("noise times {:g}", factor),
+                       both([factor](double v) { return v * factor; }));
+    all.emplace_back("checkerboard", [](Planes& lrhs, Planes& hrls) {
+      for (Planes* image : {&lrhs, &hrls})
+        for (size_t i = 0; i < image->data.size(); ++i)
+          image->data[i] = (i + i / size_t(image->w)) % 2 ? 1e4 : 0;
+    });
+    all.emplace_back("blocks of NaN and infinity", [](Planes& lrhs, Planes& hrls) {
+      for (Planes* image : {&lrhs, &hrls}) {
+        for (int c = 0; c < image->c; ++c)
+          for (int y = 0; y < image->h / 2; ++y)
+            for (int x = 0; x < image->w / 2; ++x) image->at(c, y, x) = c % 3 ? kInfinity : kNaN;
+      }
+    });
+    all.emplace_back("albedo and normals out of range", [](Planes&, Planes& hrls) {
+      for (int c = 3; c < 9; ++c)
+        for (int y = 0; y < hrls.h; ++y)
+          for (int x = 0; x < hrls.w; ++x) hrls.at(c, y, x) *= 1e3;
+    });
+    all.emplace_back("black LRHS of a bright HRLS", [](Planes& lrhs, Planes& hrls) {
+      for (double& v : lrhs.data) v = 0;
+      for (double& v : hrls.data) v = float(std::abs(v) * 1e3);
+    });
+    return all;
+  }();
+  return classes;
+}
+
+// Not only finite: as near to the truth as rounding leaves it.
+TEST_F(ExtremesTest, WhateverTheImagesHoldTheOutputKeepsTheBounds) {
+  for (const Architecture& architecture : {joint_architecture(2), small_architecture(2)}) {
+    const Subject subject = make_subject(architecture, 4, 5, 21);
+    const Model model = model_of(subject);
+    for (const FuserOptions& options : all_options()) {
+      const Precision precision = options.storage == Storage::kFloat16 ? Precision::kFp16 : Precision::kFp32;
+      Fuser fuser = make_fuser(model, subject.lrhs, options);
+      reference::Weights weights;
+      for (const auto& [name, conv] : subject.weights) weights[name] = round_to(conv, precision);
+      for (const auto& [name, change] : input_classes()) {
+        SCOPED_TRACE(name + ", " + describe(options));
+        Planes lrhs = subject.lrhs, hrls = subject.hrls;
+        change(lrhs, hrls);
+        const Fused fused = fuse(fuser, lrhs, hrls);
+        EXPECT_EQ(fused.report.status.not_finite, 0u);
+        EXPECT_EQ(fused.report.status.saturated, 0u);
+        const auto expected = reference::network(architecture, weights, lrhs, hrls, 0, precision, {}, 1,
+                                                 options.kernels.addressed ? 4 : 0);
+        EXPECT_TRUE(within_bounds(describe(options), fused.image, expected.at("output")));
+      }
+    }
+  }
+}
+
+// A model that asks for an exposure sees the same picture, and powers of two round nothing.
+TEST_F(ExtremesTest, AnyBrightnessGivesTheSamePicture) {
+  const Subject subject = make_subject(joint_architecture(4), 6, 5, 22);
+  const Model model = model_of(subject, "0.18");
+  Planes lrhs = subject.lrhs, hrls = subject.hrls;
+  for (Planes* image : {&lrhs, &hrls})
+    for (double& v : image->data) v = float(std::abs(v));
+  for (const FuserOptions& options : all_options()) {
+    Fuser fuser = make_fuser(model, lrhs, options);
+    const Planes expected = fuse(fuser, lrhs, hrls).image;
+    for (int stops = -20; stops <= 12; stops += 4) {
+      SCOPED_TRACE(fmt::format("2^{}, {}", stops, describe(options)));
+      Planes low = lrhs, high = hrls;
+      for (double& v : low.data) v = std::ldexp(v, stops);
+      for (int c = 0; c < 3; ++c)
+        for (int y = 0; y < high.h; ++y)
+          for (int x = 0; x < high.w; ++x) high.at(c, y, x) = std::ldexp(high.at(c, y, x), stops);
+      const Planes fused = fuse(fuser, low, high).image;
+      size_t different = 0;
+      for (size_t i = 0; i < fused.data.size(); ++i)
+        different += fused.data[i] != std::min(std::ldexp(expected.data[i], stops), 65504.0);
+      EXPECT_EQ(different, 0u);
+    }
+  }
+}
+
+// --- A scene for the stock models: two walls of different albedo under smooth light, a floor below.
+
+struct Scene {
+  Planes lrhs, hrls, truth;
+};
+
+// All six layers of the stock models. HRLS has the noise of few samples.
+Scene make_scene(int scale, int height, int width, double brightness) {
+  Planes full(18, height * scale, width * scale);
+  const Planes noise = random_planes(1, full.h, full.w, Fill::kUniform, 31);
+  Scene scene{Planes(3, height, width), full, Planes(3, full.h, full.w)};
+  for (int y = 0; y < full.h; ++y) {
+    for (int x = 0; x < full.w; ++x) {
+      const bool floor = 3 * y > 2 * full.h;
+      const double light = brightness * (0.6 + 0.4 * std::sin(0.05 * x) * std::cos(0.04 * y));
+      const double noisy = light * (1 + 0.8 * noise.at(0, y, x));
+      for (int c = 0; c < 3; ++c) {
+        const double albedo = floor ? 0.25 + 0.1 * c : 2 * x < full.w ? 0.7 - 0.2 * c : 0.5;
+        scene.truth.at(c, y, x) = float(albedo * light);
+        scene.hrls.at(c, y, x) = scene.hrls.at(9 + c, y, x) = float(albedo * noisy);
+        scene.hrls.at(3 + c, y, x) = float(albedo);
+        scene.hrls.at(6 + c, y, x) = c == (floor ? 1 : 2) ? 1 : 0;
+        scene.hrls.at(15 + c, y, x) = float(0.1 * light * light);
+        if (y % scale == 0 && x % scale == 0) scene.lrhs.at(c, y / scale, x / scale) = float(albedo * light);
+      }
+    }
+  }
+  return scene;
+}
+
+Model stock_model(const std::string& name) { return Model(source_path("models/" + name + ".safetensors")); }
+
+// Of an 8-bit sRGB display that shows the scene's white, in its steps.
+double display_difference(double a, double b, double white) {
+  const auto shown = [white](double v) {
+    const double x = std::clamp(v / white, 0.0, 1.0);
+    return 255 * (x <= 0.0031308 ? 12.92 * x : 1.055 * std::pow(x, 1 / 2.4) - 0.055);
+  };
+  return std::abs(shown(a) - shown(b));
+}
+
+struct Difference {
+  double largest = 0;       // in steps of the display
+  double darkest = 1;       // the least of bad / clean
+  size_t outside_halo = 0;  // values that differ further away than the network reaches
+};
+
+Difference compare(const Planes& bad, const Planes& clean, int y, int x, int reach, double white) {
+  Difference result;
+  for (int c = 0; c < 3; ++c) {
+    for (int v = 0; v < clean.h; ++v) {
+      for (int u = 0; u < clean.w; ++u) {
+        const double a = bad.at(c, v, u), b = clean.at(c, v, u);
+        const bool outside = std::abs(v - y) > reach || std::abs(u - x) > reach;
+        result.outside_halo += outside && a != b;
+        result.largest = std::max(result.largest, display_difference(a, b, white));
+        result.darkest = std::min(result.darkest, a / b);
+      }
+    }
+  }
+  return result;
+}
+
+// One bad pixel of HRLS is a matter of one pixel: it is seen by nobody, and leaves no black hole.
+TEST_F(ExtremesTest, ABadPixelOfHrlsIsNotSeen) {
+  const Model model = stock_model("x4-fast");
+  const int reach = 4 * (int(receptive_halo(model.architecture())) + 1);
+  for (const double brightness : {1.0, 1e-3}) {
+    const Scene scene = make_scene(4, 24, 40, brightness);
+    for (const FuserOptions& options : all_options()) {
+      Fuser fuser = make_fuser(model, scene.lrhs, options);
+      const Planes clean = fuse(fuser, scene.lrhs, scene.hrls).image;
+      for (const double value : {1e4, 1e8, 1e30, double(FLT_MAX), kInfinity, -kInfinity, kNaN, -1e8, 0.0}) {
+        SCOPED_TRACE(fmt::format("{:g} at brightness {}, {}", value, brightness, describe(options)));
+        Planes hrls = scene.hrls;
+        for (int c = 0; c < 3; ++c) hrls.at(c, 30, 50) = hrls.at(9 + c, 30, 50) = value;
+        const Planes fused = fuse(fuser, scene.lrhs, hrls).image;
+        const Difference difference = compare(fused, clean, 30, 50, reach, brightness);
+        EXPECT_TRUE(options.kernels.addressed || difference.outside_halo == 0);
+        EXPECT_LT(difference.largest,
+                  value > 0 ? 12 : 1);  // a firefly is dimmed, what counts as 0 is one more noise
+        EXPECT_GT(difference.darkest, 0.9);
+      }
+    }
+  }
+}
+
+// --- Highlights
+
+double sum_of(const Planes& image, int c) {
+  double sum = 0;
+  for (int y = 0; y < image.h; ++y)
+    for (int x = 0; x < image.w; ++x) sum += image.at(c, y, x);
+  return sum;
+}
+
+// The stock models see radiance up to 100 times the exposure. A lamp of 10,000 keeps its light all the same,
+// in a picture whose edges are those of HRLS.
+TEST_F(ExtremesTest, ALampBeyondTheClipKeepsItsLight) {
+  const std::array lamp{1e4, 6e3, 3e3};
+  for (const bool centered : {false, true}) {
+    Scene scene = make_scene(4, 40, 40, 0.5);
+    const int first = 36, last = 36 + 12;
+    for (int c = 0; c < 3; ++c) {
+      for (int y = first; y < last; ++y) {
+        for (int x = first; x < last; ++x) {
+          scene.hrls.at(c, y, x) = scene.truth.at(c, y, x) = lamp[size_t(c)];
+          scene.hrls.at(15 + c, y, x) = 0;
+          scene.lrhs.at(c, y / 4, x / 4) = lamp[size_t(c)];
+        }
+      }
+    }
+    const Model model = stock_model("x4-fast");
+    for (FuserOptions options : all_options()) {
+      SCOPED_TRACE(describe(options) + (centered ? ", centered" : ", nearest"));
+      options.phase = lrhs_phase(centered, 4);
+      const Planes fused = fuse_once(model, scene.lrhs, scene.hrls, options).image;
+      for (int c = 0; c < 3; ++c) {
+        EXPECT_NEAR(sum_of(fused, c), sum_of(scene.truth, c), 0.06 * sum_of(scene.truth, c));
+        EXPECT_NEAR(fused.at(c, 44, 44), lamp[size_t(c)], 0.07 * lamp[size_t(c)]);
+        // Three pixels off, nothing of it is left.
+        EXPECT_LT(fused.at(c, 44, last + 3), 2);
+        EXPECT_LT(fused.at(c, first - 4, 44), 2);
+      }
+    }
+  }
+}
+
+// --- Minimal filtering beside fireflies
+
+// What F(4, 3) spreads of a firefly over its tile stays under a quarter of a step of a display, or it is not
+// used.
+TEST_F(ExtremesTest, FirefliesDoNotSpreadThroughMinimalFiltering) {
+  const double brightness = 1e-2;
+  Scene scene = make_scene(4, 24, 24, brightness);
+  const Planes at = random_planes(2, 1, 40, Fill::kUniform, 32);
+  for (int i = 0; i < 40; ++i) {
+    const int y = int((at.at(0, 0, i) + 1) / 2 * 95), x = int((at.at(1, 0, i) + 1) / 2 * 95);
+    for (int c = 0; c < 3; ++c) scene.hrls.at(c, y, x) = scene.hrls.at(9 + c, y, x) = 1e8;
+  }
+  for (const char* name : {"x4-fast", "x4-balanced"}) {
+    const Model model = stock_model(name);
+    const Planes direct = fuse_once(model, scene.lrhs, scene.hrls, {}).image;
+    const Planes fast =
+        fuse_once(model, scene.lrhs, scene.hrls, {.kernels = default_kernels(gpu().info())}).image;
+    double largest = 0;
+    for (size_t i = 0; i < fast.data.size(); ++i)
+      largest = std::max(largest, display_difference(fast.data[i], direct.data[i], brightness));
+    RecordProperty(fmt::format("largest_difference_{}", name), fmt::format("{:.3g}", largest));
+    EXPECT_LT(largest, 0.25) << name;
+  }
+}
+
+// --- Weights
+
+// Weights of He et al. 2015 let the paper's residual sums grow by half in each block.
+Subject he_scaled(int blocks, double gain) {
+  Architecture a = small_architecture(2);
+  a.features = a.growth = 8;
+  a.dense_layers = 4;
+  a.blocks = blocks;
+  a.groups = 3;
+  a.base = reference::Base::kNone;
+  Subject subject = make_subject(a, 8, 8, 23);
+  for (auto& [name, conv] : subject.weights) {
+    for (double& w : conv.weight) w = float(w * gain * std::sqrt(2));
+    for (double& b : conv.bias) b = 0;
+  }
+  for (Planes* image : {&subject.lrhs, &subject.hrls})
+    for (double& v : image->data) v = float(std::abs(v));
+  return subject;
+}
+
+// The largest value of every layer of the last frame.
+double largest_activation(Fuser& fuser) {
+  double largest = 0;
+  for (const Pass* layer : fuser.graph().layers()) {
+    if (!layer->output()) continue;
+    for (const float v : fuser.program().read(*layer->output()))
+      largest = std::max(largest, std::abs(double(v)));
+  }
+  return largest;
+}
+
+double relative_difference(const Planes& a, const Planes& b) {
+  double squares = 0, total = 0;
+  for (size_t i = 0; i < a.data.size(); ++i) {
+    squares += (a.data[i] - b.data[i]) * (a.data[i] - b.data[i]);
+    total += b.data[i] * b.data[i];
+  }
+  return std::sqrt(squares / total);
+}
+
+// Activations of 1e5 and, through fireflies, of many times that are stored in 16 bits as what they are over a
+// power of two.
+TEST_F(ExtremesTest, ActivationsBeyondHalfAreScaled) {
+  Subject subject = he_scaled(5, 1.1);
+  // The last layer brings them back, so that the output's own limit is no part of this.
+  for (double& w : subject.weights.at("rec").weight) w = float(w * 0x1p-10);
+  const Model model = model_of(subject);
+  for (const double firefly : {0.0, 1e8}) {
+    Planes hrls = subject.hrls;
+    if (firefly > 0)
+      for (int i = 0; i < 6; ++i) hrls.at(0, 2 * i + 1, 15 - 2 * i) = firefly;
+    Fuser single = make_fuser(model, subject.lrhs, {.keep_activations = true});
+    const Fused expected = fuse(single, subject.lrhs, hrls);
+    EXPECT_GT(largest_activation(single), 65504);
+    for (const FuserOptions& options : all_options()) {
+      if (options.storage != Storage::kFloat16) continue;
+      const Fused fused = fuse_once(model, subject.lrhs, hrls, options);
+      EXPECT_EQ(fused.report.status.saturated, 0u);
+      EXPECT_LT(relative_difference(fused.image, expected.image), 4e-3) << describe(options);
+    }
+  }
+}
+
+// The estimate says how large activations become, no matter how many layers there are.
+TEST_F(ExtremesTest, EstimatesHoldAndAreNotFarOff) {
+  for (const int blocks : {1, 3, 5}) {
+    const Subject subject = he_scaled(blocks, 1.0);
+    const Model model = model_of(subject);
+    Fuser fuser = make_fuser(model, subject.lrhs, {.keep_activations = true});
+    Planes bright = subject.hrls, low = subject.lrhs;
+    for (double& v : bright.data) v *= 100;  // the clip
+    for (double& v : low.data) v *= 100;
+    fuse(fuser, low, bright);
+    const ActivationEstimate estimate = estimate_activations(model);
+    for (const Pass* layer : fuser.graph().layers()) {
+      const Tensor* output = layer->output();
+      const double expected = output ? estimate.largest(layer->name) : 0;
+      if (expected == 0) continue;
+      double largest = 0;
+      for (const float v : fuser.program().read(*output)) largest = std::max(largest, std::abs(double(v)));
+      EXPECT_LT(largest, expected) << layer->name;
+      EXPECT_GT(largest, expected / 100) << layer->name;
+    }
+  }
+}
+
+TEST_F(ExtremesTest, TheStockModelsNeedNoScaling) {
+  for (const auto& entry : std::filesystem::directory_iterator(source_path("models"))) {
+    if (entry.path().extension() != ".safetensors") continue;
+    for (const auto& [tensor, exponent] : storage_exponents(Model(entry.path())))
+      EXPECT_EQ(exponent, 0) << tensor;
+  }
+}
+
+// Some of a frame's tiles overflow. They are what fp32 makes of them, bit by bit, and the others what fp16
+// does.
+TEST_F(ExtremesTest, OnlyTilesThatOverflowAreDoneAgain) {
+  Subject subject = make_subject(small_architecture(2), 20, 96, 24);
+  // Bright on the left, where the residual is enormous.
+  for (Planes* image : {&subject.lrhs, &subject.hrls}) {
+    for (int c = 0; c < image->c; ++c)
+      for (int y = 0; y < image->h; ++y)
+        for (int x = 0; x < image->w; ++x)
+          image->at(c, y, x) =
+              c > 2 ? 0 : float(std::abs(image->at(c, y, x)) * (12 * x < image->w ? 1 : 1e-4));
+  }
+  for (auto& [name, conv] : subject.weights) std::ranges::fill(conv.bias, 0.0);
+  for (double& w : subject.weights.at("rec").weight) w = float(std::abs(w) * 3e4);
+  const Model model = model_of(subject);
+  FuserOptions half{.storage = Storage::kFloat16, .exposure = 16}, redo = half;
+  redo.fp32_kernels = Kernels{};
+  const FusePlan whole = plan_fusion(model, 20, 96, gpu().info(), redo);
+  redo.max_memory_bytes =
+      2 * (whole.graph.constant_bytes() + (whole.graph.activation_bytes() + whole.frame_bytes) / 2);
+  half.max_memory_bytes = redo.max_memory_bytes / 2;
+  Fuser fuser = make_fuser(model, subject.lrhs, redo);
+  const Fused fused = fuse(fuser, subject.lrhs, subject.hrls);
+  const uint32_t tiles = fuser.plan().tiling.count();
+  EXPECT_GT(fused.report.redone_tiles, 0u);
+  EXPECT_LT(fused.report.redone_tiles, tiles);
+  EXPECT_EQ(fused.report.status.saturated, 0u);
+  EXPECT_LE(fuser.allocated_bytes(), redo.max_memory_bytes);
+
+  const Fused saturated = fuse_once(model, subject.lrhs, subject.hrls, half);
+  const Planes single = fuse_once(model, subject.lrhs, subject.hrls, {.exposure = 16}).image;
+  EXPECT_GT(saturated.report.status.saturated, 0u);
+  uint32_t redone = 0;
+  for (uint32_t i = 0; i < tiles; ++i) {
+    const Tile at = fuser.plan().tiling.at(i);
+    size_t off_single = 0, off_half = 0;
+    for (int c = 0; c < 3; ++c) {
+      for (uint32_t y = 2 * at.core_y; y < 2 * (at.core_y + at.core.height); ++y) {
+        for (uint32_t x = 2 * at.core_x; x < 2 * (at.core_x + at.core.width); ++x) {
+          off_single += fused.image.at(c, int(y), int(x)) != single.at(c, int(y), int(x));
+          off_half += fused.image.at(c, int(y), int(x)) != saturated.image.at(c, int(y), int(x));
+        }
+      }
+    }
+    EXPECT_TRUE(off_single == 0 || off_half == 0) << "tile " << i;
+    redone += off_single == 0 && off_half > 0;
+  }
+  EXPECT_GT(redone, 0u);
+  EXPECT_LE(redone, fused.report.redone_tiles);
+  EXPECT_EQ(fuse(fuser, subject.lrhs, subject.hrls).image.data, fused.image.data);
+}
+
+TEST_F(ExtremesTest, WeightsBeyondHalfTakeFp32) {
+  Subject subject = make_subject(small_architecture(2), 3, 4, 25);
+  subject.weights.at("fuse").weight[3] = 65520;
+  DeviceInfo device = gpu().info();
+  device.is_cpu = false;
+  device.storage_16bit = true;
+  EXPECT_EQ(storage_for(raymeld::Precision::kAuto, device, model_of(subject)), Storage::kFloat32);
+  subject.weights.at("fuse").weight[3] = 1;
+  EXPECT_EQ(storage_for(raymeld::Precision::kAuto, device, model_of(subject)), Storage::kFloat16);
+}
+
+// Sums below -FLT_MAX are not nothing, though a ReLU would make it of them.
+TEST_F(ExtremesTest, OverflowBelowZeroIsNotHiddenByReLU) {
+  for (const char* layer : {"hrls", "fuse", "up.0"}) {
+    Subject subject = make_subject(small_architecture(2), 3, 4, 26);
+    for (double& v : subject.lrhs.data) v = 100;
+    for (double& v : subject.hrls.data) v = 100;
+    for (const char* before : {"hrls", "lrhs", "fuse"})
+      for (double& w : subject.weights.at(before).weight) w = std::abs(w);
+    for (double& w : subject.weights.at(layer).weight) w = -3e38;
+    const Model model = model_of(subject);
+    for (const Kernels& kernels : {Kernels{}, default_kernels(gpu().info())}) {
+      EXPECT_ERROR(fuse_once(model, subject.lrhs, subject.hrls, {.kernels = kernels}), "not finite");
+    }
+  }
+}
+
+}  // namespace
+}  // namespace raymeld::test
