@@ -38,8 +38,7 @@ FuserOptions options_in(Storage storage, const FuseArguments& arguments, const F
 }
 
 FuseResult run_with(const FuserOptions& options, const FuseArguments& arguments, const FuseFiles& files,
-                    const FuseImages& images, const Device& device, const Console& console,
-                    StagedFiles& staged) {
+                    const FuseImages& images, const Device& device, Console& console, StagedFiles& staged) {
   FuseResult result;
   result.storage = options.storage;
   console.note(fmt::format("fusing {} x {} with {} on {} ({})", images.hrls.width, images.hrls.height,
@@ -56,6 +55,11 @@ FuseResult run_with(const FuserOptions& options, const FuseArguments& arguments,
   if (options.profile) fuser.fuse(images.lrhs, images.hrls, fused, progress);
   result.report = fuser.fuse(images.lrhs, images.hrls, fused, progress);
   result.tiling = fuser.plan().tiling;
+  if (!fuser.shortage().empty()) {
+    console.warn(fmt::format("{}; fused in {} smaller tiles of {} x {} LRHS pixels instead", fuser.shortage(),
+                             result.tiling.count(), result.tiling.tile.width, result.tiling.tile.height),
+                 1);
+  }
   result.allocated_bytes = fuser.allocated_bytes();
   if (!arguments.dump.empty()) dump_layers(arguments.dump_folder(), fuser, fused, staged);
   result.fused = seen_through(std::move(fused), files.canvas.hrls, files.hrls_windows.data);
