@@ -17,7 +17,13 @@ namespace {
 
 PFN_vkGetInstanceProcAddr next_instance_proc_addr = nullptr;
 PFN_vkGetDeviceProcAddr next_device_proc_addr = nullptr;
-VkInstance instance_in_use = VK_NULL_HANDLE;
+PFN_vkDestroyInstance next_destroy_instance = nullptr;
+PFN_vkCreateDevice next_create_device = nullptr;
+
+template <typename Function>
+Function interposed_as(const char* name, PFN_vkVoidFunction next) {
+  return reinterpret_cast<Function>(interpose(name, next));
+}
 
 void read_environment() {
   Interposed& state = interposed();
@@ -61,16 +67,20 @@ VKAPI_ATTR VkResult VKAPI_CALL create_instance(const VkInstanceCreateInfo* info,
   read_environment();
   next_instance_proc_addr = link->u.pLayerInfo->pfnNextGetInstanceProcAddr;
   link->u.pLayerInfo = link->u.pLayerInfo->pNext;
-  const auto create = reinterpret_cast<PFN_vkCreateInstance>(
-      interpose("vkCreateInstance", next_instance_proc_addr(nullptr, "vkCreateInstance")));
+  const auto create = interposed_as<PFN_vkCreateInstance>(
+      "vkCreateInstance", next_instance_proc_addr(nullptr, "vkCreateInstance"));
   const VkResult result = create(info, allocator, instance);
-  if (result == VK_SUCCESS) instance_in_use = *instance;
+  if (result != VK_SUCCESS) return result;
+  // Asked later, the loader answers with the first layer's.
+  next_destroy_instance = interposed_as<PFN_vkDestroyInstance>(
+      "vkDestroyInstance", next_instance_proc_addr(*instance, "vkDestroyInstance"));
+  next_create_device = interposed_as<PFN_vkCreateDevice>(
+      "vkCreateDevice", next_instance_proc_addr(*instance, "vkCreateDevice"));
   return result;
 }
 
 VKAPI_ATTR void VKAPI_CALL destroy_instance(VkInstance instance, const VkAllocationCallbacks* allocator) {
-  reinterpret_cast<PFN_vkDestroyInstance>(interpose(
-      "vkDestroyInstance", next_instance_proc_addr(instance, "vkDestroyInstance")))(instance, allocator);
+  next_destroy_instance(instance, allocator);
   write_calls();
 }
 
@@ -80,9 +90,7 @@ VKAPI_ATTR VkResult VKAPI_CALL create_device(VkPhysicalDevice physical_device, c
   if (!link) return VK_ERROR_INITIALIZATION_FAILED;
   next_device_proc_addr = link->u.pLayerInfo->pfnNextGetDeviceProcAddr;
   link->u.pLayerInfo = link->u.pLayerInfo->pNext;
-  const auto create = reinterpret_cast<PFN_vkCreateDevice>(
-      interpose("vkCreateDevice", next_instance_proc_addr(instance_in_use, "vkCreateDevice")));
-  return create(physical_device, info, allocator, device);
+  return next_create_device(physical_device, info, allocator, device);
 }
 
 VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL get_device_proc_addr(VkDevice device, const char* name) {
