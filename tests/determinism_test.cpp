@@ -103,8 +103,8 @@ TEST_F(DeterminismTest, EverySplitOfTheWorkGivesTheSameBits) {
 class ThreadsTest : public Cli {};
 
 TEST_F(ThreadsTest, EveryNumberOfThreadsGivesTheSameFile) {
-  write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 40, 32, 1));
-  write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 160, 128, 2));
+  write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 24, 16, 1));
+  write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 96, 64, 2));
   for (const char* kernels : {"auto", "direct"}) {
     std::string expected;
     for (const char* threads : {"0", "1", "2", "3", "8"}) {

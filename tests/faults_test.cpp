@@ -186,6 +186,21 @@ TEST_F(FaultsTest, ALostDeviceStaysLostAndAFreshOneWorks) {
   EXPECT_TRUE(same_bits(run(fresh, all_).values, expected));
 }
 
+TEST_F(FaultsTest, ALostDeviceEndsATuning) {
+  CallerDevice caller;
+  const std::unique_ptr<Device> device = Device::wrap(caller.external());
+  if (!device->info().buffer_device_address) GTEST_SKIP() << "there is one kernel only to be measured";
+  PipelineCache pipelines(*device, {});
+  Tuning tuning;
+  const Conv2dShape known{8, 8, 4, 4, 1}, shape{16, 16, 4, 4, 3};
+  tuning.entries[known] = {};
+  // The direct kernel, which comes first, takes 17 waits at most.
+  interposed().fault = {.function = "vkWaitForFences", .call = 20, .code = VK_ERROR_DEVICE_LOST};
+  const auto ignore = [](const Conv2dShape&, const Tuning::Entry&) {};
+  EXPECT_THROW(tune(*device, pipelines, Storage::kFloat32, {shape}, tuning, ignore), DeviceLost);
+  EXPECT_GT(interposed().failures, 0);
+}
+
 // How a device is that has less memory than it says.
 TEST_F(FaultsTest, TilesBecomeAsSmallAsTheMemory) {
   CallerDevice caller;
