@@ -5,6 +5,7 @@
 #include <cstring>
 
 #include "exposure.h"
+#include "numbers.h"
 
 namespace raymeld {
 namespace {
@@ -24,6 +25,19 @@ void copy_rows(const float* from, size_t from_stride, float* to, size_t to_strid
 
 }  // namespace
 
+// Does `work` with ever smaller tiles for as long as the device has no memory for it.
+template <typename Work>
+auto Fuser::within_memory(const Work& work) {
+  while (true) {
+    try {
+      return work();
+    } catch (const OutOfMemory& refused) {
+      if (recorded_) throw;
+      take_smaller_tiles(refused);
+    }
+  }
+}
+
 Fuser::Fuser(const Device& device, const Model& model, uint32_t height, uint32_t width,
              const FuserOptions& options, const std::filesystem::path& cache_folder)
     : device_(device),
@@ -31,13 +45,36 @@ Fuser::Fuser(const Device& device, const Model& model, uint32_t height, uint32_t
       cache_folder_(cache_folder),
       options_(options),
       plan_(plan_fusion(model, height, width, device.info(), options)),
-      cache_(device, cache_folder),
-      program_(device, plan_.graph, cache_, kFramesInFlight + 1) {
+      cache_(device, cache_folder) {
   if (options.profile && device.info().timestamp_period_ns == 0) {
     throw Error("device {} has no timestamps to profile with", device.info().name);
   }
   if (options.exposure != 0) check_exposure(options.exposure);
+  within_memory([&] { made_program(); });
   cache_.save();
+}
+
+void Fuser::take_smaller_tiles(const OutOfMemory& refused) try {
+  FuserOptions smaller = options_;
+  smaller.max_memory_bytes = plan_.peak_bytes() / 4 * 3 * (options_.fp32_kernels ? 2 : 1);
+  const auto [height, width] = plan_.tiling.frame;
+  FusePlan plan = plan_fusion(model_, height, width, device_.info(), smaller);
+  if (shortage_.empty()) shortage_ = refused.what();
+  wide_.reset();
+  last_redone_ = false;
+  host_.reset();
+  program_.reset();
+  plan_ = std::move(plan);
+} catch (const Error& error) {
+  throw OutOfMemory(
+      "{}; {:.1f} MiB were to be taken in all, and with less, {}; free some of the device's memory, or try "
+      "fp16, a smaller model or another device",
+      refused.what(), double(plan_.peak_bytes()) / kMebibyte, error.what());
+}
+
+Program& Fuser::made_program() {
+  if (!program_) program_.emplace(device_, plan_.graph, cache_, kFramesInFlight + 1, options_.work_limits);
+  return *program_;
 }
 
 Fuser::Host::~Host() {
@@ -47,7 +84,7 @@ Fuser::Host::~Host() {
 uint64_t Fuser::allocated_bytes() const {
   const uint64_t frame_bytes =
       host_ ? host_->lrhs.size_bytes() + host_->hrls.size_bytes() + host_->fused.size_bytes() : 0;
-  return program_.allocated_bytes() + frame_bytes + (wide_ ? wide_->allocated_bytes() : 0);
+  return (program_ ? program_->allocated_bytes() : 0) + frame_bytes + (wide_ ? wide_->allocated_bytes() : 0);
 }
 
 FrameBindings Fuser::bindings(const FrameBuffer& lrhs, const FrameBuffer& hrls,
@@ -59,9 +96,11 @@ FrameBindings Fuser::bindings(const FrameBuffer& lrhs, const FrameBuffer& hrls,
 void Fuser::record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
                    const FrameBuffer& fused, float exposure) {
   check_exposure(exposure);
-  program_.bind(next_set_, bindings(lrhs, hrls, fused));
-  program_.set_exposure(next_set_, exposure);
-  program_.record(commands, next_set_, 0, plan_.graph.passes().size());
+  Program& program = made_program();
+  recorded_ = true;
+  program.bind(next_set_, bindings(lrhs, hrls, fused));
+  program.set_exposure(next_set_, exposure);
+  program.record(commands, next_set_, 0, plan_.graph.passes().size());
   next_set_ = (next_set_ + 1) % kFramesInFlight;
 }
 
@@ -78,8 +117,8 @@ void Fuser::prepare_host() {
   host->lrhs = Buffer(device_, frame_bytes(shapes[0]), Memory::kUpload, "lrhs");
   host->hrls = Buffer(device_, frame_bytes(shapes[1]), Memory::kUpload, "hrls");
   host->fused = Buffer(device_, frame_bytes(shapes[2]), Memory::kReadback, "fused");
-  program_.bind(kHostSet, bindings(dense_view(host->lrhs, shapes[0]), dense_view(host->hrls, shapes[1]),
-                                   dense_view(host->fused, shapes[2])));
+  program_->bind(kHostSet, bindings(dense_view(host->lrhs, shapes[0]), dense_view(host->hrls, shapes[1]),
+                                    dense_view(host->fused, shapes[2])));
   if (options_.profile) {
     auto info = vk_struct<VkQueryPoolCreateInfo>(VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO);
     info.queryType = VK_QUERY_TYPE_TIMESTAMP;
@@ -96,11 +135,11 @@ void Fuser::record_chunks(Host& host) const {
   for (size_t first = 0; first < passes.size();) {
     double work = passes[first].work();
     size_t last = first + 1;
-    while (last < passes.size() && work + passes[last].work() <= program_.max_submit_flop()) {
+    while (last < passes.size() && work + passes[last].work() <= program_->limits().submit_flop) {
       work += passes[last++].work();
     }
     VkCommandBuffer commands = host.pool.begin(fmt::format("passes {} to {}", first, last - 1));
-    program_.record(commands, kHostSet, first, last, host.queries);
+    program_->record(commands, kHostSet, first, last, host.queries);
     if (last == passes.size()) {
       auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
       barrier.srcAccessMask = VK_ACCESS_SHADER_WRITE_BIT;
@@ -148,18 +187,26 @@ FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const
 
 FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, float exposure,
                        const Progress& progress) {
-  prepare_host();
+  return within_memory([&] {
+    made_program();
+    prepare_host();
+    return run(lrhs, hrls, fused, exposure, progress);
+  });
+}
+
+FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float exposure,
+                      const Progress& progress) {
   FuseReport report;
   report.exposure = exposure;
-  program_.set_exposure(kHostSet, exposure);
+  program_->set_exposure(kHostSet, exposure);
   const double count = plan_.tiling.count();
   for (uint32_t index = 0; index < plan_.tiling.count(); ++index) {
     const Tile at = plan_.tiling.at(index);
     upload(lrhs, hrls, at);
     const auto of_frame = [&](double share) { return !progress || progress((index + share) / count); };
-    program_.reset_status();
+    program_->reset_status();
     run_tile(of_frame, report);
-    const Status status = program_.status();
+    const Status status = program_->status();
     last_redone_ = options_.fp32_kernels && (status.saturated > 0 || status.not_finite > 0);
     if (last_redone_) {
       copy_core(redo_tile(of_frame, report).data.data(), fused, at);
@@ -246,7 +293,7 @@ void Fuser::add_pass_times(FuseReport& report) const {
                                          static_cast<uint32_t>(ticks.size()), ticks.size() * sizeof(uint64_t),
                                          ticks.data(), sizeof(uint64_t),
                                          VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT),
-        "reading timestamps");
+        "reading timestamps of " + device_.info().name);
   const auto add = [](std::vector<PassTime>& times, const std::string& name, const PassTime& pass) {
     auto time = std::find_if(times.begin(), times.end(), [&](const PassTime& t) { return t.name == name; });
     if (time == times.end()) time = times.insert(time, {.name = name});

@@ -40,16 +40,20 @@ class Fuser {
   static constexpr uint32_t kFramesInFlight = Fusion::kFramesInFlight;
 
   // Allocates all that frames of (height, width) LRHS pixels need, and compiles the pipelines through the
-  // cache on disk. `device` and `model` must outlive the Fuser. Throws Error.
+  // cache on disk. Where the device has less memory than it says, tiles become smaller until they fit.
+  // `device` and `model` must outlive the Fuser. Throws Error.
   Fuser(const Device& device, const Model& model, uint32_t height, uint32_t width,
         const FuserOptions& options,
         const std::filesystem::path& cache_folder = PipelineCache::default_folder());
 
   const FusePlan& plan() const { return plan_; }
   const Graph& graph() const { return plan_.graph; }
-  Program& program() { return program_; }
+  Program& program() { return made_program(); }
   // The one that computed the last tile: this, or the one that did it again in 32 bits.
   Fuser& last() { return last_redone_ ? *wide_ : *this; }
+  // What the device first had no memory for, so that tiles are smaller than they were planned; empty:
+  // nothing.
+  const std::string& shortage() const { return shortage_; }
   // What the Fuser has allocated on the device, for tiles done again in 32 bits as well.
   uint64_t allocated_bytes() const;
 
@@ -69,8 +73,10 @@ class Fuser {
   float exposure(const float* lrhs) const;
 
   // Fuses one frame: lrhs (3, h, w) and hrls (K, s h, s w) to fused (3, s h, s w), scene linear. Runs tile by
-  // tile and waits. The first call allocates and records; later ones only submit. Throws Error, also when the
-  // network's output is not finite, and Cancelled.
+  // tile and waits. The first call allocates and records; later ones only submit. When the device runs out of
+  // memory, the frame starts again with smaller tiles, unless record() was called before: its frames may be
+  // pending. Throws Error, also when the network's output is not finite, and Cancelled; `fused` may then hold
+  // some tiles, and the next call works if the device does.
   FuseReport fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress = {});
   // The same on planar, dense memory of the caller's, whose sizes are not checked.
   FuseReport fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress = {});
@@ -87,10 +93,16 @@ class Fuser {
     ~Host();
   };
 
+  template <typename Work>
+  auto within_memory(const Work& work);
+  void take_smaller_tiles(const OutOfMemory& refused);
+  Program& made_program();
   void check_sizes(const Image& lrhs, const Image& hrls) const;
   FrameBindings bindings(const FrameBuffer& lrhs, const FrameBuffer& hrls, const FrameBuffer& fused) const;
   FuseReport fuse(const float* lrhs, const float* hrls, float* fused, float exposure,
                   const Progress& progress);
+  FuseReport run(const float* lrhs, const float* hrls, float* fused, float exposure,
+                 const Progress& progress);
   void run_tile(const Progress& progress, FuseReport& report);
   Image redo_tile(const Progress& progress, FuseReport& report);
   void prepare_host();
@@ -106,8 +118,10 @@ class Fuser {
   FuserOptions options_;
   FusePlan plan_;
   PipelineCache cache_;
-  Program program_;
+  std::optional<Program> program_;
+  std::string shortage_;
   uint32_t next_set_ = 0;
+  bool recorded_ = false;  // by record()
   std::unique_ptr<Host> host_;
   std::unique_ptr<Fuser> wide_;  // of one tile, in 32 bits; made when first needed
   bool last_redone_ = false;

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <optional>
 
-#include "engine/program.h"
 #include "network.h"
 #include "numbers.h"
 
@@ -26,9 +25,10 @@ FusePlan describe(const Model& model, TileSize tile, const FuserOptions& options
 // Why a tile cannot run; nothing when it can.
 std::optional<std::string> obstacle(const FusePlan& plan, const Model& model, const DeviceInfo& device,
                                     uint64_t most_bytes) {
-  uint64_t binding_bytes = plan.graph.largest_binding_bytes();
+  uint64_t binding_bytes = plan.graph.largest_binding_bytes(), image_bytes = 0;
   for (const Shape& shape : frame_shapes(model, plan.tiling.tile))
-    binding_bytes = std::max(binding_bytes, frame_bytes(shape));
+    image_bytes = std::max(image_bytes, frame_bytes(shape));
+  binding_bytes = std::max(binding_bytes, image_bytes);
   const auto beyond = [](const char* what, uint64_t needed, uint64_t allowed, const char* whose) {
     return fmt::format("{} {:.1f} MiB, more than the {:.1f} MiB {}", what, double(needed) / kMebibyte,
                        double(allowed) / kMebibyte, whose);
@@ -36,6 +36,10 @@ std::optional<std::string> obstacle(const FusePlan& plan, const Model& model, co
   if (plan.peak_bytes() > most_bytes) return beyond("it needs", plan.peak_bytes(), most_bytes, "allowed");
   if (plan.graph.activation_bytes() > device.max_allocation_bytes) {
     return beyond("its activations need", plan.graph.activation_bytes(), device.max_allocation_bytes,
+                  "that the device allocates at once");
+  }
+  if (image_bytes > device.max_allocation_bytes) {
+    return beyond("an image needs", image_bytes, device.max_allocation_bytes,
                   "that the device allocates at once");
   }
   if (binding_bytes > device.max_storage_range_bytes) {

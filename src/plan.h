@@ -5,6 +5,7 @@
 
 #include "engine/device.h"
 #include "engine/graph.h"
+#include "engine/program.h"
 #include "model.h"
 #include "raymeld/raymeld.hpp"
 #include "tiling.h"
@@ -35,6 +36,8 @@ struct FuserOptions {
   bool keep_activations = false;
   // Measures every pass; the frame is slower, as passes no longer overlap.
   bool profile = false;
+  // How a frame is cut up for the driver; unless given, as suits the device's kind.
+  std::optional<WorkLimits> work_limits = {};
 };
 
 // How a frame will be run, before anything is allocated.

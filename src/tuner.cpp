@@ -165,6 +165,8 @@ struct Tuner {
       try {
         const double time_ms = time(addressed, shape, kernel);
         if (time_ms < best.time_ms) std::tie(best.kernel, best.time_ms) = std::pair(kernel, time_ms);
+      } catch (const DeviceLost&) {
+        throw;
       } catch (const Error&) {
         // A device that cannot compile or hold one of them still has the others.
       }

@@ -5,60 +5,22 @@
 #include <utility>
 
 #include "engine/instance.h"
+#include "faults.h"
 
 namespace raymeld::test {
 namespace {
-
-#define COUNTED_FUNCTIONS(X)                                                                             \
-  X(AllocateMemory)                                                                                      \
-  X(CreateBuffer)                                                                                        \
-  X(MapMemory)                                                                                           \
-  X(CreateDescriptorSetLayout) X(CreatePipelineLayout) X(CreateDescriptorPool) X(AllocateDescriptorSets) \
-      X(CreateCommandPool) X(AllocateCommandBuffers) X(CreateShaderModule) X(CreatePipelineCache)        \
-          X(CreateComputePipelines) X(CreateFence) X(CreateQueryPool) X(QueueSubmit) X(WaitForFences)    \
-              X(DeviceWaitIdle)
-
-std::map<std::string, int> calls;
-
-// One for each counted function: its Name gives it a `real` of its own.
-template <typename Name, typename Function>
-struct Shim;
-
-template <typename Name, typename Result, typename... Arguments>
-struct Shim<Name, Result(VKAPI_PTR*)(Arguments...)> {
-  static inline Result(VKAPI_PTR* real)(Arguments...) = nullptr;
-  static Result VKAPI_CALL call(Arguments... arguments) {
-    ++calls[Name::text];
-    return real(arguments...);
-  }
-};
-
-#define COUNTED_NAME(function)                          \
-  struct Name##function {                               \
-    static constexpr const char* text = "vk" #function; \
-  };
-COUNTED_FUNCTIONS(COUNTED_NAME)
-#undef COUNTED_NAME
 
 PFN_vkGetInstanceProcAddr real_get_instance_proc_addr = nullptr;
 PFN_vkGetDeviceProcAddr real_get_device_proc_addr = nullptr;
 
 VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL get_device_proc_addr(VkDevice device, const char* name) {
-  const PFN_vkVoidFunction real = real_get_device_proc_addr(device, name);
-#define COUNTED_SHIM(function)                                   \
-  if (std::string_view(name) == Name##function::text) {          \
-    using Counter = Shim<Name##function, PFN_vk##function>;      \
-    Counter::real = reinterpret_cast<PFN_vk##function>(real);    \
-    return reinterpret_cast<PFN_vkVoidFunction>(&Counter::call); \
-  }
-  COUNTED_FUNCTIONS(COUNTED_SHIM)
-#undef COUNTED_SHIM
-  return real;
+  interposed().device = device;
+  return interpose(name, real_get_device_proc_addr(device, name));
 }
 
 VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL get_instance_proc_addr(VkInstance instance, const char* name) {
   const PFN_vkVoidFunction real = real_get_instance_proc_addr(instance, name);
-  if (std::string_view(name) != "vkGetDeviceProcAddr") return real;
+  if (std::string_view(name) != "vkGetDeviceProcAddr") return interpose(name, real);
   real_get_device_proc_addr = reinterpret_cast<PFN_vkGetDeviceProcAddr>(real);
   return reinterpret_cast<PFN_vkVoidFunction>(&get_device_proc_addr);
 }
@@ -130,7 +92,7 @@ CallerDevice::CallerDevice(bool storage_16bit, bool addresses, bool matrices) : 
   check(vk_.CreateDevice(external_.physical_device, &info, nullptr, &external_.device), "creating a device");
   vk_.load_device(external_.device);
   vk_.GetDeviceQueue(external_.device, external_.queue_family, 0, &external_.queue);
-  calls.clear();
+  interposed() = {};
 }
 
 CallerDevice::~CallerDevice() {
@@ -140,6 +102,6 @@ CallerDevice::~CallerDevice() {
   for (const std::string& message : messages_) ADD_FAILURE() << message;
 }
 
-std::map<std::string, int> CallerDevice::take_calls() { return std::exchange(calls, {}); }
+std::map<std::string, int> CallerDevice::take_calls() { return std::exchange(interposed().calls, {}); }
 
 }  // namespace raymeld::test

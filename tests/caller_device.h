@@ -9,8 +9,8 @@
 namespace raymeld::test {
 
 // A Vulkan device as a program that embeds raymeld would make it, with validation. Every call that raymeld
-// makes through external().get_instance_proc_addr to a function that allocates, creates, submits, maps or
-// waits is counted by the function's name.
+// makes through external().get_instance_proc_addr to a function that may fail is counted by the function's
+// name, and may be made to fail: see faults.h. A new device forgets the counts and faults of the one before.
 class CallerDevice {
  public:
   // `addresses`, `matrices`: enables buffer addresses and cooperative matrices, where the device has them.

@@ -344,17 +344,15 @@ TEST_F(FuserTest, SplitDispatchesGiveTheSameBits) {
   const Model model = model_of(subject);
   const std::vector<float> expected = fuse_once(model, subject, {});
   for (const double flop : {1.0, 3e4, 1e6}) {
-    Fuser fuser = make_fuser(model, subject, {});
-    fuser.program().set_max_dispatch_flop(flop);
-    EXPECT_EQ(fuse(fuser, subject.lrhs, subject.hrls), expected) << flop;
+    EXPECT_EQ(fuse_once(model, subject, {.work_limits = WorkLimits{flop, 8 * flop}}), expected) << flop;
   }
 }
 
 TEST_F(FuserTest, ProgressRisesToOneAndCancels) {
   const Subject subject = make_subject(small_architecture(2), 27, 30, 10);
   const Model model = model_of(subject);
-  Fuser fuser = make_fuser(model, subject, tiled(model, subject, {}));
-  fuser.program().set_max_dispatch_flop(1e5);  // several submits a tile
+  const WorkLimits several_submits{1e5, 8e5};
+  Fuser fuser = make_fuser(model, subject, tiled(model, subject, {.work_limits = several_submits}));
   std::vector<double> shares;
   const std::vector<float> expected = fuse(fuser, subject.lrhs, subject.hrls, [&](double share) {
     shares.push_back(share);

@@ -58,7 +58,7 @@ TEST_F(RecordTest, ASecondFrameAllocatesNothing) {
   EXPECT_TRUE(caller.take_calls().contains("vkAllocateCommandBuffers"));
   const uint64_t allocated_bytes = fuser.allocated_bytes();
   fuser.fuse(image_of(subject_.lrhs), image_of(subject_.hrls), second);
-  EXPECT_EQ(caller.take_calls(), (Calls{{"vkQueueSubmit", 1}, {"vkWaitForFences", 1}}));
+  EXPECT_EQ(caller.take_calls(), (Calls{{"vkResetFences", 1}, {"vkQueueSubmit", 1}, {"vkWaitForFences", 1}}));
   EXPECT_EQ(fuser.allocated_bytes(), allocated_bytes);
   EXPECT_EQ(first.data, second.data);
 }

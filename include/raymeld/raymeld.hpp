@@ -72,7 +72,8 @@ class Fusion {
   const std::vector<std::string>& hrls_layers() const;
   // Those of them that the model was trained to do without: a caller who lacks one passes zeros.
   const std::vector<std::string>& optional_layers() const;
-  // The LRHS size that one recording computes: (height, width) unless memory or limits force tiles.
+  // The LRHS size that one recording computes: (height, width) unless memory or limits force tiles. A first
+  // fuse() that finds the device out of memory makes it smaller, unless record() was called before.
   uint32_t tile_height() const;
   uint32_t tile_width() const;
 
@@ -93,7 +94,7 @@ class Fusion {
 
   // Fuses one frame of host memory, planar and dense: lrhs (3, h, w), hrls (3 layers, s h, s w), fused (3, s
   // h, s w). Tiles as needed, submits to the device's queue and waits.
-  // Throws when the output is not finite.
+  // Throws when the output is not finite. After a throw `fused` may hold some of the tiles.
   FusionStatus fuse(const float* lrhs, const float* hrls, float* fused);
 
   // Counts since the last call or the last fuse(); call it when the recorded frames are done.

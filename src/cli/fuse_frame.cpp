@@ -83,6 +83,11 @@ FuseResult run_frame(const FuseArguments& arguments, const FuseFiles& files, con
   if (options.profile) fuser.fuse(images.lrhs, images.hrls, fused, progress);
   result.report = fuser.fuse(images.lrhs, images.hrls, fused, progress);
   result.tiling = fuser.plan().tiling;
+  if (!fuser.shortage().empty()) {
+    console.warn(fmt::format("{}; fused in {} smaller tiles of {} x {} LRHS pixels instead", fuser.shortage(),
+                             result.tiling.count(), result.tiling.tile.width, result.tiling.tile.height),
+                 1);
+  }
   result.allocated_bytes = fuser.allocated_bytes();
   report_overflow(arguments, result.report, result.tiling.count(), console);
   if (!arguments.dump.empty()) dump_layers(arguments.dump_folder(), fuser.last(), fused, staged);

@@ -35,6 +35,12 @@ uint32_t memory_type_for(const Device& device, uint32_t allowed, Memory memory, 
   throw Error("unknown memory kind for {}", name);
 }
 
+// What the host sees, some drivers take of the host's memory.
+void check_allocation(VkResult result, const std::string& what) {
+  if (result == VK_ERROR_OUT_OF_HOST_MEMORY) throw OutOfMemory("{}: {}", what, result_name(result));
+  check(result, what);
+}
+
 }  // namespace
 
 Buffer::Buffer(const Device& device, uint64_t size_bytes, Memory memory, const std::string& name)
@@ -64,7 +70,7 @@ Buffer::Buffer(const Device& device, uint64_t size_bytes, Memory memory, const s
                                                       addressed ? &flags_info : nullptr);
     allocation.allocationSize = needs.size;
     allocation.memoryTypeIndex = memory_type_for(device, needs.memoryTypeBits, memory, name);
-    check(vk.AllocateMemory(device.handle(), &allocation, nullptr, &memory_), what);
+    check_allocation(vk.AllocateMemory(device.handle(), &allocation, nullptr, &memory_), what);
     device.name(VK_OBJECT_TYPE_DEVICE_MEMORY, memory_, name);
     check(vk.BindBufferMemory(device.handle(), buffer_, memory_, 0), what);
     if (addressed) {

@@ -16,7 +16,7 @@ enum class Memory {
 class Buffer {
  public:
   Buffer() = default;
-  // Throws Error, naming the buffer and its size, when the device has no such memory left.
+  // Throws Error, naming the buffer and its size: OutOfMemory when the device has no such memory left.
   Buffer(const Device& device, uint64_t size_bytes, Memory memory, const std::string& name);
   ~Buffer();
   Buffer(Buffer&& other) noexcept { *this = std::move(other); }

@@ -159,7 +159,10 @@ void Device::submit_and_wait(VkCommandBuffer commands) const {
   submit.pCommandBuffers = &commands;
   check(vk_.ResetFences(device_, 1, &fence_), "resetting a fence");
   check(vk_.QueueSubmit(queue_, 1, &submit, fence_), "submitting to " + info_.name);
-  check(vk_.WaitForFences(device_, 1, &fence_, VK_TRUE, UINT64_MAX), "waiting for " + info_.name);
+  const VkResult waited = vk_.WaitForFences(device_, 1, &fence_, VK_TRUE, UINT64_MAX);
+  // The caller will free what the device may still be working on.
+  if (waited != VK_SUCCESS) vk_.QueueWaitIdle(queue_);
+  check(waited, "waiting for " + info_.name);
 }
 
 }  // namespace raymeld

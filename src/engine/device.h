@@ -74,7 +74,7 @@ class Device {
     name_object(type, reinterpret_cast<uint64_t>(handle), text);
   }
 
-  // Submits one command buffer and waits until the device has done it.
+  // Submits one command buffer and waits until the device has done it, as far as it can be waited for.
   void submit_and_wait(VkCommandBuffer commands) const;
 
  private:

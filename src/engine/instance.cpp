@@ -13,18 +13,19 @@ constexpr const char* kValidationLayer = "VK_LAYER_KHRONOS_validation";
 
 bool has_instance_extension(const VulkanFunctions& vk, const char* layer, const char* name) {
   uint32_t count = 0;
-  if (vk.EnumerateInstanceExtensionProperties(layer, &count, nullptr) != VK_SUCCESS) return false;
+  const char* what = "listing the extensions of the Vulkan loader";
+  check(vk.EnumerateInstanceExtensionProperties(layer, &count, nullptr), what);
   std::vector<VkExtensionProperties> extensions(count);
-  vk.EnumerateInstanceExtensionProperties(layer, &count, extensions.data());
+  check(vk.EnumerateInstanceExtensionProperties(layer, &count, extensions.data()), what);
   return std::any_of(extensions.begin(), extensions.end(),
                      [&](const auto& e) { return std::strcmp(e.extensionName, name) == 0; });
 }
 
 void require_validation_layer(const VulkanFunctions& vk) {
   uint32_t count = 0;
-  vk.EnumerateInstanceLayerProperties(&count, nullptr);
+  check(vk.EnumerateInstanceLayerProperties(&count, nullptr), "listing Vulkan layers");
   std::vector<VkLayerProperties> layers(count);
-  vk.EnumerateInstanceLayerProperties(&count, layers.data());
+  check(vk.EnumerateInstanceLayerProperties(&count, layers.data()), "listing Vulkan layers");
   for (const auto& layer : layers) {
     if (std::strcmp(layer.layerName, kValidationLayer) == 0) return;
   }
@@ -106,7 +107,7 @@ void describe_features(const VulkanFunctions& vk, VkPhysicalDevice device, Devic
 
 VkInstance make_instance(VulkanFunctions& vk, bool validation) {
   uint32_t version = 0;
-  vk.EnumerateInstanceVersion(&version);
+  check(vk.EnumerateInstanceVersion(&version), "asking the Vulkan loader for its version");
   if (version < VK_API_VERSION_1_1) throw Error("the Vulkan loader is older than 1.1");
 
   std::vector<const char*> extensions;
@@ -163,9 +164,10 @@ std::vector<VkPhysicalDevice> physical_devices(const VulkanFunctions& vk, VkInst
 
 bool has_extension(const VulkanFunctions& vk, VkPhysicalDevice device, const char* name) {
   uint32_t count = 0;
-  if (vk.EnumerateDeviceExtensionProperties(device, nullptr, &count, nullptr) != VK_SUCCESS) return false;
+  const char* what = "listing the extensions of a Vulkan device";
+  check(vk.EnumerateDeviceExtensionProperties(device, nullptr, &count, nullptr), what);
   std::vector<VkExtensionProperties> extensions(count);
-  vk.EnumerateDeviceExtensionProperties(device, nullptr, &count, extensions.data());
+  check(vk.EnumerateDeviceExtensionProperties(device, nullptr, &count, extensions.data()), what);
   return std::any_of(extensions.begin(), extensions.end(),
                      [&](const auto& e) { return std::strcmp(e.extensionName, name) == 0; });
 }

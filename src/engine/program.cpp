@@ -12,9 +12,9 @@ namespace {
 
 // A watchdog fires after about two seconds; these keep one dispatch near a tenth of one on slow devices of
 // their kind (measured or typical: a few GFLOP/s on CPU drivers, tens on old integrated GPUs).
-double dispatch_limit_flop(const DeviceInfo& info) {
-  if (info.is_cpu) return 1e8;
-  return info.type == "discrete GPU" ? 4e10 : 4e9;
+WorkLimits limits_for(const DeviceInfo& info) {
+  const double dispatch_flop = info.is_cpu ? 1e8 : info.type == "discrete GPU" ? 4e10 : 4e9;
+  return {dispatch_flop, 8 * dispatch_flop};
 }
 
 // From one set's exposure to the next: the largest alignment that Vulkan lets a device ask of a binding's
@@ -48,8 +48,9 @@ void copy_now(const Device& device, VkBuffer from, VkBuffer to, const VkBufferCo
 
 }  // namespace
 
-Program::Program(const Device& device, const Graph& graph, PipelineCache& cache, uint32_t sets)
-    : device_(device), graph_(graph), max_dispatch_flop_(dispatch_limit_flop(device.info())) {
+Program::Program(const Device& device, const Graph& graph, PipelineCache& cache, uint32_t sets,
+                 const std::optional<WorkLimits>& limits)
+    : device_(device), graph_(graph), limits_(limits.value_or(limits_for(device.info()))) {
   if (graph.storage() == Storage::kFloat16 && !device.info().storage_16bit) {
     throw Error("device {} has no 16-bit storage (storageBuffer16BitAccess); use --precision fp32",
                 device.info().name);
@@ -295,7 +296,7 @@ void Program::record(VkCommandBuffer commands, uint32_t set, size_t first, size_
 // Splits along z (channels), then along y (rows).
 void Program::dispatch(VkCommandBuffer commands, const Pass& pass) const {
   const auto [x, y, z] = pass.groups;
-  const double pieces = std::max(1.0, std::ceil(pass.work() / max_dispatch_flop_));
+  const double pieces = std::max(1.0, std::ceil(pass.work() / limits_.dispatch_flop));
   const auto z_step = static_cast<uint32_t>(std::max(1.0, std::floor(z / pieces)));
   const double y_pieces = std::max(1.0, std::ceil(pieces / z));
   const auto y_step = static_cast<uint32_t>(std::max(1.0, std::ceil(y / y_pieces)));

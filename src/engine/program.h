@@ -19,12 +19,20 @@ struct FrameBinding {
 // The images of one frame, by FrameSlot.
 using FrameBindings = std::array<FrameBinding, kFrameSlots>;
 
+// Of one dispatch and of one submit, so that no watchdog of a slow device fires. A pass is never split
+// between submits.
+struct WorkLimits {
+  double dispatch_flop;
+  double submit_flop;
+};
+
 class Program {
  public:
   // Allocates the constants, the activations and the status, packs and uploads the constants, compiles the
   // pipelines. `graph` must be planned and outlive the Program. `sets`: how many recordings may be pending at
-  // once. Throws Error.
-  Program(const Device& device, const Graph& graph, PipelineCache& cache, uint32_t sets);
+  // once. `limits`: what suits the device's kind unless given. Throws Error, and OutOfMemory.
+  Program(const Device& device, const Graph& graph, PipelineCache& cache, uint32_t sets,
+          const std::optional<WorkLimits>& limits = {});
   ~Program();
   Program(const Program&) = delete;
   Program& operator=(const Program&) = delete;
@@ -38,15 +46,12 @@ class Program {
   void set_exposure(uint32_t set, float exposure);
 
   // Records passes [first, last) with descriptor set `set`, after a barrier against all earlier compute work.
-  // A dispatch of more than max_dispatch_flop is split. With `queries`, pass i is followed by a barrier and
-  // timestamp i + 1; timestamp 0 comes before pass 0.
+  // A dispatch of more than limits().dispatch_flop is split. With `queries`, pass i is followed by a barrier
+  // and timestamp i + 1; timestamp 0 comes before pass 0.
   void record(VkCommandBuffer commands, uint32_t set, size_t first, size_t last,
               VkQueryPool queries = VK_NULL_HANDLE) const;
 
-  // Dispatches and submits should stay under these, so that no watchdog of a slow device fires.
-  double max_dispatch_flop() const { return max_dispatch_flop_; }
-  double max_submit_flop() const { return 8 * max_dispatch_flop_; }
-  void set_max_dispatch_flop(double flop) { max_dispatch_flop_ = flop; }
+  const WorkLimits& limits() const { return limits_; }
 
   // Counts since the last reset by the host; read when the device is idle.
   Status status() const;
@@ -81,7 +86,7 @@ class Program {
   std::vector<std::vector<VkDescriptorSet>> sets_;  // [set][pass]
   std::vector<std::vector<std::array<uint32_t, 4>>>
       views_;  // [set][pass]: offset and strides of the frame image
-  double max_dispatch_flop_;
+  WorkLimits limits_;
 };
 
 }  // namespace raymeld

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "engine/khr_cooperative_matrix.h"
+#include "error.h"
 
 #define RAYMELD_GLOBAL_FUNCTIONS(X)   \
   X(CreateInstance)                   \
@@ -31,6 +32,7 @@
   X(DestroyDevice)                  \
   X(GetDeviceQueue)                 \
   X(QueueSubmit)                    \
+  X(QueueWaitIdle)                  \
   X(DeviceWaitIdle)                 \
   X(CreateBuffer)                   \
   X(DestroyBuffer)                  \
@@ -117,7 +119,20 @@ Structure vk_struct(VkStructureType type, decltype(Structure::pNext) next = null
 // The name of a result code, such as "VK_ERROR_DEVICE_LOST".
 std::string result_name(VkResult result);
 
-// Throws Error "WHAT: VK_ERROR_..." unless the call succeeded.
+// A device has not the memory that was asked of it; less may do.
+class OutOfMemory : public Error {
+ public:
+  using Error::Error;
+};
+
+// A device that its driver gave up: nothing that was made on it works any more, but a new Device may.
+class DeviceLost : public Error {
+ public:
+  using Error::Error;
+};
+
+// Throws Error "WHAT: VK_ERROR_..." unless the call succeeded: OutOfMemory, of the device, or DeviceLost
+// where it is that.
 void check(VkResult result, const std::string& what);
 
 }  // namespace raymeld

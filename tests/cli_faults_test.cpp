@@ -1,0 +1,118 @@
+// The program on a driver that fails: exit status 2, a message that says what was being done, and no file. A
+// layer between the two makes it fail (fault_layer/).
+#include <fmt/format.h>
+#include <vulkan/vulkan_core.h>
+
+#include <fstream>
+
+#include "cli_fixture.h"
+
+namespace raymeld::test {
+namespace {
+
+class CliFaults : public Cli {
+ protected:
+  void SetUp() override {
+    Cli::SetUp();
+    environment_["VK_LAYER_PATH"] = RAYMELD_FAULT_LAYER;
+    environment_["VK_INSTANCE_LAYERS"] = "VK_LAYER_RAYMELD_faults";
+    environment_["NODEVICE_SELECT"] = "1";  // a layer of Mesa, whose calls are not the program's
+    environment_["RAYMELD_CALLS"] = calls_.string();
+    ASSERT_EQ(run(fuse()).exit_status, 0);
+    std::filesystem::remove(folder_ / "out.exr");
+    before_ = files();
+    called_ = calls();
+  }
+
+  struct Count {
+    int calls = 0, alive = 0;
+  };
+  // Of the last run, by function. Empty when its instance was not destroyed.
+  std::map<std::string, Count> calls() const {
+    std::map<std::string, Count> result;
+    std::ifstream stream(calls_);
+    std::string function;
+    for (Count count; stream >> function >> count.calls >> count.alive;) result[function] = count;
+    return result;
+  }
+
+  ProcessResult run_with_fault(const std::string& function, int call, VkResult code) {
+    environment_["RAYMELD_FAULT"] = fmt::format("{} {} {}", function, call, int(code));
+    std::filesystem::remove(calls_);
+    return run(fuse());
+  }
+
+  void expect_error(const ProcessResult& result, const std::string& text) const {
+    EXPECT_EQ(result.exit_status, 2) << result.err;
+    EXPECT_NE(result.err.find("raymeld: error: "), std::string::npos) << result.err;
+    EXPECT_NE(result.err.find(text), std::string::npos) << result.err;
+    EXPECT_EQ(result.out, "");
+    EXPECT_EQ(files(), before_);
+  }
+
+  std::filesystem::path calls_ = folder_ / "cache" / "calls.txt";
+  std::map<std::string, Count> called_;
+  std::set<std::string> before_;
+};
+
+// Every function that may fail, the first time and the last: creating the instance and the device included.
+TEST_F(CliFaults, EveryFunctionThatFailsIsAnErrorAndLeavesNoFile) {
+  EXPECT_GT(called_.size(), 20u);
+  for (const auto& [function, count] : called_) {
+    EXPECT_EQ(count.alive, 0) << function;
+    for (const int call : std::set{1, count.calls}) {
+      SCOPED_TRACE(fmt::format("{} {}", function, call));
+      const ProcessResult result = run_with_fault(function, call, VK_ERROR_OUT_OF_HOST_MEMORY);
+      if (function == "vkGetPipelineCacheData") {  // a cache on disk is not needed
+        EXPECT_EQ(result.exit_status, 0);
+        EXPECT_EQ(std::filesystem::remove(folder_ / "out.exr"), true);
+        continue;
+      }
+      expect_error(result, "VK_ERROR_OUT_OF_HOST_MEMORY");
+      if (function == "vkCreateInstance") continue;
+      EXPECT_FALSE(calls().empty()) << "the instance was not destroyed";
+      for (const auto& [made_by, after] : calls()) EXPECT_EQ(after.alive, 0) << made_by;
+    }
+  }
+}
+
+TEST_F(CliFaults, ALostDeviceIsAnErrorAndLeavesNoFile) {
+  for (const char* function : {"vkCreateDevice", "vkQueueSubmit", "vkWaitForFences"}) {
+    ASSERT_TRUE(called_.contains(function));
+    SCOPED_TRACE(function);
+    const ProcessResult result = run_with_fault(function, 1, VK_ERROR_DEVICE_LOST);
+    expect_error(result, "VK_ERROR_DEVICE_LOST");
+    EXPECT_NE(result.err.find("the driver has reset the device"), std::string::npos) << result.err;
+    for (const auto& [made_by, after] : calls()) EXPECT_EQ(after.alive, 0) << made_by;
+  }
+}
+
+TEST_F(CliFaults, LittleMemoryGivesSmallTilesAndAWarning) {
+  write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 64, 48, 1));
+  write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 256, 192, 2));
+  const nlohmann::json whole = run_json(fuse({"--json"}));
+  EXPECT_EQ(whole["tiles"], 1);
+  EXPECT_TRUE(whole["warnings"].empty());
+
+  const nlohmann::json plan = run_json(fuse({"--dry-run", "--json"}));
+  const uint64_t activation_bytes = plan["activation_bytes"];
+  environment_["RAYMELD_MOST_ALLOCATION"] = std::to_string(activation_bytes - 1);
+  const nlohmann::json less = run_json(fuse({"--json"}));
+  EXPECT_GT(less["tiles"], 1);
+  EXPECT_EQ(less["warnings"].size(), 1u);
+  const std::string tiled = read_file(folder_ / "out.exr");
+  environment_["RAYMELD_MOST_ALLOCATION"] = "1000";
+  std::filesystem::remove(folder_ / "out.exr");
+  before_ = files();
+  expect_error(run(fuse()), "VK_ERROR_OUT_OF_DEVICE_MEMORY");
+
+  environment_.erase("RAYMELD_MOST_ALLOCATION");
+  const uint64_t peak_bytes = plan["peak_bytes"];
+  const nlohmann::json asked =
+      run_json(fuse({"--json", "--max-memory", std::to_string((peak_bytes / 4 * 3) >> 20)}));
+  EXPECT_EQ(asked["tiles"], less["tiles"]);
+  EXPECT_EQ(read_file(folder_ / "out.exr"), tiled);
+}
+
+}  // namespace
+}  // namespace raymeld::test

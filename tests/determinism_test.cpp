@@ -1,0 +1,122 @@
+// The same bits whatever may differ from run to run.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "cli_fixture.h"
+#include "fuser.h"
+#include "subject.h"
+#include "tuner.h"
+
+namespace raymeld::test {
+namespace {
+
+class DeterminismTest : public GpuTest {
+ protected:
+  DeterminismTest() { write_model(folder_ / "model.safetensors", subject_.architecture, subject_.weights); }
+
+  struct Fused {
+    std::vector<float> values;
+    uint32_t tiles = 0;
+    uint64_t peak_bytes = 0;
+    int submits = 0;
+  };
+
+  Fused fuse(const FuserOptions& options) const {
+    Fuser fuser(gpu(), model_, kHeight, kWidth, options, shared_cache_folder());
+    Fused result{{}, fuser.plan().tiling.count(), fuser.plan().peak_bytes()};
+    Image fused;
+    fuser.fuse(image_of(subject_.lrhs), image_of(subject_.hrls), fused,
+               [&](double) { return ++result.submits > 0; });
+    result.values = fused.data;
+    return result;
+  }
+
+  // The frame in all the ways it is ever cut, from one tile to the smallest; `options` otherwise.
+  std::vector<Fused> in_all_tilings(FuserOptions options) const {
+    std::vector<Fused> all;
+    while (true) {
+      try {
+        plan_fusion(model_, kHeight, kWidth, gpu().info(), options);
+      } catch (const Error&) {
+        return all;
+      }
+      all.push_back(fuse(options));
+      options.max_memory_bytes = all.back().peak_bytes - 1;
+    }
+  }
+
+  static constexpr uint32_t kHeight = 14, kWidth = 21;
+  Subject subject_ = make_subject(small_architecture(2), kHeight, kWidth, 1);
+  TemporaryDirectory folder_;
+  Model model_ = (write_model(folder_ / "model.safetensors", subject_.architecture, subject_.weights),
+                  Model(folder_ / "model.safetensors"));
+};
+
+TEST_F(DeterminismTest, EveryTilingGivesTheSameBitsWithDirectKernels) {
+  for (const Storage storage : {Storage::kFloat32, Storage::kFloat16}) {
+    const std::vector<Fused> all = in_all_tilings({.storage = storage});
+    EXPECT_GE(all.size(), 3u);
+    EXPECT_EQ(all.front().tiles, 1u);
+    EXPECT_GT(all.back().tiles, 4u);
+    for (const Fused& tiled : all) EXPECT_TRUE(same_bits(tiled.values, all.front().values)) << tiled.tiles;
+  }
+}
+
+// Minimal filtering rounds a pixel by where it lies in its tile's blocks of 2x2 or 4x4.
+TEST_F(DeterminismTest, EveryTilingOfFastKernelsRepeatsAndAgreesWithinRounding) {
+  const Kernels kernels = default_kernels(gpu().info());
+  if (!gpu().info().buffer_device_address) GTEST_SKIP() << "the device has direct kernels only";
+  const std::vector<Fused> all = in_all_tilings({.kernels = kernels}),
+                           again = in_all_tilings({.kernels = kernels});
+  const std::vector<float> direct = fuse({}).values;
+  ASSERT_EQ(all.size(), again.size());
+  EXPECT_GE(all.size(), 3u);
+  float most = 0, difference = 0;
+  for (const float value : direct) most = std::max(most, std::abs(value));
+  for (size_t i = 0; i < all.size(); ++i) {
+    EXPECT_TRUE(same_bits(all[i].values, again[i].values)) << all[i].tiles;
+    for (size_t at = 0; at < direct.size(); ++at)
+      difference = std::max(difference, std::abs(all[i].values[at] - all[0].values[at]));
+  }
+  EXPECT_GT(difference, 0) << "fast kernels were not used";
+  EXPECT_LE(difference, 0x1p-19f * most);
+}
+
+TEST_F(DeterminismTest, EverySplitOfTheWorkGivesTheSameBits) {
+  for (const Kernels& kernels : {Kernels{}, default_kernels(gpu().info())}) {
+    const Fused whole = fuse({.kernels = kernels, .work_limits = WorkLimits{1e12, 1e12}});
+    EXPECT_EQ(whole.submits, 1);
+    int submits = whole.submits;
+    for (const WorkLimits& limits :
+         {WorkLimits{1e12, 1e6}, {1e12, 1e5}, {1e5, 1e6}, {3e4, 1e5}, {1e3, 1e12}, {1, 1}}) {
+      const Fused split = fuse({.kernels = kernels, .work_limits = limits});
+      EXPECT_TRUE(same_bits(split.values, whole.values))
+          << limits.dispatch_flop << ", " << limits.submit_flop;
+      submits = std::max(submits, split.submits);
+    }
+    EXPECT_GT(submits, 10);
+  }
+}
+
+// As many as a driver for CPUs is told to take; others do not listen.
+class ThreadsTest : public Cli {};
+
+TEST_F(ThreadsTest, EveryNumberOfThreadsGivesTheSameFile) {
+  write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 24, 16, 1));
+  write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 96, 64, 2));
+  for (const char* kernels : {"auto", "direct"}) {
+    std::string expected;
+    for (const char* threads : {"0", "1", "2", "3", "8"}) {
+      environment_["LP_NUM_THREADS"] = threads;
+      const ProcessResult result = run(fuse({"--kernels", kernels, "--output-type", "float"}));
+      ASSERT_EQ(result.exit_status, 0) << result.err;
+      const std::string file = read_file(folder_ / "out.exr");
+      if (expected.empty()) expected = file;
+      EXPECT_EQ(file == expected, true) << threads << " threads, " << kernels;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace raymeld::test

@@ -1,0 +1,265 @@
+// Any call of Vulkan may fail: then an error says what was being done, nothing is left behind, and the next
+// frame is right.
+#include "faults.h"
+
+#include <gtest/gtest.h>
+
+#include <regex>
+
+#include "caller_device.h"
+#include "error_of.h"
+#include "fuser.h"
+#include "subject.h"
+#include "tuner.h"
+
+namespace raymeld::test {
+namespace {
+
+using Calls = std::map<std::string, int>;
+
+// What comes of a frame: an error, or values.
+struct Outcome {
+  std::string error, shortage;
+  std::vector<float> values;
+  uint32_t tiles = 0;
+};
+
+// Of few kernels: drivers take their time with each.
+reference::Architecture least_architecture() {
+  return {.scale = 2,
+          .features = 2,
+          .growth = 2,
+          .dense_layers = 1,
+          .blocks = 1,
+          .groups = 1,
+          .hrls_layers = {reference::LayerKind::kRadiance},
+          .base = reference::Base::kNone,
+          .clip = 100};
+}
+
+class FaultsTest : public testing::Test {
+ protected:
+  Model model_of(const Subject& subject) const {
+    write_model(folder_ / "model.safetensors", subject.architecture, subject.weights);
+    return Model(folder_ / "model.safetensors");
+  }
+
+  std::vector<float> fuse(Fuser& fuser) const {
+    Image fused;
+    fuser.fuse(image_of(subject_.lrhs), image_of(subject_.hrls), fused);
+    return fused.data;
+  }
+
+  // All of a frame, from wrapping the device to letting everything go.
+  Outcome run(const CallerDevice& caller, const FuserOptions& options) const {
+    Outcome outcome;
+    try {
+      const std::unique_ptr<Device> device = Device::wrap(caller.external());
+      Fuser fuser(*device, model_, 12, 40, options, cache());
+      outcome.values = fuse(fuser);
+      outcome.shortage = fuser.shortage();
+      outcome.tiles = fuser.plan().tiling.count();
+    } catch (const Error& error) {
+      outcome.error = error.what();
+    }
+    return outcome;
+  }
+
+  std::filesystem::path cache() const { return folder_ / "cache"; }
+
+  int check_every_call(VkResult code, const FuserOptions& options);
+
+  TemporaryDirectory folder_;
+  Subject subject_ = make_subject(least_architecture(), 12, 40, 1);
+  Model model_ = model_of(subject_);
+  // Several submits, and every kind of call.
+  const FuserOptions all_{.profile = true, .work_limits = WorkLimits{1e5, 3e5}};
+};
+
+// Before there is a tile that could be smaller.
+bool comes_before_tiles(const std::string& function) {
+  return function == "vkEnumerateDeviceExtensionProperties" || function == "vkCreateFence" ||
+         function == "vkCreatePipelineCache" ||
+         function == "vkGetPhysicalDeviceCooperativeMatrixPropertiesKHR";
+}
+
+// A frame for which less memory may do is made again; a cache on disk is not needed.
+bool is_survived(const std::string& function, VkResult code) {
+  if (function == "vkGetPipelineCacheData") return true;
+  const bool out_of_memory = code == VK_ERROR_OUT_OF_DEVICE_MEMORY ||
+                             (code == VK_ERROR_OUT_OF_HOST_MEMORY && function == "vkAllocateMemory");
+  return out_of_memory && !comes_before_tiles(function);
+}
+
+// Returns how many calls there are that may return `code`.
+int FaultsTest::check_every_call(VkResult code, const FuserOptions& options) {
+  const bool lost = code == VK_ERROR_DEVICE_LOST;
+  auto caller = std::make_unique<CallerDevice>();
+  const Outcome sound = run(*caller, options);
+  EXPECT_EQ(sound.error, "");
+  const std::string device_name = Device::wrap(caller->external())->info().name;
+  for (int call = 1;; ++call) {
+    interposed().fault = {.call = call, .code = code};
+    interposed().failures = 0;
+    const Outcome outcome = run(*caller, options);
+    interposed().fault = {};
+    if (interposed().failures == 0) return call - 1;
+    const std::string failed = interposed().failed;
+    SCOPED_TRACE(fmt::format("call {}, {}: {}", call, failed, result_name(code)));
+    EXPECT_EQ(interposed().alive, Calls{});
+    if (is_survived(failed, code)) {
+      EXPECT_EQ(outcome.error, "");
+      EXPECT_TRUE(same_bits(outcome.values, sound.values));
+      EXPECT_EQ(outcome.tiles > sound.tiles, !outcome.shortage.empty());
+      EXPECT_EQ(outcome.tiles > sound.tiles, failed != "vkGetPipelineCacheData");
+    } else {
+      const std::regex doing("^[a-z]+ing [^:]+: " + result_name(code) + "(.|\n)*");
+      EXPECT_TRUE(std::regex_match(outcome.error, doing)) << outcome.error;
+      EXPECT_TRUE(!lost || contains(outcome.error, device_name)) << outcome.error;
+    }
+    if (lost) caller = std::make_unique<CallerDevice>();
+    if (call % 8 == 0 || lost) {
+      const Outcome next = run(*caller, options);
+      EXPECT_EQ(next.error, "");
+      EXPECT_TRUE(same_bits(next.values, sound.values));
+    }
+    if (HasFailure()) return call;
+  }
+}
+
+TEST_F(FaultsTest, OutOfHostMemory) { EXPECT_GT(check_every_call(VK_ERROR_OUT_OF_HOST_MEMORY, all_), 100); }
+
+TEST_F(FaultsTest, OutOfDeviceMemory) {
+  EXPECT_GT(check_every_call(VK_ERROR_OUT_OF_DEVICE_MEMORY, all_), 100);
+}
+
+TEST_F(FaultsTest, DeviceLost) { EXPECT_GT(check_every_call(VK_ERROR_DEVICE_LOST, all_), 6); }
+
+// Fails each call of `work` in turn; it must throw, and then do as if nothing had been.
+template <typename Work>
+int check_that_it_can_be_repeated(VkResult code, const Work& work) {
+  work();
+  for (int call = 1;; ++call) {
+    interposed().failures = 0;
+    interposed().fault = {.call = call, .code = code};
+    std::string error;
+    try {
+      work();
+    } catch (const Error& thrown) {
+      error = thrown.what();
+    }
+    interposed().fault = {};
+    if (interposed().failures == 0) return call - 1;
+    EXPECT_TRUE(contains(error, result_name(code))) << interposed().failed << ": " << error;
+    work();
+  }
+}
+
+TEST_F(FaultsTest, AFuserOutlivesAFrameThatFailed) {
+  CallerDevice caller;
+  const std::unique_ptr<Device> device = Device::wrap(caller.external());
+  FuserOptions options = all_;
+  options.keep_activations = true;
+  Fuser fuser(*device, model_, 12, 40, options, cache());
+  const std::vector<float> expected = fuse(fuser);
+  const Tensor layer = *fuser.graph().layers().front()->output();
+  const std::vector<float> values = fuser.program().read(layer);
+  for (const VkResult code : {VK_ERROR_OUT_OF_HOST_MEMORY, VK_ERROR_OUT_OF_DEVICE_MEMORY}) {
+    const Calls alive = interposed().alive;
+    EXPECT_GT(check_that_it_can_be_repeated(code, [&] { EXPECT_EQ(fuse(fuser), expected); }), 9);
+    EXPECT_GT(check_that_it_can_be_repeated(code, [&] { EXPECT_EQ(fuser.program().read(layer), values); }),
+              9);
+    EXPECT_EQ(interposed().alive, alive);
+  }
+}
+
+TEST_F(FaultsTest, ALostDeviceStaysLostAndAFreshOneWorks) {
+  CallerDevice lost, fresh;
+  const std::unique_ptr<Device> device = Device::wrap(lost.external());
+  Fuser fuser(*device, model_, 12, 40, all_, cache());
+  const std::vector<float> expected = fuse(fuser);
+  interposed().device = lost.external().device;
+  interposed().fault = {.function = "vkWaitForFences", .call = 2, .code = VK_ERROR_DEVICE_LOST};
+  EXPECT_THROW(fuse(fuser), DeviceLost);
+  EXPECT_ERROR(fuse(fuser), "submitting to " + device->info().name, "VK_ERROR_DEVICE_LOST", "another device");
+  interposed().fault = {};
+  EXPECT_TRUE(same_bits(run(fresh, all_).values, expected));
+}
+
+TEST_F(FaultsTest, ALostDeviceEndsATuning) {
+  CallerDevice caller;
+  const std::unique_ptr<Device> device = Device::wrap(caller.external());
+  if (!device->info().buffer_device_address) GTEST_SKIP() << "there is one kernel only to be measured";
+  PipelineCache pipelines(*device, {});
+  Tuning tuning;
+  const Conv2dShape known{8, 8, 4, 4, 1}, shape{16, 16, 4, 4, 3};
+  tuning.entries[known] = {};
+  // The direct kernel, which comes first, takes 17 waits at most.
+  interposed().fault = {.function = "vkWaitForFences", .call = 20, .code = VK_ERROR_DEVICE_LOST};
+  const auto ignore = [](const Conv2dShape&, const Tuning::Entry&) {};
+  EXPECT_THROW(tune(*device, pipelines, Storage::kFloat32, {shape}, tuning, ignore), DeviceLost);
+  EXPECT_GT(interposed().failures, 0);
+}
+
+// How a device is that has less memory than it says.
+TEST_F(FaultsTest, TilesBecomeAsSmallAsTheMemory) {
+  CallerDevice caller;
+  const std::unique_ptr<Device> device = Device::wrap(caller.external());
+  for (const Kernels& kernels : {Kernels{}, default_kernels(device->info())}) {
+    const FuserOptions options{.kernels = kernels};
+    const Outcome whole = run(caller, options);
+    interposed().most_allocation_bytes =
+        plan_fusion(model_, 12, 40, device->info(), options).graph.activation_bytes() - 1;
+    const Outcome less = run(caller, options);
+    interposed().most_allocation_bytes = UINT64_MAX;
+    EXPECT_EQ(whole.tiles, 1u);
+    EXPECT_GT(less.tiles, 1u) << less.error;
+    EXPECT_TRUE(contains(less.shortage, "MiB for activations on " + device->info().name)) << less.shortage;
+    FuserOptions limited = options;
+    limited.max_memory_bytes = plan_fusion(model_, 12, 40, device->info(), options).peak_bytes() / 4 * 3;
+    const Outcome asked = run(caller, limited);
+    EXPECT_EQ(asked.shortage, "");
+    EXPECT_EQ(less.tiles, asked.tiles);
+    EXPECT_TRUE(same_bits(less.values, asked.values));
+  }
+}
+
+TEST_F(FaultsTest, TilesBecomeSmallerInAFrame) {
+  CallerDevice caller;
+  const std::unique_ptr<Device> device = Device::wrap(caller.external());
+  Fuser fuser(*device, model_, 12, 40, {}, cache());
+  EXPECT_EQ(fuser.plan().tiling.count(), 1u);
+  interposed().most_allocation_bytes = frame_bytes(frame_shapes(model_, fuser.plan().tiling.tile)[2]) - 1;
+  const std::vector<float> values = fuse(fuser);
+  EXPECT_GT(fuser.plan().tiling.count(), 1u);
+  EXPECT_TRUE(contains(fuser.shortage(), "for hrls")) << fuser.shortage();
+  interposed().most_allocation_bytes = UINT64_MAX;
+  EXPECT_TRUE(same_bits(values, run(caller, {}).values));
+
+  // Not under a recording that may be pending.
+  const FrameImage lrhs(*device, subject_.lrhs), hrls(*device, subject_.hrls);
+  const FrameImage fused(*device, {24, 80, 3}, Memory::kReadback, {});
+  Fuser recorded(*device, model_, 12, 40, {}, cache());
+  Commands pool(*device);
+  recorded.record(pool.begin("frame"), lrhs.view(), hrls.view(), fused.view());
+  interposed().most_allocation_bytes = 1;
+  EXPECT_THROW(fuse(recorded), OutOfMemory);
+  EXPECT_EQ(recorded.plan().tiling.count(), 1u);
+}
+
+TEST_F(FaultsTest, NoMemoryAtAllIsAnErrorThatSaysHowMuchWasAsked) {
+  CallerDevice caller;
+  const std::unique_ptr<Device> device = Device::wrap(caller.external());
+  for (int allocation = 1; allocation <= 7; ++allocation) {
+    interposed().fault = {"vkAllocateMemory", allocation, VK_ERROR_OUT_OF_DEVICE_MEMORY, true};
+    const std::string error = run(caller, {}).error;
+    for (const char* part : {"allocating ", "VK_ERROR_OUT_OF_DEVICE_MEMORY", "MiB were to be taken in all",
+                             "the smallest tile does not fit", "another device"})
+      EXPECT_TRUE(contains(error, part)) << error << "\nlacks " << part;
+  }
+  interposed().fault = {};
+  EXPECT_EQ(run(caller, {}).error, "");
+}
+
+}  // namespace
+}  // namespace raymeld::test
