@@ -11,6 +11,7 @@
 
 #include "error.h"
 #include "io/exr.h"
+#include "io/exr_claims.h"
 #include "io/exr_window.h"
 #include "io/input_file.h"
 
@@ -50,6 +51,7 @@ void check_part(const std::filesystem::path& path, const Imf::MultiPartInputFile
   if (header.hasType() && Imf::isDeepData(header.type()))
     throw Error("cannot read '{}': {} is a deep image, and only flat images can be fused; flatten it first",
                 path.string(), part_label(header, part));
+  check_part_size(path, header, std::filesystem::file_size(path));
   if (!file.partComplete(part))
     throw Error("cannot read '{}': {} is truncated, or was never finished", path.string(),
                 part_label(header, part));
@@ -125,6 +127,7 @@ ExrFile::ExrFile(std::filesystem::path path) : path_(std::move(path)) {
   check_input_file(path_);
   if (!Imf::isOpenExrFile(path_.c_str()))
     throw Error("cannot read '{}': it is not an OpenEXR file", path_.string());
+  check_attribute_sizes(path_);
   translated(path_, [&] {
     // A file whose chunk table is unfinished is refused, so there is no need to rebuild the table.
     file_ = std::make_unique<Imf::MultiPartInputFile>(path_.c_str(), Imf::globalThreadCount(), false);
