@@ -107,14 +107,15 @@ TEST_F(DeviceTest, TheListHasTheDeviceInUse) {
 
 TEST_F(DeviceTest, CreatedBySelector) {
   const std::string& uuid = gpu().info().uuid;
-  EXPECT_EQ(Device::create({.selector = uuid, .validation = false})->info().uuid, uuid);
-  EXPECT_ERROR(Device::create({.selector = "no such device", .validation = false}), "no such device",
-               gpu().info().name);
+  EXPECT_EQ(Device::create({.selector = uuid, .validation = Validation::kNone})->info().uuid, uuid);
+  EXPECT_ERROR(Device::create({.selector = "no such device", .validation = Validation::kNone}),
+               "no such device", gpu().info().name);
 }
 
 // The tests rest on this: a misuse is heard, synchronization included.
 TEST(Validation, MisuseIsReported) {
-  const std::unique_ptr<Device> device = Device::create({.selector = {}, .validation = true});
+  const std::unique_ptr<Device> device =
+      Device::create({.selector = {}, .validation = Validation::kSynchronization});
   const Buffer a(*device, 1024, Memory::kDevice, "a"), b(*device, 1024, Memory::kDevice, "b");
   const VkBufferCopy all{0, 0, 1024};
   const VulkanFunctions& vk = device->vk();
@@ -130,7 +131,8 @@ TEST(Validation, MisuseIsReported) {
 
 // A graph places no barrier between what it takes for different images; here they are one.
 TEST(Validation, AMissingBarrierBetweenDispatchesIsReported) {
-  const std::unique_ptr<Device> device = Device::create({.selector = {}, .validation = true});
+  const std::unique_ptr<Device> device =
+      Device::create({.selector = {}, .validation = Validation::kSynchronization});
   Graph graph(Storage::kFloat32, false, true);
   const Tensor in = graph.input("in", {4, 4, 3}), out = graph.tensor("out", {4, 4, 3});
   decode(graph, "decode", in, {});
