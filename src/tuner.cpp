@@ -144,7 +144,8 @@ Conv2dKernel kernel_from(const Json& j) {
   return kernel;
 }
 
-// From a file that anyone may have edited.
+// From a file that anyone may have edited. Small bands and few channels at a time would make passes by the
+// million.
 bool is_valid(const Conv2dShape& shape, const Conv2dKernel& kernel) {
   const auto within = [](uint32_t value, uint32_t least, uint32_t most) {
     return value >= least && value <= most;
@@ -154,8 +155,8 @@ bool is_valid(const Conv2dShape& shape, const Conv2dKernel& kernel) {
       shape.kernel == 3 && kernel.tile != 1 && kernel.tile != 3 && kernel.tile <= shape.most_tile;
   const bool matrix = !kernel.matrix || (kernel.tile == 0 && is_possible(*kernel.matrix, shape.kernel));
   return (is_1x1 || is_3x3) && matrix && shape.most_tile <= 4 && within(kernel.outputs, 4, 64) &&
-         within(kernel.channels, 1, 256) && within(kernel.order, 0, kMostOrder) &&
-         within(kernel.band, 1, 1u << 20);
+         within(kernel.channels, 32, 256) && within(kernel.order, 0, kMostOrder) &&
+         within(kernel.band, kernel.tile == 1 ? 512 : 128, 1u << 20);
 }
 
 struct Tuner {

@@ -1,5 +1,6 @@
 #include "engine/device.h"
 
+#include <fmt/ranges.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -9,6 +10,7 @@
 #include "engine/instance.h"
 #include "error_of.h"
 #include "gpu.h"
+#include "layers/shaders.h"
 
 namespace raymeld::test {
 namespace {
@@ -150,6 +152,30 @@ TEST(Validation, AMissingBarrierBetweenDispatchesIsReported) {
   program.record(both, 0, 0, 2);
   EXPECT_TRUE(std::ranges::any_of(device->messages(),
                                   [](const std::string& m) { return contains(m, "READ_AFTER_WRITE"); }));
+}
+
+// A pass over small tensors with the sizes of large ones.
+TEST(Validation, AccessesBeyondABindingAreReported) {
+  const std::unique_ptr<Device> device =
+      Device::create({.selector = {}, .validation = Validation::kGpuAssisted});
+  Graph large(Storage::kFloat32), small(Storage::kFloat32);
+  pixel_shuffle(large, "shuffle", large.input("in", {64, 64, 4}), large.tensor("out", {128, 128, 1}));
+  const Tensor in = small.input("in", {4, 4, 4}), out = small.tensor("out", {8, 8, 1});
+  Pass pass = large.passes().front();
+  pass.bindings = {read_binding(in), write_binding(out)};
+  small.add(std::move(pass));
+  small.plan();
+  PipelineCache cache(*device, {});
+  Program program(*device, small, cache, 1);
+  Commands pool(*device);
+  const VkCommandBuffer commands = pool.begin("beyond");
+  program.record(commands, 0, 0, 1);
+  pool.end(commands);
+  EXPECT_TRUE(device->messages().empty()) << device->messages().front();
+  device->submit_and_wait(commands);
+  EXPECT_TRUE(std::ranges::any_of(device->messages(), [](const std::string& m) {
+    return contains(m, "out of bounds");
+  })) << fmt::format("{}", fmt::join(device->messages(), "\n"));
 }
 
 TEST_F(DeviceTest, AnImpossibleBufferIsAnErrorThatNamesIt) {
