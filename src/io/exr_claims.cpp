@@ -1,6 +1,8 @@
 #include "io/exr_claims.h"
 
 #include <OpenEXR/ImfChannelList.h>
+#include <OpenEXR/ImfCompression.h>
+#include <OpenEXR/ImfHeader.h>
 #include <OpenEXR/ImfTileDescription.h>
 #include <OpenEXR/ImfVersion.h>
 
@@ -18,8 +20,6 @@ namespace raymeld {
 namespace {
 
 static_assert(std::endian::native == std::endian::little, "the format is little endian");
-
-namespace Imf = OPENEXR_IMF_NAMESPACE;
 
 // OpenEXR reads so many bytes of these types, whatever size stands before them. Of other types it reads that
 // size.
@@ -143,28 +143,44 @@ class HeaderWalk {
 
 // How many times as large as the file its pixels may become. Twice what black images do: 2,041 with the
 // lossless codecs, 35,203 with DWAB.
-uint64_t most_expansion(Imf::Compression compression) {
-  return compression == Imf::DWAA_COMPRESSION || compression == Imf::DWAB_COMPRESSION ? 1u << 17 : 1u << 12;
+double most_expansion(Imf::Compression compression) {
+  return compression == Imf::DWAA_COMPRESSION || compression == Imf::DWAB_COMPRESSION ? 1 << 17 : 1 << 12;
+}
+
+double channels_of(const Imf::Header& header) {
+  double count = 0;
+  for (auto i = header.channels().begin(); i != header.channels().end(); ++i) ++count;
+  return count;
+}
+
+// As floats, which is how they are read.
+double pixel_bytes(const Imf::Header& header) {
+  const Imath::Box2i& window = header.dataWindow();
+  return double(width_of(window)) * height_of(window) * channels_of(header) * sizeof(float);
 }
 
 }  // namespace
 
 void check_attribute_sizes(const std::filesystem::path& path) { HeaderWalk(path).check(); }
 
-void check_part_size(const std::filesystem::path& path, const Imf::Header& header, uint64_t file_bytes) {
+void check_image_sizes(const std::filesystem::path& path, const Imf::MultiPartInputFile& file) {
   constexpr double kMostTileBytes = 256 * kMebibyte;
-  double channels = 0;
-  for (auto i = header.channels().begin(); i != header.channels().end(); ++i) ++channels;
-  const Imath::Box2i& window = header.dataWindow();
-  const double bytes = double(width_of(window)) * height_of(window) * channels * sizeof(float);
-  if (bytes > double(file_bytes) * double(most_expansion(header.compression())))
-    throw Error("cannot read '{}': {} x {} pixels of {} channels cannot be in a file of {} bytes",
-                path.string(), width_of(window), height_of(window), channels, file_bytes);
-  if (!header.hasTileDescription()) return;
-  const Imf::TileDescription& tile = header.tileDescription();
-  if (double(tile.xSize) * tile.ySize * channels * sizeof(float) > std::max(kMostTileBytes, bytes))
-    throw Error("cannot read '{}': its tiles of {} x {} pixels are larger than the image", path.string(),
-                tile.xSize, tile.ySize);
+  const auto file_bytes = double(std::filesystem::file_size(path));
+  double least_bytes = 0;  // that the parts up to this one take in the file
+  for (int part = 0; part < file.parts(); ++part) {
+    const Imf::Header& header = file.header(part);
+    least_bytes += pixel_bytes(header) / most_expansion(header.compression());
+    if (least_bytes > file_bytes)
+      throw Error("cannot read '{}': {} x {} pixels of {} channels cannot be in a file of {} bytes",
+                  path.string(), width_of(header.dataWindow()), height_of(header.dataWindow()),
+                  channels_of(header), file_bytes);
+    if (!header.hasTileDescription()) continue;
+    const Imf::TileDescription& tile = header.tileDescription();
+    const double tile_bytes = double(tile.xSize) * tile.ySize * channels_of(header) * sizeof(float);
+    if (tile_bytes > std::max(kMostTileBytes, pixel_bytes(header)))
+      throw Error("cannot read '{}': its tiles of {} x {} pixels are larger than the image", path.string(),
+                  tile.xSize, tile.ySize);
+  }
 }
 
 }  // namespace raymeld

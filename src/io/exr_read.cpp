@@ -51,7 +51,6 @@ void check_part(const std::filesystem::path& path, const Imf::MultiPartInputFile
   if (header.hasType() && Imf::isDeepData(header.type()))
     throw Error("cannot read '{}': {} is a deep image, and only flat images can be fused; flatten it first",
                 path.string(), part_label(header, part));
-  check_part_size(path, header, std::filesystem::file_size(path));
   if (!file.partComplete(part))
     throw Error("cannot read '{}': {} is truncated, or was never finished", path.string(),
                 part_label(header, part));
@@ -132,6 +131,7 @@ ExrFile::ExrFile(std::filesystem::path path) : path_(std::move(path)) {
     // A file whose chunk table is unfinished is refused, so there is no need to rebuild the table.
     file_ = std::make_unique<Imf::MultiPartInputFile>(path_.c_str(), Imf::globalThreadCount(), false);
     for (int part = 0; part < file_->parts(); ++part) check_part(path_, *file_, part);
+    check_image_sizes(path_, *file_);
     channels_ = list_channels(*file_);
   });
 }
