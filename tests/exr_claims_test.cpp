@@ -95,8 +95,11 @@ TEST_F(ExrClaims, AttributesOfAnotherSizeThanTheirType) {
         attribute("note", "chlist", channel("Y")),
         attribute("note", "chlist", channel("Y") + std::string(2, '\0')),
         attribute("note", "preview", bytes_of(std::array<uint32_t, 2>{0x7fffffff, 0x7fffffff})),
-        attribute("note", "preview", bytes_of(std::array<uint32_t, 2>{2, 2}) + "RGBA")})
-    EXPECT_TRUE(contains(error_with({.others = wrong}), "a.exr")) << wrong;
+        attribute("note", "preview", bytes_of(std::array<uint32_t, 2>{2, 2}) + "RGBA")}) {
+    const std::string error = error_with({.others = wrong});
+    EXPECT_TRUE(contains(error, "its attribute 'note'") || contains(error, "ends within its header"))
+        << error;
+  }
 }
 
 TEST_F(ExrClaims, ImagesThatTheFileCannotHold) {
