@@ -43,7 +43,7 @@ struct Fusion::State {
 };
 
 Fusion::Fusion(const std::string& model_file, uint32_t height, uint32_t width, const FusionOptions& options)
-    : state_(std::make_unique<State>(Device::create({options.device, false}), model_file, height, width,
+    : state_(std::make_unique<State>(Device::create({.selector = options.device}), model_file, height, width,
                                      options)) {}
 
 Fusion::Fusion(const std::string& model_file, uint32_t height, uint32_t width, const FusionOptions& options,

@@ -7,6 +7,7 @@
 #include <functional>
 #include <nlohmann/json.hpp>
 #include <random>
+#include <sstream>
 
 #include "engine/commands.h"
 #include "engine/program.h"
@@ -19,6 +20,8 @@ namespace {
 constexpr int kFormatVersion = 2;
 constexpr double kBudgetMs = 60;  // of one measurement
 constexpr uint32_t kLeastRows = 32;
+constexpr uint32_t kMostOrder = 256;
+constexpr uint64_t kMostFileBytes = 16 << 20;
 
 std::vector<float> random_values(size_t count) {
   std::mt19937 generator(1);
@@ -86,9 +89,17 @@ Json to_json(const Conv2dShape& s) {
           {"kernel", s.kernel},           {"most_tile", s.most_tile}};
 }
 
+// Throws where it is none; a conversion would take -1 and 1e300 for numbers of 32 bits as well.
+uint32_t number_at(const Json& json, const char* key) {
+  const Json& value = json.at(key);
+  if (!value.is_number_unsigned() || value.get<uint64_t>() > UINT32_MAX)
+    throw Error("reading {}: {} is no number of 32 bits", key, value.dump());
+  return value.get<uint32_t>();
+}
+
 Conv2dShape shape_from(const Json& j) {
-  return {j.at("height"),       j.at("width"),  j.at("channels_in"),
-          j.at("channels_out"), j.at("kernel"), j.at("most_tile")};
+  return {number_at(j, "height"),       number_at(j, "width"),  number_at(j, "channels_in"),
+          number_at(j, "channels_out"), number_at(j, "kernel"), number_at(j, "most_tile")};
 }
 
 Json to_json(const MatrixTiles& t) {
@@ -106,16 +117,16 @@ Json to_json(const MatrixTiles& t) {
 }
 
 MatrixTiles tiles_from(const Json& j) {
-  return {.matrix = {.m = j.at("m"),
-                     .n = j.at("n"),
-                     .k = j.at("k"),
-                     .subgroup_size = j.at("subgroup_size"),
-                     .max_invocations = j.at("max_invocations"),
-                     .max_shared_bytes = j.at("max_shared_bytes")},
-          .outputs = j.at("outputs"),
-          .rows = j.at("rows"),
-          .subgroups = j.at("subgroups"),
-          .channels = j.at("channels")};
+  return {.matrix = {.m = number_at(j, "m"),
+                     .n = number_at(j, "n"),
+                     .k = number_at(j, "k"),
+                     .subgroup_size = number_at(j, "subgroup_size"),
+                     .max_invocations = number_at(j, "max_invocations"),
+                     .max_shared_bytes = number_at(j, "max_shared_bytes")},
+          .outputs = number_at(j, "outputs"),
+          .rows = number_at(j, "rows"),
+          .subgroups = number_at(j, "subgroups"),
+          .channels = number_at(j, "channels")};
 }
 
 Json to_json(const Conv2dKernel& k) {
@@ -124,16 +135,17 @@ Json to_json(const Conv2dKernel& k) {
 }
 
 Conv2dKernel kernel_from(const Json& j) {
-  Conv2dKernel kernel{.tile = j.at("tile"),
-                      .outputs = j.at("outputs"),
-                      .channels = j.at("channels"),
-                      .order = j.at("order"),
-                      .band = j.at("band")};
+  Conv2dKernel kernel{.tile = number_at(j, "tile"),
+                      .outputs = number_at(j, "outputs"),
+                      .channels = number_at(j, "channels"),
+                      .order = number_at(j, "order"),
+                      .band = number_at(j, "band")};
   if (!j.at("matrix").is_null()) kernel.matrix = tiles_from(j.at("matrix"));
   return kernel;
 }
 
-// From a file that anyone may have edited.
+// From a file that anyone may have edited. Small bands and few channels at a time would make passes by the
+// million.
 bool is_valid(const Conv2dShape& shape, const Conv2dKernel& kernel) {
   const auto within = [](uint32_t value, uint32_t least, uint32_t most) {
     return value >= least && value <= most;
@@ -143,7 +155,8 @@ bool is_valid(const Conv2dShape& shape, const Conv2dKernel& kernel) {
       shape.kernel == 3 && kernel.tile != 1 && kernel.tile != 3 && kernel.tile <= shape.most_tile;
   const bool matrix = !kernel.matrix || (kernel.tile == 0 && is_possible(*kernel.matrix, shape.kernel));
   return (is_1x1 || is_3x3) && matrix && shape.most_tile <= 4 && within(kernel.outputs, 4, 64) &&
-         within(kernel.channels, 1, 256) && within(kernel.order, 0, 256) && within(kernel.band, 1, 1u << 20);
+         within(kernel.channels, 32, 256) && within(kernel.order, 0, kMostOrder) &&
+         within(kernel.band, kernel.tile == 1 ? 512 : 128, 1u << 20);
 }
 
 struct Tuner {
@@ -289,13 +302,17 @@ std::filesystem::path tuning_file(const std::filesystem::path& folder, const Dev
 }
 
 Tuning load_tuning(const std::filesystem::path& file) try {
-  Tuning tuning;
-  std::ifstream stream(file);
-  if (!stream) return {};
-  const Json json = Json::parse(stream);
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(file, error) || std::filesystem::file_size(file) > kMostFileBytes)
+    return {};
+  std::ostringstream text;
+  text << std::ifstream(file).rdbuf();
+  const Json json = Json::parse(text.str());
   if (json.at("format_version") != kFormatVersion) return {};
+  Tuning tuning;
   tuning.addressed = json.at("addressed");
-  tuning.order = json.at("order");
+  tuning.order = number_at(json, "order");
+  if (tuning.order > kMostOrder) return {};
   for (const Json& entry : json.at("conv2d")) {
     const Conv2dShape shape = shape_from(entry.at("shape"));
     const Conv2dKernel kernel = kernel_from(entry.at("kernel"));
@@ -303,7 +320,7 @@ Tuning load_tuning(const std::filesystem::path& file) try {
     tuning.entries[shape] = {kernel, entry.at("time_ms"), entry.at("direct_ms")};
   }
   return tuning;
-} catch (const Json::exception&) {
+} catch (const std::exception&) {
   return {};
 }
 

@@ -52,7 +52,7 @@ VkDebugUtilsMessengerEXT make_messenger(const VulkanFunctions& vk, VkInstance in
 CallerDevice::CallerDevice(bool storage_16bit, bool addresses, bool matrices) : vk_(VulkanFunctions::load()) {
   real_get_instance_proc_addr = vk_.GetInstanceProcAddr;
   external_.get_instance_proc_addr = get_instance_proc_addr;
-  external_.instance = make_instance(vk_, true);
+  external_.instance = make_instance(vk_, Validation::kSynchronization);
   messenger_ = make_messenger(vk_, external_.instance, messages_);
   external_.physical_device = physical_devices(vk_, external_.instance).front();
   external_.storage_16bit = storage_16bit;

@@ -1,5 +1,6 @@
 #include "engine/device.h"
 
+#include <fmt/ranges.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -9,6 +10,7 @@
 #include "engine/instance.h"
 #include "error_of.h"
 #include "gpu.h"
+#include "layers/shaders.h"
 
 namespace raymeld::test {
 namespace {
@@ -107,14 +109,15 @@ TEST_F(DeviceTest, TheListHasTheDeviceInUse) {
 
 TEST_F(DeviceTest, CreatedBySelector) {
   const std::string& uuid = gpu().info().uuid;
-  EXPECT_EQ(Device::create({.selector = uuid, .validation = false})->info().uuid, uuid);
-  EXPECT_ERROR(Device::create({.selector = "no such device", .validation = false}), "no such device",
-               gpu().info().name);
+  EXPECT_EQ(Device::create({.selector = uuid, .validation = Validation::kNone})->info().uuid, uuid);
+  EXPECT_ERROR(Device::create({.selector = "no such device", .validation = Validation::kNone}),
+               "no such device", gpu().info().name);
 }
 
 // The tests rest on this: a misuse is heard, synchronization included.
 TEST(Validation, MisuseIsReported) {
-  const std::unique_ptr<Device> device = Device::create({.selector = {}, .validation = true});
+  const std::unique_ptr<Device> device =
+      Device::create({.selector = {}, .validation = Validation::kSynchronization});
   const Buffer a(*device, 1024, Memory::kDevice, "a"), b(*device, 1024, Memory::kDevice, "b");
   const VkBufferCopy all{0, 0, 1024};
   const VulkanFunctions& vk = device->vk();
@@ -130,7 +133,8 @@ TEST(Validation, MisuseIsReported) {
 
 // A graph places no barrier between what it takes for different images; here they are one.
 TEST(Validation, AMissingBarrierBetweenDispatchesIsReported) {
-  const std::unique_ptr<Device> device = Device::create({.selector = {}, .validation = true});
+  const std::unique_ptr<Device> device =
+      Device::create({.selector = {}, .validation = Validation::kSynchronization});
   Graph graph(Storage::kFloat32, false, true);
   const Tensor in = graph.input("in", {4, 4, 3}), out = graph.tensor("out", {4, 4, 3});
   decode(graph, "decode", in, {});
@@ -148,6 +152,30 @@ TEST(Validation, AMissingBarrierBetweenDispatchesIsReported) {
   program.record(both, 0, 0, 2);
   EXPECT_TRUE(std::ranges::any_of(device->messages(),
                                   [](const std::string& m) { return contains(m, "READ_AFTER_WRITE"); }));
+}
+
+// A pass over small tensors with the sizes of large ones.
+TEST(Validation, AccessesBeyondABindingAreReported) {
+  const std::unique_ptr<Device> device =
+      Device::create({.selector = {}, .validation = Validation::kGpuAssisted});
+  Graph large(Storage::kFloat32), small(Storage::kFloat32);
+  pixel_shuffle(large, "shuffle", large.input("in", {64, 64, 4}), large.tensor("out", {128, 128, 1}));
+  const Tensor in = small.input("in", {4, 4, 4}), out = small.tensor("out", {8, 8, 1});
+  Pass pass = large.passes().front();
+  pass.bindings = {read_binding(in), write_binding(out)};
+  small.add(std::move(pass));
+  small.plan();
+  PipelineCache cache(*device, {});
+  Program program(*device, small, cache, 1);
+  Commands pool(*device);
+  const VkCommandBuffer commands = pool.begin("beyond");
+  program.record(commands, 0, 0, 1);
+  pool.end(commands);
+  EXPECT_TRUE(device->messages().empty()) << device->messages().front();
+  device->submit_and_wait(commands);
+  EXPECT_TRUE(std::ranges::any_of(device->messages(), [](const std::string& m) {
+    return contains(m, "out of bounds");
+  })) << fmt::format("{}", fmt::join(device->messages(), "\n"));
 }
 
 TEST_F(DeviceTest, AnImpossibleBufferIsAnErrorThatNamesIt) {

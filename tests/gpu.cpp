@@ -18,11 +18,24 @@ using reference::LayerKind;
 using reference::Planes;
 using reference::Precision;
 
+namespace {
+
+// RAYMELD_TEST_VALIDATION=0 is for machines that have a device but no layers, gpu-assisted for accesses of
+// shaders.
+Validation wished_validation() {
+  const char* value = std::getenv("RAYMELD_TEST_VALIDATION");
+  const std::string wish = value ? value : "";
+  if (wish == "0") return Validation::kNone;
+  if (wish == "gpu-assisted") return Validation::kGpuAssisted;
+  if (!wish.empty()) throw Error("RAYMELD_TEST_VALIDATION is '{}', expected 0 or gpu-assisted", wish);
+  return Validation::kSynchronization;
+}
+
+}  // namespace
+
 const Device& gpu() {
-  // RAYMELD_TEST_VALIDATION=0 is for machines that have a device but no layers.
-  const char* wish = std::getenv("RAYMELD_TEST_VALIDATION");
   static const std::unique_ptr<Device> device =
-      Device::create({.selector = {}, .validation = !wish || std::string(wish) != "0"});
+      Device::create({.selector = {}, .validation = wished_validation()});
   return *device;
 }
 

@@ -4,10 +4,10 @@
 
 #include <algorithm>
 #include <cstdlib>
-#include <cstring>
 #include <thread>
 
 #include "gpu.h"
+#include "sealed_cache.h"
 
 namespace raymeld::test {
 namespace {
@@ -85,21 +85,35 @@ TEST_F(PipelineCacheTest, DamagedFilesAreIgnoredAndReplaced) {
   }
 }
 
-// A header of another device, with a checksum that is right.
+// Sealed as this device's would be.
 TEST_F(PipelineCacheTest, ForeignCachesAreIgnored) {
-  const std::filesystem::path file = save_one();
-  std::string content = read_file(file);
-  constexpr size_t kHeaderBytes = 24, kUuid = kHeaderBytes + 16;
-  content[kUuid] = char(content[kUuid] ^ 1);
-  uint64_t hash = 0xcbf29ce484222325;
-  for (size_t i = kHeaderBytes; i < content.size(); ++i) {
-    hash = (hash ^ uint8_t(content[i])) * 0x100000001b3;
+  const std::filesystem::path file = PipelineCache(gpu(), folder_.path()).file();
+  VkPhysicalDeviceProperties properties = gpu().properties();
+  const auto loaded_from = [&](const std::string& content) {
+    write_file(file, content);
+    return PipelineCache(gpu(), folder_.path()).loaded();
+  };
+  EXPECT_TRUE(loaded_from(sealed_cache(cache_header(properties))));
+  EXPECT_FALSE(loaded_from(sealed_cache("")));
+  EXPECT_FALSE(loaded_from(sealed_cache(cache_header(properties).substr(0, 31))));
+  for (uint32_t* part : {&properties.vendorID, &properties.deviceID}) {
+    ++*part;
+    EXPECT_FALSE(loaded_from(sealed_cache(cache_header(properties))));
+    --*part;
   }
-  std::memcpy(content.data() + 16, &hash, sizeof(hash));
-  write_file(file, content);
-  EXPECT_FALSE(PipelineCache(gpu(), folder_.path()).loaded());
-  content[kUuid] = char(content[kUuid] ^ 1);  // the checksum is for the other device's
-  write_file(file, content);
+  properties.pipelineCacheUUID[15] ^= 1;
+  const std::string foreign = sealed_cache(cache_header(properties));
+  EXPECT_FALSE(loaded_from(foreign));
+  properties.pipelineCacheUUID[15] ^= 1;
+  EXPECT_FALSE(loaded_from(foreign.substr(0, 24) + cache_header(properties)));  // the checksum is the other's
+}
+
+// Nor is memory for it allocated: the file takes no room on the disk.
+TEST_F(PipelineCacheTest, FilesOfATerabyteAreIgnored) {
+  const std::filesystem::path file = PipelineCache(gpu(), folder_.path()).file();
+  constexpr uint64_t kTerabyte = 1ull << 40;
+  write_file(file, "RmCache1" + bytes_of(kTerabyte - 24) + bytes_of(uint64_t{0}));
+  std::filesystem::resize_file(file, kTerabyte);
   EXPECT_FALSE(PipelineCache(gpu(), folder_.path()).loaded());
 }
 

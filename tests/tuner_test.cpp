@@ -52,6 +52,14 @@ TEST(Tuning, IsKeptInAFile) {
   }
 }
 
+TEST(Tuning, WhatIsNoFileIsNoTuning) {
+  const TemporaryDirectory folder;
+  EXPECT_TRUE(load_tuning(folder.path()).entries.empty());
+  write_file(folder / "huge", "{");
+  std::filesystem::resize_file(folder / "huge", 1ull << 40);
+  EXPECT_TRUE(load_tuning(folder / "huge").entries.empty());
+}
+
 TEST(Tuning, ADamagedFileIsNoTuning) {
   const TemporaryDirectory folder;
   const std::filesystem::path file = folder.path() / "tuning.json";
@@ -77,6 +85,11 @@ TEST(Tuning, ADamagedFileIsNoTuning) {
   EXPECT_EQ(changed("\"tile\": 2", "\"tile\": 4"), 0u);  // where it was refused
   EXPECT_EQ(changed("\"outputs\": 24", "\"outputs\": 0"), 0u);
   EXPECT_EQ(changed("\"band\": 512", "\"band\": 4000000000"), 0u);
+  EXPECT_EQ(changed("\"band\": 4096", "\"band\": 511"), 0u);
+  EXPECT_EQ(changed("\"channels\": 64", "\"channels\": 31"), 0u);
+  for (const char* height : {"-1", "1.5", "1e300", "4294967296", "null"})
+    EXPECT_EQ(changed("\"height\": 128", fmt::format("\"height\": {}", height)), 0u) << height;
+  EXPECT_EQ(changed("\n \"order\": 8", "\n \"order\": 257"), 0u);
   EXPECT_EQ(changed("\"rows\": 1", "\"rows\": 40"), 0u);
   EXPECT_EQ(changed("\"n\": 16", "\"n\": 12"), 0u);
   EXPECT_EQ(changed("\"subgroups\": 4", "\"subgroups\": 0"), 0u);

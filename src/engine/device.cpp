@@ -68,9 +68,9 @@ Device::~Device() {
   if (instance_) vk_.DestroyInstance(instance_, nullptr);
 }
 
-void Device::create_instance(bool validation) {
+void Device::create_instance(Validation validation) {
   instance_ = make_instance(vk_, validation);
-  if (!validation) return;
+  if (validation == Validation::kNone) return;
   auto info =
       vk_struct<VkDebugUtilsMessengerCreateInfoEXT>(VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT);
   info.messageSeverity =

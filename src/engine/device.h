@@ -40,12 +40,16 @@ struct DeviceInfo {
 // All devices of the system, in the driver's order. Throws Error without a loader or without a device.
 std::vector<DeviceInfo> list_devices();
 
+// What the Khronos layer is asked for besides its usual checks: hazards between commands, and where shaders
+// access memory, which is slow.
+enum class Validation { kNone, kSynchronization, kGpuAssisted };
+
 struct DeviceRequest {
   // An index, a UUID or a part of the name, any case; empty: the first discrete, integrated, virtual GPU or
   // CPU.
   std::string selector;
-  // Turns on the validation and synchronization-validation layer; its messages collect in Device::messages().
-  bool validation = false;
+  // Its messages collect in Device::messages().
+  Validation validation = Validation::kNone;
 };
 
 // Externally synchronised: one thread at a time may use a Device and what was made from it.
@@ -79,7 +83,7 @@ class Device {
 
  private:
   Device() = default;
-  void create_instance(bool validation);
+  void create_instance(Validation validation);
   void create_device();
   void find_queue_family();
   void adopt(VkPhysicalDevice physical_device, uint32_t index);

@@ -105,7 +105,7 @@ void describe_features(const VulkanFunctions& vk, VkPhysicalDevice device, Devic
 
 }  // namespace
 
-VkInstance make_instance(VulkanFunctions& vk, bool validation) {
+VkInstance make_instance(VulkanFunctions& vk, Validation validation) {
   uint32_t version = 0;
   check(vk.EnumerateInstanceVersion(&version), "asking the Vulkan loader for its version");
   if (version < VK_API_VERSION_1_1) throw Error("the Vulkan loader is older than 1.1");
@@ -116,11 +116,13 @@ VkInstance make_instance(VulkanFunctions& vk, bool validation) {
     extensions.push_back(VK_EXT_DEBUG_UTILS_EXTENSION_NAME);
   }
   const VkValidationFeatureEnableEXT enables[] = {
-      VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT};
+      VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT,
+      VK_VALIDATION_FEATURE_ENABLE_GPU_ASSISTED_EXT,
+  };
   auto features = vk_struct<VkValidationFeaturesEXT>(VK_STRUCTURE_TYPE_VALIDATION_FEATURES_EXT);
-  features.enabledValidationFeatureCount = 1;
+  features.enabledValidationFeatureCount = validation == Validation::kGpuAssisted ? 2 : 1;
   features.pEnabledValidationFeatures = enables;
-  if (validation) {
+  if (validation != Validation::kNone) {
     require_validation_layer(vk);
     layers.push_back(kValidationLayer);
     extensions.push_back(VK_EXT_VALIDATION_FEATURES_EXTENSION_NAME);
@@ -130,7 +132,7 @@ VkInstance make_instance(VulkanFunctions& vk, bool validation) {
   application.pApplicationName = "raymeld";
   application.apiVersion = VK_API_VERSION_1_1;
   auto info = vk_struct<VkInstanceCreateInfo>(VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO);
-  info.pNext = validation ? &features : nullptr;
+  info.pNext = validation == Validation::kNone ? nullptr : &features;
   info.pApplicationInfo = &application;
   info.enabledLayerCount = static_cast<uint32_t>(layers.size());
   info.ppEnabledLayerNames = layers.data();
@@ -238,7 +240,7 @@ size_t select_device(const std::vector<DeviceInfo>& devices, const std::string& 
 
 std::vector<DeviceInfo> list_devices() {
   VulkanFunctions vk = VulkanFunctions::load();
-  const VkInstance instance = make_instance(vk, false);
+  const VkInstance instance = make_instance(vk, Validation::kNone);
   std::vector<DeviceInfo> infos;
   try {
     for (VkPhysicalDevice device : physical_devices(vk, instance)) {

@@ -8,8 +8,8 @@
 
 namespace raymeld {
 
-// A Vulkan 1.1 instance; with `validation`, the Khronos layer with synchronization validation is on.
-VkInstance make_instance(VulkanFunctions& vk, bool validation);
+// A Vulkan 1.1 instance.
+VkInstance make_instance(VulkanFunctions& vk, Validation validation);
 
 std::vector<VkPhysicalDevice> physical_devices(const VulkanFunctions& vk, VkInstance instance);
 

@@ -12,6 +12,7 @@ namespace raymeld {
 namespace {
 
 constexpr uint64_t kMagic = 0x3165686361436d52;  // "RmCache1"
+constexpr uint64_t kMostFileBytes = 256 << 20;
 
 struct FileHeader {
   uint64_t magic;
@@ -28,19 +29,17 @@ uint64_t checksum_of(const std::vector<char>& data) {
 
 // Vulkan's own header (section 10.7.3 of the specification) must be this device's.
 bool fits_device(const std::vector<char>& data, const VkPhysicalDeviceProperties& properties) {
-  VkPipelineCacheHeaderVersionOne header;
-  if (data.size() < sizeof(header)) return false;
-  std::memcpy(&header, data.data(), sizeof(header));
-  return header.headerVersion == VK_PIPELINE_CACHE_HEADER_VERSION_ONE &&
-         header.vendorID == properties.vendorID && header.deviceID == properties.deviceID &&
-         std::memcmp(header.pipelineCacheUUID, properties.pipelineCacheUUID, VK_UUID_SIZE) == 0;
+  VkPipelineCacheHeaderVersionOne wanted{
+      sizeof(wanted), VK_PIPELINE_CACHE_HEADER_VERSION_ONE, properties.vendorID, properties.deviceID, {}};
+  std::memcpy(wanted.pipelineCacheUUID, properties.pipelineCacheUUID, VK_UUID_SIZE);
+  return data.size() >= sizeof(wanted) && std::memcmp(data.data(), &wanted, sizeof(wanted)) == 0;
 }
 
 std::vector<char> read_cache(const std::filesystem::path& file,
                              const VkPhysicalDeviceProperties& properties) {
   std::error_code error;
   const uint64_t file_bytes = std::filesystem::file_size(file, error);
-  if (error || file_bytes < sizeof(FileHeader)) return {};
+  if (error || file_bytes < sizeof(FileHeader) || file_bytes > kMostFileBytes) return {};
   std::ifstream stream(file, std::ios::binary);
   FileHeader header{};
   stream.read(reinterpret_cast<char*>(&header), sizeof(header));

@@ -13,8 +13,6 @@
 
 #include "io/image.h"
 
-namespace Imf = OPENEXR_IMF_NAMESPACE;
-
 namespace raymeld {
 
 struct ExrChannel {

@@ -11,6 +11,7 @@
 
 #include "error.h"
 #include "io/exr.h"
+#include "io/exr_claims.h"
 #include "io/exr_window.h"
 #include "io/input_file.h"
 
@@ -125,10 +126,12 @@ ExrFile::ExrFile(std::filesystem::path path) : path_(std::move(path)) {
   check_input_file(path_);
   if (!Imf::isOpenExrFile(path_.c_str()))
     throw Error("cannot read '{}': it is not an OpenEXR file", path_.string());
+  check_attribute_sizes(path_);
   translated(path_, [&] {
     // A file whose chunk table is unfinished is refused, so there is no need to rebuild the table.
     file_ = std::make_unique<Imf::MultiPartInputFile>(path_.c_str(), Imf::globalThreadCount(), false);
     for (int part = 0; part < file_->parts(); ++part) check_part(path_, *file_, part);
+    check_image_sizes(path_, *file_);
     channels_ = list_channels(*file_);
   });
 }

@@ -1,0 +1,122 @@
+// OpenEXR files, written byte by byte, whose headers claim what the file cannot hold.
+#include "io/exr_claims.h"
+
+#include <gtest/gtest.h>
+
+#include "error_of.h"
+#include "io/exr.h"
+#include "sealed_cache.h"
+#include "support.h"
+
+namespace raymeld::test {
+namespace {
+
+struct Window {
+  int32_t min_x = 0, min_y = 0, max_x = 1, max_y = 0;
+};
+
+std::string named(const std::string& name, const std::string& type) { return name + '\0' + type + '\0'; }
+
+std::string attribute(const std::string& name, const std::string& type, const std::string& value) {
+  return named(name, type) + bytes_of(uint32_t(value.size())) + value;
+}
+
+// A channel of halfs.
+std::string channel(const std::string& name) {
+  return name + '\0' + bytes_of(std::array<int32_t, 4>{1, 0, 1, 1});
+}
+
+struct Parts {
+  std::string channels = channel("Y") + '\0';
+  Window window = {};
+  std::string others = {};
+  char compression = 0;
+};
+
+// Two pixels, 1 and 1.
+std::string file_of(const Parts& parts) {
+  std::string file = "\x76\x2f\x31\x01" + bytes_of(uint32_t{2}) + parts.others;
+  file += attribute("channels", "chlist", parts.channels);
+  file += attribute("compression", "compression", std::string(1, parts.compression));
+  file += attribute("dataWindow", "box2i", bytes_of(parts.window));
+  file += attribute("displayWindow", "box2i", bytes_of(Window{}));
+  file += attribute("lineOrder", "lineOrder", std::string(1, '\0'));
+  file += attribute("pixelAspectRatio", "float", bytes_of(1.0f));
+  file += attribute("screenWindowCenter", "v2f", bytes_of(std::array<float, 2>{}));
+  file += attribute("screenWindowWidth", "float", bytes_of(1.0f)) + '\0';
+  file += bytes_of(uint64_t{file.size() + 8});
+  return file + bytes_of(std::array<int32_t, 2>{0, 4}) + std::string("\x00\x3c\x00\x3c", 4);
+}
+
+class ExrClaims : public testing::Test {
+ protected:
+  std::string error_with(const Parts& parts) {
+    return error_of([&] { read(parts); });
+  }
+
+  Image read(const Parts& parts) {
+    write_file(folder_ / "a.exr", file_of(parts));
+    return ExrFile(folder_ / "a.exr").read(std::array<std::string, 1>{"Y"});
+  }
+
+  TemporaryDirectory folder_;
+};
+
+TEST_F(ExrClaims, WhatIsTrueIsRead) {
+  EXPECT_EQ(read({}).data, std::vector(2, 1.0f));
+  const std::string text_list = bytes_of(uint32_t{3}) + "abc" + bytes_of(uint32_t{0});
+  const std::string preview = bytes_of(std::array<uint32_t, 2>{2, 1}) + "RGBARGBA";
+  EXPECT_EQ(read({.others = attribute("note", "string", "text") + attribute("empty", "string", "") +
+                            attribute("list", "stringvector", text_list) +
+                            attribute("floats", "floatvector", bytes_of(1.0f)) +
+                            attribute("preview", "preview", preview) +
+                            attribute("matrix", "m44f", std::string(64, '\0')) +
+                            attribute("own", "of no known type", "12345")})
+                .data,
+            std::vector(2, 1.0f));
+}
+
+TEST_F(ExrClaims, AttributesBeyondTheFile) {
+  for (const char* type : {"string", "stringvector", "floatvector", "preview", "chlist", "int", "unknown"}) {
+    const std::string error =
+        error_with({.others = named("note", type) + bytes_of(uint32_t{0x7fffffff}) + "text"});
+    EXPECT_TRUE(contains(error, "its attribute 'note' should have 2147483647 bytes, more than the file"))
+        << error;
+  }
+}
+
+// After a value that is shorter or longer than it says, OpenEXR would take its rest or what follows for a
+// size.
+TEST_F(ExrClaims, AttributesOfAnotherSizeThanTheirType) {
+  const std::string text_list = bytes_of(uint32_t{0x7fffffff}) + "abc";
+  for (const std::string& wrong :
+       {attribute("note", "int", "12345"), attribute("note", "int", ""), attribute("note", "box2i", "1234"),
+        attribute("note", "floatvector", "12345"), attribute("note", "stringvector", text_list),
+        attribute("note", "chlist", channel("Y")),
+        attribute("note", "chlist", channel("Y") + std::string(2, '\0')),
+        attribute("note", "preview", bytes_of(std::array<uint32_t, 2>{0x7fffffff, 0x7fffffff})),
+        attribute("note", "preview", bytes_of(std::array<uint32_t, 2>{2, 2}) + "RGBA")}) {
+    const std::string error = error_with({.others = wrong});
+    EXPECT_TRUE(contains(error, "its attribute 'note'") || contains(error, "ends within its header"))
+        << error;
+  }
+}
+
+TEST_F(ExrClaims, ImagesThatTheFileCannotHold) {
+  constexpr int kMost = (1 << 30) - 1;
+  for (const Window& window :
+       {Window{0, 0, kMost, kMost}, {0, 0, 10'000'000, 0}, {-kMost, -kMost, kMost, kMost}})
+    for (const char compression : {0, 3, 4, 9})
+      EXPECT_TRUE(contains(error_with({.window = window, .compression = compression}), "a.exr"));
+  EXPECT_TRUE(
+      contains(error_with({.window = {0, 0, 10'000'000, 0}}), "pixels of 1 channels cannot be in a file of"));
+}
+
+TEST_F(ExrClaims, TilesThatAreLargerThanTheImage) {
+  const std::string tiles = bytes_of(std::array<uint32_t, 2>{1 << 14, 1 << 14}) + '\0';
+  const std::string tiled = attribute("tiles", "tiledesc", tiles) + attribute("type", "string", "tiledimage");
+  EXPECT_TRUE(contains(error_with({.others = tiled}), "are larger than the image"));
+}
+
+}  // namespace
+}  // namespace raymeld::test

@@ -1,0 +1,36 @@
+// An OpenEXR file: opened, its layers mapped and loaded, its channels read as floats and as they are.
+#include "io/exr.h"
+
+#include "fuzz/memory_file.h"
+#include "fuzz/succeeds.h"
+#include "io/layers_from_exr.h"
+
+namespace {
+
+using namespace raymeld;
+
+void load_all_layers(ExrFile& file) {
+  const LayerMap map = map_layers(file, {});
+  std::vector<std::string> layers;
+  for (const auto& [layer, source] : map.layers) layers.push_back(layer);
+  load_layers(file, map, layers);
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+  using test::succeeds;
+  const test::MemoryFile content({data, size});
+  succeeds([&] {
+    ExrFile file(content.path());
+    succeeds([&] { load_all_layers(file); });
+    succeeds([&] { file.read(file.channel_names()); });
+    const size_t few = std::min<size_t>(file.channels().size(), 6);
+    for (size_t i = 0; i < few; ++i) {
+      const std::string& name = file.channels()[i].name;
+      succeeds([&] { file.read(std::array{name}); });
+      succeeds([&] { file.read_raw(name); });
+    }
+  });
+  return 0;
+}

@@ -1,0 +1,14 @@
+// A model: the safetensors file alone, then as a network.
+#include "io/safetensors.h"
+
+#include "fuzz/memory_file.h"
+#include "fuzz/succeeds.h"
+#include "model.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+  using namespace raymeld;
+  const test::MemoryFile content({data, size});
+  test::succeeds([&] { read_safetensors(content.path()); });
+  test::succeeds([&] { Model model(content.path()); });
+  return 0;
+}

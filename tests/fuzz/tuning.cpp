@@ -1,0 +1,44 @@
+// A tuning file. Whatever stands in it, kernels come out that graphs of a sensible number of passes can be
+// built with.
+#include <cstdlib>
+
+#include "fuzz/memory_file.h"
+#include "tuner.h"
+
+namespace {
+
+using namespace raymeld;
+
+constexpr CooperativeMatrix kMatrix{16, 16, 16, 32, 1024, 49152};  // that of the seeds
+
+DeviceInfo device(bool addresses, bool matrices) {
+  DeviceInfo info;
+  info.buffer_device_address = addresses;
+  if (matrices) info.cooperative_matrix = kMatrix;
+  return info;
+}
+
+void convolve(const Kernels& kernels, const Conv2dShape& shape) {
+  const std::vector<float> weight(shape.channels_out * shape.channels_in * shape.kernel * shape.kernel);
+  const std::vector<float> bias(shape.channels_out);
+  Graph graph(Storage::kFloat16, kernels.addressed);
+  const Tensor in = graph.input("in", {shape.height, shape.width, shape.channels_in});
+  const Tensor out = graph.tensor("out", {shape.height, shape.width, shape.channels_out});
+  conv2d(graph, "conv2d", in, out, {weight, bias}, {.kernel = shape.kernel, .how = kernels.conv2d(shape)});
+  graph.plan();
+  constexpr size_t kMostPasses = 1000;
+  if (graph.passes().size() > kMostPasses) std::abort();
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+  const test::MemoryFile content({data, size});
+  const Tuning tuning = load_tuning(content.path());
+  for (const DeviceInfo& info : {device(true, true), device(true, false), device(false, false)}) {
+    const Kernels kernels = tuning.kernels(info);
+    for (const Conv2dShape& shape : {Conv2dShape{7, 9, 5, 3, 3}, {7, 9, 5, 3, 3, 2}, {256, 256, 64, 16, 1}})
+      convolve(kernels, shape);
+  }
+  return 0;
+}
