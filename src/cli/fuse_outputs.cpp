@@ -61,7 +61,7 @@ void write_image(const FuseArguments& arguments, FuseFiles& files, const FuseRes
   for (int c = 0; c < 3; ++c) output.planes.push_back({names[size_t(c)], type, result.fused.plane(c)});
   check_interrupted();
   size_t clamped = 0;
-  staged.add(arguments.output, [&](const fs::path& file) { clamped = write_exr(file, output); });
+  staged.add(arguments.output, [&](AtomicFile& file) { clamped = write_exr(file, output); });
   if (clamped > 0)
     console.warn(fmt::format("'{}': {} values passed the largest half, 65504, and were clamped",
                              arguments.output, clamped),
@@ -94,7 +94,7 @@ void write_outputs(const FuseArguments& arguments, FuseFiles& files, const FuseI
                    StagedFiles& staged) {
   const auto picture = [&](const Image& image) { return to_srgb(image, arguments.exposure_stops); };
   const auto write = [&](const std::string& target, const Picture& content) {
-    staged.add(target, [&](const fs::path& file) { write_png(file, content); });
+    staged.add(target, [&](AtomicFile& file) { write_png(file, content); });
   };
   if (!arguments.preview.empty()) write(arguments.preview, picture(result.fused));
   if (!arguments.before_after.empty()) {

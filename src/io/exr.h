@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "io/atomic_file.h"
 #include "io/image.h"
 
 namespace Imf = OPENEXR_IMF_NAMESPACE;
@@ -89,6 +90,8 @@ struct ExrOutput {
 // Writes a single-part scan-line file, whole or not at all. Half planes clamp to +-kLargestHalf; the return
 // value counts the values that did. Throws Error, naming the file.
 size_t write_exr(const std::filesystem::path& path, const ExrOutput& output);
+// The same, without commit().
+size_t write_exr(AtomicFile& file, const ExrOutput& output);
 
 // `header` with the windows of the image that keeps one pixel of every scale x scale cell: the data window
 // starts at the same place divided by `scale`, rounded down, and so does the display window.
