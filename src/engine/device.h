@@ -49,7 +49,8 @@ struct DeviceRequest {
   bool validation = false;
 };
 
-// Several threads may use a Device at once; what was made from it, such as a Program, is one thread's at a time.
+// Several threads may use a Device at once; what was made from it, such as a Program, is one thread's at a
+// time.
 class Device {
  public:
   static std::unique_ptr<Device> create(const DeviceRequest& request = {});
@@ -75,8 +76,8 @@ class Device {
     name_object(type, reinterpret_cast<uint64_t>(handle), text);
   }
 
-  // Submits one command buffer and waits until the device has done it. Threads take turns, also those of other
-  // Devices that wrap the same queue.
+  // Submits one command buffer and waits until the device has done it. Threads take turns, also those of
+  // other Devices that wrap the same queue.
   void submit_and_wait(VkCommandBuffer commands) const;
 
  private:

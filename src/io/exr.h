@@ -13,6 +13,7 @@
 
 #include "io/atomic_file.h"
 #include "io/image.h"
+#include "io/input_file.h"
 
 namespace Imf = OPENEXR_IMF_NAMESPACE;
 
@@ -42,7 +43,7 @@ struct ExrRawChannel {
 
 // An open OpenEXR file: scan line or tiled (the full-size level), single or multi-part, any pixel type and
 // compression. Every function throws Error, naming the file: missing, a folder, unreadable, no OpenEXR,
-// truncated, deep. Pixels are read only when asked for.
+// truncated, deep, written to since it was opened. Pixels are read only when asked for.
 class ExrFile {
  public:
   explicit ExrFile(std::filesystem::path path);
@@ -64,7 +65,11 @@ class ExrFile {
   ExrRawChannel read_raw(const std::string& name);
 
  private:
+  template <typename Work>
+  auto reading(Work&& work) const;
+
   std::filesystem::path path_;
+  FileVersion version_;
   std::unique_ptr<Imf::MultiPartInputFile> file_;
   std::vector<ExrChannel> channels_;
 };
