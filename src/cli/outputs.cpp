@@ -75,7 +75,8 @@ void StagedFiles::add_folder(const fs::path& folder) {
 }
 
 void StagedFiles::commit() {
-  for (const auto& file : files_) file->commit();
+  for (const auto& file : files_) file->publish();
+  for (const auto& file : files_) file->sync_folder();
   files_.clear();
   folders_.clear();
 }

@@ -38,10 +38,11 @@ int make_beside(const fs::path& target, fs::path& temporary_path, Make&& make) {
 
 std::string path_of(int file) { return fmt::format("/proc/self/fd/{}", file); }
 
+fs::path folder_of(const fs::path& path) { return path.has_parent_path() ? path.parent_path() : "."; }
+
 // -1 where the file system has no unnamed files, or they could not be given a name.
 int open_unnamed(const fs::path& target) {
-  const fs::path folder = target.has_parent_path() ? target.parent_path() : ".";
-  const int file = open(folder.c_str(), O_TMPFILE | O_WRONLY | O_CLOEXEC, 0666);
+  const int file = open(folder_of(target).c_str(), O_TMPFILE | O_WRONLY | O_CLOEXEC, 0666);
   if (file < 0 || access(path_of(file).c_str(), F_OK) == 0) return file;
   close(file);
   return -1;
@@ -52,14 +53,6 @@ int open_named(const fs::path& target, fs::path& temporary_path) {
   return make_beside(target, temporary_path, [](const char* name) {
     return open(name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   });
-}
-
-// Makes the rename last through a power cut; where the file system cannot, nothing is lost but that.
-void sync_folder(const fs::path& folder) {
-  const int handle = open(folder.empty() ? "." : folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (handle < 0) return;
-  fsync(handle);
-  close(handle);
 }
 
 }  // namespace
@@ -116,13 +109,25 @@ void AtomicFile::link_unnamed() {
   if (errno != EEXIST || make_beside(path_, temporary_path_, link) < 0) fail();
 }
 
-void AtomicFile::commit() {
-  finish();
+void AtomicFile::publish() {
+  if (error_ != 0) fail();
   if (temporary_path_.empty()) link_unnamed();
   if (!temporary_path_.empty() && std::rename(temporary_path_.c_str(), path_.c_str()) != 0) fail();
   std::fclose(file_);
   file_ = nullptr;
-  sync_folder(path_.parent_path());
+}
+
+void AtomicFile::sync_folder() const {
+  const int handle = open(folder_of(path_).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (handle < 0) return;
+  fsync(handle);
+  close(handle);
+}
+
+void AtomicFile::commit() {
+  finish();
+  publish();
+  sync_folder();
 }
 
 }  // namespace raymeld

@@ -28,8 +28,12 @@ class AtomicFile {
   // Brings all that was written to the disk (fsync), so that commit() finds neither a full disk nor much to
   // do.
   void finish();
-  // finish(), then the name.
+  // finish(), then the name, then sync_folder().
   void commit();
+  // Of several files, names given at one stroke: after finish(), and with sync_folder() behind.
+  void publish();
+  // Makes the name last through a power cut; where the file system cannot, nothing is lost but that.
+  void sync_folder() const;
 
  private:
   [[noreturn]] void fail();
