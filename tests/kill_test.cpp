@@ -17,8 +17,8 @@ class Kill : public Cli {
  protected:
   void SetUp() override {
     Cli::SetUp();
-    write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 32, 24, 1));
-    write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 128, 96, 2));
+    write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 64, 48, 1));
+    write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 256, 192, 2));
     inputs_ = files();
   }
 
@@ -70,7 +70,7 @@ class Kill : public Cli {
   }
 
   inline static const std::vector<std::string> kOutputs = {
-      "--preview", "preview.png", "--preview-before-after", "both.png", "--dump", "layers"};
+      "--preview", "preview.png", "--preview-before-after", "both.png", "--dump", "layers", "--keep-layers"};
   std::set<std::string> inputs_;
 };
 
