@@ -14,9 +14,11 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cmath>
 #include <cstring>
 #include <sstream>
+#include <thread>
 
 #include "error_of.h"
 #include "io/layers_from_exr.h"
@@ -542,6 +544,48 @@ TEST_F(Blender, LayersAddUp) {
       EXPECT_NEAR(layers.plane(c)[i], layers.plane(3 + c)[i] + layers.plane(6 + c)[i] + other,
                   1e-4 * (1 + layers.plane(c)[i]));
     }
+  }
+}
+
+void write_constant(const std::filesystem::path& path, float value) {
+  const std::vector<float> pixels(64 * 64, value);
+  ExrOutput output;
+  output.source = Imf::Header(64, 64);
+  output.compression = Imf::NO_COMPRESSION;
+  output.planes = {{"R", Imf::FLOAT, pixels.data()}};
+  write_exr(path, output);
+}
+
+// In place, as a renderer may write its next frame: no mixture of both is ever an image.
+TEST(ExrFile, WrittenToWhileItIsRead) {
+  TemporaryDirectory directory;
+  const std::filesystem::path path = directory / "a.exr", other = directory / "other.exr";
+  write_constant(other, 2);
+  const std::string two = test::read_file(other);
+  for (const std::string& content : {two, two.substr(0, two.size() / 2), two + "x", std::string(5000, 'x'),
+                                     std::string(two.size(), '\xff'), std::string()}) {
+    SCOPED_TRACE(content.size());
+    write_constant(path, 1);
+    ExrFile file(path);
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));  // files' times are counted in ticks
+    test::write_file(path, content);
+    EXPECT_ERROR(file.read(Names{"R"}), "a.exr", "written to while it was being read");
+    EXPECT_ERROR(file.read_raw("R"), "a.exr", "written to while it was being read");
+  }
+}
+
+TEST(ExrFile, ReplacedOrRemovedWhileItIsRead) {
+  TemporaryDirectory directory;
+  const std::filesystem::path path = directory / "a.exr";
+  for (const bool replaced : {true, false}) {
+    write_constant(path, 1);
+    ExrFile file(path);
+    if (replaced) {
+      write_constant(path, 2);  // under its name when it is whole
+    } else {
+      std::filesystem::remove(path);
+    }
+    EXPECT_EQ(file.read(Names{"R"}).data, std::vector<float>(64 * 64, 1));
   }
 }
 

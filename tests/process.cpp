@@ -4,6 +4,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <csignal>
@@ -91,6 +92,42 @@ bool read_some(int descriptor, std::string& text) {
   return count > 0;
 }
 
+// The signal that a process is to be sent.
+class DueSignal {
+ public:
+  DueSignal(pid_t pid, const ProcessOptions& options)
+      : pid_(pid), options_(options), pending_(options.signal != 0) {}
+
+  // To be called whenever stderr has grown and when the time to wait is over.
+  void send_if_due(const std::string& err) {
+    if (!pending_) return;
+    if (!at_ && err.find(options_.signal_after) != std::string::npos)
+      at_ = Clock::now() + options_.signal_delay;
+    if (!at_ || Clock::now() < *at_) return;
+    kill(pid_, options_.signal);
+    pending_ = false;
+  }
+
+  // Null: there is nothing to wait for.
+  const timespec* time_to_wait() {
+    if (!pending_ || !at_) return nullptr;
+    const auto left = std::max(*at_ - Clock::now(), Clock::duration(0));
+    left_ = {0, 0};
+    left_.tv_sec = std::chrono::duration_cast<std::chrono::seconds>(left).count();
+    left_.tv_nsec = std::chrono::nanoseconds(left % std::chrono::seconds(1)).count();
+    return &left_;
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+
+  pid_t pid_;
+  const ProcessOptions& options_;
+  bool pending_;
+  std::optional<Clock::time_point> at_;
+  timespec left_{};
+};
+
 }  // namespace
 
 ProcessResult run_process(const std::vector<std::string>& argv, const ProcessOptions& options) {
@@ -98,17 +135,16 @@ ProcessResult run_process(const std::vector<std::string>& argv, const ProcessOpt
   const pid_t pid = spawn(argv, options, out, err);
   out.close_write_end(), err.close_write_end();
   ProcessResult result;
-  bool signal_is_due = options.signal != 0;
+  DueSignal signal(pid, options);
   std::array<pollfd, 2> streams = {{{out.read_end, POLLIN, 0}, {err.read_end, POLLIN, 0}}};
   while (streams[0].fd >= 0 || streams[1].fd >= 0) {
-    check(poll(streams.data(), streams.size(), -1) < 0 && errno != EINTR ? errno : 0, "poll");
+    signal.send_if_due(result.err);
+    check(ppoll(streams.data(), streams.size(), signal.time_to_wait(), nullptr) < 0 && errno != EINTR ? errno
+                                                                                                      : 0,
+          "poll");
     for (pollfd& stream : streams) {
       std::string& text = &stream == &streams[0] ? result.out : result.err;
       if (stream.fd >= 0 && stream.revents != 0 && !read_some(stream.fd, text)) stream.fd = -1;
-    }
-    if (signal_is_due && result.err.find(options.signal_after) != std::string::npos) {
-      kill(pid, options.signal);
-      signal_is_due = false;
     }
   }
   int status = 0;

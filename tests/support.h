@@ -1,5 +1,6 @@
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <map>
@@ -48,8 +49,9 @@ std::filesystem::path source_path(const std::filesystem::path& relative);  // wi
 struct ProcessOptions {
   std::filesystem::path directory = {};                                // where it runs; empty: here
   std::map<std::string, std::optional<std::string>> environment = {};  // set, or unset where nullopt
-  int signal = 0;                 // sent once, as soon as stderr holds ...
-  std::string signal_after = {};  // ... this text
+  int signal = 0;                             // sent once, as soon as stderr holds ...
+  std::string signal_after = {};              // ... this text, and then ...
+  std::chrono::microseconds signal_delay{0};  // ... so much time has passed
 };
 
 struct ProcessResult {
@@ -58,9 +60,8 @@ struct ProcessResult {
   std::string out, err;
 };
 
-// Waits for its end. argv[0] is looked up in PATH; stdin is empty, signals act by default.
-// Throws std::system_error when it cannot
-// start.
+// Waits for its end. argv[0] is looked up in PATH; stdin is empty, signals act by default. Throws
+// std::system_error when it cannot start.
 ProcessResult run_process(const std::vector<std::string>& argv, const ProcessOptions& options = {});
 
 }  // namespace raymeld::test

@@ -51,7 +51,9 @@ struct FusionOptions {
   std::string device = {};  // index, UUID or part of the name; empty: the first GPU, else a CPU driver
 };
 
-// A model made ready for frames of one size on one device. Externally synchronised.
+// A model made ready for frames of one size on one device. One thread at a time may use a Fusion; several may
+// be used in as many threads, each with a device of its own or all on one ExternalDevice, to whose queue they
+// submit in turn. Of that queue only the caller's own use must not coincide with constructors and fuse().
 class Fusion {
  public:
   // Frames that may be recorded and not yet done on the device.

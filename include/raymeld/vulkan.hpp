@@ -13,7 +13,7 @@ struct ExternalDevice {
   VkInstance instance = VK_NULL_HANDLE;
   VkPhysicalDevice physical_device = VK_NULL_HANDLE;
   VkDevice device = VK_NULL_HANDLE;
-  VkQueue queue = VK_NULL_HANDLE;  // must do compute
+  VkQueue queue = VK_NULL_HANDLE;  // must do compute; see Fusion for threads
   uint32_t queue_family = 0;
   bool storage_16bit = false;  // whether storageBuffer16BitAccess was enabled; needed for fp16
   // Whether bufferDeviceAddress, of VK_KHR_buffer_device_address or Vulkan 1.2, and shaderInt64 were enabled:

@@ -43,7 +43,7 @@ void compare(const CompareArguments& arguments) {
   const Quality quality = measure(image, reference);
   StagedFiles staged;
   for (const fs::path& map : outputs) {
-    staged.add(map, [&](const fs::path& file) { write_png(file, heat_map(relmse_map(image, reference))); });
+    staged.add(map, [&](AtomicFile& file) { write_png(file, heat_map(relmse_map(image, reference))); });
   }
   const QualityTable rows = {{"image", quality}};
   nlohmann::ordered_json json = to_json(rows)["image"];

@@ -142,7 +142,7 @@ void run_fuse(const FuseArguments& arguments) {
   }
   check_written(arguments, files.model);
   console.note(describe(files));
-  const FuseImages images = load_images(files, console);
+  FuseImages images = load_images(arguments, files, console);
   check_interrupted();
 
   const auto device = Device::create({.selector = arguments.device});

@@ -61,12 +61,14 @@ FuseFiles open_files(const FuseArguments& arguments);
 struct FuseImages {
   Image lrhs, hrls;                // of the canvas: (3, h, w) and (K, s h, s w), all finite
   std::optional<Image> reference;  // (3, H, W) of HRLS's data window
+  std::vector<ExrRawChannel> passed;
 };
 
 // The canvas's (3, h, w), all finite.
 Image load_lrhs(FuseFiles& files, Console& console);
 
-FuseImages load_images(FuseFiles& files, Console& console);
+// All that is read of the files, so that what becomes of them while a frame is fused makes no difference.
+FuseImages load_images(const FuseArguments& arguments, FuseFiles& files, Console& console);
 
 FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device);
 
@@ -92,7 +94,7 @@ struct Comparison {
 Comparison make_comparison(const FuseFiles& files, const FuseImages& images);
 
 // `comparison` is needed for --preview-before-after only.
-void write_outputs(const FuseArguments& arguments, FuseFiles& files, const FuseImages& images,
+void write_outputs(const FuseArguments& arguments, const FuseFiles& files, FuseImages& images,
                    const std::optional<Comparison>& comparison, const FuseResult& result, Console& console,
                    StagedFiles& staged);
 

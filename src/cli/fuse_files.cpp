@@ -187,7 +187,7 @@ Image load_lrhs(FuseFiles& files, Console& console) {
   return seen_through(std::move(lrhs), files.lrhs_windows.data, files.canvas.lrhs);
 }
 
-FuseImages load_images(FuseFiles& files, Console& console) {
+FuseImages load_images(const FuseArguments& arguments, FuseFiles& files, Console& console) {
   FuseImages images;
   images.lrhs = load_lrhs(files, console);
   images.hrls = load_hrls(files);
@@ -197,6 +197,8 @@ FuseImages load_images(FuseFiles& files, Console& console) {
     images.reference = load_layers(*files.reference, files.reference_map, kColor);
     sanitize_input(*images.reference, "reference", files.reference->path(), console);
   }
+  for (const std::string& name : passed_channels(files, arguments.keep_layers))
+    images.passed.push_back(files.hrls.read_raw(name));
   return images;
 }
 

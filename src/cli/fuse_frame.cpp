@@ -9,9 +9,8 @@ namespace fs = std::filesystem;
 
 void dump_layers(const fs::path& folder, Fuser& fuser, const Image& fused, StagedFiles& staged) {
   const auto write = [&](const std::string& name, std::span<const float> values, const Shape& shape) {
-    staged.add(folder / (name + ".npy"), [&](const fs::path& file) {
-      write_npy(file, values, shape.channels, shape.height, shape.width);
-    });
+    staged.add(folder / (name + ".npy"),
+               [&](AtomicFile& file) { write_npy(file, values, shape.channels, shape.height, shape.width); });
   };
   staged.add_folder(folder);
   for (const Pass* layer : fuser.graph().layers()) {

@@ -43,25 +43,18 @@ ChannelTriple color_names(const FuseFiles& files, bool keep_layers) {
   return keep_layers && own[0] != own[1] ? own : ChannelTriple{"R", "G", "B"};
 }
 
-std::vector<ExrRawChannel> read_passed(FuseFiles& files, bool keep_layers) {
-  std::vector<ExrRawChannel> channels;
-  for (const std::string& name : passed_channels(files, keep_layers))
-    channels.push_back(files.hrls.read_raw(name));
-  if (!keep_layers && !channels.empty()) channels[0].name.assign(1, 'A');
-  return channels;
-}
-
-void write_image(const FuseArguments& arguments, FuseFiles& files, const FuseResult& result, Console& console,
-                 StagedFiles& staged) {
+void write_image(const FuseArguments& arguments, const FuseFiles& files, FuseImages& images,
+                 const FuseResult& result, Console& console, StagedFiles& staged) {
   ExrOutput output;
   output.source = output_header(files, result.storage);
-  output.pass_through = read_passed(files, arguments.keep_layers);
+  output.pass_through = std::move(images.passed);
+  if (!arguments.keep_layers && !output.pass_through.empty()) output.pass_through[0].name.assign(1, 'A');
   const ChannelTriple names = color_names(files, arguments.keep_layers);
   const Imf::PixelType type = output_type(arguments.output_type, files.hrls_color().type);
   for (int c = 0; c < 3; ++c) output.planes.push_back({names[size_t(c)], type, result.fused.plane(c)});
   check_interrupted();
   size_t clamped = 0;
-  staged.add(arguments.output, [&](const fs::path& file) { clamped = write_exr(file, output); });
+  staged.add(arguments.output, [&](AtomicFile& file) { clamped = write_exr(file, output); });
   if (clamped > 0)
     console.warn(fmt::format("'{}': {} values passed the largest half, 65504, and were clamped",
                              arguments.output, clamped),
@@ -89,12 +82,12 @@ Comparison make_comparison(const FuseFiles& files, const FuseImages& images) {
 }
 
 // The image itself comes last: it is renamed only when everything else is there.
-void write_outputs(const FuseArguments& arguments, FuseFiles& files, const FuseImages& images,
+void write_outputs(const FuseArguments& arguments, const FuseFiles& files, FuseImages& images,
                    const std::optional<Comparison>& comparison, const FuseResult& result, Console& console,
                    StagedFiles& staged) {
   const auto picture = [&](const Image& image) { return to_srgb(image, arguments.exposure_stops); };
   const auto write = [&](const std::string& target, const Picture& content) {
-    staged.add(target, [&](const fs::path& file) { write_png(file, content); });
+    staged.add(target, [&](AtomicFile& file) { write_png(file, content); });
   };
   if (!arguments.preview.empty()) write(arguments.preview, picture(result.fused));
   if (!arguments.before_after.empty()) {
@@ -103,7 +96,7 @@ void write_outputs(const FuseArguments& arguments, FuseFiles& files, const FuseI
     if (images.reference) pictures.push_back(picture(*images.reference));
     write(arguments.before_after, side_by_side(pictures));
   }
-  write_image(arguments, files, result, console, staged);
+  write_image(arguments, files, images, result, console, staged);
 }
 
 }  // namespace raymeld::cli

@@ -6,7 +6,6 @@
 #include <cstring>
 
 #include "error.h"
-#include "io/atomic_file.h"
 
 namespace raymeld::cli {
 
@@ -35,17 +34,6 @@ void check_place(const fs::path& output) {
   }
 }
 
-// A link is followed, so that the file behind it is replaced and not the link.
-fs::path resolved(const fs::path& path) {
-  std::error_code error;
-  return fs::is_symlink(path, error) ? fs::weakly_canonical(path, error) : path;
-}
-
-std::string replaced(std::string text, const std::string& from, const std::string& to) {
-  if (const size_t at = text.find(from); at != std::string::npos) text.replace(at, from.size(), to);
-  return text;
-}
-
 }  // namespace
 
 void check_outputs(std::span<const fs::path> outputs, std::span<const fs::path> inputs) {
@@ -68,21 +56,16 @@ void check_outputs(std::span<const fs::path> outputs, std::span<const fs::path> 
 }
 
 StagedFiles::~StagedFiles() {
+  files_.clear();
   std::error_code error;
-  for (const Staged& file : files_) fs::remove(file.temporary, error);
   for (const fs::path& folder : folders_) fs::remove(folder, error);
 }
 
-void StagedFiles::add(const fs::path& file, const std::function<void(const fs::path&)>& write) {
-  const fs::path target = resolved(file);
-  const fs::path temporary =
-      target.parent_path() / fmt::format(".raymeld-{}-{}.part", getpid(), files_.size());
-  try {
-    write(temporary);
-  } catch (const Error& error) {
-    throw Error("{}", replaced(error.what(), temporary.string(), file.string()));
-  }
-  files_.push_back({temporary, target});
+void StagedFiles::add(const fs::path& path, const std::function<void(AtomicFile&)>& write) {
+  auto file = std::make_unique<AtomicFile>(path);
+  write(*file);
+  file->finish();
+  files_.push_back(std::move(file));
 }
 
 void StagedFiles::add_folder(const fs::path& folder) {
@@ -92,16 +75,13 @@ void StagedFiles::add_folder(const fs::path& folder) {
 }
 
 void StagedFiles::commit() {
-  for (const Staged& file : files_) {
-    std::error_code error;
-    fs::rename(file.temporary, file.target, error);
-    if (error) throw Error("cannot write '{}': {}", file.target.string(), error.message());
-  }
+  for (const auto& file : files_) file->publish();
+  for (const auto& file : files_) file->sync_folder();
   files_.clear();
   folders_.clear();
 }
 
-void write_npy(const fs::path& path, std::span<const float> values, size_t channels, size_t height,
+void write_npy(AtomicFile& file, std::span<const float> values, size_t channels, size_t height,
                size_t width) {
   constexpr size_t kPrefixBytes = 10, kAlignmentBytes = 64;
   std::string header = fmt::format("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, {}, {}), }}",
@@ -112,11 +92,9 @@ void write_npy(const fs::path& path, std::span<const float> values, size_t chann
   header += '\n';
   const std::string prefix = {
       '\x93', 'N', 'U', 'M', 'P', 'Y', 1, 0, char(header.size() % 256), char(header.size() / 256)};
-  AtomicFile file(path);
   file.write(prefix.data(), prefix.size());
   file.write(header.data(), header.size());
   file.write(values.data(), values.size_bytes());
-  file.commit();
 }
 
 }  // namespace raymeld::cli

@@ -2,10 +2,11 @@
 
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <span>
 #include <vector>
 
-#include "io/image.h"
+#include "io/atomic_file.h"
 
 namespace raymeld::cli {
 
@@ -14,8 +15,8 @@ namespace raymeld::cli {
 void check_outputs(std::span<const std::filesystem::path> outputs,
                    std::span<const std::filesystem::path> inputs);
 
-// The files of one run, which appear together at its end: until commit() each lies under a temporary name
-// beside its place, and an older file of that name stays as it was. Without commit() nothing stays.
+// The files of one run, which appear at its end: whole, in the order of add(), one after the other, so that
+// where the last is there all are. Without commit() nothing stays, and older files stay as they were.
 class StagedFiles {
  public:
   StagedFiles() = default;
@@ -23,24 +24,20 @@ class StagedFiles {
   StagedFiles(const StagedFiles&) = delete;
   StagedFiles& operator=(const StagedFiles&) = delete;
 
-  // Calls `write` with the temporary name; its Errors name `file` instead.
-  void add(const std::filesystem::path& file, const std::function<void(const std::filesystem::path&)>& write);
+  // Calls `write` and waits for the disk to have it. Throws Error.
+  void add(const std::filesystem::path& file, const std::function<void(AtomicFile&)>& write);
   // Makes the folder unless it is there. Throws Error.
   void add_folder(const std::filesystem::path& folder);
-  // Renames all, in the order of add(). Throws Error.
+  // Throws Error.
   void commit();
 
  private:
-  struct Staged {
-    std::filesystem::path temporary, target;
-  };
-  std::vector<Staged> files_;
+  std::vector<std::unique_ptr<AtomicFile>> files_;
   std::vector<std::filesystem::path> folders_;  // made by add_folder()
 };
 
-// (C, H, W) as a NumPy file of little-endian float32, whole or not at all. Format:
+// (C, H, W) as a NumPy file of little-endian float32. Format:
 // https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html, version 1.0. Throws Error.
-void write_npy(const std::filesystem::path& path, std::span<const float> values, size_t channels,
-               size_t height, size_t width);
+void write_npy(AtomicFile& file, std::span<const float> values, size_t channels, size_t height, size_t width);
 
 }  // namespace raymeld::cli

@@ -1,22 +1,42 @@
 #include "engine/device.h"
 
+#include <map>
+
 #include "engine/instance.h"
 #include "error.h"
 
 namespace raymeld {
 namespace {
 
-VKAPI_ATTR VkBool32 VKAPI_CALL collect_message(VkDebugUtilsMessageSeverityFlagBitsEXT,
-                                               VkDebugUtilsMessageTypeFlagsEXT,
-                                               const VkDebugUtilsMessengerCallbackDataEXT* data,
-                                               void* messages) {
-  // Newer layers name the rule beside the text only.
-  const char* rule = data->pMessageIdName ? data->pMessageIdName : "";
-  static_cast<std::vector<std::string>*>(messages)->push_back(fmt::format("{}: {}", rule, data->pMessage));
-  return VK_FALSE;
+// One for each queue, whichever Devices submit to it.
+std::shared_ptr<std::mutex> mutex_of(VkQueue queue) {
+  static std::mutex guard;
+  static std::map<VkQueue, std::weak_ptr<std::mutex>> mutexes;
+  const std::lock_guard lock(guard);
+  std::weak_ptr<std::mutex>& known = mutexes[queue];
+  std::shared_ptr<std::mutex> mutex = known.lock();
+  if (!mutex) known = mutex = std::make_shared<std::mutex>();
+  return mutex;
 }
 
 }  // namespace
+
+VKAPI_ATTR VkBool32 VKAPI_CALL Device::collect_message(VkDebugUtilsMessageSeverityFlagBitsEXT,
+                                                       VkDebugUtilsMessageTypeFlagsEXT,
+                                                       const VkDebugUtilsMessengerCallbackDataEXT* data,
+                                                       void* device) {
+  auto& self = *static_cast<Device*>(device);
+  // Newer layers name the rule beside the text only.
+  const char* rule = data->pMessageIdName ? data->pMessageIdName : "";
+  const std::lock_guard lock(self.messages_mutex_);
+  self.messages_.push_back(fmt::format("{}: {}", rule, data->pMessage));
+  return VK_FALSE;
+}
+
+std::vector<std::string> Device::messages() const {
+  const std::lock_guard lock(messages_mutex_);
+  return messages_;
+}
 
 std::unique_ptr<Device> Device::create(const DeviceRequest& request) {
   std::unique_ptr<Device> device(new Device);
@@ -47,6 +67,7 @@ std::unique_ptr<Device> Device::wrap(const ExternalDevice& external) {
   device->instance_ = external.instance;
   device->device_ = external.device;
   device->queue_ = external.queue;
+  device->queue_mutex_ = mutex_of(external.queue);
   device->queue_family_ = external.queue_family;
   device->adopt(external.physical_device, 0);
   device->info_.storage_16bit = device->info_.storage_16bit && external.storage_16bit;
@@ -79,7 +100,7 @@ void Device::create_instance(Validation validation) {
                      VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT |
                      VK_DEBUG_UTILS_MESSAGE_TYPE_PERFORMANCE_BIT_EXT;
   info.pfnUserCallback = collect_message;
-  info.pUserData = &messages_;
+  info.pUserData = this;
   check(vk_.CreateDebugUtilsMessengerEXT(instance_, &info, nullptr, &messenger_),
         "creating the validation messenger");
 }
@@ -140,6 +161,7 @@ void Device::create_device() {
   check(vk_.CreateDevice(physical_device_, &info, nullptr, &device_), "creating device " + info_.name);
   vk_.load_device(device_);
   vk_.GetDeviceQueue(device_, queue_family_, 0, &queue_);
+  queue_mutex_ = mutex_of(queue_);
   const auto fence = vk_struct<VkFenceCreateInfo>(VK_STRUCTURE_TYPE_FENCE_CREATE_INFO);
   check(vk_.CreateFence(device_, &fence, nullptr, &fence_), "creating a fence");
 }
@@ -157,6 +179,7 @@ void Device::submit_and_wait(VkCommandBuffer commands) const {
   auto submit = vk_struct<VkSubmitInfo>(VK_STRUCTURE_TYPE_SUBMIT_INFO);
   submit.commandBufferCount = 1;
   submit.pCommandBuffers = &commands;
+  const std::lock_guard lock(*queue_mutex_);
   check(vk_.ResetFences(device_, 1, &fence_), "resetting a fence");
   check(vk_.QueueSubmit(queue_, 1, &submit, fence_), "submitting to " + info_.name);
   const VkResult waited = vk_.WaitForFences(device_, 1, &fence_, VK_TRUE, UINT64_MAX);

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <vector>
@@ -52,7 +53,8 @@ struct DeviceRequest {
   Validation validation = Validation::kNone;
 };
 
-// Externally synchronised: one thread at a time may use a Device and what was made from it.
+// Several threads may use a Device at once; what was made from it, such as a Program, is one thread's at a
+// time.
 class Device {
  public:
   static std::unique_ptr<Device> create(const DeviceRequest& request = {});
@@ -70,7 +72,7 @@ class Device {
   const VkPhysicalDeviceMemoryProperties& memory() const { return memory_; }
 
   // Warnings and errors of the validation layers since creation, oldest first.
-  const std::vector<std::string>& messages() const { return messages_; }
+  std::vector<std::string> messages() const;
 
   // Names an object for debuggers and validation messages; does nothing without VK_EXT_debug_utils.
   template <typename Handle>
@@ -78,7 +80,8 @@ class Device {
     name_object(type, reinterpret_cast<uint64_t>(handle), text);
   }
 
-  // Submits one command buffer and waits until the device has done it, as far as it can be waited for.
+  // Submits one command buffer and waits until the device has done it, as far as it can be waited for. Threads
+  // take turns, also those of other Devices that wrap the same queue.
   void submit_and_wait(VkCommandBuffer commands) const;
 
  private:
@@ -87,6 +90,10 @@ class Device {
   void create_device();
   void find_queue_family();
   void adopt(VkPhysicalDevice physical_device, uint32_t index);
+  static VKAPI_ATTR VkBool32 VKAPI_CALL collect_message(VkDebugUtilsMessageSeverityFlagBitsEXT,
+                                                        VkDebugUtilsMessageTypeFlagsEXT,
+                                                        const VkDebugUtilsMessengerCallbackDataEXT* data,
+                                                        void* device);
   void name_object(VkObjectType type, uint64_t handle, const std::string& text) const;
 
   VulkanFunctions vk_;
@@ -97,10 +104,12 @@ class Device {
   VkDevice device_ = VK_NULL_HANDLE;
   VkQueue queue_ = VK_NULL_HANDLE;
   uint32_t queue_family_ = 0;
+  std::shared_ptr<std::mutex> queue_mutex_;
   VkFence fence_ = VK_NULL_HANDLE;
   DeviceInfo info_;
   VkPhysicalDeviceProperties properties_{};
   VkPhysicalDeviceMemoryProperties memory_{};
+  mutable std::mutex messages_mutex_;
   std::vector<std::string> messages_;
 };
 

@@ -23,35 +23,49 @@ fs::path resolved_target(const fs::path& path) {
   return fs::is_symlink(fs::symlink_status(path)) ? fs::weakly_canonical(path) : path;
 }
 
-// Opened with 0666 like any new file, so that the umask decides, which mkstemp does not allow.
-int create_beside(const fs::path& target, fs::path& temporary_path) {
+// Tries names beside `target` that no file has, until `make` takes one or fails for another reason.
+template <typename Make>
+int make_beside(const fs::path& target, fs::path& temporary_path, Make&& make) {
   static std::atomic<unsigned> counter = 0;
-  int file = -1;
+  int result = -1;
   do {
     temporary_path = target.parent_path() / fmt::format(".raymeld-{}-{}.tmp", getpid(), counter++);
-    file = open(temporary_path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-  } while (file < 0 && errno == EEXIST);
-  return file;
+    result = make(temporary_path.c_str());
+  } while (result < 0 && errno == EEXIST);
+  if (result < 0) temporary_path.clear();
+  return result;
 }
 
-// Makes the rename last through a power cut; where the file system cannot, nothing is lost but that.
-void sync_folder(const fs::path& folder) {
-  const int handle = open(folder.empty() ? "." : folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (handle < 0) return;
-  fsync(handle);
-  close(handle);
+std::string path_of(int file) { return fmt::format("/proc/self/fd/{}", file); }
+
+fs::path folder_of(const fs::path& path) { return path.has_parent_path() ? path.parent_path() : "."; }
+
+// -1 where the file system has no unnamed files, or they could not be given a name.
+int open_unnamed(const fs::path& target) {
+  const int file = open(folder_of(target).c_str(), O_TMPFILE | O_WRONLY | O_CLOEXEC, 0666);
+  if (file < 0 || access(path_of(file).c_str(), F_OK) == 0) return file;
+  close(file);
+  return -1;
+}
+
+// With 0666 like any new file, so that the umask decides, which mkstemp does not allow.
+int open_named(const fs::path& target, fs::path& temporary_path) {
+  return make_beside(target, temporary_path, [](const char* name) {
+    return open(name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+  });
 }
 
 }  // namespace
 
-AtomicFile::AtomicFile(const fs::path& path) try : path_(resolved_target(path)) {
-  const int file = create_beside(path_, temporary_path_);
+AtomicFile::AtomicFile(const fs::path& path, bool unnamed) try : path_(resolved_target(path)) {
+  int file = unnamed ? open_unnamed(path_) : -1;
+  if (file < 0) file = open_named(path_, temporary_path_);
   if (file < 0) throw Error("cannot write '{}': {}", path.string(), std::strerror(errno));
   file_ = fdopen(file, "wb");
   if (file_) return;
   error_ = errno;
   close(file);
-  unlink(temporary_path_.c_str());
+  if (!temporary_path_.empty()) unlink(temporary_path_.c_str());
   fail();
 } catch (const fs::filesystem_error& error) {
   throw Error("cannot write '{}': {}", path.string(), error.code().message());
@@ -60,7 +74,7 @@ AtomicFile::AtomicFile(const fs::path& path) try : path_(resolved_target(path)) 
 AtomicFile::~AtomicFile() {
   if (!file_) return;
   std::fclose(file_);
-  unlink(temporary_path_.c_str());
+  if (!temporary_path_.empty()) unlink(temporary_path_.c_str());
 }
 
 void AtomicFile::fail() {
@@ -82,12 +96,38 @@ void AtomicFile::seek(uint64_t position) {
   if (error_ != 0 || fseeko(file_, off_t(position), SEEK_SET) != 0) fail();
 }
 
-void AtomicFile::commit() {
+void AtomicFile::finish() {
   if (error_ != 0 || std::fflush(file_) != 0 || fsync(fileno(file_)) != 0) fail();
-  if (std::rename(temporary_path_.c_str(), path_.c_str()) != 0) fail();
+}
+
+// A link takes no name that another file has, so an older file is replaced by way of a temporary name.
+void AtomicFile::link_unnamed() {
+  const auto link = [own = path_of(fileno(file_))](const char* name) {
+    return linkat(AT_FDCWD, own.c_str(), AT_FDCWD, name, AT_SYMLINK_FOLLOW);
+  };
+  if (link(path_.c_str()) == 0) return;
+  if (errno != EEXIST || make_beside(path_, temporary_path_, link) < 0) fail();
+}
+
+void AtomicFile::publish() {
+  if (error_ != 0) fail();
+  if (temporary_path_.empty()) link_unnamed();
+  if (!temporary_path_.empty() && std::rename(temporary_path_.c_str(), path_.c_str()) != 0) fail();
   std::fclose(file_);
   file_ = nullptr;
-  sync_folder(path_.parent_path());
+}
+
+void AtomicFile::sync_folder() const {
+  const int handle = open(folder_of(path_).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (handle < 0) return;
+  fsync(handle);
+  close(handle);
+}
+
+void AtomicFile::commit() {
+  finish();
+  publish();
+  sync_folder();
 }
 
 }  // namespace raymeld

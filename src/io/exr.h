@@ -11,7 +11,9 @@
 #include <string>
 #include <vector>
 
+#include "io/atomic_file.h"
 #include "io/image.h"
+#include "io/input_file.h"
 
 namespace raymeld {
 
@@ -39,7 +41,7 @@ struct ExrRawChannel {
 
 // An open OpenEXR file: scan line or tiled (the full-size level), single or multi-part, any pixel type and
 // compression. Every function throws Error, naming the file: missing, a folder, unreadable, no OpenEXR,
-// truncated, deep. Pixels are read only when asked for.
+// truncated, deep, written to since it was opened. Pixels are read only when asked for.
 class ExrFile {
  public:
   explicit ExrFile(std::filesystem::path path);
@@ -61,7 +63,11 @@ class ExrFile {
   ExrRawChannel read_raw(const std::string& name);
 
  private:
+  template <typename Work>
+  auto reading(Work&& work) const;
+
   std::filesystem::path path_;
+  FileVersion version_;
   std::unique_ptr<Imf::MultiPartInputFile> file_;
   std::vector<ExrChannel> channels_;
 };
@@ -87,6 +93,8 @@ struct ExrOutput {
 // Writes a single-part scan-line file, whole or not at all. Half planes clamp to +-kLargestHalf; the return
 // value counts the values that did. Throws Error, naming the file.
 size_t write_exr(const std::filesystem::path& path, const ExrOutput& output);
+// The same, without commit().
+size_t write_exr(AtomicFile& file, const ExrOutput& output);
 
 // `header` with the windows of the image that keeps one pixel of every scale x scale cell: the data window
 // starts at the same place divided by `scale`, rounded down, and so does the display window.

@@ -26,18 +26,6 @@ std::string reason(const std::exception& error) {
   return end_of_name == std::string::npos ? text : text.substr(end_of_name + 3);
 }
 
-// Whatever OpenEXR throws, as an Error that names the file.
-template <typename Work>
-auto translated(const std::filesystem::path& path, Work&& work) {
-  try {
-    return work();
-  } catch (const Error&) {
-    throw;
-  } catch (const std::exception& error) {
-    throw Error("cannot read '{}': {}", path.string(), reason(error));
-  }
-}
-
 std::string full_name(const std::string& part, const std::string& channel) {
   return part.empty() || channel.starts_with(part + ".") ? channel : part + "." + channel;
 }
@@ -122,17 +110,33 @@ void read_part(Imf::MultiPartInputFile& file, const std::map<const ExrChannel*, 
 
 }  // namespace
 
-ExrFile::ExrFile(std::filesystem::path path) : path_(std::move(path)) {
+// What OpenEXR throws becomes an Error that names the file, and so does a change of the file meanwhile, which
+// OpenEXR may not notice.
+template <typename Work>
+auto ExrFile::reading(Work&& work) const {
+  try {
+    auto result = work();
+    version_.check(path_);
+    return result;
+  } catch (const Error&) {
+    throw;
+  } catch (const std::exception& error) {
+    version_.check(path_);
+    throw Error("cannot read '{}': {}", path_.string(), reason(error));
+  }
+}
+
+ExrFile::ExrFile(std::filesystem::path path) : path_(std::move(path)), version_(path_) {
   check_input_file(path_);
   if (!Imf::isOpenExrFile(path_.c_str()))
     throw Error("cannot read '{}': it is not an OpenEXR file", path_.string());
   check_attribute_sizes(path_);
-  translated(path_, [&] {
+  channels_ = reading([&] {
     // A file whose chunk table is unfinished is refused, so there is no need to rebuild the table.
     file_ = std::make_unique<Imf::MultiPartInputFile>(path_.c_str(), Imf::globalThreadCount(), false);
     for (int part = 0; part < file_->parts(); ++part) check_part(path_, *file_, part);
     check_image_sizes(path_, *file_);
-    channels_ = list_channels(*file_);
+    return list_channels(*file_);
   });
 }
 
@@ -168,7 +172,7 @@ Image ExrFile::read(std::span<const std::string> names) {
     planes.try_emplace(&wanted, int(c));
     ++parts[wanted.part];
   }
-  return translated(path_, [&] {
+  return reading([&] {
     Image image(width_of(window), height_of(window), int(names.size()));
     for (const auto& [part, count] : parts) read_part(*file_, planes, part, image);
     for (size_t c = 0; c < names.size(); ++c)
@@ -181,7 +185,7 @@ Image ExrFile::read(std::span<const std::string> names) {
 ExrRawChannel ExrFile::read_raw(const std::string& name) {
   const ExrChannel& wanted = channel(name);
   const Imath::Box2i window = header(wanted.part).dataWindow();
-  return translated(path_, [&] {
+  return reading([&] {
     ExrRawChannel raw{wanted.name, wanted.type, wanted.x_sampling, wanted.y_sampling, window, {}};
     raw.bytes.resize(sample_count(wanted, window) * size_bytes_of(wanted.type));
     Imf::FrameBuffer frame;

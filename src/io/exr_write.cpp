@@ -142,23 +142,28 @@ Imath::Box2i degraded_window(const Imath::Box2i& window, int scale) {
 
 }  // namespace
 
-size_t write_exr(const std::filesystem::path& path, const ExrOutput& output) try {
-  check_output(path.string(), output);
-  const Frame frame = make_frame(output);
+size_t write_exr(const std::filesystem::path& path, const ExrOutput& output) {
   AtomicFile file(path);
-  Stream stream(file, path.string());
+  const size_t clamped = write_exr(file, output);
+  file.commit();
+  return clamped;
+}
+
+size_t write_exr(AtomicFile& file, const ExrOutput& output) try {
+  check_output(file.path().string(), output);
+  const Frame frame = make_frame(output);
+  Stream stream(file, file.path().string());
   {
-    // Its destructor completes the file and swallows errors; commit() finds those.
+    // Its destructor completes the file and swallows errors; finish() finds those.
     Imf::OutputFile exr(stream, output_header(output));
     exr.setFrameBuffer(frame.buffer);
     exr.writePixels(height_of(output.source.dataWindow()));
   }
-  file.commit();
   return frame.clamped;
 } catch (const Error&) {
   throw;
 } catch (const std::exception& error) {
-  throw Error("cannot write '{}': {}", path.string(), error.what());
+  throw Error("cannot write '{}': {}", file.path().string(), error.what());
 }
 
 Imf::Header degraded_header(const Imf::Header& header, int scale) {

@@ -76,6 +76,12 @@ Picture heat_map(const Image& errors) {
 }
 
 void write_png(const std::filesystem::path& path, const Picture& picture) {
+  AtomicFile file(path);
+  write_png(file, picture);
+  file.commit();
+}
+
+void write_png(AtomicFile& file, const Picture& picture) {
   png_image image{};
   image.version = PNG_IMAGE_VERSION;
   image.width = png_uint_32(picture.width);
@@ -84,10 +90,8 @@ void write_png(const std::filesystem::path& path, const Picture& picture) {
   png_alloc_size_t size_bytes = PNG_IMAGE_PNG_SIZE_MAX(image);
   std::vector<char> bytes(size_bytes);
   if (!png_image_write_to_memory(&image, bytes.data(), &size_bytes, 0, picture.rgb.data(), 0, nullptr))
-    throw Error("cannot write '{}': {}", path.string(), image.message);
-  AtomicFile file(path);
+    throw Error("cannot write '{}': {}", file.path().string(), image.message);
   file.write(bytes.data(), size_bytes);
-  file.commit();
 }
 
 }  // namespace raymeld

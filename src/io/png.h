@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "io/atomic_file.h"
 #include "io/image.h"
 
 namespace raymeld {
@@ -28,5 +29,7 @@ Picture heat_map(const Image& errors);
 
 // Whole or not at all. Throws Error, naming the file.
 void write_png(const std::filesystem::path& path, const Picture& picture);
+// The same, without commit().
+void write_png(AtomicFile& file, const Picture& picture);
 
 }  // namespace raymeld

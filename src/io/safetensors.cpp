@@ -186,8 +186,10 @@ SafeTensors parse_safetensors(std::string_view bytes, const std::string& name) {
 
 SafeTensors read_safetensors(const std::filesystem::path& path) {
   check_input_file(path);
-  std::ifstream file(path, std::ios::binary);
-  std::string bytes(std::filesystem::file_size(path), '\0');
+  std::ifstream file(path, std::ios::binary | std::ios::ate);
+  if (!file) throw Error("cannot read '{}': it is there, but cannot be opened", path.string());
+  std::string bytes(size_t(file.tellg()), '\0');
+  file.seekg(0);
   if (!file.read(bytes.data(), std::streamsize(bytes.size())))
     throw Error("cannot read '{}': reading stopped after {} of {} bytes", path.string(), file.gcount(),
                 bytes.size());

@@ -1,0 +1,112 @@
+#include "io/atomic_file.h"
+
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <csignal>
+#include <random>
+#include <set>
+#include <thread>
+
+#include "error_of.h"
+#include "support.h"
+
+namespace raymeld::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::set<std::string> names_in(const fs::path& folder) {
+  std::set<std::string> names;
+  for (const auto& entry : fs::directory_iterator(folder)) names.insert(entry.path().filename().string());
+  return names;
+}
+
+// Without a name until commit(), and with a temporary one, as where the file system has no others.
+class AtomicFileTest : public testing::TestWithParam<bool> {
+ protected:
+  void write(const std::string& content) {
+    AtomicFile file(folder_ / "a", GetParam());
+    file.write(content.data(), content.size());
+    file.commit();
+  }
+
+  TemporaryDirectory folder_;
+};
+
+TEST_P(AtomicFileTest, AppearsAtCommit) {
+  for (const std::string content : {"first", "second"}) {
+    const std::set<std::string> before = names_in(folder_.path());
+    AtomicFile file(folder_ / "a", GetParam());
+    file.write(content.data(), content.size());
+    file.finish();
+    const std::set<std::string> during = names_in(folder_.path());
+    EXPECT_EQ(during.size(), before.size() + (GetParam() ? 0 : 1));
+    EXPECT_TRUE(before.empty() || read_file(folder_ / "a") == "first");
+    file.commit();
+    EXPECT_EQ(names_in(folder_.path()), std::set<std::string>{"a"});
+    EXPECT_EQ(read_file(folder_ / "a"), content);
+  }
+  EXPECT_EQ(fs::hard_link_count(folder_ / "a"), 1u);
+}
+
+TEST_P(AtomicFileTest, WithoutCommitNothingIsLeft) {
+  write("older");
+  { AtomicFile(folder_ / "a", GetParam()).write("newer", 5); }
+  EXPECT_EQ(names_in(folder_.path()), std::set<std::string>{"a"});
+  EXPECT_EQ(read_file(folder_ / "a"), "older");
+}
+
+// Two files of one name, as of two processes: the last commit wins, and both are whole.
+TEST_P(AtomicFileTest, TwoOfOneNameKeepApart) {
+  AtomicFile first(folder_ / "a", GetParam()), second(folder_ / "a", GetParam());
+  first.write("first", 5);
+  second.write("second", 6);
+  second.commit();
+  EXPECT_EQ(read_file(folder_ / "a"), "second");
+  first.commit();
+  EXPECT_EQ(read_file(folder_ / "a"), "first");
+  EXPECT_EQ(names_in(folder_.path()), std::set<std::string>{"a"});
+}
+
+// A child writes files of one letter each over and over, and is killed anywhere in that.
+TEST_P(AtomicFileTest, AKillLeavesAWholeFileOrNone) {
+  constexpr size_t kBytes = 300'000;
+  std::mt19937 random(1);
+  int appeared = 0, left_behind = 0;
+  for (int kill_number = 0; kill_number < 60; ++kill_number) {
+    if (kill_number % 2 == 0) fs::remove(folder_ / "a");
+    const pid_t child = fork();
+    ASSERT_GE(child, 0);
+    for (char letter = 'a'; child == 0; letter = letter == 'z' ? 'a' : char(letter + 1))
+      write(std::string(kBytes, letter));
+    std::this_thread::sleep_for(std::chrono::microseconds(random() % 8000));
+    kill(child, SIGKILL);
+    ASSERT_EQ(waitpid(child, nullptr, 0), child);
+    if (fs::exists(folder_ / "a")) {
+      const std::string content = read_file(folder_ / "a");
+      ASSERT_EQ(content.size(), kBytes);
+      EXPECT_EQ(size_t(std::ranges::count(content, content[0])), kBytes);
+      ++appeared;
+    }
+    for (const std::string& name : names_in(folder_.path())) {
+      if (name == "a") continue;
+      EXPECT_TRUE(name.starts_with(".raymeld-") && name.ends_with(".tmp")) << name;
+      fs::remove(folder_ / name);
+      ++left_behind;
+    }
+  }
+  RecordProperty("appeared", appeared);
+  RecordProperty("left_behind", left_behind);
+  write("after all that");
+  EXPECT_EQ(read_file(folder_ / "a"), "after all that");
+}
+
+INSTANTIATE_TEST_SUITE_P(Files, AtomicFileTest, testing::Bool(),
+                         [](const auto& info) { return info.param ? "Unnamed" : "Named"; });
+
+}  // namespace
+}  // namespace raymeld::test

@@ -1,0 +1,165 @@
+// Full disks, read-only folders and inputs that change, as a user meets them. Disks of a few KiB and
+// read-only mounts are made in a mount namespace of the program's own.
+#include <unistd.h>
+
+#include <thread>
+
+#include "cli_fixture.h"
+
+namespace raymeld::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+class DiskTest : public Cli {
+ protected:
+  void SetUp() override {
+    Cli::SetUp();
+    write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 32, 32, 1));
+    write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 128, 128, 2));
+    fs::create_directory(folder_ / "place");
+  }
+
+  static bool can_mount() {
+    return run_process({"unshare", "-rm", "mount", "-t", "tmpfs", "none", "/mnt"}).exit_status == 0;
+  }
+
+  // raymeld in a namespace where `mount` was done first. Then stdout tells what is in `place`, and what
+  // out.exr there says.
+  ProcessResult run_mounted(const std::string& mount, const std::vector<std::string>& arguments) const {
+    const std::string script = mount + R"( || exit 99
+      "$@" || status=$?
+      (cd place && find . -type f -not -path '*mesa*' -not -path '*lvp*' | sort; head -c 5 out.exr)
+      exit ${status:-0})";
+    std::vector<std::string> argv = {"unshare", "-rm", "sh", "-c", script, "sh", RAYMELD_PROGRAM};
+    argv.insert(argv.end(), arguments.begin(), arguments.end());
+    return run_process(argv, {.directory = folder_.path(), .environment = environment_});
+  }
+
+  void expect_full(const std::vector<std::string>& arguments, const std::string& named) const {
+    const std::string mount = "mount -t tmpfs -o size=8k none place && printf older > place/out.exr";
+    const ProcessResult result = run_mounted(mount, arguments);
+    EXPECT_EQ(result.exit_status, 2) << result.err;
+    EXPECT_NE(result.err.find("cannot write '" + named), std::string::npos) << result.err;
+    EXPECT_NE(result.err.find("No space left on device"), std::string::npos) << result.err;
+    EXPECT_EQ(result.out, "./out.exr\nolder");
+  }
+
+  static std::vector<std::string> fuse_to(const std::string& output,
+                                          const std::vector<std::string>& more = {}) {
+    std::vector<std::string> arguments = {"fuse",    "--lrhs",     "low.exr", "--hrls", "high.exr",
+                                          "--model", tiny_model(), "-o",      output};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return arguments;
+  }
+};
+
+TEST_F(DiskTest, FullWhereOutputsGo) {
+  if (!can_mount()) GTEST_SKIP() << "mount namespaces are not permitted here";
+  write_image(folder_ / "other.exr", kColorNames, random_image(kColorNames, 128, 128, 3));
+  const std::set<std::string> before = files();
+  expect_full(fuse_to("place/out.exr"), "place/out.exr'");
+  expect_full(fuse_to("out.exr", {"--preview", "place/p.png"}), "place/p.png'");
+  expect_full(fuse_to("out.exr", {"--preview-before-after", "place/p.png"}), "place/p.png'");
+  expect_full(fuse_to("out.exr", {"--preview", "p.png", "--dump", "place/layers"}), "place/layers/");
+  expect_full({"degrade", "high.exr", "--scale", "2", "-o", "place/out.exr"}, "place/out.exr'");
+  expect_full({"compare", "high.exr", "other.exr", "--error-map", "place/e.png"}, "place/e.png'");
+  EXPECT_EQ(files(), before);
+}
+
+// The pipeline cache is not worth a frame. One page holds no pipelines.
+TEST_F(DiskTest, FullWhereTheCacheGoes) {
+  if (!can_mount()) GTEST_SKIP() << "mount namespaces are not permitted here";
+  ASSERT_EQ(run(fuse_to("out.exr")).exit_status, 0);
+  const std::string expected = read_file(folder_ / "out.exr");
+  environment_["XDG_CACHE_HOME"] = (folder_ / "place").string();
+  for (const std::string mount : {"mount -t tmpfs -o size=4k none place",
+                                  "mount --bind place place && mount -o remount,ro,bind place"}) {
+    fs::remove(folder_ / "out.exr");
+    const ProcessResult result = run_mounted(mount, fuse_to("out.exr"));
+    EXPECT_EQ(result.exit_status, 0) << result.err;
+    EXPECT_EQ(result.out, "") << "left in the cache";
+    EXPECT_EQ(read_file(folder_ / "out.exr"), expected);
+  }
+}
+
+// Before the frame is computed, not after.
+TEST_F(DiskTest, ReadOnlyMounts) {
+  if (!can_mount()) GTEST_SKIP() << "mount namespaces are not permitted here";
+  write_file(folder_ / "place/out.exr", "older");
+  const std::set<std::string> before = files();
+  for (const auto& arguments :
+       {fuse_to("place/out.exr"), fuse_to("out.exr", {"--preview", "place/p.png"}),
+        fuse_to("out.exr", {"--dump", "place/layers"}), fuse_to("out.exr", {"--dump", "place"})}) {
+    const ProcessResult result =
+        run_mounted("mount --bind place place && mount -o remount,ro,bind place", arguments);
+    EXPECT_EQ(result.exit_status, 2);
+    EXPECT_NE(result.err.find("cannot write 'place"), std::string::npos) << result.err;
+    EXPECT_NE(result.err.find("Read-only file system"), std::string::npos) << result.err;
+    EXPECT_EQ(result.err.find("fusing"), std::string::npos) << result.err;
+    EXPECT_EQ(result.out, "./out.exr\nolder");
+  }
+  EXPECT_EQ(files(), before);
+}
+
+// Root may write everywhere, so it becomes someone else.
+TEST_F(DiskTest, FoldersOfOtherUsers) {
+  const bool is_root = geteuid() == 0;
+  const auto as_user = [&](std::vector<std::string> argv) {
+    if (is_root) argv.insert(argv.begin(), {"setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"});
+    return run_process(argv, {.directory = folder_.path(), .environment = environment_});
+  };
+  fs::permissions(folder_.path(), fs::perms(0755));
+  if (as_user({RAYMELD_PROGRAM, "degrade", "high.exr", "--scale", "2", "-o", "/dev/null"}).exit_status != 2)
+    GTEST_SKIP() << "another user cannot run the program";
+  fs::permissions(folder_ / "place", fs::perms(0555));
+  std::vector<std::string> arguments = fuse_to("place/out.exr");
+  arguments.insert(arguments.begin(), RAYMELD_PROGRAM);
+  const ProcessResult result = as_user(arguments);
+  EXPECT_EQ(result.exit_status, 2);
+  EXPECT_NE(result.err.find("folder 'place': Permission denied"), std::string::npos) << result.err;
+  EXPECT_EQ(result.err.find("fusing"), std::string::npos) << result.err;
+  EXPECT_TRUE(fs::is_empty(folder_ / "place"));
+  fs::permissions(folder_ / "place", fs::perms(0755));
+}
+
+// Once a frame is being computed, its inputs may go: also the alpha channel has been read.
+TEST_F(DiskTest, InputsMayChangeWhileFusing) {
+  fs::copy_file(tiny_model(), folder_ / "m.safetensors");
+  const std::vector<std::string> command = {"sh",
+                                            "-c",
+                                            "exec \"$@\" 2> err.txt",
+                                            "sh",
+                                            RAYMELD_PROGRAM,
+                                            "fuse",
+                                            "--lrhs",
+                                            "low.exr",
+                                            "--hrls",
+                                            "high.exr",
+                                            "--model",
+                                            "./m.safetensors",
+                                            "-o",
+                                            "out.exr"};
+  const auto fused = [&](const std::function<void()>& meanwhile) {
+    fs::remove(folder_ / "err.txt");
+    ProcessResult result;
+    std::thread program(
+        [&] { result = run_process(command, {.directory = folder_.path(), .environment = environment_}); });
+    while (!fs::exists(folder_ / "err.txt") ||
+           read_file(folder_ / "err.txt").find("fusing") == std::string::npos)
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    meanwhile();
+    program.join();
+    EXPECT_EQ(result.exit_status, 0) << read_file(folder_ / "err.txt");
+    return read_file(folder_ / "out.exr");
+  };
+  const std::string expected = fused([] {});
+  EXPECT_EQ(fused([&] {
+              for (const char* name : {"low.exr", "high.exr", "m.safetensors"})
+                write_file(folder_ / name, "overwritten");
+            }),
+            expected);
+}
+
+}  // namespace
+}  // namespace raymeld::test

@@ -1,0 +1,132 @@
+// kill -9 at random moments: an output is there whole, as it was before, or not at all.
+#include <fmt/format.h>
+
+#include <csignal>
+#include <random>
+
+#include "cli_fixture.h"
+
+namespace raymeld::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+using Contents = std::map<std::string, std::string>;
+
+class Kill : public Cli {
+ protected:
+  void SetUp() override {
+    Cli::SetUp();
+    write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 64, 48, 1));
+    write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 256, 192, 2));
+    inputs_ = files();
+  }
+
+  ProcessResult run_killed(const std::string& after, std::chrono::microseconds delay) const {
+    std::vector<std::string> arguments = fuse(kOutputs);
+    arguments.insert(arguments.begin(), RAYMELD_PROGRAM);
+    return run_process(arguments, {.directory = folder_.path(),
+                                   .environment = environment_,
+                                   .signal = SIGKILL,
+                                   .signal_after = after,
+                                   .signal_delay = delay});
+  }
+
+  // What there is beside the inputs, the folder's content as "layers/...".
+  Contents outputs() const {
+    Contents result;
+    for (const std::string& name : files()) {
+      if (inputs_.contains(name)) continue;
+      if (!fs::is_directory(folder_ / name)) result[name] = read_file(folder_ / name);
+    }
+    if (!fs::exists(folder_ / "layers")) return result;
+    for (const auto& entry : fs::directory_iterator(folder_ / "layers"))
+      result["layers/" + entry.path().filename().string()] = read_file(entry.path());
+    return result;
+  }
+
+  void remove_outputs() const {
+    for (const auto& [name, content] : outputs()) fs::remove(folder_ / name);
+    fs::remove(folder_ / "layers");
+  }
+
+  // The milliseconds that a run takes to "fusing", and from there to its end.
+  std::array<double, 2> typical_ms() const {
+    using Clock = std::chrono::steady_clock;
+    const auto ms_since = [](Clock::time_point start) {
+      return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+    };
+    std::vector<double> whole, first;
+    for (int i = 0; i < 3; ++i) {
+      const auto start = Clock::now();
+      EXPECT_EQ(run(fuse(kOutputs)).exit_status, 0);
+      whole.push_back(ms_since(start));
+      const auto again = Clock::now();
+      run_killed("fusing", {});
+      first.push_back(ms_since(again));
+    }
+    std::ranges::sort(whole), std::ranges::sort(first);
+    return {first[1], std::max(1.0, whole[1] - first[1])};
+  }
+
+  inline static const std::vector<std::string> kOutputs = {
+      "--preview", "preview.png", "--preview-before-after", "both.png", "--dump", "layers", "--keep-layers"};
+  std::set<std::string> inputs_;
+};
+
+// RAYMELD_TEST_KILLS says how many there are to be.
+TEST_F(Kill, LeavesTheWholeOutputOrNone) {
+  const char* wish = std::getenv("RAYMELD_TEST_KILLS");
+  const int kills = wish ? std::atoi(wish) : 25;
+  constexpr unsigned kSeed = 1;
+  ASSERT_EQ(run(fuse(kOutputs)).exit_status, 0);
+  const Contents expected = outputs();
+  ASSERT_TRUE(expected.contains("out.exr") && expected.contains("layers/decode.npy"));
+  const auto [start_ms, rest_ms] = typical_ms();
+  std::mt19937 random(kSeed);
+  int killed = 0, appeared = 0, partly = 0, left_behind = 0;
+  for (int i = 0; i < kills; ++i) {
+    SCOPED_TRACE(fmt::format("kill {} of seed {}", i, kSeed));
+    remove_outputs();
+    const bool replaces = i % 2 == 1;
+    if (replaces) {
+      fs::create_directory(folder_ / "layers");
+      for (const auto& [name, content] : expected) write_file(folder_ / name, "older " + name);
+    }
+    // Half of them anywhere in a run, half of them where it computes and writes.
+    const bool late = i % 4 >= 2;
+    const double delay_ms =
+        std::uniform_real_distribution(0.0, 1.1 * (late ? rest_ms : start_ms + rest_ms))(random);
+    const ProcessResult result =
+        run_killed(late ? "fusing" : "", std::chrono::microseconds(int64_t(1000 * delay_ms)));
+    killed += result.signal == SIGKILL;
+    ASSERT_TRUE(result.signal == SIGKILL || result.exit_status == 0) << result.err;
+
+    size_t whole = 0;
+    const Contents found = outputs();
+    for (const auto& [name, content] : found) {
+      if (!expected.contains(name)) {
+        EXPECT_NE(name.find(".raymeld-"), std::string::npos) << name;
+        ++left_behind;
+        continue;
+      }
+      const bool is_new = content == expected.at(name);
+      EXPECT_TRUE(is_new || (replaces && content == "older " + name)) << name;
+      whole += is_new;
+    }
+    const bool has_image = found.contains("out.exr") && found.at("out.exr") == expected.at("out.exr");
+    EXPECT_TRUE(!has_image || whole == expected.size()) << "the image comes last";
+    EXPECT_TRUE(has_image || result.signal == SIGKILL);
+    appeared += has_image, partly += !has_image && whole > 0;
+  }
+  ASSERT_EQ(run(fuse(kOutputs)).exit_status, 0);  // over whatever the last kill left
+  for (const auto& [name, content] : expected) EXPECT_EQ(outputs()[name], content) << name;
+  fmt::print(
+      "seed {}: {} runs of about {:.0f} + {:.0f} ms, {} killed; image whole after {}, other outputs only "
+      "after "
+      "{}; {} temporary files left\n",
+      kSeed, kills, start_ms, rest_ms, killed, appeared, partly, left_behind);
+}
+
+}  // namespace
+}  // namespace raymeld::test

@@ -1,0 +1,150 @@
+// Several threads on one device, and several processes with one cache: everyone gets the bits of one alone.
+#include <atomic>
+#include <functional>
+#include <thread>
+
+#include "caller_device.h"
+#include "cli_fixture.h"
+#include "fuser.h"
+#include "raymeld/raymeld.hpp"
+#include "subject.h"
+#include "tuner.h"
+
+namespace raymeld::test {
+namespace {
+
+constexpr int kThreads = 4, kFrames = 3;
+
+// Calls work(0) to work(kThreads - 1) at once.
+void in_threads(const std::function<void(int)>& work) {
+  std::vector<std::thread> threads;
+  for (int i = 0; i < kThreads; ++i) threads.emplace_back(work, i);
+  for (std::thread& thread : threads) thread.join();
+}
+
+// Each thread has a frame of its own, of its own size.
+class ThreadsTest : public GpuTest {
+ protected:
+  ThreadsTest() {
+    setenv("XDG_CACHE_HOME", (folder_ / "cache").c_str(), 1);
+    for (int i = 0; i < kThreads; ++i) {
+      subjects_.push_back(
+          make_subject(i % 2 ? guided_architecture(4) : small_architecture(2), 5 + i, 9 - i, uint64_t(i)));
+      write_model(file(i), subjects_.back().architecture, subjects_.back().weights);
+    }
+  }
+
+  std::string file(int i) const { return folder_ / fmt::format("{}.safetensors", i); }
+  uint32_t height(int i) const { return uint32_t(subjects_[size_t(i)].lrhs.h); }
+  uint32_t width(int i) const { return uint32_t(subjects_[size_t(i)].lrhs.w); }
+
+  std::vector<float> fuse_with(Fuser& fuser, int i) const {
+    Image fused;
+    fuser.fuse(image_of(subjects_[size_t(i)].lrhs), image_of(subjects_[size_t(i)].hrls), fused);
+    return fused.data;
+  }
+  std::vector<float> fuse_with(Fusion& fusion, int i) const {
+    const Subject& subject = subjects_[size_t(i)];
+    std::vector<float> fused(subject.lrhs.data.size() * fusion.scale() * fusion.scale());
+    fusion.fuse(floats(subject.lrhs).data(), floats(subject.hrls).data(), fused.data());
+    return fused;
+  }
+
+  // make(i) is made, and used for some frames, by one thread after the other and then by all at once.
+  template <typename Make>
+  void expect_the_same(Make&& make) {
+    std::vector<std::vector<float>> alone(kThreads), together(size_t{kThreads} * kFrames);
+    for (int i = 0; i < kThreads; ++i) alone[size_t(i)] = fuse_with(*make(i), i);
+    in_threads([&](int i) {
+      const auto own = make(i);
+      for (int frame = 0; frame < kFrames; ++frame)
+        together[size_t(i * kFrames + frame)] = fuse_with(*own, i);
+    });
+    for (size_t k = 0; k < together.size(); ++k) {
+      EXPECT_TRUE(same_bits(together[k], alone[k / kFrames])) << "thread " << k / kFrames;
+    }
+  }
+
+  TemporaryDirectory folder_;
+  std::vector<Subject> subjects_;
+};
+
+TEST_F(ThreadsTest, FusersOfOneDevice) {
+  std::vector<std::unique_ptr<Model>> models;
+  for (int i = 0; i < kThreads; ++i) models.push_back(std::make_unique<Model>(file(i)));
+  const Kernels kernels = default_kernels(gpu().info());
+  expect_the_same([&](int i) {
+    return std::make_unique<Fuser>(gpu(), *models[size_t(i)], height(i), width(i),
+                                   FuserOptions{.kernels = kernels}, folder_ / "cache");
+  });
+  EXPECT_TRUE(PipelineCache(gpu(), folder_ / "cache").loaded());
+}
+
+TEST_F(ThreadsTest, FusionsWithDevicesOfTheirOwn) {
+  expect_the_same([&](int i) { return std::make_unique<Fusion>(file(i), height(i), width(i)); });
+}
+
+TEST_F(ThreadsTest, FusionsOfACallersDevice) {
+  const CallerDevice caller;
+  expect_the_same([&](int i) {
+    return std::make_unique<Fusion>(file(i), height(i), width(i), FusionOptions{}, caller.external());
+  });
+}
+
+class ProcessesTest : public Cli {
+ protected:
+  // Runs all at once; each must succeed.
+  void run_together(const std::vector<std::vector<std::string>>& commands) const {
+    std::vector<ProcessResult> results(commands.size());
+    std::vector<std::thread> threads;
+    for (size_t i = 0; i < commands.size(); ++i)
+      threads.emplace_back([&, i] { results[i] = run(commands[i]); });
+    for (std::thread& thread : threads) thread.join();
+    for (const ProcessResult& result : results) EXPECT_EQ(result.exit_status, 0) << result.err;
+  }
+
+  static std::vector<std::string> fuse_to(const std::string& output) {
+    return {"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "--model", tiny_model(), "-o", output};
+  }
+};
+
+TEST_F(ProcessesTest, FusingWithOneCache) {
+  ASSERT_EQ(run(fuse_to("alone.exr")).exit_status, 0);
+  const std::filesystem::path cache = folder_ / "cache" / "raymeld";
+  std::filesystem::remove_all(folder_ / "cache");
+  run_together({fuse_to("a.exr"), fuse_to("b.exr"), fuse_to("same.exr"), fuse_to("same.exr")});
+  for (const char* name : {"a.exr", "b.exr", "same.exr"})
+    EXPECT_EQ(read_file(folder_ / name), read_file(folder_ / "alone.exr")) << name;
+  EXPECT_TRUE(PipelineCache(gpu(), cache).loaded());
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(cache), {}), 1);  // nothing half written
+}
+
+// Two save, two load: what is loaded was saved by one of the two, all of it.
+TEST(Tunings, SavedAndLoadedAtOnce) {
+  const TemporaryDirectory folder;
+  const std::filesystem::path file = folder / "cache" / "tuning.json";
+  std::array<Tuning, 2> tunings;
+  tunings[0].order = 1, tunings[1].order = 2;
+  for (uint32_t channels = 1; channels <= 40; ++channels) {
+    for (Tuning& tuning : tunings)
+      tuning.entries[{64, 64, channels, channels * tuning.order, 3}] = {{}, double(tuning.order), 1};
+  }
+  save_tuning(file, tunings[0]);
+  std::atomic<int> wrong = 0;
+  in_threads([&](int i) {
+    for (int round = 0; round < 50; ++round) {
+      if (i < 2) {
+        save_tuning(file, tunings[size_t(i)]);
+      } else {
+        const Tuning loaded = load_tuning(file);
+        const bool is_whole = loaded.entries.size() == 40 && (loaded.order == 1 || loaded.order == 2);
+        wrong += !is_whole || loaded.entries.begin()->second.time_ms != loaded.order;
+      }
+    }
+  });
+  EXPECT_EQ(wrong, 0);
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder / "cache"), {}), 1);
+}
+
+}  // namespace
+}  // namespace raymeld::test
