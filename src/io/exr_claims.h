@@ -13,7 +13,6 @@ void check_attribute_sizes(const std::filesystem::path& path);
 
 // Throws Error where the images of all parts are far larger than what a file of that size may become when it
 // is decompressed, or where tiles are larger than images.
-void check_image_sizes(const std::filesystem::path& path,
-                       const Imf::MultiPartInputFile& file);
+void check_image_sizes(const std::filesystem::path& path, const Imf::MultiPartInputFile& file);
 
 }  // namespace raymeld
