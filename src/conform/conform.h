@@ -37,7 +37,7 @@ struct Finding {
 // What networks gave on a device, by case.
 struct Values {
   std::string device;
-  std::map<std::string, reference::Planes> outputs;
+  std::map<std::string, reference::Planes> outputs = {};
 };
 
 enum class Extent { kQuick, kFull };
