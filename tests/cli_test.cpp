@@ -48,7 +48,7 @@ TEST_F(Cli, HelpAndVersion) {
   EXPECT_EQ(run({"--version"}).out.substr(0, 8), "raymeld ");
   const ProcessResult help = run({"--help"});
   EXPECT_EQ(help.exit_status, 0);
-  for (const char* command : {"fuse", "devices", "compare", "degrade", "graph", "tune"}) {
+  for (const char* command : {"fuse", "devices", "compare", "degrade", "graph", "tune", "conform"}) {
     EXPECT_NE(help.out.find(command), std::string::npos);
     const ProcessResult its_help = run({command, "--help"});
     EXPECT_EQ(its_help.exit_status, 0);
@@ -439,8 +439,8 @@ TEST_F(Cli, GraphNeedsNoDevice) {
   environment_["VK_DRIVER_FILES"] = environment_["VK_ICD_FILENAMES"] = "/nonexistent.json";
   const ProcessResult text = run({"graph", "--model", tiny_model(), "--size", "64x48"});
   EXPECT_EQ(text.exit_status, 0) << text.err;
-  for (const char* part :
-       {"groups.1.blocks.0.dense.2", "12x16x5 + 12x16x6 -> 12x16x3", "| fuse", "barriers", "peak with aliasing"})
+  for (const char* part : {"groups.1.blocks.0.dense.2", "12x16x5 + 12x16x6 -> 12x16x3", "| fuse", "barriers",
+                           "peak with aliasing"})
     EXPECT_NE(text.out.find(part), std::string::npos) << part;
   const ProcessResult dot = run({"graph", "--model", tiny_model(), "--size", "64x48", "--dot"});
   EXPECT_EQ(dot.exit_status, 0) << dot.err;

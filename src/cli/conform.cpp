@@ -8,6 +8,7 @@
 #include "cli/conform_values.h"
 #include "cli/console.h"
 #include "cli/interrupt.h"
+#include "cli/outputs.h"
 #include "cli/versions.h"
 #include "conform/report.h"
 
@@ -106,6 +107,7 @@ std::vector<conform::Suite> chosen_suites(const std::vector<std::string>& names)
 }
 
 void run(const ConformArguments& arguments) {
+  if (!arguments.values.empty()) check_outputs(std::span(&arguments.values, 1), arguments.against);
   std::vector<conform::Values> others;
   for (const auto& file : arguments.against) others.push_back(read_values(file));
   const auto device = Device::create({arguments.device});

@@ -47,12 +47,17 @@ Bounded expected(const Bounded& x, const Conv& conv, bool relu, Precision precis
   return reference::conv2d(x, conv, relu, precision, pointers, way.tile(), way.units());
 }
 
-void check_values(Check& check, const Target& target, const Trial& trial, uint32_t kernel, const Size& size,
-                  Fill fill, uint64_t seed, const Way& way, Precision precision) {
+// A convolution of one trial in a run, and what it must give.
+struct Convolved {
+  Tensor out;
+  Bounded expected;
+};
+
+Convolved add_values(LayerRun& run, const Trial& trial, uint32_t kernel, const Size& size, Fill fill,
+                     uint64_t seed, const Way& way, Precision precision) {
   const Conv conv = round_to(random_conv(trial.out, trial.in, int(kernel), fill, seed), precision);
   const Planes x = round_to(random_planes(trial.in, size.h, size.w, fill, seed + 1), precision);
   const int in_front = trial.in - trial.behind;
-  LayerRun run(target, precision, way.addressed);
   const Tensor in = run.input("in", slice(exact(x), 0, in_front).value);
   const Tensor out = run.tensor("out", trial.out, size.h, size.w);
   std::optional<Tensor> behind;
@@ -67,13 +72,21 @@ void check_values(Check& check, const Target& target, const Trial& trial, uint32
   }
   conv2d(run.graph(), "conv", in, out, run.weights(conv),
          {.kernel = kernel, .relu = trial.relu, .residuals = residuals, .behind = behind, .how = way.kernel});
+  return {out, expected(exact(x), conv, trial.relu, precision, bounded, way)};
+}
+
+// Random values within bounds, small integers exactly; as two convolutions of one graph, so that a driver
+// compiles their kernel once. The weights of F(4, 3) are divided by 3: no integers.
+void check_values(Check& check, const Target& target, const Trial& trial, uint32_t kernel, const Size& size,
+                  uint64_t seed, const Way& way, Precision precision) {
+  const bool integers = way.kernel.tile != 4;
+  LayerRun run(target, precision, way.addressed);
+  const Convolved random = add_values(run, trial, kernel, size, Fill::kUniform, seed, way, precision);
+  Convolved whole;
+  if (integers) whole = add_values(run, trial, kernel, size, Fill::kIntegers, seed, way, precision);
   run.run();
-  const Bounded result = expected(exact(x), conv, trial.relu, precision, bounded, way);
-  if (fill == Fill::kIntegers) {
-    check.within(run.read(out), exact(result.value), "integers");
-  } else {
-    check.within(run.read(out), result, "random");
-  }
+  check.within(run.read(random.out), random.expected, "random");
+  if (integers) check.within(run.read(whole.out), exact(whole.expected.value), "integers");
 }
 
 // Reads channels of a tensor and writes others of it, whose neighbours stay as they were.
@@ -125,11 +138,7 @@ void run_values(Collector& collector, std::span<const Trial> trials, uint32_t ke
       const Trial& trial = trials[next % trials.size()];
       const uint64_t seed = 10 * ++next;
       collector.run(layer, way, precision, text_of(trial, size), [&](Check& check) {
-        // The weights of F(4, 3) are divided by 3.
-        if (way.kernel.tile != 4) {
-          check_values(check, collector.target(), trial, kernel, size, Fill::kIntegers, seed, way, precision);
-        }
-        check_values(check, collector.target(), trial, kernel, size, Fill::kUniform, seed, way, precision);
+        check_values(check, collector.target(), trial, kernel, size, seed, way, precision);
       });
     }
     collector.run(layer, way, precision, "slices of one tensor, 5 -> 3 of 13 channels, 9 x 7",

@@ -77,42 +77,51 @@ void check_relu(const Pointwise& run) {
   run.check.within(out, exact(Planes(1, 1, 5, {0, 0, 3, kNaN, kNaN})));
 }
 
-Planes poisoned_layer(const Target& target, const Planes& image, const reference::Conv& conv, const Way& way,
-                      Precision precision) {
-  LayerRun run(target, precision, way.addressed);
-  const Tensor in = run.input("in", image), out = run.tensor("out", conv.out, image.h, image.w);
-  conv2d(run.graph(), "conv", in, out, run.weights(conv), {.kernel = 3, .relu = true, .how = way.kernel});
-  run.run();
-  return run.read(out);
+struct Poison {
+  float value;
+  int y, x;
+};
+
+// What differs is what lies beside the poisoned pixel, and something does.
+void check_spread(Check& check, const Poison& poison, const Planes& before, Planes after) {
+  const std::string what = fmt::format("{:g} at y {}, x {}", poison.value, poison.y, poison.x);
+  size_t changed = 0;
+  for (int c = 0; c < after.c; ++c) {
+    for (int v = std::max(poison.y - 1, 0); v <= std::min(poison.y + 1, after.h - 1); ++v) {
+      for (int u = std::max(poison.x - 1, 0); u <= std::min(poison.x + 1, after.w - 1); ++u) {
+        changed += after.at(c, v, u) != before.at(c, v, u);
+        after.at(c, v, u) = before.at(c, v, u);
+      }
+    }
+  }
+  check.within(after, exact(before), what + ", farther than a pixel from it");
+  check.that(changed > 0, what + " changed nothing");
 }
 
 // Padding and the tails of tiles read nothing of a poisoned pixel, wherever that lies.
 void check_poison(Check& check, const Target& target, const Way& way, Precision precision) {
   const reference::Conv conv = reference::random_conv(9, 5, 3, reference::Fill::kUniform, 4);
   const Planes clean = round_to(reference::random_planes(5, 11, 35, reference::Fill::kUniform, 3), precision);
-  const Planes before = poisoned_layer(target, clean, conv, way, precision);
-  const std::vector<float> poisons = precision == Precision::kFp16
-                                         ? std::vector<float>{6e4f, kInfinity, kNaN}
-                                         : std::vector<float>{1e8f, 1e30f, FLT_MAX, kInfinity, kNaN};
+  const std::vector<float> values = precision == Precision::kFp16
+                                        ? std::vector<float>{6e4f, kInfinity, kNaN}
+                                        : std::vector<float>{1e8f, 1e30f, FLT_MAX, kInfinity, kNaN};
+  LayerRun run(target, precision, way.addressed);
+  const auto add = [&](const Planes& image) {
+    const Tensor in = run.input("in", image), out = run.tensor("out", conv.out, image.h, image.w);
+    conv2d(run.graph(), "conv", in, out, run.weights(conv), {.kernel = 3, .relu = true, .how = way.kernel});
+    return out;
+  };
+  const Tensor before = add(clean);
+  std::vector<std::pair<Poison, Tensor>> poisoned;
   for (const auto& [y, x] : {std::pair(0, 0), {10, 34}, {4, 32}, {3, 0}}) {
-    for (const float poison : poisons) {
+    for (const float value : values) {
       Planes image = clean;
-      image.at(2, y, x) = poison;
-      Planes after = poisoned_layer(target, image, conv, way, precision);
-      const std::string what = fmt::format("{:g} at y {}, x {}", poison, y, x);
-      size_t changed = 0;
-      for (int c = 0; c < after.c; ++c) {
-        for (int v = std::max(y - 1, 0); v <= std::min(y + 1, after.h - 1); ++v) {
-          for (int u = std::max(x - 1, 0); u <= std::min(x + 1, after.w - 1); ++u) {
-            changed += after.at(c, v, u) != before.at(c, v, u);
-            after.at(c, v, u) = before.at(c, v, u);
-          }
-        }
-      }
-      check.within(after, exact(before), what + ", farther than a pixel from it");
-      check.that(changed > 0, what + " changed nothing");
+      image.at(2, y, x) = value;
+      poisoned.emplace_back(Poison{value, y, x}, add(image));
     }
   }
+  run.run();
+  for (const auto& [poison, after] : poisoned) check_spread(check, poison, run.read(before), run.read(after));
 }
 
 }  // namespace

@@ -28,7 +28,7 @@ void run_passes(const Device& device, const Program& program, const Graph& graph
 }
 
 LayerRun::LayerRun(const Target& target, Precision precision, bool addressed)
-    : target_(target), graph_(storage_of(precision), addressed) {}
+    : target_(target), graph_(storage_of(precision), addressed, true) {}
 
 Tensor LayerRun::input(const std::string& name, const Planes& values) {
   const Tensor result = graph_.input(name, {uint32_t(values.h), uint32_t(values.w), uint32_t(values.c)});

@@ -27,7 +27,7 @@ std::string name_of(reference::Precision precision);
 // Runs all passes with descriptor set 0 and makes what they wrote visible to the host.
 void run_passes(const Device& device, const Program& program, const Graph& graph);
 
-// A graph run once: declare inputs, add layers to graph(), run(), read what came out.
+// A graph run once: declare inputs, add layers to graph(), run(), read what came out of any of them.
 class LayerRun {
  public:
   LayerRun(const Target& target, reference::Precision precision, bool addressed = false);

@@ -105,19 +105,19 @@ std::vector<Variant> variants() {
 
 void conform_network(Collector& collector) {
   const std::vector<Variant> all = variants();
-  const std::vector<Way> ways = network_ways(collector.device().info());
   for (size_t i = 0; i < all.size(); i += collector.full() ? 1 : 3) {
     const auto& [a, height, width] = all[i];
     const Subject subject = make_subject(a, height, width, 100 + i);
     const std::string name =
         fmt::format("{}: x{}, {} features, {} x {}", i, a.scale, a.features, height, width);
-    Collector::for_each(ways, [&](const Way& way, reference::Precision precision) {
-      conform_one(collector, name, subject,
-                  {.way = way,
-                   .precision = precision,
-                   .phase = (float(a.scale) - 1) / 2,
-                   .exposure = std::array{1.0f, 0.037f, 2.3f}[i % 3]});
-    });
+    Collector::for_each(network_ways(collector.device().info(), i),
+                        [&](const Way& way, reference::Precision precision) {
+                          conform_one(collector, name, subject,
+                                      {.way = way,
+                                       .precision = precision,
+                                       .phase = (float(a.scale) - 1) / 2,
+                                       .exposure = std::array{1.0f, 0.037f, 2.3f}[i % 3]});
+                        });
   }
 }
 
