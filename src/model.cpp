@@ -9,12 +9,13 @@
 
 namespace raymeld {
 
-Model::Model(const std::filesystem::path& file) : file_(file.string()) {
-  SafeTensors content = read_safetensors(file);
+Model::Model(const std::filesystem::path& file) : Model(read_safetensors(file), file.string()) {}
+
+Model::Model(SafeTensors content, const std::string& file) : file_(file) {
   metadata_ = std::move(content.metadata);
   architecture_ = parse_architecture(metadata_, file_);
   const auto name = metadata_.find("name");
-  name_ = name == metadata_.end() ? file.stem().string() : name->second;
+  name_ = name == metadata_.end() ? std::filesystem::path(file).stem().string() : name->second;
   for (auto& [key, data] : content.tensors) {
     if (!std::all_of(data.values.begin(), data.values.end(), [](float v) { return std::isfinite(v); })) {
       throw Error("model {}: tensor {} holds values that are not finite", file_, key);

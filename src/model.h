@@ -10,6 +10,8 @@
 
 namespace raymeld {
 
+struct SafeTensors;
+
 // What is added to the trunk: F_LRHS (section 4 and figure 4 of Hou et al. 2021) or F_0 (their Eq. 8).
 enum class LongSkip { kLrhs, kFused };
 
@@ -62,6 +64,8 @@ class Model {
   // Reads a safetensors file and checks that its tensors are exactly those that its metadata implies, all
   // finite. Throws Error naming the file and the tensor or the metadata entry, and what was expected.
   explicit Model(const std::filesystem::path& file);
+  // The same of what such a file holds; messages call it `file`.
+  Model(SafeTensors content, const std::string& file);
 
   const Architecture& architecture() const { return architecture_; }
   const std::string& name() const { return name_; }

@@ -60,6 +60,10 @@ TEST_F(CliErrors, Usage) {
   expect_error({"graph", "--model", tiny_model(), "--size", "66x48"}, {"66x48", "scale 4"});
   expect_error({"tune", "--model", tiny_model(), "--size", "66x48"}, {"66x48", "scale 4"});
   expect_error({"tune", "--precision", "int8"}, {"--precision", "fp16"});
+  expect_error({"conform", "--suite", "poetry"}, {"--suite", "conv2d"});
+  expect_error({"conform", "--quick", "--full"}, {"--quick", "--full"});
+  expect_error({"conform", "--against", "low.exr"}, {"low.exr", "--values"});
+  expect_error({"conform", "--suite", "shuffles", "--values", "no/folder/v.json"}, {"no/folder/v.json"});
   expect_error(fuse({"--kernels", "fastest"}), {"--kernels", "direct"});
   expect_error(fuse({"--map", "shine=R"}), {"shine", "albedo"});
 }

@@ -234,7 +234,7 @@ TEST_F(GraphTest, KeepingAllActivationsMakesTheSameBits) {
           const FrameImage lrhs(gpu(), subject.lrhs), hrls(gpu(), subject.hrls);
           const FrameImage fused(gpu(), {36, 20, 3}, Memory::kReadback, {});
           program.bind(0, {lrhs.binding(), hrls.binding(), fused.binding()});
-          run_passes(program, graph);
+          run_passes(gpu(), program, graph);
           outputs.push_back(fused.read());
         }
         EXPECT_TRUE(same_bits(floats(outputs[1]), floats(outputs[0])));

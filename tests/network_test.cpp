@@ -15,128 +15,31 @@ namespace raymeld::test {
 namespace {
 
 using reference::Bounded;
-using reference::LayerKind;
 using reference::Outputs;
 using reference::Planes;
 using reference::Precision;
 
 class NetworkTest : public GpuTest {};
 
-// The reference's name of what a pass wrote: residuals and shuffles are part of its layers. Empty: only an
-// intermediate of one.
-std::string reference_name(const std::string& pass, const Graph& graph, const reference::Architecture& a) {
-  if (pass.ends_with(".space_to_depth") || pass == "decode") return {};
-  if (pass.ends_with(".pixel_shuffle")) return pass.substr(0, pass.find('.', 3));
-  for (const Pass* layer : graph.layers()) {
-    if (layer->name == pass + ".pixel_shuffle") return {};
-  }
-  for (int g = 0; g < a.groups; ++g) {
-    if (pass != fmt::format("groups.{}.blocks.{}.merge", g, a.blocks - 1)) continue;
-    return g + 1 == a.groups ? "trunk" : fmt::format("groups.{}", g);
-  }
-  return pass;
+Subject subject_of(const Golden& golden) {
+  return {golden.architecture, golden.weights, golden.lrhs, golden.hrls};
 }
 
-struct DeviceRun {
-  std::map<std::string, Planes> layers;  // by the reference's names
-  Planes output;
-  FuseReport report;
-};
-
-DeviceRun run_on_gpu(const std::filesystem::path& file, const reference::Architecture& architecture,
-                     const Planes& lrhs, const Planes& hrls, float phase, Precision precision, float exposure,
-                     const Kernels& kernels = {}) {
-  const Model model(file);
-  Fuser fuser(gpu(), model, uint32_t(lrhs.h), uint32_t(lrhs.w),
-              {.storage = storage_of(precision),
-               .kernels = kernels,
-               .phase = phase,
-               .exposure = exposure,
-               .keep_activations = true},
-              shared_cache_folder());
-  Image fused;
-  DeviceRun run;
-  run.report = fuser.fuse(image_of(lrhs), image_of(hrls), fused);
-  run.output = planes_of(fused);
-  for (const Pass* layer : fuser.graph().layers()) {
-    const std::string name = reference_name(layer->name, fuser.graph(), architecture);
-    if (name.empty()) continue;
-    const Shape& shape = layer->output()->shape;
-    run.layers[name] = planes(int(shape.channels), int(shape.height), int(shape.width),
-                              fuser.program().read(*layer->output()));
-  }
-  return run;
-}
-
-// Each layer against the reference fed with the device's own values, then the whole with bounds carried
-// through all layers.
-void check_against_reference(const std::filesystem::path& file, const Subject& subject, float phase,
-                             Precision precision, float exposure, const Kernels& kernels = {}, int tile = 0,
-                             int units = 1) {
-  const DeviceRun run =
-      run_on_gpu(file, subject.architecture, subject.lrhs, subject.hrls, phase, precision, exposure, kernels);
-  reference::Weights weights;
-  for (const auto& [name, conv] : subject.weights) weights[name] = round_to(conv, precision);
-  const Outputs layers = reference::network(subject.architecture, weights, subject.lrhs, subject.hrls, phase,
-                                            precision, run.layers, exposure, tile, units);
-  for (const auto& [name, device] : run.layers) {
-    EXPECT_TRUE(within_bounds(fmt::format("{} {}", name, name_of(precision)), device, layers.at(name)));
-  }
-  EXPECT_TRUE(within_bounds("output " + name_of(precision), run.output, layers.at("output")));
-  const Outputs carried = reference::network(subject.architecture, weights, subject.lrhs, subject.hrls, phase,
-                                             precision, {}, exposure, tile, units);
-  EXPECT_TRUE(within_bounds("carried " + name_of(precision), run.output, carried.at("output")));
-  EXPECT_EQ(run.report.status.saturated, 0u);
-}
-
-TEST_F(NetworkTest, GoldenNetworksLayerByLayer) {
+// Each layer and the whole against the reference.
+TEST_F(NetworkTest, GoldenNetworksByAllKernels) {
+  conform::Options options{.on_finding = expect_passed};
+  const conform::Collector collector(target(), options);
+  size_t index = 0;
   for (const std::string& name : golden_names()) {
     const Golden golden = load_golden(name);
-    const Subject subject{golden.architecture, golden.weights, golden.lrhs, golden.hrls};
-    for (const Precision precision : kPrecisions) {
-      for (const float phase : {0.0f, (float(golden.architecture.scale) - 1) / 2}) {
-        SCOPED_TRACE(fmt::format("{} {} phase {}", name, name_of(precision), phase));
-        check_against_reference(golden_model_path(name), subject, phase, precision, float(golden.exposure));
-      }
-    }
-  }
-}
-
-// By every tile, activations in buffers and by address. The golden networks have few channels, so that parts
-// and bands are small, to have several.
-TEST_F(NetworkTest, GoldenNetworksByMinimalFiltering) {
-  if (!gpu().info().buffer_device_address) GTEST_SKIP() << "the device has no buffer addresses";
-  for (const std::string& name : golden_names()) {
-    const Golden golden = load_golden(name);
-    const Subject subject{golden.architecture, golden.weights, golden.lrhs, golden.hrls};
-    for (const auto& [tile, addressed, precision] : {std::tuple(2u, false, Precision::kFp32),
-                                                     {4u, true, Precision::kFp32},
-                                                     {4u, true, Precision::kFp16}}) {
-      SCOPED_TRACE(
-          fmt::format("{} F({}, 3) {}{}", name, tile, name_of(precision), addressed ? " by address" : ""));
-      const Kernels kernels{
-          .addressed = addressed, .conv2d = [tile = tile](const Conv2dShape& shape) {
-            return Conv2dKernel{
-                .tile = shape.kernel == 1 ? 1 : tile, .outputs = 8, .channels = 8, .band = 64};
-          }};
-      check_against_reference(golden_model_path(name), subject, 0, precision, float(golden.exposure), kernels,
-                              int(tile));
-    }
-  }
-}
-
-TEST_F(NetworkTest, GoldenNetworksByCooperativeMatrices) {
-  const auto& matrix = gpu().info().cooperative_matrix;
-  if (!matrix) GTEST_SKIP() << "the device has no cooperative matrices";
-  const Kernels kernels{.conv2d = [&](const Conv2dShape&) {
-    return Conv2dKernel{.matrix = MatrixTiles{*matrix, matrix->m, 1, 2, matrix->k}};
-  }};
-  for (const std::string& name : golden_names()) {
-    SCOPED_TRACE(name);
-    const Golden golden = load_golden(name);
-    const Subject subject{golden.architecture, golden.weights, golden.lrhs, golden.hrls};
-    check_against_reference(golden_model_path(name), subject, 0, Precision::kFp16, float(golden.exposure),
-                            kernels, 0, reference::kMatrixUnits);
+    conform::Collector::for_each(
+        conform::network_ways(gpu().info(), index++), [&](const conform::Way& way, Precision precision) {
+          for (const float phase : {0.0f, (float(golden.architecture.scale) - 1) / 2}) {
+            if (phase > 0 && way.name != "direct") continue;
+            conform::conform_one(collector, fmt::format("{}, phase {}", name, phase), subject_of(golden),
+                                 {way, precision, phase, float(golden.exposure)});
+          }
+        });
   }
 }
 
@@ -147,8 +50,10 @@ TEST_F(NetworkTest, GoldenOutputs) {
     const Golden golden = load_golden(name);
     for (const Precision precision : kPrecisions) {
       SCOPED_TRACE(fmt::format("{} {}", name, name_of(precision)));
-      const DeviceRun run = run_on_gpu(golden_model_path(name), golden.architecture, golden.lrhs, golden.hrls,
-                                       float(golden.phase), precision, 0);
+      const Model model(golden_model_path(name));
+      const conform::NetworkRun run =
+          conform::run_network(target(), model, subject_of(golden),
+                               {.storage = storage_of(precision), .phase = float(golden.phase)});
       EXPECT_NEAR(run.report.exposure, golden.exposure, 1e-6 * golden.exposure);
       const Outputs carried =
           reference::network(golden.architecture, golden.weights, golden.lrhs, golden.hrls, golden.phase,
@@ -164,111 +69,6 @@ TEST_F(NetworkTest, GoldenOutputs) {
       };
       for (const auto& [layer, device] : run.layers) check(layer, device);
       check("output", run.output);
-    }
-  }
-}
-
-struct Variant {
-  reference::Architecture architecture;
-  int height, width;
-};
-
-std::vector<Variant> variants() {
-  using enum LayerKind;
-  using enum reference::Base;
-  constexpr auto kLinear = reference::Transfer::kLinear, kLog = reference::Transfer::kLog;
-  // scale, C, R, D, B, G, layers, long skip fused, merge ReLU, base, transfer, clip
-  return {
-      {{2, 1, 1, 1, 1, 1, {kRadiance}, false, false, kNone, kLinear, 100}, 1, 1},
-      {{4, 9, 5, 2, 1, 1, {kRadiance, kAlbedo}, true, false, kBilinear, kLog, 1000}, 1, 7},
-      {{8, 3, 4, 1, 1, 2, {kRadiance, kNormal, kRadiance}, false, true, kBilinear, kLinear, 10}, 1, 1},
-      {{2,
-        8,
-        9,
-        3,
-        2,
-        1,
-        {kRadiance, kAlbedo, kNormal, kRadiance, kRadiance, kVariance},
-        true,
-        true,
-        kBilinear,
-        kLinear,
-        100},
-       9,
-       5},
-      {{4, 4, 3, 1, 1, 3, {kRadiance, kAlbedo, kNormal}, false, false, kNone, kLog, 50}, 9, 5},
-      {{8, 5, 2, 2, 1, 1, {kRadiance}, true, true, kNone, kLog, 1000}, 1, 7},
-      // further: unshuffled HRLS, direct upscaling, guide, both samplings, M, head
-      {{2, 3, 2, 1, 1, 1, {kRadiance}, false, false, kBilinear, kLog, 100, true, true, true, true, 5, 0},
-       1,
-       1},
-      {{4,
-        5,
-        3,
-        1,
-        1,
-        1,
-        {kRadiance, kNormal},
-        true,
-        false,
-        kBilinear,
-        kLog,
-        100,
-        true,
-        true,
-        false,
-        true,
-        2,
-        3,
-        2},
-       1,
-       7},
-      {{8, 2, 3, 1, 2, 1, {kRadiance}, false, true, kNone, kLinear, 10, false, true, false, false, 1, 4, 1},
-       3,
-       1},
-      {{4,
-        4,
-        2,
-        1,
-        1,
-        2,
-        {kRadiance, kAlbedo},
-        false,
-        false,
-        kBilinear,
-        kLinear,
-        50,
-        true,
-        false,
-        false,
-        true,
-        0,
-        9,
-        1},
-       9,
-       5},
-      // joint base
-      {{2, 3, 2, 1, 1, 1, {kRadiance, kNormal, kAlbedo}, false, false, kJoint, kLinear, 30}, 9, 5},
-      {{4,    4,     2,      1,    1,    1,    {kRadiance, kAlbedo, kNormal, kVariance},
-        true, false, kJoint, kLog, 1000, true, true,
-        true, true,  3,      5,    3,    20},
-       1,
-       7},
-      {{8, 3, 2, 1, 1, 1, {kRadiance, kRadiance, kAlbedo, kNormal}, false, false, kJoint, kLog, 100}, 1, 1},
-  };
-}
-
-TEST_F(NetworkTest, OtherArchitecturesLayerByLayer) {
-  const TemporaryDirectory folder;
-  uint64_t seed = 100;
-  for (const auto& [a, height, width] : variants()) {
-    SCOPED_TRACE(fmt::format("x{}, C {}, R {}, {} x {}", a.scale, a.features, a.growth, height, width));
-    const Subject subject = make_subject(a, height, width, ++seed);
-    const std::filesystem::path file = folder / "model.safetensors";
-    write_model(file, a, subject.weights);
-    for (const Precision precision : kPrecisions) {
-      const float exposure = std::array{1.0f, 0.037f, 2.3f}[seed % 3];
-      check_against_reference(file, subject, (float(a.scale) - 1) / 2, precision, exposure);
     }
   }
 }

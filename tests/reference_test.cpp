@@ -215,6 +215,17 @@ TEST(Encode, OnlyTheLogAndTheHalfStoreRound) {
                    7.0 / 2048 + std::ldexp(1, -24));
 }
 
+// Even where they are multiplied by 1.
+TEST(Encode, SubnormalsMayBeFlushed) {
+  const Planes image = row({0x1p-127, 0x1p-126, -0x1p-130});
+  const auto bounds = [&](double exposure) {
+    return encode(image, LayerKind::kRadiance, Transfer::kLinear, 100, kFp32, exposure).bound.data;
+  };
+  EXPECT_EQ(bounds(1), (std::vector<double>{0x1p-127, 0, 0}));
+  EXPECT_GT(bounds(0x1p24)[0], 0x1p-103);
+  EXPECT_LT(bounds(0x1p24)[1], 0x1p-120);
+}
+
 TEST(Encode, FloatLogStaysWithinTheBound) {
   Planes image = random_planes(3, 20, 50, Fill::kUniform, 7);
   for (double& v : image.data) v = float(100 * v * v * v * v * v);

@@ -35,13 +35,6 @@ Architecture joint_architecture(int scale) {
   return a;
 }
 
-Subject make_subject(const Architecture& a, int height, int width, uint64_t seed) {
-  return {a, random_weights(a, reference::Precision::kFp32, seed),
-          random_planes(3, height, width, Fill::kUniform, seed + 1000),
-          random_planes(3 * int(a.hrls_layers.size()), a.scale * height, a.scale * width, Fill::kUniform,
-                        seed + 2000)};
-}
-
 Image image_of(const Planes& planes) {
   Image image(planes.w, planes.h, planes.c);
   image.data = floats(planes);

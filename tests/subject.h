@@ -1,16 +1,13 @@
 #pragma once
 
+#include "conform/network.h"
 #include "gpu.h"
 #include "io/image.h"
 
 namespace raymeld::test {
 
-// A small network and one frame for it.
-struct Subject {
-  reference::Architecture architecture;
-  reference::Weights weights;
-  reference::Planes lrhs, hrls;
-};
+using conform::make_subject;
+using conform::Subject;
 
 // x2, x4 or x8, with a bilinear base, so that the phase matters. Its halo is at most 5 LRHS pixels.
 reference::Architecture small_architecture(int scale);
@@ -18,7 +15,6 @@ reference::Architecture small_architecture(int scale);
 reference::Architecture guided_architecture(int scale);
 // That with a joint base and the log transfer.
 reference::Architecture joint_architecture(int scale);
-Subject make_subject(const reference::Architecture& architecture, int height, int width, uint64_t seed);
 
 Image image_of(const reference::Planes& planes);
 reference::Planes planes_of(const Image& image);

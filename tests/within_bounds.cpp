@@ -26,11 +26,8 @@ testing::AssertionResult within_bounds(std::string_view layer, const reference::
   const bool passed = at.ratio <= 1;
   testing::AssertionResult result = passed ? testing::AssertionSuccess() : testing::AssertionFailure();
   record(layer, at.ratio);
-  return result << fmt::format(
-             "{} ({} x {} x {}): worst error / bound {:.3g} at c {}, y {}, x {}: {:.9g}, expected {:.9g} "
-             "within {:.3g}; {} of {} values are outside",
-             layer, actual.c, actual.h, actual.w, at.ratio, at.c, at.y, at.x, at.actual, at.expected,
-             at.bound, at.failures, actual.data.size());
+  return result << fmt::format("{} ({} x {} x {}): {}", layer, actual.c, actual.h, actual.w,
+                               text_of(at, actual.data.size()));
 }
 
 }  // namespace raymeld::test

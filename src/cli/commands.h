@@ -11,5 +11,6 @@ void add_compare(CLI::App& app);
 void add_degrade(CLI::App& app);
 void add_graph(CLI::App& app);
 void add_tune(CLI::App& app);
+void add_conform(CLI::App& app);
 
 }  // namespace raymeld::cli

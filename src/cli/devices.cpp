@@ -2,16 +2,12 @@
 
 #include "cli/commands.h"
 #include "cli/console.h"
+#include "cli/versions.h"
 #include "engine/device.h"
 #include "error.h"
 
 namespace raymeld::cli {
 namespace {
-
-std::string version_text(uint32_t version) {
-  return fmt::format("{}.{}.{}", VK_API_VERSION_MAJOR(version), VK_API_VERSION_MINOR(version),
-                     VK_API_VERSION_PATCH(version));
-}
 
 std::string matrix_text(const CooperativeMatrix& matrix) {
   return fmt::format("{}x{}x{}", matrix.m, matrix.n, matrix.k);

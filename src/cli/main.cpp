@@ -33,6 +33,7 @@ void describe(CLI::App& app) {
   raymeld::cli::add_degrade(app);
   raymeld::cli::add_graph(app);
   raymeld::cli::add_tune(app);
+  raymeld::cli::add_conform(app);
 }
 
 int parse_and_run(CLI::App& app, int argc, char** argv) try {

@@ -82,4 +82,12 @@ Worst worst(const Planes& actual, const Bounded& expected) {
   return result;
 }
 
+std::string text_of(const Worst& at, size_t values) {
+  return fmt::format(
+      "worst error / bound {:.3g} at c {}, y {}, x {}: {:.9g}, expected {:.9g} within {:.3g}; {} of {} "
+      "values "
+      "are outside",
+      at.ratio, at.c, at.y, at.x, at.actual, at.expected, at.bound, at.failures, values);
+}
+
 }  // namespace raymeld::reference

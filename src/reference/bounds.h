@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <string>
 #include <vector>
 
 namespace raymeld::reference {
@@ -50,5 +51,7 @@ struct Worst {
   size_t failures = 0;  // values with a ratio above 1
 };
 Worst worst(const Planes& actual, const Bounded& expected);
+// "worst error / bound 1.2 at c 0, y 3, x 1: ...", of so many values.
+std::string text_of(const Worst& worst, size_t values);
 
 }  // namespace raymeld::reference

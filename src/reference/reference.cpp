@@ -235,7 +235,8 @@ Bounded encode(const Planes& image, LayerKind kind, Transfer transfer, double cl
   for (size_t i = 0; i < image.data.size(); ++i) {
     double &value = result.value.data[i], &bound = result.bound.data[i];
     const double scaled = std::isnan(value) ? 0 : value * factor;
-    const double off = factor == 1 || std::isinf(scaled) ? 0 : gamma(2) * std::abs(scaled) + kFlush;
+    double off = factor == 1 || std::isinf(scaled) ? 0 : gamma(2) * std::abs(scaled) + kFlush;
+    if (std::abs(value) < kFlush) off += std::abs(scaled);  // a subnormal may be flushed as it is read
     const double least = std::clamp(scaled - off, low, high), most = std::clamp(scaled + off, low, high);
     const Transfer curve = radiance ? transfer : Transfer::kLinear;
     const Interval range = apply(curve, Interval(least, most));

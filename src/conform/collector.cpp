@@ -1,0 +1,110 @@
+#include "conform/collector.h"
+
+#include <fmt/format.h>
+
+#include <array>
+#include <bit>
+#include <cmath>
+#include <exception>
+#include <limits>
+
+namespace raymeld::conform {
+namespace {
+
+using reference::Bounded;
+using reference::Planes;
+using reference::Precision;
+using reference::Worst;
+
+// In the words of `raymeld devices`; empty where the device has all.
+std::string missing_feature(const DeviceInfo& device, const Way& way, Precision precision) {
+  if (precision == Precision::kFp16 && !device.storage_16bit) return "16-bit storage";
+  if (way.kernel.matrix && !device.cooperative_matrix) return "cooperative matrix";
+  if ((way.addressed || way.kernel.tile > 0) && !device.buffer_device_address) return "buffer device address";
+  return {};
+}
+
+bool same(double actual, double expected) {
+  if (std::isnan(expected)) return std::isnan(actual);
+  return std::bit_cast<uint64_t>(actual) == std::bit_cast<uint64_t>(expected);
+}
+
+}  // namespace
+
+std::span<const Way> plain_ways() {
+  static const std::array<Way, 2> ways{Way{.name = "in buffers"},
+                                       Way{.name = "by address", .addressed = true}};
+  return ways;
+}
+
+void Check::take(const Worst& worst, size_t values, const std::string& what) {
+  finding_.values += values;
+  if (worst.ratio > 1) that(false, (what.empty() ? "" : what + ": ") + text_of(worst, values));
+  // NaN has no place among ratios, infinity has.
+  if (worst.ratio <= finding_.worst.ratio && finding_.values > values) return;
+  finding_.worst = worst;
+  finding_.where = what;
+}
+
+void Check::within(const Planes& actual, const Bounded& expected, const std::string& what) {
+  take(reference::worst(actual, expected), actual.data.size(), what);
+}
+
+void Check::same_bits(const Planes& actual, const Planes& expected, const std::string& what) {
+  Worst result = reference::worst(actual, reference::exact(expected));
+  for (int c = 0; c < expected.c; ++c) {
+    for (int y = 0; y < expected.h; ++y) {
+      for (int x = 0; x < expected.w; ++x) {
+        const double a = actual.at(c, y, x), e = expected.at(c, y, x);
+        if (same(a, e) || a != e) continue;  // what differs in value is counted already
+        result = {std::numeric_limits<double>::infinity(), c, y, x, a, e, 0, result.failures + 1};
+      }
+    }
+  }
+  take(result, actual.data.size(), what);
+}
+
+void Check::that(bool holds, const std::string& otherwise) {
+  if (holds) return;
+  finding_.outcome = Outcome::kFailed;
+  finding_.message += (finding_.message.empty() ? "" : "; ") + otherwise;
+}
+
+std::span<const reference::Size> Collector::sizes() const {
+  static const std::array<reference::Size, 5> some{{{1, 1}, {1, 19}, {9, 7}, {17, 15}, {3, 65}}};
+  if (!full()) return some;
+  return reference::awkward_sizes();
+}
+
+void Collector::run(const std::string& layer, const Way& way, Precision precision, const std::string& shape,
+                    const std::function<void(Check&)>& body) const {
+  const Case of{layer, way.name, precision, shape};
+  const std::string missing = missing_feature(device().info(), way, precision);
+  if (!missing.empty()) return unsupported(of, missing);
+  judge({.of = of}, body);
+}
+
+void Collector::unsupported(const Case& of, const std::string& missing) const {
+  options_.on_finding({.of = of, .outcome = Outcome::kUnsupported, .message = missing});
+}
+
+void Collector::judge(Finding finding, const std::function<void(Check&)>& body) const {
+  Check check(finding);
+  try {
+    body(check);
+    check.that(finding.values > 0, "nothing was compared");
+  } catch (const std::exception& error) {
+    check.that(false, error.what());
+  }
+  options_.on_finding(finding);
+}
+
+void Collector::for_each(std::span<const Way> ways, const std::function<void(const Way&, Precision)>& body) {
+  for (const Precision precision : kPrecisions) {
+    for (const Way& way : ways) {
+      if (!way.kernel.matrix || precision == Precision::kFp16) body(way, precision);
+    }
+  }
+}
+
+}  // namespace raymeld::conform

@@ -1,0 +1,183 @@
+#include <fmt/format.h>
+
+#include <array>
+
+#include "conform/conv2d_trials.h"
+#include "conform/suites.h"
+
+namespace raymeld::conform {
+namespace {
+
+using reference::Bounded;
+using reference::Conv;
+using reference::exact;
+using reference::Fill;
+using reference::Planes;
+using reference::Precision;
+using reference::random_conv;
+using reference::random_planes;
+using reference::Size;
+using reference::slice;
+
+struct Trial {
+  int in, out;
+  bool relu;
+  int residuals;
+  int behind = 0;  // of the input channels, in a tensor of their own
+};
+
+// Odd channel counts around the shader's blocks of 4 and 8, every kernel with every number of residuals.
+constexpr std::array k3x3{Trial{1, 1, false, 0},  Trial{3, 8, true, 0},    Trial{5, 9, true, 1},
+                          Trial{9, 5, false, 2},  Trial{18, 8, true, 0},   Trial{2, 16, true, 3},
+                          Trial{24, 3, false, 0}, Trial{9, 5, true, 1, 4}, Trial{7, 4, false, 3, 1}};
+constexpr std::array k1x1{Trial{4, 3, false, 3}, Trial{8, 4, true, 2}, Trial{7, 17, false, 1},
+                          Trial{16, 12, true, 0}, Trial{11, 9, false, 1, 7}};
+
+std::string text_of(const Trial& s, const Size& size) {
+  return fmt::format("{}{} -> {} channels{}, {} residuals, {} x {}",
+                     s.behind > 0 ? fmt::format("{} and ", s.in - s.behind) : "",
+                     s.behind > 0 ? s.behind : s.in, s.out, s.relu ? ", ReLU" : "", s.residuals, size.h,
+                     size.w);
+}
+
+Bounded expected(const Bounded& x, const Conv& conv, bool relu, Precision precision,
+                 const std::vector<Bounded>& residuals, const Way& way) {
+  std::vector<const Bounded*> pointers;
+  for (const Bounded& residual : residuals) pointers.push_back(&residual);
+  return reference::conv2d(x, conv, relu, precision, pointers, way.tile(), way.units());
+}
+
+// A convolution of one trial in a run, and what it must give.
+struct Convolved {
+  Tensor out;
+  Bounded expected;
+};
+
+Convolved add_values(LayerRun& run, const Trial& trial, uint32_t kernel, const Size& size, Fill fill,
+                     uint64_t seed, const Way& way, Precision precision) {
+  const Conv conv = round_to(random_conv(trial.out, trial.in, int(kernel), fill, seed), precision);
+  const Planes x = round_to(random_planes(trial.in, size.h, size.w, fill, seed + 1), precision);
+  const int in_front = trial.in - trial.behind;
+  const Tensor in = run.input("in", slice(exact(x), 0, in_front).value);
+  const Tensor out = run.tensor("out", trial.out, size.h, size.w);
+  std::optional<Tensor> behind;
+  if (trial.behind > 0) behind = run.input("behind", slice(exact(x), in_front, trial.behind).value);
+  std::vector<Tensor> residuals;
+  std::vector<Bounded> bounded;
+  for (int i = 0; i < trial.residuals; ++i) {
+    const Planes values =
+        round_to(random_planes(trial.out, size.h, size.w, fill, seed + 2 + uint64_t(i)), precision);
+    residuals.push_back(run.input(fmt::format("residual {}", i), values));
+    bounded.push_back(exact(values));
+  }
+  conv2d(run.graph(), "conv", in, out, run.weights(conv),
+         {.kernel = kernel, .relu = trial.relu, .residuals = residuals, .behind = behind, .how = way.kernel});
+  return {out, expected(exact(x), conv, trial.relu, precision, bounded, way)};
+}
+
+// Random values within bounds, small integers exactly; as two convolutions of one graph, so that a driver
+// compiles their kernel once. The weights of F(4, 3) are divided by 3: no integers.
+void check_values(Check& check, const Target& target, const Trial& trial, uint32_t kernel, const Size& size,
+                  uint64_t seed, const Way& way, Precision precision) {
+  const bool integers = way.kernel.tile != 4;
+  LayerRun run(target, precision, way.addressed);
+  const Convolved random = add_values(run, trial, kernel, size, Fill::kUniform, seed, way, precision);
+  Convolved whole;
+  if (integers) whole = add_values(run, trial, kernel, size, Fill::kIntegers, seed, way, precision);
+  run.run();
+  check.within(run.read(random.out), random.expected, "random");
+  if (integers) check.within(run.read(whole.out), exact(whole.expected.value), "integers");
+}
+
+// Reads channels of a tensor and writes others of it, whose neighbours stay as they were.
+void check_slices(Check& check, const Target& target, uint32_t kernel, const Way& way, Precision precision) {
+  const Planes wide = round_to(random_planes(13, 9, 7, Fill::kUniform, 1), precision);
+  const Conv conv = round_to(random_conv(3, 5, int(kernel), Fill::kUniform, 2), precision);
+  LayerRun run(target, precision, way.addressed);
+  const Tensor all = run.input("features", wide);
+  conv2d(run.graph(), "dense", all.slice(2, 5), all.slice(8, 3), run.weights(conv),
+         {.kernel = kernel, .how = way.kernel});
+  run.run();
+  const Bounded before = exact(wide), after = exact(run.read(all));
+  check.within(slice(after, 8, 3).value, expected(slice(before, 2, 5), conv, false, precision, {}, way));
+  check.same_bits(slice(after, 0, 8).value, slice(before, 0, 8).value, "the channels in front");
+  check.same_bits(slice(after, 11, 2).value, slice(before, 11, 2).value, "the channels behind");
+}
+
+// Of an unshuffled image, to be shuffled; with residuals where the shuffle is no pass of its own.
+void check_shuffled(Check& check, const Target& target, const Way& way, Precision precision) {
+  const int r = 2, in_channels = 2, out_channels = 3, h = 5, w = 35;
+  const Planes x = round_to(random_planes(in_channels, r * h, r * w, Fill::kUniform, 1), precision);
+  const Planes y = round_to(random_planes(out_channels, r * h, r * w, Fill::kUniform, 2), precision);
+  const Conv conv =
+      round_to(random_conv(r * r * out_channels, r * r * in_channels, 3, Fill::kUniform, 3), precision);
+  LayerRun run(target, precision, way.addressed);
+  const Tensor in = run.input("in", x), out = run.tensor("out", out_channels, r * h, r * w);
+  std::vector<Tensor> residuals;
+  std::vector<Bounded> bounded;
+  if (way.kernel.tile > 0 || way.kernel.matrix) {
+    residuals.push_back(run.input("residual", y));
+    bounded.push_back(reference::space_to_depth(exact(y), r));
+  }
+  conv2d(
+      run.graph(), "conv", in, out, run.weights(conv),
+      {.kernel = 3, .relu = true, .residuals = residuals, .unshuffle = r, .shuffle = r, .how = way.kernel});
+  run.run();
+  const Bounded deep = reference::space_to_depth(exact(x), r);
+  check.within(run.read(out),
+               reference::pixel_shuffle(expected(deep, conv, true, precision, bounded, way), r));
+}
+
+// Every size with one shape, every shape with some sizes.
+void run_values(Collector& collector, std::span<const Trial> trials, uint32_t kernel,
+                const std::string& layer) {
+  const std::vector<Way> ways = conv2d_ways(collector.device().info(), kernel);
+  Collector::for_each(ways, [&](const Way& way, Precision precision) {
+    size_t next = precision == Precision::kFp16 ? trials.size() / 2 : 0;
+    for (const Size& size : collector.sizes()) {
+      const Trial& trial = trials[next % trials.size()];
+      const uint64_t seed = 10 * ++next;
+      collector.run(layer, way, precision, text_of(trial, size), [&](Check& check) {
+        check_values(check, collector.target(), trial, kernel, size, seed, way, precision);
+      });
+    }
+    collector.run(layer, way, precision, "slices of one tensor, 5 -> 3 of 13 channels, 9 x 7",
+                  [&](Check& check) { check_slices(check, collector.target(), kernel, way, precision); });
+    if (kernel == 1) return;
+    collector.run(layer, way, precision, "of space to depth, to pixel shuffle, 8 -> 12 channels, 5 x 35",
+                  [&](Check& check) { check_shuffled(check, collector.target(), way, precision); });
+  });
+}
+
+}  // namespace
+
+std::vector<Way> conv2d_ways(const DeviceInfo& device, uint32_t kernel) {
+  std::vector<Way> ways{{.name = "direct"}};
+  for (const uint32_t tile : kernel == 1 ? std::vector<uint32_t>{1} : std::vector<uint32_t>{2, 4}) {
+    for (const bool addressed : {false, true}) {
+      const std::string name = tile == 1 ? "pointwise" : fmt::format("F({}, 3)", tile);
+      // So small that there are several parts, blocks and bands.
+      ways.push_back({name + (addressed ? " by address" : ""),
+                      {.tile = tile, .outputs = 5, .channels = 4, .order = 2, .band = 12},
+                      addressed});
+    }
+  }
+  const auto& matrix = device.cooperative_matrix;
+  if (!matrix) {
+    ways.push_back({.name = "matrices", .kernel = {.matrix = MatrixTiles{}}});
+    return ways;
+  }
+  const auto [m, k] = std::pair(matrix->m, matrix->k);
+  for (const MatrixTiles& tiles :
+       {MatrixTiles{*matrix, m, 1, 2, k}, MatrixTiles{*matrix, 2 * m, 2, 1, 2 * k}})
+    ways.push_back({.name = fmt::format("matrices, {} outputs", tiles.outputs), .kernel = {.matrix = tiles}});
+  return ways;
+}
+
+void conform_conv2d(Collector& collector) {
+  run_values(collector, k3x3, 3, "conv2d 3x3");
+  run_values(collector, k1x1, 1, "conv2d 1x1");
+  run_specials(collector);
+}
+
+}  // namespace raymeld::conform

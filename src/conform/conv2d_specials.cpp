@@ -1,0 +1,155 @@
+#include <fmt/format.h>
+
+#include <cfloat>
+#include <cmath>
+#include <limits>
+
+#include "conform/conv2d_trials.h"
+
+namespace raymeld::conform {
+namespace {
+
+using reference::Bounded;
+using reference::exact;
+using reference::Planes;
+using reference::Precision;
+
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
+constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+
+// Several pointwise convolutions by one kernel.
+struct Pointwise {
+  Check& check;
+  const Target& target;
+  const Way& way;
+  Precision precision;
+
+  // What the device makes of a row of pixels.
+  Planes row(const std::vector<float>& in, float weight, float bias, bool relu, Status& status) const {
+    LayerRun run(target, precision, way.addressed);
+    const Tensor x = run.input("in", reference::planes(1, 1, int(in.size()), in));
+    const Tensor y = run.tensor("out", 1, 1, int(in.size()));
+    conv2d(run.graph(), "conv", x, y, run.weights({1, 1, 1, {weight}, {bias}}),
+           {.kernel = 1, .relu = relu, .how = way.kernel});
+    run.run();
+    status = run.status();
+    return run.read(y);
+  }
+
+  // in * weight + bias is `out`, with so many values beyond 16 bits.
+  void gives(const std::vector<float>& in, float weight, float bias, const std::vector<float>& out,
+             uint32_t saturated, const std::string& what) const {
+    Status status;
+    const Planes result = row(in, weight, bias, false, status);
+    check.within(result, exact(reference::planes(1, 1, int(out.size()), out)), what);
+    check.that(status.saturated == saturated, fmt::format("{}: counted {} values as saturated, expected {}",
+                                                          what, status.saturated, saturated));
+  }
+};
+
+void check_large(const Pointwise& run) {
+  if (run.precision == Precision::kFp32) {
+    const std::vector<float> in{-0.0f,   FLT_MIN,  65519,     65520,      1e8f, 1e30f,
+                                FLT_MAX, -FLT_MAX, kInfinity, -kInfinity, kNaN};
+    return run.gives(in, 1, 0, in, 0, "as they are");
+  }
+  run.gives({65504, -65504, 60000}, 1, 0, {65504, -65504, 60000}, 0, "as they are");
+  run.gives({65504, -65504, 40000, 2}, 2, 0, {65504, -65504, 65504, 4}, 3, "twice");
+  run.gives({65504, 65504 - 32}, 1, 15, {65504, 65472}, 1, "with a bias");  // 65519, 65487
+  run.gives({kInfinity, -kInfinity}, 1, 0, {65504, -65504}, 2, "infinities");
+}
+
+// Subnormals of fp32 may be flushed; those of halves are none in fp32.
+void check_denormals(const Pointwise& run) {
+  Status status;
+  const bool half = run.precision == Precision::kFp16;
+  const std::vector<float> in = half ? std::vector<float>{0x1p-24f, -0x1p-15f, 0x1.8p-16f}
+                                     : std::vector<float>{1e-40f, -1e-40f, FLT_TRUE_MIN};
+  Bounded expected = exact(reference::planes(1, 1, 3, in));
+  if (!half) expected.bound.data.assign(3, reference::kFlush);
+  run.check.within(run.row(in, 1, 0, false, status), expected);
+}
+
+// A NaN that ReLU dropped would hide an overflow from the count in decode.
+void check_relu(const Pointwise& run) {
+  Status status;
+  const Planes out = run.row({-1, -0.0f, 3, kNaN, -kNaN}, 1, 0, true, status);
+  run.check.within(out, exact(Planes(1, 1, 5, {0, 0, 3, kNaN, kNaN})));
+}
+
+struct Poison {
+  float value;
+  int y, x;
+};
+
+// What differs is what lies beside the poisoned pixel, and something does.
+void check_spread(Check& check, const Poison& poison, const Planes& before, Planes after) {
+  const std::string what = fmt::format("{:g} at y {}, x {}", poison.value, poison.y, poison.x);
+  size_t changed = 0;
+  for (int c = 0; c < after.c; ++c) {
+    for (int v = std::max(poison.y - 1, 0); v <= std::min(poison.y + 1, after.h - 1); ++v) {
+      for (int u = std::max(poison.x - 1, 0); u <= std::min(poison.x + 1, after.w - 1); ++u) {
+        changed += after.at(c, v, u) != before.at(c, v, u);
+        after.at(c, v, u) = before.at(c, v, u);
+      }
+    }
+  }
+  check.within(after, exact(before), what + ", farther than a pixel from it");
+  check.that(changed > 0, what + " changed nothing");
+}
+
+// Padding and the tails of tiles read nothing of a poisoned pixel, wherever that lies.
+void check_poison(Check& check, const Target& target, const Way& way, Precision precision) {
+  const reference::Conv conv = reference::random_conv(9, 5, 3, reference::Fill::kUniform, 4);
+  const Planes clean = round_to(reference::random_planes(5, 11, 35, reference::Fill::kUniform, 3), precision);
+  const std::vector<float> values = precision == Precision::kFp16
+                                        ? std::vector<float>{6e4f, kInfinity, kNaN}
+                                        : std::vector<float>{1e8f, 1e30f, FLT_MAX, kInfinity, kNaN};
+  LayerRun run(target, precision, way.addressed);
+  const auto add = [&](const Planes& image) {
+    const Tensor in = run.input("in", image), out = run.tensor("out", conv.out, image.h, image.w);
+    conv2d(run.graph(), "conv", in, out, run.weights(conv), {.kernel = 3, .relu = true, .how = way.kernel});
+    return out;
+  };
+  const Tensor before = add(clean);
+  std::vector<std::pair<Poison, Tensor>> poisoned;
+  for (const auto& [y, x] : {std::pair(0, 0), {10, 34}, {4, 32}, {3, 0}}) {
+    for (const float value : values) {
+      Planes image = clean;
+      image.at(2, y, x) = value;
+      poisoned.emplace_back(Poison{value, y, x}, add(image));
+    }
+  }
+  run.run();
+  for (const auto& [poison, after] : poisoned) check_spread(check, poison, run.read(before), run.read(after));
+}
+
+}  // namespace
+
+void run_specials(Collector& collector) {
+  const auto run_each = [&](uint32_t kernel, const char* what,
+                            const std::function<void(Check&, const Way&, Precision)>& body) {
+    std::vector<Way> ways = conv2d_ways(collector.device().info(), kernel);
+    std::erase_if(ways, [](const Way& way) { return way.kernel.tile > 0; });
+    Collector::for_each(ways, [&](const Way& way, Precision precision) {
+      collector.run(kernel == 1 ? "conv2d 1x1" : "conv2d 3x3", way, precision, what,
+                    [&](Check& check) { body(check, way, precision); });
+    });
+  };
+  const Target& target = collector.target();
+  run_each(1, "large values, infinities and NaN", [&](Check& check, const Way& way, Precision precision) {
+    check_large({check, target, way, precision});
+  });
+  run_each(1, "denormals", [&](Check& check, const Way& way, Precision precision) {
+    check_denormals({check, target, way, precision});
+  });
+  run_each(1, "ReLU of NaN and -0", [&](Check& check, const Way& way, Precision precision) {
+    check_relu({check, target, way, precision});
+  });
+  run_each(3, "one poisoned pixel, 5 -> 9 channels, 11 x 35",
+           [&](Check& check, const Way& way, Precision precision) {
+             check_poison(check, target, way, precision);
+           });
+}
+
+}  // namespace raymeld::conform

@@ -1,0 +1,15 @@
+// What conv2d.cpp and conv2d_specials.cpp share.
+#pragma once
+
+#include "conform/collector.h"
+
+namespace raymeld::conform {
+
+// Every kernel of 1x1 or 3x3, with parts, blocks and bands so small that there are several of them.
+std::vector<Way> conv2d_ways(const DeviceInfo& device, uint32_t kernel);
+
+// Denormals, infinities, NaN, what 16 bits cannot hold: by kernels of direct sums, which promise more than
+// bounds.
+void run_specials(Collector& collector);
+
+}  // namespace raymeld::conform

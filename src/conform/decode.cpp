@@ -1,0 +1,191 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "conform/frame_image.h"
+#include "conform/suites.h"
+
+namespace raymeld::conform {
+namespace {
+
+using reference::Bounded;
+using reference::exact;
+using reference::Planes;
+using reference::Precision;
+using reference::Size;
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+struct Decoding {
+  bool log = false, bilinear = false;
+  int scale = 2;
+  float phase = 0;
+  float exposure = 1;
+  size_t layout = 0;
+  float clip = 0;  // of highlights; 0: there are none
+};
+
+struct Decoded {
+  Planes image;
+  Status status;
+};
+
+// By the device; `base` and `bright` may be null.
+Decoded decoded(Check& check, const Target& target, const Planes& rec, const Planes* base,
+                const Decoding& decoding, const Way& way, Precision precision,
+                const Planes* bright = nullptr) {
+  const Shape shape{uint32_t(rec.h), uint32_t(rec.w), uint32_t(rec.c)};
+  const FrameImage frame(target.device, shape, Memory::kReadback, frame_layouts()[decoding.layout]);
+  LayerRun run(target, precision, way.addressed);
+  const Tensor in = run.input("rec", rec);
+  Tensor lrhs, highlights;
+  if (base) lrhs = run.input("lrhs", *base);
+  if (bright) highlights = run.input("highlights", *bright);
+  decode(run.graph(), "decode", in,
+         {decoding.log ? Transfer::kLog : Transfer::kLinear, base ? &lrhs : nullptr, uint32_t(decoding.scale),
+          decoding.phase, bright ? &highlights : nullptr, decoding.clip});
+  run.run({FrameBinding{}, FrameBinding{}, frame.binding()}, decoding.exposure);
+  check.that(frame.touched_outside() == 0, "wrote around the image");
+  return {frame.read(), run.status()};
+}
+
+void check_random(Check& check, const Target& target, const Size& size, const Decoding& decoding,
+                  uint64_t seed, const Way& way, Precision precision) {
+  const int s = decoding.scale;
+  Planes rec = reference::random_planes(3, size.h * s, size.w * s, reference::Fill::kUniform, seed);
+  for (double& v : rec.data) v *= decoding.log ? 3 : 100;
+  rec = round_to(rec, precision);
+  const Planes base =
+      round_to(reference::random_planes(3, size.h, size.w, reference::Fill::kUniform, seed + 1), precision);
+  const Bounded upsampled = reference::bilinear(exact(base), s, decoding.phase);
+  // Highlights of all sizes, and none at every third sample.
+  Planes bright = reference::random_planes(3, size.h, size.w, reference::Fill::kUniform, seed + 2);
+  for (size_t i = 0; i < bright.data.size(); ++i)
+    bright.data[i] = i % 3 ? 1e4 * std::pow(bright.data[i], 4) : 0;
+  bright = round_to(bright, precision);
+  const Bounded highlight = reference::self_weighted(exact(bright), s, decoding.phase);
+  const bool has_highlights = decoding.clip > 0;
+  const Decoded result = decoded(check, target, rec, decoding.bilinear ? &base : nullptr, decoding, way,
+                                 precision, has_highlights ? &bright : nullptr);
+  const Bounded expected = reference::decode(
+      exact(rec), decoding.bilinear ? &upsampled : nullptr,
+      decoding.log ? reference::Transfer::kLog : reference::Transfer::kLinear, Precision::kFp32,
+      decoding.exposure, has_highlights ? &highlight : nullptr, decoding.clip);
+  check.within(result.image, expected);
+  check.that(result.status.not_finite == 0, "counted values that are not finite");
+}
+
+// A ramp of samples at X = s i + phase is reproduced between the samples and held beyond them.
+void check_ramp(Check& check, const Target& target, const Way& way, Precision precision) {
+  for (const float phase : {0.0f, 1.5f}) {
+    const Planes base(1, 1, 3, {4 * 0 + phase, 4 * 1 + phase, 4 * 2 + phase});
+    Planes expected(1, 4, 12);
+    for (int y = 0; y < 4; ++y)
+      for (int x = 0; x < 12; ++x) expected.at(0, y, x) = std::clamp(double(x), double(phase), 8.0 + phase);
+    const Decoding decoding{.bilinear = true, .scale = 4, .phase = phase};
+    const Planes result = decoded(check, target, Planes(1, 4, 12), &base, decoding, way, precision).image;
+    check.within(result, exact(expected), fmt::format("phase {:g}", phase));
+  }
+}
+
+void check_not_finite(Check& check, const Target& target, const Way& way, Precision precision) {
+  const Planes rec(1, 1, 8, {kNaN, -kNaN, kInfinity, -kInfinity, 0, 1, -1, 2});
+  for (const bool log : {false, true}) {
+    const Decoded result = decoded(check, target, rec, nullptr, {.log = log}, way, precision);
+    check.that(result.status.not_finite == 4,
+               fmt::format("counted {} of 4 values that are not finite", result.status.not_finite));
+    Planes finite = rec;
+    for (int x = 0; x < 4; ++x) finite.at(0, 0, x) = 0;
+    const auto transfer = log ? reference::Transfer::kLog : reference::Transfer::kLinear;
+    check.within(result.image, reference::decode(exact(finite), nullptr, transfer, Precision::kFp32),
+                 log ? "log" : "linear");
+  }
+}
+
+// What the output holds is limited after the exposure is undone, so that none of the range is lost.
+void check_range(Check& check, const Target& target, const Way& way) {
+  constexpr std::array kRadiance{0.25, 60000.0, 65504.0, 1e6};
+  for (const float exposure : {0x1p-24f, 0x1p-7f, 1.0f, 0x1p7f, 0x1p24f}) {
+    for (const bool log : {false, true}) {
+      Planes rec(1, 1, 4);
+      Bounded expected = exact(Planes(1, 1, 4, {0.25, 60000, 65504, 65504}));
+      for (size_t i = 0; i < kRadiance.size(); ++i) {
+        const double exposed = kRadiance[i] * exposure;
+        rec.data[i] = float(log ? std::log1p(8 * exposed) / 3 : exposed);
+        // Near 0 log(1 + 8 x) keeps no more of x than 1 + 8 x does.
+        if (i < 3) expected.bound.data[i] = 2e-5 * kRadiance[i] + (log ? 2e-7 / exposure : 0);
+      }
+      const Decoding decoding{.log = log, .exposure = exposure};
+      check.within(decoded(check, target, rec, nullptr, decoding, way, Precision::kFp32).image, expected,
+                   fmt::format("{}, exposure {:g}", log ? "log" : "linear", exposure));
+    }
+  }
+}
+
+void check_clamped(Check& check, const Target& target, const Way& way) {
+  const Planes rec(1, 1, 5, {1e8, 3e38, -1e8, 65504, 65505});
+  check.within(decoded(check, target, rec, nullptr, {}, way, Precision::kFp32).image,
+               exact(Planes(1, 1, 5, {65504, 65504, 0, 65504, 65504})), "linear");
+  const Planes logs(1, 1, 4, {4.4, 1e8, 3e38, -1e8});
+  check.within(decoded(check, target, logs, nullptr, {.log = true}, way, Precision::kFp32).image,
+               exact(Planes(1, 1, 4, {65504, 65504, 65504, 0})), "log");
+}
+
+void run_special(Collector& collector, const Way& way, Precision precision) {
+  const Target& target = collector.target();
+  collector.run("decode", way, precision, "bilinear base of a ramp, 1 x 4 x 12",
+                [&](Check& check) { check_ramp(check, target, way, precision); });
+  collector.run("decode", way, precision, "what is not finite, 1 x 1 x 8",
+                [&](Check& check) { check_not_finite(check, target, way, precision); });
+  if (precision != Precision::kFp32) return;  // fp16 does not hold the range
+  collector.run("decode", way, precision, "the range of half by any exposure, 1 x 1 x 4",
+                [&](Check& check) { check_range(check, target, way); });
+  collector.run("decode", way, precision, "beyond the range of half, 1 x 1 x 5",
+                [&](Check& check) { check_clamped(check, target, way); });
+}
+
+// Every transfer, base, scale and phase.
+std::vector<Decoding> decodings() {
+  std::vector<Decoding> all;
+  for (const int scale : {2, 4, 8}) {
+    for (const bool log : {false, true}) {
+      all.push_back({.log = log, .scale = scale});
+      for (const float phase : {0.0f, (float(scale) - 1) / 2})
+        all.push_back({.log = log, .bilinear = true, .scale = scale, .phase = phase});
+    }
+  }
+  for (size_t i = 0; i < all.size(); ++i) {
+    all[i].exposure = std::array{1.0f, 0.013f, 770.0f, 0.3f}[i % 4];
+    all[i].layout = i % frame_layouts().size();
+    if (i % 2) all[i].clip = 200;
+  }
+  return all;
+}
+
+}  // namespace
+
+void conform_decode(Collector& collector) {
+  const std::vector<Decoding> all = decodings();
+  const auto sizes = collector.sizes();
+  Collector::for_each(plain_ways(), [&](const Way& way, Precision precision) {
+    run_special(collector, way, precision);
+    for (size_t i = 0; i < std::max(all.size(), sizes.size()); ++i) {
+      const Decoding& decoding = all[i % all.size()];
+      const Size& size = sizes[i % sizes.size()];
+      collector.run(
+          "decode", way, precision,
+          fmt::format("x{}, {}, {}{}, exposure {:g}, layout {}, 3 x {} x {}", decoding.scale,
+                      decoding.log ? "log" : "linear",
+                      decoding.bilinear ? fmt::format("base at phase {:g}", decoding.phase) : "no base",
+                      decoding.clip > 0 ? ", highlights" : "", decoding.exposure, decoding.layout,
+                      size.h * decoding.scale, size.w * decoding.scale),
+          [&](Check& check) { check_random(check, collector.target(), size, decoding, i, way, precision); });
+    }
+  });
+}
+
+}  // namespace raymeld::conform

@@ -1,0 +1,134 @@
+#include <fmt/format.h>
+
+#include <array>
+#include <limits>
+
+#include "conform/frame_image.h"
+#include "conform/suites.h"
+
+namespace raymeld::conform {
+namespace {
+
+using reference::Bounded;
+using reference::LayerKind;
+using reference::Planes;
+using reference::Precision;
+using reference::Size;
+
+constexpr std::array kKinds{LayerKind::kRadiance, LayerKind::kAlbedo, LayerKind::kNormal,
+                            LayerKind::kVariance};
+constexpr std::array kChannelKinds{ChannelKind::kRadiance, ChannelKind::kAlbedo, ChannelKind::kNormal,
+                                   ChannelKind::kVariance};
+
+// Radiance from 0 to beyond the clip, albedo and normals beyond their ranges, specials in between.
+Planes image_of(LayerKind kind, const Size& size, uint64_t seed) {
+  Planes image = reference::random_planes(3, size.h, size.w, reference::Fill::kSpecials, seed);
+  if (kind != LayerKind::kRadiance && kind != LayerKind::kVariance) return image;
+  for (size_t i = 0; i < image.data.size(); ++i) {
+    if (image.data[i] > -1 && image.data[i] < 1) image.data[i] = float(image.data[i] * (i % 2 ? 1 : 150));
+  }
+  return image;
+}
+
+struct Encoding {
+  bool log;
+  float clip;
+  float exposure = 1;
+  size_t layout = 0;
+};
+
+// By the device; kinds of three channels each, as many as the image has.
+Planes encoded(Check& check, const Target& target, const Planes& image, const Encoding& encoding,
+               const Way& way, Precision precision) {
+  const FrameImage frame(target.device, image, frame_layouts()[encoding.layout]);
+  std::vector<ChannelKind> kinds;
+  for (int c = 0; c < image.c; ++c) kinds.push_back(kChannelKinds[size_t(c / 3)]);
+  LayerRun run(target, precision, way.addressed);
+  const Tensor out = run.tensor("out", image.c, image.h, image.w);
+  encode(run.graph(), "encode", FrameSlot::kHrls, out, kinds,
+         encoding.log ? Transfer::kLog : Transfer::kLinear, encoding.clip);
+  run.run({FrameBinding{}, frame.binding(), FrameBinding{}}, encoding.exposure);
+  check.that(frame.touched_outside() == 0, "wrote around the image");
+  return run.read(out);
+}
+
+void check_random(Check& check, const Target& target, const Size& size, const Encoding& encoding,
+                  uint64_t seed, const Way& way, Precision precision) {
+  Planes image(0, size.h, size.w);
+  Bounded expected;
+  for (const LayerKind kind : kKinds) {
+    const Planes layer = image_of(kind, size, seed + 7 * uint64_t(image.c));
+    const Bounded one = reference::encode(
+        layer, kind, encoding.log ? reference::Transfer::kLog : reference::Transfer::kLinear, encoding.clip,
+        precision, encoding.exposure);
+    expected = image.c == 0 ? one : reference::concat(expected, one);
+    image.data.insert(image.data.end(), layer.data.begin(), layer.data.end());
+    image.c += 3;
+  }
+  check.within(encoded(check, target, image, encoding, way, precision), expected);
+}
+
+// What LRHS has beyond the clip, which takes part of the exposure's inverse only.
+void check_highlights(Check& check, const Target& target, const Size& size, const Encoding& encoding,
+                      uint64_t seed, const Way& way, Precision precision) {
+  const Planes image = image_of(LayerKind::kRadiance, size, seed);
+  const FrameImage frame(target.device, image, frame_layouts()[encoding.layout]);
+  LayerRun run(target, precision, way.addressed);
+  const Tensor out = run.tensor("out", image.c, image.h, image.w);
+  highlights(run.graph(), "highlights", out, encoding.clip);
+  run.run({frame.binding(), FrameBinding{}, FrameBinding{}}, encoding.exposure);
+  check.within(run.read(out), reference::highlights(image, encoding.clip, precision, encoding.exposure));
+}
+
+// What is not finite, beyond the clip or out of range.
+void check_sanitised(Check& check, const Target& target, const Way& way, Precision precision) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+  const Planes row(1, 1, 8, {kNaN, -kNaN, kInfinity, -kInfinity, 1e30, -1e30, -0.5, 0.25});
+  Planes image(0, 1, 8);
+  for (image.c = 0; image.c < 9; ++image.c)
+    image.data.insert(image.data.end(), row.data.begin(), row.data.end());
+  Planes expected(9, 1, 8);
+  const std::array<std::array<double, 8>, 3> of_kinds{{{0, 0, 50, 0, 50, 0, 0, 0.25},       // radiance
+                                                       {0, 0, 1, 0, 1, 0, 0, 0.25},         // albedo
+                                                       {0, 0, 1, -1, 1, -1, -0.5, 0.25}}};  // normal
+  for (int c = 0; c < 9; ++c)
+    for (int x = 0; x < 8; ++x) expected.at(c, 0, x) = of_kinds[size_t(c / 3)][size_t(x)];
+  const Encoding encoding{.log = false, .clip = 50};
+  check.within(encoded(check, target, image, encoding, way, precision), reference::exact(expected));
+}
+
+}  // namespace
+
+void conform_encode(Collector& collector) {
+  constexpr std::array kExposures{1.0f, 0.013f, 770.0f, 0x1p-24f, 0x1p24f};
+  Collector::for_each(plain_ways(), [&](const Way& way, Precision precision) {
+    collector.run("encode", way, precision, "what is not finite or out of range, 9 x 1 x 8",
+                  [&](Check& check) { check_sanitised(check, collector.target(), way, precision); });
+    uint64_t next = precision == Precision::kFp16 ? 3 : 0;
+    for (const bool log : {false, true}) {
+      for (const Size& size : collector.sizes()) {
+        const Encoding encoding{.log = log,
+                                .clip = log ? 1000.0f : 100.0f,
+                                .exposure = kExposures[next % kExposures.size()],
+                                .layout = (next + next / 5) % frame_layouts().size()};
+        const uint64_t seed = ++next;
+        collector.run("encode", way, precision,
+                      fmt::format("{}, exposure {:g}, layout {}, 12 x {} x {}", log ? "log" : "linear",
+                                  encoding.exposure, encoding.layout, size.h, size.w),
+                      [&](Check& check) {
+                        check_random(check, collector.target(), size, encoding, seed, way, precision);
+                      });
+        if (log) continue;
+        collector.run("highlights", way, precision,
+                      fmt::format("exposure {:g}, layout {}, 3 x {} x {}", encoding.exposure, encoding.layout,
+                                  size.h, size.w),
+                      [&](Check& check) {
+                        check_highlights(check, collector.target(), size, encoding, seed, way, precision);
+                      });
+      }
+    }
+  });
+}
+
+}  // namespace raymeld::conform

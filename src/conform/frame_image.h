@@ -1,0 +1,49 @@
+#pragma once
+
+#include <cstddef>
+#include <span>
+
+#include "engine/program.h"
+#include "reference/reference.h"
+
+namespace raymeld::conform {
+
+// An image of floats in a buffer, laid out as a caller might. Everything that is not the image holds
+// kUntouched.
+class FrameImage {
+ public:
+  static constexpr float kUntouched = -12345.0f;
+
+  struct Layout {
+    uint64_t offset_bytes = 0;
+    bool interleaved = false;
+    uint32_t pixel_padding = 0;  // floats after each pixel (interleaved) or each plane
+    uint32_t row_padding = 0;    // floats after each row
+  };
+
+  FrameImage(const Device& device, Shape shape, Memory memory, Layout layout);
+  // Planar, dense, filled.
+  FrameImage(const Device& device, const reference::Planes& image) : FrameImage(device, image, Layout{}) {}
+  FrameImage(const Device& device, const reference::Planes& image, Layout layout);
+
+  FrameBinding binding() const { return {view_, shape_}; }
+  const FrameBuffer& view() const { return view_; }
+  void write(const reference::Planes& image);
+  reference::Planes read() const;
+  // How many floats around the image no longer hold kUntouched.
+  size_t touched_outside() const;
+
+ private:
+  size_t at(uint32_t c, uint32_t y, uint32_t x) const;
+  std::span<float> values() const;
+
+  Shape shape_;
+  FrameBuffer view_;
+  Buffer buffer_;
+};
+
+// The layouts that encode reads and decode writes in the suites: dense, interleaved, padded, at an offset
+// that is no multiple of the storage alignment.
+std::span<const FrameImage::Layout> frame_layouts();
+
+}  // namespace raymeld::conform

@@ -1,0 +1,200 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "conform/suites.h"
+#include "reference/transfer.h"
+
+namespace raymeld::conform {
+namespace {
+
+using reference::Bounded;
+using reference::exact;
+using reference::Planes;
+using reference::Precision;
+using reference::Size;
+using reference::slice;
+
+// What one run of a layer reads and how. The images hold what the device would store.
+struct Trial {
+  static constexpr float kCertainty = 10;
+
+  const Target& target;
+  const Way& way;
+  Precision precision;
+  bool log;
+  int scale;
+  float phase;
+  Size size;  // of LRHS
+  uint64_t seed;
+
+  JointOptions options() const {
+    return {log ? Transfer::kLog : Transfer::kLinear, uint32_t(scale), phase, kCertainty};
+  }
+  reference::Transfer transfer() const {
+    return log ? reference::Transfer::kLog : reference::Transfer::kLinear;
+  }
+  double clip() const { return log ? 1000 : 100; }
+  Size full() const { return {scale * size.h, scale * size.w}; }
+  std::string shape() const {
+    return fmt::format("x{}, {}, phase {:g}, {} x {} of {} x {}", scale, log ? "log" : "linear", phase,
+                       full().h, full().w, size.h, size.w);
+  }
+
+  // What `value` makes of numbers in [0, 1], both ends among them.
+  template <typename Value>
+  Planes image(int channels, const Size& of, uint64_t salt, const Value& value) const {
+    Planes image =
+        reference::random_planes(channels, of.h, of.w, reference::Fill::kUniform, 100 * seed + salt);
+    for (double& v : image.data) v = value(std::clamp(0.55 * v + 0.5, 0.0, 1.0));
+    return round_to(image, precision);
+  }
+  // From 0 to the clip.
+  Planes radiance(int channels, const Size& of, uint64_t salt) const {
+    return image(channels, of, salt,
+                 [&](double u) { return reference::apply(transfer(), clip() * std::pow(u, 4)); });
+  }
+  // Color, albedo and normal, as one tensor.
+  Planes hrls() const {
+    Planes all = radiance(3, full(), 1);
+    const Planes albedo = image(3, full(), 2, [](double u) { return u; });
+    const Planes normal = image(3, full(), 3, [](double u) { return 2 * u - 1; });
+    for (const Planes& layer : {albedo, normal}) {
+      all.data.insert(all.data.end(), layer.data.begin(), layer.data.end());
+      all.c += layer.c;
+    }
+    return all;
+  }
+};
+
+void check_irradiance(Check& check, const Trial& c) {
+  const Planes low = c.radiance(6, c.size, 0), hrls = c.hrls();
+  LayerRun run(c.target, c.precision, c.way.addressed);
+  const Tensor lrhs = run.input("lrhs", low), high = run.input("hrls", hrls), out = lrhs.slice(3, 3);
+  irradiance(run.graph(), "irradiance", lrhs.slice(0, 3), high.slice(3, 3), high.slice(6, 3), out,
+             c.options());
+  run.run();
+  const Bounded all = exact(hrls), color = slice(exact(low), 0, 3);
+  check.within(run.read(out), reference::irradiance(color, slice(all, 3, 3), slice(all, 6, 3), c.transfer(),
+                                                    c.scale, c.phase, c.precision));
+  check.same_bits(run.read(lrhs.slice(0, 3)), color.value, "the channels beside");
+}
+
+void check_light(Check& check, const Trial& c) {
+  const Planes low = c.radiance(6, c.size, 0), hrls = c.hrls();
+  LayerRun run(c.target, c.precision, c.way.addressed);
+  const Tensor lrhs = run.input("lrhs", low), high = run.input("hrls", hrls);
+  const Tensor out = run.tensor("out", 5, c.full().h, c.full().w);
+  light(run.graph(), "light", high.slice(0, 3), high.slice(3, 3), lrhs, out, c.options());
+  run.run();
+  const Bounded all = exact(hrls);
+  check.within(run.read(out),
+               reference::light(slice(all, 0, 3), slice(all, 3, 3), exact(low), Trial::kCertainty,
+                                c.transfer(), c.scale, c.phase, c.precision));
+}
+
+// Brightness varies within the width of the filter, or about as much as it can.
+void check_filter(Check& check, const Trial& c) {
+  const Planes hrls = c.hrls();
+  Planes x = c.image(3, c.full(), 4, [](double u) { return 30 * u; });
+  const Planes certainty = c.image(1, c.full(), 6, [](double u) { return 1 + 60 * u; });
+  x.data.insert(x.data.end(), certainty.data.begin(), certainty.data.end());
+  x.c = 4;
+  const int step = 1 << c.seed % 5;
+  LayerRun run(c.target, c.precision, c.way.addressed);
+  const Tensor in = run.input("in", x), high = run.input("hrls", hrls);
+  std::vector<std::pair<Planes, Tensor>> outputs;  // by brightness
+  for (const double range : {0.1, c.clip()}) {
+    const Planes brightness =
+        c.image(1, c.full(), 5, [&](double u) { return reference::apply(c.transfer(), 1 + range * u); });
+    const Tensor guide = run.input("brightness", brightness);
+    const Tensor out = run.tensor("out", 4, c.full().h, c.full().w);
+    joint_filter(run.graph(), "filter", in, high.slice(3, 3), high.slice(6, 3), guide, out, uint32_t(step));
+    outputs.emplace_back(brightness, out);
+  }
+  run.run();
+  for (const auto& [brightness, out] : outputs) {
+    check.within(run.read(out),
+                 reference::joint_filter(exact(x), slice(exact(hrls), 3, 3), slice(exact(hrls), 6, 3),
+                                         exact(brightness), step, c.precision),
+                 fmt::format("step {}, {} brightness", step, &out == &outputs[0].second ? "even" : "varied"));
+  }
+}
+
+void check_relight(Check& check, const Trial& c) {
+  const double brightest = std::log1p(0.2 * c.clip() / 0.4) / 0.2;
+  const Planes hrls = c.hrls(), x = c.image(3, c.full(), 4, [&](double u) { return brightest * u; });
+  LayerRun run(c.target, c.precision, c.way.addressed);
+  const Tensor in = run.input("in", x), high = run.input("hrls", hrls);
+  const Tensor out = run.tensor("out", 9, c.full().h, c.full().w).slice(3, 3);
+  relight(run.graph(), "relight", in, high.slice(3, 3), out, c.options().transfer);
+  run.run();
+  check.within(run.read(out),
+               reference::relight(exact(x), slice(exact(hrls), 3, 3), c.transfer(), c.precision));
+}
+
+void check_saturation(Check& check, const Target& target, const Way& way) {
+  LayerRun run(target, Precision::kFp16, way.addressed);
+  const Tensor in = run.input("in", Planes(3, 1, 1, {1, 52, 52}));
+  const Tensor albedo = run.input("albedo", Planes(3, 1, 1, {1, 1, 1})), out = run.tensor("out", 3, 1, 1);
+  relight(run.graph(), "relight", in, albedo, out, Transfer::kLinear);
+  run.run();
+  check.within(run.read(out.slice(1, 2)), exact(Planes(2, 1, 1, {65504, 65504})));
+  check.that(run.status().saturated == 2,
+             fmt::format("counted {} of 2 values as saturated", run.status().saturated));
+}
+
+// Logits of a few, and now and then of +-80.
+void check_mix(Check& check, const Trial& c) {
+  const Planes low = c.radiance(6, c.size, 0), hrls = c.hrls(), filtered = c.radiance(9, c.full(), 4);
+  const Planes rec = c.image(8, c.full(), 5, [](double u) { return u == 0 ? -80 : u == 1 ? 80 : 8 * u - 4; });
+  LayerRun run(c.target, c.precision, c.way.addressed);
+  const Tensor in = run.input("rec", rec), lrhs = run.input("lrhs", low), high = run.input("hrls", hrls);
+  const Tensor candidates = run.input("candidates", filtered);
+  const Tensor out = run.tensor("out", 3, c.full().h, c.full().w);
+  mix(run.graph(), "mix", in, lrhs, high.slice(3, 3), candidates, out, c.options());
+  run.run();
+  check.within(run.read(out), reference::mix(exact(rec), exact(low), slice(exact(hrls), 3, 3),
+                                             exact(filtered), c.transfer(), c.scale, c.phase, c.precision));
+}
+
+struct Layer {
+  const char* name;
+  void (*check)(Check&, const Trial&);
+};
+
+constexpr Layer kLayers[] = {{"irradiance", check_irradiance},
+                             {"light", check_light},
+                             {"joint_filter", check_filter},
+                             {"relight", check_relight},
+                             {"mix", check_mix}};
+
+}  // namespace
+
+void conform_joint(Collector& collector) {
+  constexpr size_t kCombinations = 2 * 3 * 2;  // of transfer, scale and phase
+  const auto sizes = collector.sizes();
+  Collector::for_each(plain_ways(), [&](const Way& way, Precision precision) {
+    for (const Layer& layer : kLayers) {
+      for (size_t i = 0; i < std::max(kCombinations, sizes.size()); ++i) {
+        const int scale = 2 << i % 3;
+        const Trial trial{.target = collector.target(),
+                          .way = way,
+                          .precision = precision,
+                          .log = i / 3 % 2 == 1,
+                          .scale = scale,
+                          .phase = i / 6 % 2 == 1 ? (float(scale) - 1) / 2 : 0,
+                          .size = sizes[i % sizes.size()],
+                          .seed = i + 1};
+        collector.run(layer.name, way, precision, trial.shape(),
+                      [&](Check& check) { layer.check(check, trial); });
+      }
+    }
+    if (precision != Precision::kFp16) return;
+    collector.run("relight", way, precision, "what 16 bits cannot store, 1 x 1",
+                  [&](Check& check) { check_saturation(check, collector.target(), way); });
+  });
+}
+
+}  // namespace raymeld::conform

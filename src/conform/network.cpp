@@ -1,0 +1,140 @@
+#include "conform/network.h"
+
+#include <fmt/format.h>
+
+#include "conform/model_file.h"
+#include "conform/suites.h"
+
+namespace raymeld::conform {
+namespace {
+
+using reference::Architecture;
+using reference::Bounded;
+using reference::Planes;
+using reference::Precision;
+
+// The reference's name of what a pass wrote: residuals and shuffles are part of its layers. Empty: only an
+// intermediate of one.
+std::string reference_name(const std::string& pass, const Graph& graph, const Architecture& a) {
+  if (pass.ends_with(".space_to_depth") || pass == "decode") return {};
+  if (pass.ends_with(".pixel_shuffle")) return pass.substr(0, pass.find('.', 3));
+  for (const Pass* layer : graph.layers()) {
+    if (layer->name == pass + ".pixel_shuffle") return {};
+  }
+  for (int g = 0; g < a.groups; ++g) {
+    if (pass != fmt::format("groups.{}.blocks.{}.merge", g, a.blocks - 1)) continue;
+    return g + 1 == a.groups ? "trunk" : fmt::format("groups.{}", g);
+  }
+  return pass;
+}
+
+Kernels kernels_of(const Way& way) {
+  return {.addressed = way.addressed, .conv2d = [kernel = way.kernel](const Conv2dShape& shape) {
+            Conv2dKernel result = kernel;
+            if (result.tile > 0 && shape.kernel == 1) result.tile = 1;
+            return result;
+          }};
+}
+
+reference::Outputs truth(const Subject& subject, const NetworkTrial& trial,
+                         const std::map<std::string, Planes>& given) {
+  reference::Weights weights;
+  for (const auto& [name, conv] : subject.weights) weights[name] = round_to(conv, trial.precision);
+  return reference::network(subject.architecture, weights, subject.lrhs, subject.hrls, trial.phase,
+                            trial.precision, given, trial.exposure, trial.way.tile(), trial.way.units());
+}
+
+// Both keep their bounds of the same value.
+void agree(const Collector& collector, const std::string& key, const Case& of, const Way& way,
+           const Planes& output, const Bounded& expected) {
+  for (const Values& other : collector.options().others) {
+    const std::string layer = "agreement with " + other.device;
+    const auto known = other.outputs.find(key);
+    if (known == other.outputs.end()) {
+      collector.unsupported({layer, of.kernel, of.precision, of.shape}, "that device has no such output");
+      continue;
+    }
+    collector.run(layer, way, of.precision, of.shape, [&](Check& check) {
+      Bounded near{known->second, expected.bound};
+      for (double& bound : near.bound.data) bound *= 2;
+      check.within(output, near);
+    });
+  }
+  if (collector.options().keep) collector.options().keep->outputs[key] = output;
+}
+
+}  // namespace
+
+Subject make_subject(const Architecture& a, int height, int width, uint64_t seed) {
+  using reference::Fill, reference::random_planes;
+  return {a, reference::random_weights(a, Precision::kFp32, seed),
+          random_planes(3, height, width, Fill::kUniform, seed + 1000),
+          random_planes(3 * int(a.hrls_layers.size()), a.scale * height, a.scale * width, Fill::kUniform,
+                        seed + 2000)};
+}
+
+NetworkRun run_network(const Target& target, const Model& model, const Subject& subject,
+                       FuserOptions options) {
+  options.keep_activations = true;
+  Fuser fuser(target.device, model, uint32_t(subject.lrhs.h), uint32_t(subject.lrhs.w), options,
+              target.cache_folder);
+  std::vector<float> fused(3 * size_t(subject.hrls.h) * size_t(subject.hrls.w));
+  NetworkRun run;
+  run.report = fuser.fuse(reference::floats(subject.lrhs).data(), reference::floats(subject.hrls).data(),
+                          fused.data());
+  run.output = reference::planes(3, subject.hrls.h, subject.hrls.w, fused);
+  for (const Pass* layer : fuser.graph().layers()) {
+    const std::string name = reference_name(layer->name, fuser.graph(), subject.architecture);
+    if (name.empty()) continue;
+    const Shape& shape = layer->output()->shape;
+    run.layers[name] = reference::planes(int(shape.channels), int(shape.height), int(shape.width),
+                                         fuser.program().read(*layer->output()));
+  }
+  return run;
+}
+
+std::vector<Way> network_ways(const DeviceInfo& device, size_t index) {
+  std::vector<Way> ways{{.name = "direct"}};
+  for (const uint32_t tile : {2u, 4u}) {
+    const bool addressed = (index + tile / 2) % 2 == 0;
+    // Tiny networks have few channels: so that there are several parts and bands.
+    ways.push_back({fmt::format("F({}, 3){}", tile, addressed ? " by address" : ""),
+                    {.tile = tile, .outputs = 8, .channels = 8, .band = 64},
+                    addressed});
+  }
+  const auto& matrix = device.cooperative_matrix;
+  ways.push_back(
+      {.name = "matrices",
+       .kernel = {.matrix = matrix ? MatrixTiles{*matrix, matrix->m, 1, 2, matrix->k} : MatrixTiles{}}});
+  return ways;
+}
+
+void conform_one(const Collector& collector, const std::string& name, const Subject& subject,
+                 const NetworkTrial& trial) {
+  const auto& [way, precision, phase, exposure] = trial;
+  NetworkRun run;
+  const auto of = [&](const std::string& layer, const std::function<void(Check&)>& body) {
+    collector.run(layer, way, precision, name, body);
+  };
+  of("network, layer by layer", [&](Check& check) {
+    const Model model(model_file(subject.architecture, subject.weights), "tiny");
+    run = run_network(
+        collector.target(), model, subject,
+        {.storage = storage_of(precision), .kernels = kernels_of(way), .phase = phase, .exposure = exposure});
+    reference::Outputs layers = truth(subject, trial, run.layers);
+    for (const auto& [layer, device] : run.layers) check.within(device, layers.at(layer), layer);
+    check.within(run.output, layers.at("output"), "output");
+    check.that(run.report.status.saturated == 0, "counted saturated values");
+  });
+  Bounded carried;
+  of("network, whole", [&](Check& check) {
+    carried = truth(subject, trial, {}).at("output");
+    check.within(run.output, carried);
+  });
+  if (!run.layers.empty() && !carried.value.data.empty()) {
+    const std::string key = fmt::format("{}, {}, {}", name, way.name, name_of(precision));
+    agree(collector, key, {{}, way.name, precision, name}, way, run.output, carried);
+  }
+}
+
+}  // namespace raymeld::conform

@@ -1,0 +1,41 @@
+#include "conform/report.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+namespace raymeld::conform {
+
+void Report::add(const Finding& finding) {
+  const auto& [layer, kernel, precision, shape] = finding.of;
+  auto row = std::ranges::find_if(rows_, [&](const Row& r) {
+    return std::tie(r.layer, r.kernel, r.precision) == std::tie(layer, kernel, precision);
+  });
+  if (row == rows_.end()) row = rows_.insert(row, {.layer = layer, .kernel = kernel, .precision = precision});
+  if (finding.outcome == Outcome::kUnsupported) {
+    ++row->unsupported;
+    row->missing = finding.message;
+    return;
+  }
+  if (row->tried() == 0 || finding.worst.ratio > row->worst.worst.ratio) row->worst = finding;
+  ++(finding.outcome == Outcome::kPassed ? row->passed : row->failed);
+  if (finding.outcome == Outcome::kFailed) failures_.push_back(finding);
+}
+
+size_t Report::cases(Outcome outcome) const {
+  size_t count = 0;
+  for (const Row& row : rows_) {
+    count += outcome == Outcome::kPassed   ? row.passed
+             : outcome == Outcome::kFailed ? row.failed
+                                           : row.unsupported;
+  }
+  return count;
+}
+
+std::string place(const Finding& finding) {
+  const auto& [ratio, c, y, x, actual, expected, bound, failures] = finding.worst;
+  const std::string what = finding.where.empty() ? "" : finding.where + ", ";
+  return fmt::format("{}{}, at c {}, y {}, x {}", what, finding.of.shape, c, y, x);
+}
+
+}  // namespace raymeld::conform

@@ -1,0 +1,15 @@
+// One function for each family of layers, in the file of its name.
+#pragma once
+
+#include "conform/collector.h"
+
+namespace raymeld::conform {
+
+void conform_conv2d(Collector& collector);
+void conform_encode(Collector& collector);
+void conform_decode(Collector& collector);
+void conform_shuffles(Collector& collector);
+void conform_joint(Collector& collector);
+void conform_network(Collector& collector);
+
+}  // namespace raymeld::conform
