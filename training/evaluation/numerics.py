@@ -87,10 +87,10 @@ def overflow_options(program):
 
 
 class Study:
-    """Of pairs in `data`; `folder` keeps what is temporary, and drivers' compiled kernels."""
+    """Of pairs in `data`; `folder` is for what is temporary, `cache` for drivers' compiled kernels."""
 
-    def __init__(self, program, data, folder, driver=None):
-        self.program, self.data, self.folder, self.driver = program, data, folder, driver
+    def __init__(self, program, data, folder, cache, driver=None):
+        self.program, self.data, self.folder, self.cache, self.driver = program, data, folder, cache, driver
 
     def inputs(self, scale, name):
         """The files (LRHS, HRLS) of an input class."""
@@ -113,7 +113,7 @@ class Study:
         """(image [3, H, W] in float64, values that saturated)"""
         output = self.folder / "fused.exr"
         options = ["--precision", choice.precision, *choice.options, *overflow_options(self.program)]
-        start = choice.start(self.program, self.folder, self.driver)
+        start = choice.start(self.program, self.cache, self.driver)
         report = fuse(self.program, model, *files, output, options=options, **start)
         return torch.from_numpy(read(output)).double().permute(2, 0, 1), saturated(report)
 
@@ -184,7 +184,7 @@ def choices_of(model, name, driver):
 
 
 def measure(args, folder):
-    study = Study(args.program, args.data, folder, args.driver)
+    study = Study(args.program, args.data, folder, args.cache or folder / "cache", args.driver)
     models = [Model.load(ROOT / f"models/{name}.safetensors") for name in SHIPPED]
     models += adversarial.write_all(folder, study.inputs(4, "as rendered"))
     wanted = ["x4-fast"] if args.quick else args.models or [model.name for model in models]
@@ -201,10 +201,8 @@ def main():
     args = parse()
     torch.set_grad_enabled(False)
     if not args.measured:
-        with tempfile.TemporaryDirectory() as temporary:
-            folder = args.cache or pathlib.Path(temporary)
-            folder.mkdir(parents=True, exist_ok=True)
-            results = list(measure(args, folder))
+        with tempfile.TemporaryDirectory() as folder:
+            results = list(measure(args, pathlib.Path(folder)))
         if args.quick:
             return
         write(args.out, results)
