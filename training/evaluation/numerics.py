@@ -54,6 +54,9 @@ class Result:
     psnr_float64: float = None
     psnr_shift: float = None
 
+    def key(self):
+        return self.model, self.input, self.precision, self.kernels
+
 
 def mean_of(image):
     """The power mean of luminance, as the exposure of a frame is found by; of an image [3, H, W]."""
@@ -169,24 +172,25 @@ def parse():
     parser.add_argument("--out", type=pathlib.Path, default=ROOT / "bench/quality/numerics.csv")
     parser.add_argument("--cache", type=pathlib.Path, help="folder that keeps drivers' compiled kernels between runs")
     parser.add_argument("--write-docs", action="store_true", help="tables and plots of docs/numerics.md")
-    only = parser.add_argument_group("only")
+    only = parser.add_argument_group("only; other results stay in the file")
     only.add_argument("--models", nargs="+", help="of these names")
     only.add_argument("--inputs", nargs="+", choices=BY_NAME, help="these classes")
-    only.add_argument("--quick", action="store_true", help="x4-fast as rendered; writes nothing")
+    only.add_argument("--quick", action="store_true", help="x4-fast as rendered, writes nothing")
     only.add_argument("--measured", action="store_true", help="measure nothing, write the tables of what there is")
     return parser.parse_args()
 
 
 def choices_of(model, name, driver):
-    """What is measured of an input class: everything of the first model, of the others what users get."""
-    choices = [one for one in CHOICES if model == SHIPPED[0] or not one.kernel]
-    return choices + [MATRICES] * (driver is not None and name in HARDEST and model not in SHIPPED[1:])
+    """What is measured of an input class: what users get and, of the first model and the hard ones, everything."""
+    everything = name in HARDEST and model not in SHIPPED[1:]
+    choices = [one for one in CHOICES if everything or not one.kernel]
+    return choices + [MATRICES] * (everything and driver is not None)
 
 
 def measure(args, folder):
     study = Study(args.program, args.data, folder, args.cache or folder / "cache", args.driver)
-    models = [Model.load(ROOT / f"models/{name}.safetensors") for name in SHIPPED]
-    models += adversarial.write_all(folder, study.inputs(4, "as rendered"))
+    shipped = [Model.load(ROOT / f"models/{name}.safetensors") for name in SHIPPED]
+    models = shipped + adversarial.write_all(folder, study.inputs(4, "as rendered"))
     wanted = ["x4-fast"] if args.quick else args.models or [model.name for model in models]
     for model in (model for model in models if model.name in wanted):
         inputs = [one.name for one in CLASSES] if model.name == SHIPPED[0] else HARDEST
@@ -201,11 +205,15 @@ def main():
     args = parse()
     torch.set_grad_enabled(False)
     if not args.measured:
+        partly = args.models or args.inputs
+        results = {one.key(): one for one in (load(args.out) if partly and args.out.exists() else [])}
         with tempfile.TemporaryDirectory() as folder:
-            results = list(measure(args, pathlib.Path(folder)))
-        if args.quick:
-            return
-        write(args.out, results)
+            for result in measure(args, pathlib.Path(folder)):
+                results[result.key()] = result
+                if not args.quick:
+                    write(args.out, results.values())
+    if args.quick:
+        return
     if args.write_docs:
         numerics_pages.write(load(args.out), ROOT / "docs")
 
