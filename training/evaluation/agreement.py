@@ -47,6 +47,7 @@ def exposure(network, lrhs_path):
     return float(numpy.float32(networks.exposure(layers_of(lrhs_path, ("color",))["color"].double(), network.config)))
 
 
+@torch.no_grad()
 def predict(network, lrhs_path, hrls_path, dtype):
     """Scene linear [3, H, W], computed in `dtype` from the weights as stored and the files as they are."""
     config = network.config

@@ -1,11 +1,13 @@
 """Pairs of renders that a network may be given, easy and hard: a crop of a real pair and what is made of it."""
 
 import dataclasses
+import functools
 from typing import Callable
 
 import numpy
 
 from evaluation.changes import radiance
+from evaluation.images import Exr
 
 SIZE = 128  # of the crop, in pixels of HRLS
 ORIGIN = 256, 192  # row and column; multiples of every scale. Edges, texture, a highlight and a shadow
@@ -149,7 +151,19 @@ HARDEST = ("as rendered", "exposure 2^-20", "exposure 2^20", "all zero", "checke
 HARDEST += ("lamp FLT_MAX", "square of NaN", "square of Inf", "renders disagree")
 
 
-def crop(exr, scale=1):
+@functools.cache
+def crop(path, scale=1):
+    """Of an image at 1/scale of HRLS's size; not to be changed."""
+    exr = Exr.read(path)
     top, left = (value // scale for value in ORIGIN)
-    exr.pixels = exr.pixels[top : top + SIZE // scale, left : left + SIZE // scale].copy()
-    return exr
+    return Exr(exr.channels, exr.pixels[top : top + SIZE // scale, left : left + SIZE // scale].copy())
+
+
+def pair(data, scale, name):
+    """(LRHS, HRLS) of a class."""
+    lrhs, hrls = (
+        Exr(one.channels, one.pixels.copy()) for one in (crop(data / f"lrhs-x{scale}.exr", scale), crop(data / "hrls.exr"))
+    )
+    with numpy.errstate(over="ignore", invalid="ignore"):
+        BY_NAME[name].apply(lrhs, hrls, scale)
+    return lrhs, hrls

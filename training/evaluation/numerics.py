@@ -24,8 +24,8 @@ import torch
 import loss
 import model as networks
 from evaluation import adversarial, agreement, numerics_pages
-from evaluation.images import Exr, psnr, read
-from evaluation.input_classes import BY_NAME, CLASSES, HARDEST, crop
+from evaluation.images import psnr, read
+from evaluation.input_classes import BY_NAME, CLASSES, HARDEST, crop, pair
 from evaluation.jobs import Model, fuse
 from evaluation.kernel_choices import CHOICES, MATRICES
 
@@ -98,10 +98,7 @@ class Study:
     def inputs(self, scale, name):
         """The files (LRHS, HRLS) of an input class."""
         paths = tuple(self.folder / f"{which}.exr" for which in ("lrhs", "hrls"))
-        lrhs, hrls = crop(Exr.read(self.data / f"lrhs-x{scale}.exr"), scale), crop(Exr.read(self.data / "hrls.exr"))
-        with numpy.errstate(over="ignore", invalid="ignore"):
-            BY_NAME[name].apply(lrhs, hrls, scale)
-        for exr, path in zip((lrhs, hrls), paths):
+        for exr, path in zip(pair(self.data, scale, name), paths):
             exr.write(path)
         return paths
 
@@ -109,7 +106,7 @@ class Study:
         """To the reference; None where it says nothing about this class."""
         if BY_NAME[name].gain is None:
             return None
-        reference = crop(Exr.read(self.data / "reference.exr")).pixels
+        reference = crop(self.data / "reference.exr").pixels
         return psnr(torch.nan_to_num(image * BY_NAME[name].gain, nan=0.0).permute(1, 2, 0).numpy(), reference)
 
     def fused(self, model, files, choice):
