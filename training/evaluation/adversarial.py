@@ -27,21 +27,21 @@ def scale(module, log2):
 
 
 def network(config, files):
-    """Powers of two bring activations to LARGEST behind the first layers, and back before the last."""
+    """Powers of two bring activations of the groups to LARGEST, and back behind them."""
     torch.manual_seed(1)
     result = networks.Network(config).eval()
     for conv in result.modules():
         if isinstance(conv, torch.nn.Conv2d):
             torch.nn.init.kaiming_normal_(conv.weight)
             torch.nn.init.zeros_(conv.bias)
-    magnitudes = lambda: agreement.predict_watched(result, *files)[1]
-    up = math.ceil(math.log2(LARGEST / max(magnitudes().values())))
+    watched = lambda: agreement.predict_watched(result, *files)[1]
+    up = math.ceil(math.log2(LARGEST / max(value for name, value in watched().items() if name.startswith("groups"))))
     for first in (result.lrhs, result.hrls):
         scale(first, up)
     # In two steps: weights that are too small for 16 bits would be another matter.
     scale(result.up[0], -(up // 2))
     scale(result.rec, up // 2 - up)
-    scale(result.rec, round(math.log2(MOST_OUTPUT / magnitudes()["rec"])))
+    scale(result.rec, round(math.log2(MOST_OUTPUT / watched()["rec"])))
     return result.float()
 
 

@@ -10,6 +10,7 @@ import argparse
 import csv
 import dataclasses
 import functools
+import itertools
 import math
 import pathlib
 import subprocess
@@ -32,7 +33,8 @@ from evaluation.kernel_choices import CHOICES, MATRICES
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 SHIPPED = ("x4-fast", "x4-balanced", "x2-fast", "x8-fast")
 PYTORCH = "PyTorch"  # in the place of the kernels' name: the same network in single precision, for scale
-GREY = 0.18  # what the mean of an image is shown at
+GREY = 0.18  # what the mean of LRHS is exposed to
+EXPOSED = networks.Config(exposure_key=GREY)
 FLOOR = 0.01  # of the mean: errors of darker pixels are relative to that
 
 
@@ -58,22 +60,15 @@ class Result:
         return self.model, self.input, self.precision, self.kernels
 
 
-def mean_of(image):
-    """The power mean of luminance, as the exposure of a frame is found by; of an image [3, H, W]."""
-    return float(networks.luminance(image).clamp(min=0).sqrt().mean()) ** 2
-
-
-def relative(image, exact):
-    """|difference| over |exact| + FLOOR of its mean; what is not finite is infinitely off."""
-    error = (image - exact).abs() / (exact.abs() + FLOOR * mean_of(exact))
+def relative(image, exact, exposure):
+    """|difference| over |exact| + FLOOR of the mean that the exposure tells; what is not finite is infinitely off."""
+    error = (image - exact).abs() / (exact.abs() + FLOOR * GREY / exposure)
     return torch.where(image == exact, 0.0, torch.nan_to_num(error, nan=math.inf))
 
 
-def steps(image, exact):
-    """The largest difference of pictures in sRGB, in 1/255, exposed to a mean of GREY."""
-    mean = mean_of(exact)
-    gain = GREY / mean if mean > 0 else 1.0
-    shown = [loss.srgb(torch.nan_to_num(x, nan=0.0) * gain) for x in (image, exact)]
+def steps(image, exact, exposure):
+    """The largest difference of pictures in sRGB, in 1/255, exposed."""
+    shown = [loss.srgb(torch.nan_to_num(x, nan=0.0) * exposure) for x in (image, exact)]
     return 255 * float((shown[0] - shown[1]).abs().max())
 
 
@@ -94,10 +89,11 @@ class Study:
 
     def __init__(self, program, data, folder, cache, driver=None):
         self.program, self.data, self.folder, self.cache, self.driver = program, data, folder, cache, driver
+        self.numbers = itertools.count()  # of files: OpenImageIO may take a new file for an old one of its name
 
     def inputs(self, scale, name):
         """The files (LRHS, HRLS) of an input class."""
-        paths = tuple(self.folder / f"{which}.exr" for which in ("lrhs", "hrls"))
+        paths = tuple(self.folder / f"{which} {next(self.numbers)}.exr" for which in ("lrhs", "hrls"))
         for exr, path in zip(pair(self.data, scale, name), paths):
             exr.write(path)
         return paths
@@ -111,7 +107,7 @@ class Study:
 
     def fused(self, model, files, choice):
         """(image [3, H, W] in float64, values that saturated)"""
-        output = self.folder / "fused.exr"
+        output = self.folder / f"fused {next(self.numbers)}.exr"
         options = ["--precision", choice.precision, *choice.options, *overflow_options(self.program)]
         start = choice.start(self.program, self.cache, self.driver)
         report = fuse(self.program, model, *files, output, options=options, **start)
@@ -120,23 +116,24 @@ class Study:
     def measure(self, model, name, choices):
         files = self.inputs(model.scale, name)
         network = agreement.load(model.path)
+        exposure = networks.exposure(agreement.layers_of(files[0], ("color",))["color"].double(), EXPOSED)
         exact, magnitudes = agreement.predict_watched(network, *files)
         start = lambda precision, kernels: Result(model.name, name, precision, kernels, "fused", max(magnitudes.values()))
         single = agreement.predict(network, *files, torch.float32)
-        yield self.compared(start("fp32", PYTORCH), single, exact)
+        yield self.compared(start("fp32", PYTORCH), single, exact, exposure)
         for choice in choices:
             result = start(choice.precision, choice.name)
             try:
                 image, result.saturated = self.fused(model, files, choice)
-                yield self.compared(result, image, exact)
+                yield self.compared(result, image, exact, exposure)
             except RuntimeError as error:
                 result.outcome = str(error).strip().splitlines()[-1]
                 yield result
 
-    def compared(self, result, image, exact):
-        error = relative(image, exact)
+    def compared(self, result, image, exact, exposure):
+        error = relative(image, exact, exposure)
         result.max_relative, result.p999_relative = float(error.max()), float(numpy.quantile(error, 0.999))
-        result.max_steps = steps(image, exact)
+        result.max_steps = steps(image, exact, exposure)
         result.not_finite = int((~image.isfinite()).sum())
         result.psnr_float64 = self.psnr(exact, result.input)
         if result.psnr_float64 is not None:
