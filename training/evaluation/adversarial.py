@@ -16,7 +16,9 @@ MOST_OUTPUT = 1.0  # of the last layer
 CONFIGS = {
     "He, x4-fast's shape": stock.config("x4-fast"),
     # As the paper: HRLS convolved at full size, doubled in stages, scene linear, nothing added to what it draws.
-    "He, the paper's kind": networks.Config(4, 16, 16, 3, 2, 2, transfer="linear", clip=100.0, base="none", exposure_key=0.18),
+    "He, the paper's kind": networks.Config(
+        4, 16, 16, 3, 2, 2, transfer="linear", clip=100.0, base="none", exposure_key=0.18
+    ),
 }
 
 

@@ -161,9 +161,8 @@ def crop(path, scale=1):
 
 def pair(data, scale, name):
     """(LRHS, HRLS) of a class."""
-    lrhs, hrls = (
-        Exr(one.channels, one.pixels.copy()) for one in (crop(data / f"lrhs-x{scale}.exr", scale), crop(data / "hrls.exr"))
-    )
+    crops = crop(data / f"lrhs-x{scale}.exr", scale), crop(data / "hrls.exr")
+    lrhs, hrls = (Exr(one.channels, one.pixels.copy()) for one in crops)
     with numpy.errstate(over="ignore", invalid="ignore"):
         BY_NAME[name].apply(lrhs, hrls, scale)
     return lrhs, hrls

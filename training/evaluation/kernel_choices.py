@@ -73,5 +73,6 @@ CHOICES = [
     *(Choice(precision, "F(2, 3)", kernel=dict(tile=2, matrix=None)) for precision in ("fp32", "fp16")),
     *(Choice(precision, "auto") for precision in ("fp32", "fp16")),
 ]
-# In 16 bits only.
-MATRICES = Choice("fp16", "matrices", kernel=dict(matrix=dict(outputs=16, rows=2, subgroups=4, channels=16)))
+# In 16 bits only; the profile says whether they were used.
+TILES = dict(outputs=16, rows=2, subgroups=4, channels=16)
+MATRICES = Choice("fp16", "matrices", ("--profile",), kernel=dict(matrix=TILES))

@@ -111,6 +111,8 @@ class Study:
         options = ["--precision", choice.precision, *choice.options, *overflow_options(self.program)]
         start = choice.start(self.program, self.cache, self.driver)
         report = fuse(self.program, model, *files, output, options=options, **start)
+        if choice.uses_matrices and not any("matrix" in kernel["name"] for kernel in report["kernels"]):
+            raise RuntimeError("the program did not take the matrices it was told to")
         return torch.from_numpy(read(output)).double().permute(2, 0, 1), saturated(report)
 
     def measure(self, model, name, choices):
@@ -118,7 +120,8 @@ class Study:
         network = agreement.load(model.path)
         exposure = networks.exposure(agreement.layers_of(files[0], ("color",))["color"].double(), EXPOSED)
         exact, magnitudes = agreement.predict_watched(network, *files)
-        start = lambda precision, kernels: Result(model.name, name, precision, kernels, "fused", max(magnitudes.values()))
+        largest = max(magnitudes.values())
+        start = lambda precision, kernels: Result(model.name, name, precision, kernels, "fused", largest)
         single = agreement.predict(network, *files, torch.float32)
         yield self.compared(start("fp32", PYTORCH), single, exact, exposure)
         for choice in choices:

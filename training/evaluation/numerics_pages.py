@@ -1,5 +1,6 @@
 """The tables and plots of docs/numerics.md, from what numerics.py measured."""
 
+import itertools
 import math
 
 import matplotlib
@@ -27,6 +28,11 @@ def unique(values):
     return list(dict.fromkeys(values))
 
 
+def runs_of(results):
+    """Their labels, of 32 bits first."""
+    return sorted(unique(map(label, results)), key=lambda text: not text.startswith("fp32"))
+
+
 def errors(result):
     """Two numbers, or what happened instead."""
     if result.outcome != "fused":
@@ -39,7 +45,7 @@ def errors(result):
 def inputs_sheet(results):
     """Of the model that was measured with everything: the largest error and the 99.9th percentile."""
     own = [one for one in results if one.model == results[0].model]
-    columns = unique(map(label, own))
+    columns = runs_of(own)
     rows = []
     for name in unique(one.input for one in own):
         cells = {label(one): errors(one) for one in own if one.input == name}
@@ -47,26 +53,28 @@ def inputs_sheet(results):
     return Sheet("numerics-inputs", [results[0].model, *columns], rows)
 
 
-def worst(results, measure):
-    """(its text, the input class) of the result whose measure is largest."""
+def worst(results, measure, form):
+    """The largest, and of which input class."""
     known = [one for one in results if getattr(one, measure) is not None]
-    return max(known, key=lambda one: abs(getattr(one, measure)), default=None)
+    if not known:
+        return ""
+    one = max(known, key=lambda one: abs(getattr(one, measure)))
+    return f"{number(getattr(one, measure), form)} {one.input}"
 
 
 def models_sheet(results):
-    head = ["", "largest activation", "99.9 % of errors, as rendered", "worst class", "in steps of 8 bits", "worst class"]
-    head += ["PSNR of float64, as rendered", "shift", "largest shift", "of class", "saturated"]
+    head = ["", "classes", "99.9 % of errors", "the worst", "steps of 8 bits", "the worst"]
+    head += ["PSNR of float64", "shift", "the worst"]
     rows = []
-    for key in unique((one.model, label(one)) for one in results):
-        own = [one for one in results if (one.model, label(one)) == key and one.outcome == "fused"]
+    for key in itertools.product(unique(one.model for one in results), runs_of(results)):
+        own = [one for one in results if (one.model, label(one)) == key]
         if not own:
             continue
-        first, error, steps, shift = own[0], *(worst(own, m) for m in ("p999_relative", "max_steps", "psnr_shift"))
-        cells = [number(first.largest_activation, "{:.2g}"), number(first.p999_relative, "{:.1e}")]
-        cells += [f"{number(error.p999_relative, '{:.1e}')} {error.input}", number(first.max_steps, "{:.2f}")]
-        cells += [f"{number(steps.max_steps, '{:.2f}')} {steps.input}", number(first.psnr_float64, "{:.2f}")]
-        cells += [number(first.psnr_shift, "{:+.4f}"), number(shift.psnr_shift, "{:+.4f}"), shift.input]
-        rows.append([", ".join(key), *cells, str(max(one.saturated or 0 for one in own) or "")])
+        first = own[0]  # as rendered
+        cells = [str(len(own)), number(first.p999_relative, "{:.1e}"), worst(own, "p999_relative", "{:.1e}")]
+        cells += [number(first.max_steps, "{:.1g}"), worst(own, "max_steps", "{:.1g}")]
+        cells += [number(first.psnr_float64, "{:.2f}"), number(first.psnr_shift, "{:+.0e}")]
+        rows.append([", ".join(key), *cells, worst(own, "psnr_shift", "{:+.0e}")])
     return Sheet("numerics-models", head, rows)
 
 
@@ -77,15 +85,17 @@ def is_broken(result):
 
 
 def broken_sheet(results):
-    head = ["model", "class", "run", "steps of 8 bits", "99.9 % of errors", "PSNR shift", "saturated", "not finite"]
+    head = ["model", "class", "run", "largest activation", "steps of 8 bits", "99.9 % of errors", "PSNR shift"]
+    head += ["saturated", "not finite"]
     rows = []
     for one in filter(is_broken, results):
+        who = [one.model, one.input, label(one), number(one.largest_activation, "{:.1e}")]
         if one.outcome != "fused":
-            rows.append([one.model, one.input, label(one), one.outcome, "", "", "", ""])
+            rows.append([*who, one.outcome, "", "", "", ""])
             continue
         cells = [number(one.max_steps, "{:.1f}"), number(one.p999_relative, "{:.1e}")]
         cells += [number(one.psnr_shift, "{:+.2f}"), str(one.saturated or ""), str(one.not_finite or "")]
-        rows.append([one.model, one.input, label(one), *cells])
+        rows.append([*who, *cells])
     return Sheet("numerics-broken", head, rows)
 
 
@@ -94,7 +104,7 @@ def plot_inputs(results, path):
     own = [one for one in results if one.model == results[0].model and one.outcome == "fused"]
     names = unique(one.input for one in own)
     figure, axes = plt.subplots(figsize=(9, 0.24 * len(names) + 1.2))
-    for key in unique(map(label, own)):
+    for key in runs_of(own):
         runs = [one for one in own if label(one) == key]
         x = [min(max(one.max_relative, LEAST), 1e3) for one in runs]
         y = [names.index(one.input) for one in runs]
@@ -113,7 +123,7 @@ def plot_inputs(results, path):
 def plot_models(results, path):
     """Every class of every model as a dot, by what is seen of the error."""
     own = [one for one in results if one.outcome == "fused" and one.kernels in ("direct", "auto")]
-    keys = unique((one.model, label(one)) for one in own)
+    keys = list(itertools.product(unique(one.model for one in own), runs_of(own)))
     figure, axes = plt.subplots(figsize=(9, 0.3 * len(keys) + 1.2))
     for one in own:
         x = min(max(one.max_steps, 1e-5), 255)
