@@ -34,7 +34,8 @@ def load(path):
 def layers_of(path, names):
     """{name: [1, 3, H, W]}, in single precision and finite, as the program reads them."""
     read = [name for name in names if name != "variance"]
-    layers = dict(zip(read, dataset.read(path, read)[None].split(3, dim=1)))
+    with numpy.errstate(over="ignore", invalid="ignore"):  # of what is too bright to be added up
+        layers = dict(zip(read, dataset.read(path, read)[None].split(3, dim=1)))
     if "variance" in names:
         single = torch.finfo(torch.float32).max
         layers["variance"] = networks.variance(layers["color"].double()).clamp(max=single).float()

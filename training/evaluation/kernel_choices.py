@@ -23,8 +23,12 @@ class Choice:
         return bool(self.kernel and self.kernel["matrix"])
 
     def start(self, program, folder, driver=None):
-        """What jobs.fuse() needs to start the program with these kernels; caches are in `folder`."""
-        start = {"launcher": (), "environment": os.environ | {"XDG_CACHE_HOME": str(folder / f"cache {self.name}")}}
+        """What jobs.fuse() needs to start the program with these kernels.
+
+        `folder`: of caches, with no tuning but ours; None: the user's own, which does for the direct kernel.
+        """
+        caches = {"XDG_CACHE_HOME": str(folder / f"cache {self.name}")} if folder else {}
+        start = {"launcher": (), "environment": os.environ | caches}
         if self.uses_matrices:
             drivers = driver.resolve().parent / "root/usr/share/vulkan/icd.d"
             start["launcher"] = (driver,)

@@ -188,7 +188,7 @@ class Numerics(unittest.TestCase):
         folder = tempfile.TemporaryDirectory()
         self.addCleanup(folder.cleanup)
         self.folder = pathlib.Path(folder.name)
-        self.study = numerics.Study(PROGRAM, DATA, self.folder, self.folder)
+        self.study = numerics.Study(PROGRAM, DATA, self.folder, cache=None)
 
     def test_error_of_a_known_size(self):
         exact = torch.full((3, 4, 4), 0.5, dtype=torch.float64)
