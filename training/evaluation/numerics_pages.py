@@ -72,7 +72,7 @@ def models_sheet(results):
             continue
         first = own[0]  # as rendered
         cells = [str(len(own)), number(first.p999_relative, "{:.1e}"), worst(own, "p999_relative", "{:.1e}")]
-        cells += [number(first.max_steps, "{:.1g}"), worst(own, "max_steps", "{:.1g}")]
+        cells += [number(first.max_steps, "{:.3g}"), worst(own, "max_steps", "{:.3g}")]
         cells += [number(first.psnr_float64, "{:.2f}"), number(first.psnr_shift, "{:+.0e}")]
         rows.append([", ".join(key), *cells, worst(own, "psnr_shift", "{:+.0e}")])
     return Sheet("numerics-models", head, rows)
