@@ -6,6 +6,7 @@ import pathlib
 import subprocess
 import tempfile
 
+import numpy
 import torch
 
 import dataset
@@ -30,20 +31,49 @@ def load(path):
     return network.eval()
 
 
+def layers_of(path, names):
+    """{name: [1, 3, H, W]}, in single precision and finite, as the program reads them."""
+    read = [name for name in names if name != "variance"]
+    with numpy.errstate(over="ignore", invalid="ignore"):  # of what is too bright to be added up
+        layers = dict(zip(read, dataset.read(path, read)[None].split(3, dim=1)))
+    if "variance" in names:
+        single = torch.finfo(torch.float32).max
+        layers["variance"] = networks.variance(layers["color"].double()).clamp(max=single).float()
+    most = networks.HALF_MAX
+    return {name: torch.nan_to_num(layers[name], nan=0.0, posinf=most, neginf=-most) for name in names}
+
+
+def exposure(network, lrhs_path):
+    """What radiance is multiplied by; a float, as the program has it."""
+    return float(numpy.float32(networks.exposure(layers_of(lrhs_path, ("color",))["color"].double(), network.config)))
+
+
+@torch.no_grad()
 def predict(network, lrhs_path, hrls_path, dtype):
-    """Scene linear [3, H, W]."""
+    """Scene linear [3, H, W], computed in `dtype` from the weights as stored and the files as they are."""
     config = network.config
-    low = dataset.read(lrhs_path, ("color",))[None]
-    read = [name for name in config.hrls_layers if name != "variance"]
-    layers = dict(zip(read, dataset.read(hrls_path, read)[None].split(3, dim=1)))
-    layers["variance"] = networks.variance(layers["color"])
-    exposure = networks.exposure(low, config)
-    for name in layers:
-        gain = {"albedo": 1, "normal": 1, "variance": exposure**2}.get(name, exposure)
-        layers[name] = layers[name] * gain
-    hrls = torch.cat([layers[name] for name in config.hrls_layers], dim=1)
-    fused = networks.predict(network.to(dtype), (low * exposure).to(dtype), hrls.to(dtype))[1]
-    return fused[0].double() / exposure
+    factor = exposure(network, lrhs_path)
+    low = layers_of(lrhs_path, ("color",))["color"].to(dtype)
+    layers = {name: layer.to(dtype) for name, layer in layers_of(hrls_path, config.hrls_layers).items()}
+    power = {"albedo": 0, "normal": 0, "variance": 2}
+    hrls = torch.cat([layer * factor ** power.get(name, 1) for name, layer in layers.items()], dim=1)
+    fused = networks.predict(network.to(dtype), low * factor, hrls)[1]
+    return (fused[0].double() / factor).clamp(max=networks.HALF_MAX)
+
+
+def predict_watched(network, lrhs_path, hrls_path):
+    """predict() in float64, and the largest magnitude of each layer's sums by its name."""
+    seen = {}
+    parts = (torch.nn.Conv2d, networks.Block, networks.Group)
+    hooks = [
+        part.register_forward_hook(lambda _, __, y, name=name: seen.update({name: float(y.abs().max())}))
+        for name, part in network.named_modules()
+        if isinstance(part, parts)
+    ]
+    image = predict(network, lrhs_path, hrls_path, torch.float64)
+    for hook in hooks:
+        hook.remove()
+    return image, seen
 
 
 def colour(path):

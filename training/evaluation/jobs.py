@@ -106,11 +106,11 @@ class Job:
         return result, time.perf_counter() - start
 
 
-def fuse(program, model, lrhs, hrls, output, sampling="nearest"):
-    """What the program reports, as a dictionary."""
-    command = [program, "fuse", "--json", "--output-type", "float", "--lrhs-sampling", sampling]
-    command += ["--model", model.path.resolve(), "--lrhs", lrhs, "--hrls", hrls, "-o", output]
-    done = subprocess.run(list(map(str, command)), capture_output=True, text=True)
+def fuse(program, model, lrhs, hrls, output, sampling="nearest", options=(), launcher=(), environment=None):
+    """What the program reports, as a dictionary. `launcher`: what starts the program, if it is not run by itself."""
+    command = [*launcher, program, "fuse", "--json", "--output-type", "float", "--lrhs-sampling", sampling]
+    command += ["--model", model.path.resolve(), "--lrhs", lrhs, "--hrls", hrls, "-o", output, *options]
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, env=environment)
     if done.returncode:
         raise RuntimeError(f"{' '.join(map(str, command))}: {done.stderr}")
     return json.loads(done.stdout)

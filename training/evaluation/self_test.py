@@ -2,6 +2,7 @@
 """Tests of the evaluation: self_test.py [PROGRAM [MODEL]]; with both also of the program, on a made-up view."""
 
 import json
+import math
 import pathlib
 import sys
 import tempfile
@@ -10,15 +11,20 @@ import unittest
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent))
 
 import numpy
+import torch
 
-from evaluation import agreement, tables, test_set
+import safetensors
+from evaluation import agreement, numerics, numerics_pages, tables, test_set
 from evaluation.baselines import FILTERS, TUNED, bicubic
 from evaluation.changes import CHANGES
 from evaluation.images import Exr, psnr, read, relmse
+from evaluation.input_classes import CLASSES, crop, pair
 from evaluation.jobs import Job, Model, Score, Store
+from evaluation.kernel_choices import Choice
 
 SIZE = 64
 LAYERS = ("Combined", "DiffDir", "DiffInd", "DiffCol", "GlossDir", "GlossInd", "GlossCol", "Denoising Albedo")
+DATA = pathlib.Path(__file__).resolve().parent.parent.parent / "data"
 PROGRAM = MODEL = None
 
 
@@ -175,6 +181,69 @@ class Views(unittest.TestCase):
         model = Model.load(MODEL)
         plain, ramp = (tables.base(model, change).image(self.view, PROGRAM)[0] for change in ("", "alpha"))
         numpy.testing.assert_array_equal(plain, ramp)
+
+
+class Numerics(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+        self.study = numerics.Study(PROGRAM, DATA, self.folder, cache=None)
+
+    def test_error_of_a_known_size(self):
+        exact = torch.full((3, 4, 4), 0.5, dtype=torch.float64)
+        self.assertAlmostEqual(float(numerics.relative(exact * 1.01, exact, 0.18).max()), 0.005 / 0.51, 9)
+        self.assertAlmostEqual(numerics.steps(exact, exact * 0, 2), 255)
+        image = exact.clone()
+        image[1, 2, 3] = math.nan
+        self.assertEqual(float(numerics.relative(image, exact, 1).max()), math.inf)
+        self.assertEqual(float(numerics.relative(exact, exact, 1).max()), 0)
+
+    def test_every_input_class_changes_something_and_no_size(self):
+        rendered = pair(DATA, 4, "as rendered")
+        for one in CLASSES:
+            changed = pair(DATA, 4, one.name)
+            same = [numpy.array_equal(a.pixels, b.pixels) for a, b in zip(changed, rendered)]
+            self.assertEqual(all(same), one.name == "as rendered", one.name)
+            self.assertEqual([a.pixels.shape for a in changed], [b.pixels.shape for b in rendered], one.name)
+
+    def test_a_crop_of_both_is_of_the_same_pixels(self):
+        """LRHS is of the same picture: nearer to the reference's pixels than to those a cell further."""
+        reference = crop(DATA / "reference.exr").pixels
+        for scale in (2, 4, 8):
+            low = crop(DATA / f"lrhs-x{scale}.exr", scale).pixels
+            off = lambda shift: numpy.abs(low - numpy.roll(reference, shift, 1)[::scale, ::scale]).mean()
+            self.assertLess(off(0), min(off(scale), off(-scale)))
+
+    def test_program_is_near_float64(self):
+        """As near as single precision is; not to a network one of whose weights is off by a hundredth."""
+        if not MODEL:
+            self.skipTest("no program or model")
+        most = 1e-3
+        model = Model.load(MODEL)
+        _, result = self.study.measure(model, "as rendered", [Choice("fp32", "direct", ("--kernels", "direct"))])
+        self.assertLess(result.max_relative, most)
+        self.assertGreater(result.max_relative, 0)
+
+        tensors, metadata = safetensors.load(MODEL)
+        tensors = {name: value.copy() for name, value in tensors.items()}
+        tensors["rec.weight"][0, 0, 1, 1] *= 1.01
+        safetensors.save(self.folder / "off.safetensors", tensors, metadata)
+        files = self.study.inputs(4, "as rendered")
+        exact, off = (
+            agreement.predict(agreement.load(path), *files, torch.float64)
+            for path in (MODEL, self.folder / "off.safetensors")
+        )
+        self.assertGreater(float(numerics.relative(off, exact, 1).max()), 3 * most)
+
+    def test_results_are_read_as_written(self):
+        results = [
+            numerics.Result("m", "as rendered", "fp32", "auto", "fused", 1.5, math.inf, 0.25, 2.0, 3, 0, None, None),
+            numerics.Result("m", "constant", "fp16", "auto", "cannot, so it does not", 2.0),
+        ]
+        numerics.write(self.folder / "numerics.csv", results)
+        self.assertEqual(numerics.load(self.folder / "numerics.csv"), results)
+        self.assertEqual(len(numerics_pages.broken_sheet(results).rows), 2)
 
 
 if __name__ == "__main__":

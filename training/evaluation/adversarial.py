@@ -1,0 +1,58 @@
+"""Models whose weights are hard on 16 bits: He-scaled, with activations that pass the largest half, 65504."""
+
+import math
+
+import torch
+
+import export
+import model as networks
+import stock
+from evaluation import agreement
+from evaluation.jobs import Model
+
+LARGEST = 1e5  # that activations are to reach, as rendered
+MOST_OUTPUT = 1.0  # of the last layer
+
+CONFIGS = {
+    "He, x4-fast's shape": stock.config("x4-fast"),
+    # As the paper: HRLS convolved at full size, doubled in stages, scene linear, nothing added to what it draws.
+    "He, the paper's kind": networks.Config(
+        4, 16, 16, 3, 2, 2, transfer="linear", clip=100.0, base="none", exposure_key=0.18
+    ),
+}
+
+
+def scale(module, log2):
+    for conv in module.modules():
+        if isinstance(conv, torch.nn.Conv2d):
+            conv.weight.data.mul_(2.0**log2)
+
+
+def network(config, files):
+    """Powers of two bring activations of the groups to LARGEST, and back behind them."""
+    torch.manual_seed(1)
+    result = networks.Network(config).eval()
+    for conv in result.modules():
+        if isinstance(conv, torch.nn.Conv2d):
+            torch.nn.init.kaiming_normal_(conv.weight)
+            torch.nn.init.zeros_(conv.bias)
+    watched = lambda: agreement.predict_watched(result, *files)[1]
+    up = math.ceil(math.log2(LARGEST / max(value for name, value in watched().items() if name.startswith("groups"))))
+    for first in (result.lrhs, result.hrls):
+        scale(first, up)
+    # In two steps: weights that are too small for 16 bits would be another matter.
+    scale(result.up[0], -(up // 2))
+    scale(result.rec, up // 2 - up)
+    scale(result.rec, round(math.log2(MOST_OUTPUT / watched()["rec"])))
+    return result.float()
+
+
+def write_all(folder, files):
+    """The models, as files in `folder`; their activations are those of `files`, LRHS and HRLS."""
+    models = []
+    for name, config in CONFIGS.items():
+        path = folder / f"{name}.safetensors"
+        state = network(config, files).state_dict()
+        export.write(path, name, config, state, {"untrained": True})
+        models.append(Model.load(path))
+    return models
