@@ -78,7 +78,7 @@ struct Operands {
 
 Planes run_conv2d(const Operands& operands, const How& how) {
   const auto& [x, conv, relu, residual, behind] = operands;
-  LayerRun run(Precision::kFp32, how.addressed);
+  conform::LayerRun run(target(), Precision::kFp32, how.addressed);
   const Tensor in = run.input("in", x), out = run.tensor("out", conv.out, x.h, x.w);
   Conv2dOptions options{.kernel = uint32_t(conv.kernel), .relu = relu, .how = how.kernel()};
   if (residual) options.residuals = {run.input("residual", *residual)};
@@ -90,7 +90,7 @@ Planes run_conv2d(const Operands& operands, const How& how) {
 
 template <typename Layer>
 Planes run_shuffle(const Planes& x, Layer&& layer, int c, int h, int w) {
-  LayerRun run(Precision::kFp32);
+  conform::LayerRun run(target(), Precision::kFp32);
   const Tensor in = run.input("in", x), out = run.tensor("out", c, h, w);
   layer(run.graph(), "shuffle", in, out);
   run.run();
@@ -219,7 +219,7 @@ void check_concat(const OnnxVector& vector) {
     for (const How& how : ways(1)) {
       SCOPED_TRACE(fmt::format("image {}, {}", i, describe(how)));
       EXPECT_TRUE(equal(run_conv2d({.x = a[i], .conv = both, .behind = &b[i]}, how), expected[i]));
-      LayerRun run(Precision::kFp32, how.addressed);
+      conform::LayerRun run(target(), Precision::kFp32, how.addressed);
       const Tensor in_a = run.input("a", a[i]), in_b = run.input("b", b[i]);
       const Tensor out = run.tensor("out", expected[i].c, a[i].h, a[i].w);
       const Conv2dOptions options{.kernel = 1, .how = how.kernel()};
