@@ -63,7 +63,7 @@ TEST(Network, LayersAndShapes) {
             "down.0 down.1 encode.hrls encode.lrhs fuse "
             "groups.0 groups.0.blocks.0.dense.0 groups.0.blocks.0.dense.1 groups.0.blocks.0.merge "
             "groups.1 groups.1.blocks.0.dense.0 groups.1.blocks.0.dense.1 groups.1.blocks.0.merge "
-            "hrls lrhs output rec trunk up.0 up.1 ");
+            "highlights hrls lrhs output rec trunk up.0 up.1 ");
   expect_planes(y.at("lrhs").value, 4, 3, 5);
   expect_planes(y.at("hrls").value, 4, 12, 20);
   expect_planes(y.at("down.0").value, 4, 6, 10);
