@@ -105,7 +105,7 @@ std::vector<Variant> variants() {
 
 void conform_network(Collector& collector) {
   const std::vector<Variant> all = variants();
-  for (size_t i = 0; i < all.size(); i += collector.full() ? 1 : 3) {
+  for (size_t i = 0; i < all.size(); i += collector.full() ? 1 : 5) {
     const auto& [a, height, width] = all[i];
     const Subject subject = make_subject(a, height, width, 100 + i);
     const std::string name =
