@@ -201,7 +201,7 @@ def write_case(folder, name, shape, config):
 
     def run():
         inputs = lrhs.double() * exposure, exposed(hrls.double(), config, exposure)
-        encoded, output = model.predict(network, *inputs, centered)
+        encoded, output = model.predict(network, *inputs, centered, exposure)
         return encoded, (output / exposure).clamp(max=model.HALF_MAX)
 
     tensors |= layer_outputs(network, run)

@@ -301,10 +301,11 @@ def joint_predict(network, lrhs, hrls, upsampled, centered):
     return y[:, :3] + sum(weight * candidate for weight, candidate in zip(weights, candidates, strict=True))
 
 
-def predict(network, lrhs, hrls, centered=torch.tensor(False)):
+def predict(network, lrhs, hrls, centered=torch.tensor(False), exposure=1.0):
     """As rendered, lrhs [N, 3, h, w] and hrls [N, K, s*h, s*w] -> (encoded, scene linear) image [N, 3, s*h, s*w].
 
-    `centered` as in Network.forward. The linear image has, where it is near the clip, what LRHS has beyond it.
+    `centered` as in Network.forward; `exposure`: what the inputs were multiplied by. The linear image has, where it is
+    near the clip, what LRHS has beyond it.
     """
     config = network.config
 
@@ -322,7 +323,7 @@ def predict(network, lrhs, hrls, centered=torch.tensor(False)):
         if config.base == "bilinear":
             y = y + upsampled(low)
     fused = decode(y, config.transfer)
-    beyond = torch.nan_to_num(lrhs - config.clip).clamp(min=0)
+    beyond = torch.nan_to_num(lrhs - config.clip).clamp(0, HALF_MAX * exposure)
     return y, fused + (8 * fused / config.clip - 1).clamp(0, 1) * highlights(beyond, upsampled)
 
 

@@ -57,7 +57,7 @@ def predict(network, lrhs_path, hrls_path, dtype):
     layers = {name: layer.to(dtype) for name, layer in layers_of(hrls_path, config.hrls_layers).items()}
     power = {"albedo": 0, "normal": 0, "variance": 2}
     hrls = torch.cat([layer * factor ** power.get(name, 1) for name, layer in layers.items()], dim=1)
-    fused = networks.predict(network.to(dtype), low * factor, hrls)[1]
+    fused = networks.predict(network.to(dtype), low * factor, hrls, exposure=factor)[1]
     return (fused[0].double() / factor).clamp(max=networks.HALF_MAX)
 
 
