@@ -42,6 +42,12 @@ void check_part(const std::filesystem::path& path, const Imf::MultiPartInputFile
   if (!file.partComplete(part))
     throw Error("cannot read '{}': {} is truncated, or was never finished", path.string(),
                 part_label(header, part));
+  const Imf::ChannelList& channels = header.channels();
+  for (auto i = channels.begin(); i != channels.end(); ++i) {
+    if (i.channel().xSampling < 1 || i.channel().ySampling < 1)
+      throw Error("cannot read '{}': channel '{}' has a sampling of {} x {}, expected at least 1",
+                  path.string(), i.name(), i.channel().xSampling, i.channel().ySampling);
+  }
 }
 
 // Some writers name parts after layers, others freely, with whole names such as `ViewLayer.Combined.R`
