@@ -1,5 +1,6 @@
 #include "caller_device.h"
 
+#include <atomic>
 #include <gtest/gtest.h>
 
 #include <utility>
@@ -11,11 +12,11 @@ namespace raymeld::test {
 namespace {
 
 PFN_vkGetInstanceProcAddr real_get_instance_proc_addr = nullptr;
-PFN_vkGetDeviceProcAddr real_get_device_proc_addr = nullptr;
+std::atomic<PFN_vkGetDeviceProcAddr> real_get_device_proc_addr = nullptr;
 
 VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL get_device_proc_addr(VkDevice device, const char* name) {
-  interposed().device = device;
-  return interpose(name, real_get_device_proc_addr(device, name));
+  interpose_device(device);
+  return interpose(name, real_get_device_proc_addr.load()(device, name));
 }
 
 VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL get_instance_proc_addr(VkInstance instance, const char* name) {

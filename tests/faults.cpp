@@ -1,5 +1,7 @@
 #include "faults.h"
 
+#include <atomic>
+#include <mutex>
 #include <string_view>
 #include <tuple>
 #include <type_traits>
@@ -54,8 +56,12 @@ constexpr bool may_lose_the_device(std::string_view function) {
   return false;
 }
 
+// Held while calls are counted, not while they are made.
+std::mutex counting;
+
 // Whether this call is to fail; counts it.
 bool fails(const char* function) {
+  const std::lock_guard lock(counting);
   Interposed& state = interposed();
   Fault& fault = state.fault;
   ++state.calls[function];
@@ -67,6 +73,16 @@ bool fails(const char* function) {
   if (!lost && !fault.lasting) fault.call = 0;
   if (state.failures++ == 0) state.failed = function;
   return true;
+}
+
+void count_made(const char* function) {
+  const std::lock_guard lock(counting);
+  ++interposed().alive[function];
+}
+
+void count_destroyed(const char* made_by) {
+  const std::lock_guard lock(counting);
+  if (--interposed().alive[made_by] == 0) interposed().alive.erase(made_by);
 }
 
 void finish_the_work_of_the_device();
@@ -81,27 +97,27 @@ struct Shim;
 
 template <typename Name, typename Result, typename... Arguments>
 struct Shim<Name, Result(VKAPI_PTR*)(Arguments...)> {
-  static inline Result(VKAPI_PTR* real)(Arguments...) = nullptr;
+  static inline std::atomic<Result(VKAPI_PTR*)(Arguments...)> real = nullptr;
 
   static Result VKAPI_CALL call(Arguments... arguments) {
-    Interposed& state = interposed();
     [[maybe_unused]] const auto all = std::tie(arguments...);
     if constexpr (std::is_void_v<Result>) {
       // The handle comes before the allocator.
       const bool exists = std::get<sizeof...(Arguments) - 2>(all) != VK_NULL_HANDLE;
-      if (exists && --state.alive[Name::made_by] == 0) state.alive.erase(Name::made_by);
-      real(arguments...);
+      if (exists) count_destroyed(Name::made_by);
+      real.load()(arguments...);
     } else {
       if (fails(Name::text)) {
-        if (state.fault.code == VK_ERROR_DEVICE_LOST) finish_the_work_of_the_device();
-        return state.fault.code;
+        const VkResult code = interposed().fault.code;
+        if (code == VK_ERROR_DEVICE_LOST) finish_the_work_of_the_device();
+        return code;
       }
       if constexpr (std::is_same_v<std::tuple_element_t<1, std::tuple<Arguments..., void*>>,
                                    const VkMemoryAllocateInfo*>) {
         if (is_beyond_the_limit(std::get<1>(all))) return VK_ERROR_OUT_OF_DEVICE_MEMORY;
       }
-      const VkResult result = real(arguments...);
-      if (Name::makes && result == VK_SUCCESS) ++state.alive[Name::text];
+      const VkResult result = real.load()(arguments...);
+      if (Name::makes && result == VK_SUCCESS) count_made(Name::text);
       return result;
     }
   }
@@ -123,7 +139,7 @@ MAKING_FUNCTIONS(NAME_PAIR)
 OTHER_FUNCTIONS(NAME_OTHER)
 
 void finish_the_work_of_the_device() {
-  const auto wait = Shim<NameDeviceWaitIdle, PFN_vkDeviceWaitIdle>::real;
+  const auto wait = Shim<NameDeviceWaitIdle, PFN_vkDeviceWaitIdle>::real.load();
   if (wait && interposed().device) wait(interposed().device);
 }
 
@@ -141,6 +157,11 @@ bool try_interpose(const char* name, PFN_vkVoidFunction& function) {
 Interposed& interposed() {
   static Interposed state;
   return state;
+}
+
+void interpose_device(VkDevice device) {
+  const std::lock_guard lock(counting);
+  interposed().device = device;
 }
 
 PFN_vkVoidFunction interpose(const char* name, PFN_vkVoidFunction real) {

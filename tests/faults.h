@@ -32,6 +32,7 @@ struct Interposed {
 };
 
 Interposed& interposed();
+void interpose_device(VkDevice device);
 
 // Instead of `real`, where `name` is a function that may fail or destroys what such a one made; else `real`.
 PFN_vkVoidFunction interpose(const char* name, PFN_vkVoidFunction real);

@@ -96,7 +96,7 @@ VKAPI_ATTR VkResult VKAPI_CALL create_device(VkPhysicalDevice physical_device, c
 VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL get_device_proc_addr(VkDevice device, const char* name) {
   if (std::strcmp(name, "vkGetDeviceProcAddr") == 0)
     return reinterpret_cast<PFN_vkVoidFunction>(get_device_proc_addr);
-  interposed().device = device;
+  interpose_device(device);
   return interpose(name, next_device_proc_addr(device, name));
 }
 
