@@ -93,8 +93,10 @@ double ActivationEstimate::largest(const std::string& tensor) const {
 
 StorageExponents ActivationEstimate::exponents() const {
   StorageExponents result;
-  for (const auto& [name, channels] : tensors_)
-    result[name] = std::max(0, static_cast<int>(std::ceil(std::log2(largest(name) * kHeadroom / 65504))));
+  for (const auto& [name, channels] : tensors_) {
+    const double over = largest(name) * kHeadroom / 65504;
+    result[name] = over > 1 ? static_cast<int>(std::ceil(std::min(std::log2(over), kMostExponent))) : 0;
+  }
   for (bool changed = true; changed;) {
     changed = false;
     for (const auto& [a, b] : added_) {

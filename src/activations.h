@@ -29,11 +29,12 @@ class ActivationEstimate {
   // writes it.
   double largest(const std::string& tensor) const;
 
-  // The least exponents that leave kHeadroom between these and 65504, one for all tensors that are added to
-  // each other.
+  // The least exponents, up to kMostExponent, that leave kHeadroom between these and 65504, one for all
+  // tensors that are added to each other.
   StorageExponents exponents() const;
 
   static constexpr double kHeadroom = 2;
+  static constexpr double kMostExponent = 126;  // of powers of two that have an inverse
 
  private:
   struct Moments {

@@ -23,6 +23,16 @@ void copy_rows(const float* from, size_t from_stride, float* to, size_t to_strid
   }
 }
 
+// To those of the same name.
+void add_time(std::vector<PassTime>& times, const PassTime& pass) {
+  auto time =
+      std::find_if(times.begin(), times.end(), [&](const PassTime& t) { return t.name == pass.name; });
+  if (time == times.end()) time = times.insert(time, {.name = pass.name});
+  time->time_ms += pass.time_ms;
+  time->flop += pass.flop;
+  time->bytes += pass.bytes;
+}
+
 }  // namespace
 
 // Does `work` with ever smaller tiles for as long as the device has no memory for it.
@@ -135,7 +145,7 @@ void Fuser::record_chunks(Host& host) const {
   for (size_t first = 0; first < passes.size();) {
     double work = passes[first].work();
     size_t last = first + 1;
-    while (last < passes.size() && work + passes[last].work() <= program_->limits().submit_flop) {
+    while (last < passes.size() && work + passes[last].work() <= program_->limits().submit_work) {
       work += passes[last++].work();
     }
     VkCommandBuffer commands = host.pool.begin(fmt::format("passes {} to {}", first, last - 1));
@@ -207,16 +217,17 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
     program_->reset_status();
     run_tile(of_frame, report);
     const Status status = program_->status();
-    last_redone_ = options_.fp32_kernels && (status.saturated > 0 || status.not_finite > 0);
-    if (last_redone_) {
+    if (options_.profile) add_pass_times(report);
+    last_redone_ = false;
+    if (options_.fp32_kernels && (status.saturated > 0 || status.not_finite > 0)) {
       copy_core(redo_tile(of_frame, report).data.data(), fused, at);
+      last_redone_ = true;
       continue;
     }
     host_->fused.invalidate();
     copy_core(static_cast<const float*>(host_->fused.mapped()), fused, at);
     report.status.saturated += status.saturated;
     report.status.not_finite += status.not_finite;
-    if (options_.profile) add_pass_times(report);
   }
   return report;
 }
@@ -236,11 +247,7 @@ void Fuser::run_tile(const Progress& progress, FuseReport& report) {
 Image Fuser::redo_tile(const Progress& progress, FuseReport& report) {
   const auto [height, width] = plan_.tiling.tile;
   if (!wide_) {
-    FuserOptions options = options_;
-    options.storage = Storage::kFloat32;
-    options.kernels = *options_.fp32_kernels;
-    options.fp32_kernels.reset();
-    options.max_memory_bytes = memory_limit(device_.info(), options_) - allocated_bytes();
+    const FuserOptions options = wide_options(device_.info(), options_, allocated_bytes());
     wide_ = std::make_unique<Fuser>(device_, model_, height, width, options, cache_folder_);
   }
   const Shape shape = frame_shapes(model_, plan_.tiling.tile)[2];
@@ -251,7 +258,10 @@ Image Fuser::redo_tile(const Progress& progress, FuseReport& report) {
                   static_cast<const float*>(host_->hrls.mapped()), image.data.data(), report.exposure, go_on);
   report.device_ms += redone.device_ms;
   report.status.not_finite += redone.status.not_finite;
+  for (const PassTime& layer : redone.layers) add_time(report.layers, layer);
+  for (const PassTime& kernel : redone.kernels) add_time(report.kernels, kernel);
   ++report.redone_tiles;
+  if (shortage_.empty()) shortage_ = wide_->shortage();
   return image;
 }
 
@@ -294,19 +304,11 @@ void Fuser::add_pass_times(FuseReport& report) const {
                                          ticks.data(), sizeof(uint64_t),
                                          VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT),
         "reading timestamps of " + device_.info().name);
-  const auto add = [](std::vector<PassTime>& times, const std::string& name, const PassTime& pass) {
-    auto time = std::find_if(times.begin(), times.end(), [&](const PassTime& t) { return t.name == name; });
-    if (time == times.end()) time = times.insert(time, {.name = name});
-    time->time_ms += pass.time_ms;
-    time->flop += pass.flop;
-    time->bytes += pass.bytes;
-  };
   for (size_t i = 0; i < passes.size(); ++i) {
     const double time_ms =
         static_cast<double>(ticks[i + 1] - ticks[i]) * device_.info().timestamp_period_ns * 1e-6;
-    const PassTime time{{}, time_ms, passes[i].flop, passes[i].bytes};
-    add(report.layers, passes[i].name, time);
-    add(report.kernels, passes[i].shader->name, time);
+    add_time(report.layers, {passes[i].name, time_ms, passes[i].flop, passes[i].bytes});
+    add_time(report.kernels, {passes[i].shader->name, time_ms, passes[i].flop, passes[i].bytes});
   }
 }
 

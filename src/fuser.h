@@ -51,21 +51,21 @@ class Fuser {
   Program& program() { return made_program(); }
   // The one that computed the last tile: this, or the one that did it again in 32 bits.
   Fuser& last() { return last_redone_ ? *wide_ : *this; }
-  // What the device first had no memory for, so that tiles are smaller than they were planned; empty:
-  // nothing.
+  // What the device first had no memory for, so that tiles, or those done again in 32 bits, are smaller than
+  // they were planned; empty: nothing.
   const std::string& shortage() const { return shortage_; }
   // What the Fuser has allocated on the device, for tiles done again in 32 bits as well.
   uint64_t allocated_bytes() const;
 
   // Records one frame into the caller's command buffer, outside of any render pass; never submits, allocates
-  // or waits. lrhs: (h, w, 3), hrls: (s h, s w, K), fused: (s h, s w, 3), scene linear floats in storage
-  // buffers of this device. h and w are plan().tiling.tile: a frame of several tiles is recorded tile by
-  // tile, with views that start at each tile. The inputs must be visible to
-  // VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT / VK_ACCESS_SHADER_READ_BIT; the output is written by that stage
-  // with VK_ACCESS_SHADER_WRITE_BIT. At most kFramesInFlight recordings may be pending, each submitted at
-  // most once, to one queue. program().status() counts what went wrong. `exposure`: what radiance is
-  // multiplied by for the network; FuserOptions::exposure has no say here. Throws Error when a view passes
-  // the device's limits.
+  // or waits, unless a fuse() before threw OutOfMemory, after which everything is made anew. lrhs: (h, w, 3),
+  // hrls: (s h, s w, K), fused: (s h, s w, 3), scene linear floats in storage buffers of this device. h and w
+  // are plan().tiling.tile: a frame of several tiles is recorded tile by tile, with views that start at each
+  // tile. The inputs must be visible to VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT / VK_ACCESS_SHADER_READ_BIT; the
+  // output is written by that stage with VK_ACCESS_SHADER_WRITE_BIT. At most kFramesInFlight recordings may
+  // be pending, each submitted at most once, to one queue. program().status() counts what went wrong.
+  // `exposure`: what radiance is multiplied by for the network; FuserOptions::exposure has no say here.
+  // Throws Error when a view passes the device's limits.
   void record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
               const FrameBuffer& fused, float exposure = 1);
 
@@ -73,10 +73,11 @@ class Fuser {
   float exposure(const float* lrhs) const;
 
   // Fuses one frame: lrhs (3, h, w) and hrls (K, s h, s w) to fused (3, s h, s w), scene linear. Runs tile by
-  // tile and waits. The first call allocates and records; later ones only submit. When the device runs out of
-  // memory, the frame starts again with smaller tiles, unless record() was called before: its frames may be
-  // pending. Throws Error, also when the network's output is not finite, and Cancelled; `fused` may then hold
-  // some tiles, and the next call works if the device does.
+  // tile and waits. The first call allocates and records, and so does the first that does a tile again; other
+  // ones only submit. No frame of record() may be pending. When the device runs out of memory, the frame
+  // starts again with smaller tiles, unless record() was called before: recordings may still be submitted.
+  // Throws Error, also when the network's output is not finite, and Cancelled; `fused` may then hold some
+  // tiles, and the next call works if the device does.
   FuseReport fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress = {});
   // The same on planar, dense memory of the caller's, whose sizes are not checked.
   FuseReport fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress = {});

@@ -63,6 +63,7 @@ ConvWeights Model::conv(const std::string& name, uint32_t out, uint32_t in, uint
 float Model::largest_weight() const {
   float largest = 0;
   for (const auto& [name, tensor] : tensors_) {
+    if (!name.ends_with(".weight")) continue;
     for (const float value : tensor.values) largest = std::max(largest, std::abs(value));
   }
   return largest;

@@ -72,7 +72,7 @@ class Model {
   const std::string& file() const { return file_; }
   const std::map<std::string, std::string>& metadata() const { return metadata_; }
   uint64_t parameters() const;
-  float largest_weight() const;  // the largest magnitude
+  float largest_weight() const;  // the largest magnitude; biases are none
 
   // The weights of layer `name`, whose shape must be [out][in][kernel][kernel]; `bias`: which of its biases.
   ConvWeights conv(const std::string& name, uint32_t out, uint32_t in, uint32_t kernel,

@@ -1,6 +1,7 @@
 #include "plan.h"
 
 #include <algorithm>
+#include <cmath>
 #include <optional>
 
 #include "network.h"
@@ -56,6 +57,30 @@ std::optional<std::string> obstacle(const FusePlan& plan, const Model& model, co
   return std::nullopt;
 }
 
+// Weights are stored times the ratio of what two tensors are stored over: then they must be within 65504, and
+// few of them so small that 16 bits have fewer digits for them.
+bool fits_half(const Model& model) {
+  constexpr int kMostExponent = 10;
+  int most = 0;
+  for (const auto& [tensor, exponent] : storage_exponents(model)) most = std::max(most, exponent);
+  return most <= kMostExponent && std::ldexp(model.largest_weight(), most) <= 65504;
+}
+
+// Why tiles cannot be computed again in 32 bits beside this plan; nothing when they can.
+std::optional<std::string> wide_obstacle(const FusePlan& plan, const Model& model, const DeviceInfo& device,
+                                         const FuserOptions& options) {
+  const uint64_t limit = memory_limit(device, options);
+  if (3 * plan.peak_bytes() <= limit)
+    return std::nullopt;  // numbers twice as wide take twice as much at most
+  try {
+    const auto [height, width] = plan.tiling.tile;
+    plan_fusion(model, height, width, device, wide_options(device, options, plan.peak_bytes()));
+    return std::nullopt;
+  } catch (const Error& error) {
+    return fmt::format("in fp32, for tiles that fp16 cannot hold: {}", error.what());
+  }
+}
+
 }  // namespace
 
 Storage storage_for(Precision precision, const DeviceInfo& device) {
@@ -66,7 +91,8 @@ Storage storage_for(Precision precision, const DeviceInfo& device) {
 
 Storage storage_for(Precision precision, const DeviceInfo& device, const Model& model) {
   const Storage storage = storage_for(precision, device);
-  return precision == Precision::kAuto && model.largest_weight() > 65504 ? Storage::kFloat32 : storage;
+  const bool half = storage == Storage::kFloat16 && (precision != Precision::kAuto || fits_half(model));
+  return half ? Storage::kFloat16 : Storage::kFloat32;
 }
 
 float lrhs_phase(bool centered, uint32_t scale) noexcept {
@@ -87,6 +113,14 @@ uint64_t memory_limit(const DeviceInfo& device, const FuserOptions& options) {
   return options.max_memory_bytes ? options.max_memory_bytes : device.memory_bytes / 5 * 4;
 }
 
+FuserOptions wide_options(const DeviceInfo& device, FuserOptions options, uint64_t taken_bytes) {
+  options.max_memory_bytes = memory_limit(device, options) - taken_bytes;
+  options.storage = Storage::kFloat32;
+  options.kernels = *options.fp32_kernels;
+  options.fp32_kernels.reset();
+  return options;
+}
+
 FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const DeviceInfo& device,
                      const FuserOptions& options) {
   const uint64_t most_bytes = memory_limit(device, options) / (options.fp32_kernels ? 2 : 1);
@@ -97,6 +131,7 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
   const auto fits = [&](TileSize tile) {
     plan = describe(model, tile, options, exponents);
     reason = obstacle(*plan, model, device, most_bytes);
+    if (!reason && options.fp32_kernels) reason = wide_obstacle(*plan, model, device, options);
     // Every layer's output stays readable in a frame of one tile only.
     if (reason && options.keep_activations)
       throw Error("keeping every layer's output takes one tile: {}", *reason);

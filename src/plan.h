@@ -15,7 +15,8 @@ namespace raymeld {
 // What a wish for a precision means on a device: kAuto takes 16-bit storage on GPUs that have it, 32 bits on
 // CPUs, where converting costs more than it saves.
 Storage storage_for(Precision precision, const DeviceInfo& device);
-// The same for a model: kAuto takes 32 bits where a weight does not fit 16.
+// The same for a model: kAuto takes 32 bits where its weights, or what they are expected to make, do not
+// fit 16.
 Storage storage_for(Precision precision, const DeviceInfo& device, const Model& model);
 
 // Where LRHS samples lie in their s x s cell, in full-size pixels: 0 for nearest-neighbour degradation (the
@@ -52,6 +53,10 @@ struct FusePlan {
 
 // What all of raymeld's buffers may take together.
 uint64_t memory_limit(const DeviceInfo& device, const FuserOptions& options);
+
+// How tiles are computed again in 32 bits, beside what is taken of the memory; options.fp32_kernels must be
+// there.
+FuserOptions wide_options(const DeviceInfo& device, FuserOptions options, uint64_t taken_bytes);
 
 // Plans frames of (height, width) LRHS pixels for a device. Throws Error when not even the smallest tile
 // fits.

@@ -13,8 +13,6 @@ namespace {
 
 class DeterminismTest : public GpuTest {
  protected:
-  DeterminismTest() { write_model(folder_ / "model.safetensors", subject_.architecture, subject_.weights); }
-
   struct Fused {
     std::vector<float> values;
     uint32_t tiles = 0;
@@ -92,7 +90,7 @@ TEST_F(DeterminismTest, EverySplitOfTheWorkGivesTheSameBits) {
          {WorkLimits{1e12, 1e6}, {1e12, 1e5}, {1e5, 1e6}, {3e4, 1e5}, {1e3, 1e12}, {1, 1}}) {
       const Fused split = fuse({.kernels = kernels, .work_limits = limits});
       EXPECT_TRUE(same_bits(split.values, whole.values))
-          << limits.dispatch_flop << ", " << limits.submit_flop;
+          << limits.dispatch_work << ", " << limits.submit_work;
       submits = std::max(submits, split.submits);
     }
     EXPECT_GT(submits, 10);
@@ -100,9 +98,9 @@ TEST_F(DeterminismTest, EverySplitOfTheWorkGivesTheSameBits) {
 }
 
 // As many as a driver for CPUs is told to take; others do not listen.
-class ThreadsTest : public Cli {};
+class DriverThreadsTest : public Cli {};
 
-TEST_F(ThreadsTest, EveryNumberOfThreadsGivesTheSameFile) {
+TEST_F(DriverThreadsTest, EveryNumberOfThreadsGivesTheSameFile) {
   write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 24, 16, 1));
   write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 96, 64, 2));
   for (const char* kernels : {"auto", "direct"}) {

@@ -129,6 +129,7 @@ TEST(Soak, AThousandFramesNeitherGrowNorDrift) {
     if (frame == kWarmUp) settled_bytes = resident_bytes();
   }
   const uint64_t end_bytes = resident_bytes();
+  ASSERT_GT(settled_bytes, 0u);
   fmt::print("resident: {} kB after {} frames, {} kB after {}\n", settled_bytes / 1024, kWarmUp,
              end_bytes / 1024, kFrames);
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // their own memory grows

@@ -13,7 +13,8 @@
 namespace raymeld {
 
 enum class Precision {
-  kAuto,  // fp16 on GPUs with 16-bit storage, else fp32; what fp16 cannot hold, fuse() computes again in fp32
+  kAuto,  // fp16 on GPUs with 16-bit storage for models that fit it, else fp32; what fp16 cannot hold, fuse()
+          // computes again in fp32
   kFp32,
   kFp16,  // 16-bit storage, 32-bit sums; an error on a device without 16-bit storage
 };
@@ -74,18 +75,19 @@ class Fusion {
   const std::vector<std::string>& hrls_layers() const;
   // Those of them that the model was trained to do without: a caller who lacks one passes zeros.
   const std::vector<std::string>& optional_layers() const;
-  // The LRHS size that one recording computes: (height, width) unless memory or limits force tiles. A first
-  // fuse() that finds the device out of memory makes it smaller, unless record() was called before.
+  // The LRHS size that one recording computes: (height, width) unless memory or limits force tiles. A fuse()
+  // that finds the device out of memory makes it smaller, unless record() was called before.
   uint32_t tile_height() const;
   uint32_t tile_width() const;
 
   // Records one frame into the caller's command buffer, outside of a render pass; never submits, allocates or
-  // waits. lrhs: (tile_height, tile_width, 3), hrls: (s tile_height, s tile_width, 3 layers), fused: (s
-  // tile_height, s tile_width, 3), scene linear. The inputs must be visible to
-  // VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with VK_ACCESS_SHADER_READ_BIT; the output is written in that stage
-  // with VK_ACCESS_SHADER_WRITE_BIT. At most kFramesInFlight recordings may be pending, on one queue, each
-  // submitted once. `exposure`: what radiance is multiplied by for the network, from 2^-24 to 2^24, and the
-  // output divided by; a renderer knows it of its last frames, as LRHS itself is not looked at here.
+  // waits, unless a fuse() before threw for want of memory, after which everything is made anew. lrhs:
+  // (tile_height, tile_width, 3), hrls: (s tile_height, s tile_width, 3 layers), fused: (s tile_height, s
+  // tile_width, 3), scene linear. The inputs must be visible to VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with
+  // VK_ACCESS_SHADER_READ_BIT; the output is written in that stage with VK_ACCESS_SHADER_WRITE_BIT. At most
+  // kFramesInFlight recordings may be pending, on one queue, each submitted once. `exposure`: what radiance
+  // is multiplied by for the network, from 2^-24 to 2^24, and the output divided by; a renderer knows it of
+  // its last frames, as LRHS itself is not looked at here.
   void record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
               const FrameBuffer& fused, float exposure = 1);
 
@@ -95,7 +97,7 @@ class Fusion {
   float exposure(const float* lrhs) const;
 
   // Fuses one frame of host memory, planar and dense: lrhs (3, h, w), hrls (3 layers, s h, s w), fused (3, s
-  // h, s w). Tiles as needed, submits to the device's queue and waits.
+  // h, s w). Tiles as needed, submits to the device's queue and waits. No recorded frame may be pending.
   // Throws when the output is not finite. After a throw `fused` may hold some of the tiles.
   FusionStatus fuse(const float* lrhs, const float* hrls, float* fused);
 

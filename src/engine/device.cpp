@@ -13,6 +13,7 @@ std::shared_ptr<std::mutex> mutex_of(VkQueue queue) {
   static std::mutex guard;
   static std::map<VkQueue, std::weak_ptr<std::mutex>> mutexes;
   const std::lock_guard lock(guard);
+  std::erase_if(mutexes, [](const auto& entry) { return entry.second.expired(); });
   std::weak_ptr<std::mutex>& known = mutexes[queue];
   std::shared_ptr<std::mutex> mutex = known.lock();
   if (!mutex) known = mutex = std::make_shared<std::mutex>();

@@ -41,8 +41,8 @@ struct DeviceInfo {
 // All devices of the system, in the driver's order. Throws Error without a loader or without a device.
 std::vector<DeviceInfo> list_devices();
 
-// What the Khronos layer is asked for besides its usual checks: hazards between commands, and where shaders
-// access memory, which is slow.
+// Nothing, or the Khronos layer with its usual checks and of hazards between commands; kGpuAssisted: and of
+// where shaders access memory, which is slow.
 enum class Validation { kNone, kSynchronization, kGpuAssisted };
 
 struct DeviceRequest {
@@ -80,8 +80,8 @@ class Device {
     name_object(type, reinterpret_cast<uint64_t>(handle), text);
   }
 
-  // Submits one command buffer and waits until the device has done it, as far as it can be waited for. Threads
-  // take turns, also those of other Devices that wrap the same queue.
+  // Submits one command buffer and waits until the device has done it, as far as it can be waited for.
+  // Threads take turns, also those of other Devices that wrap the same queue.
   void submit_and_wait(VkCommandBuffer commands) const;
 
  private:

@@ -120,7 +120,7 @@ void Graph::plan() {
 }
 
 // Ranges of the activation block that passes since the last barrier read and wrote decide. Frame images are
-// read by one pass each or written by the last, and constants never change, so neither needs one.
+// only read, or written by the last pass, and constants never change, so neither needs one.
 void Graph::place_barriers() {
   barriers_.assign(passes_.size(), false);
   std::vector<Range> read, written;

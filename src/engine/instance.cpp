@@ -11,12 +11,12 @@ namespace {
 
 constexpr const char* kValidationLayer = "VK_LAYER_KHRONOS_validation";
 
-bool has_instance_extension(const VulkanFunctions& vk, const char* layer, const char* name) {
+bool has_instance_extension(const VulkanFunctions& vk, const char* name) {
   uint32_t count = 0;
   const char* what = "listing the extensions of the Vulkan loader";
-  check(vk.EnumerateInstanceExtensionProperties(layer, &count, nullptr), what);
+  check(vk.EnumerateInstanceExtensionProperties(nullptr, &count, nullptr), what);
   std::vector<VkExtensionProperties> extensions(count);
-  check(vk.EnumerateInstanceExtensionProperties(layer, &count, extensions.data()), what);
+  check(vk.EnumerateInstanceExtensionProperties(nullptr, &count, extensions.data()), what);
   return std::any_of(extensions.begin(), extensions.end(),
                      [&](const auto& e) { return std::strcmp(e.extensionName, name) == 0; });
 }
@@ -112,7 +112,7 @@ VkInstance make_instance(VulkanFunctions& vk, Validation validation) {
 
   std::vector<const char*> extensions;
   std::vector<const char*> layers;
-  if (has_instance_extension(vk, nullptr, VK_EXT_DEBUG_UTILS_EXTENSION_NAME)) {
+  if (has_instance_extension(vk, VK_EXT_DEBUG_UTILS_EXTENSION_NAME)) {
     extensions.push_back(VK_EXT_DEBUG_UTILS_EXTENSION_NAME);
   }
   const VkValidationFeatureEnableEXT enables[] = {
@@ -166,7 +166,9 @@ std::vector<VkPhysicalDevice> physical_devices(const VulkanFunctions& vk, VkInst
 
 bool has_extension(const VulkanFunctions& vk, VkPhysicalDevice device, const char* name) {
   uint32_t count = 0;
-  const char* what = "listing the extensions of a Vulkan device";
+  VkPhysicalDeviceProperties properties;
+  vk.GetPhysicalDeviceProperties(device, &properties);
+  const std::string what = fmt::format("listing the extensions of Vulkan device {}", properties.deviceName);
   check(vk.EnumerateDeviceExtensionProperties(device, nullptr, &count, nullptr), what);
   std::vector<VkExtensionProperties> extensions(count);
   check(vk.EnumerateDeviceExtensionProperties(device, nullptr, &count, extensions.data()), what);

@@ -13,8 +13,8 @@ namespace {
 // A watchdog fires after about two seconds; these keep one dispatch near a tenth of one on slow devices of
 // their kind (measured or typical: a few GFLOP/s on CPU drivers, tens on old integrated GPUs).
 WorkLimits limits_for(const DeviceInfo& info) {
-  const double dispatch_flop = info.is_cpu ? 1e8 : info.type == "discrete GPU" ? 4e10 : 4e9;
-  return {dispatch_flop, 8 * dispatch_flop};
+  const double dispatch_work = info.is_cpu ? 1e8 : info.type == "discrete GPU" ? 4e10 : 4e9;
+  return {dispatch_work, 8 * dispatch_work};
 }
 
 // From one set's exposure to the next: the largest alignment that Vulkan lets a device ask of a binding's
@@ -296,7 +296,7 @@ void Program::record(VkCommandBuffer commands, uint32_t set, size_t first, size_
 // Splits along z (channels), then along y (rows).
 void Program::dispatch(VkCommandBuffer commands, const Pass& pass) const {
   const auto [x, y, z] = pass.groups;
-  const double pieces = std::max(1.0, std::ceil(pass.work() / limits_.dispatch_flop));
+  const double pieces = std::max(1.0, std::ceil(pass.work() / limits_.dispatch_work));
   const auto z_step = static_cast<uint32_t>(std::max(1.0, std::floor(z / pieces)));
   const double y_pieces = std::max(1.0, std::ceil(pieces / z));
   const auto y_step = static_cast<uint32_t>(std::max(1.0, std::ceil(y / y_pieces)));

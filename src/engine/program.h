@@ -19,11 +19,11 @@ struct FrameBinding {
 // The images of one frame, by FrameSlot.
 using FrameBindings = std::array<FrameBinding, kFrameSlots>;
 
-// Of one dispatch and of one submit, so that no watchdog of a slow device fires. A pass is never split
-// between submits.
+// Of one dispatch and of one submit, as Pass::work() counts, so that no watchdog of a slow device fires. A
+// pass is never split between submits.
 struct WorkLimits {
-  double dispatch_flop;
-  double submit_flop;
+  double dispatch_work;
+  double submit_work;
 };
 
 class Program {
@@ -46,7 +46,7 @@ class Program {
   void set_exposure(uint32_t set, float exposure);
 
   // Records passes [first, last) with descriptor set `set`, after a barrier against all earlier compute work.
-  // A dispatch of more than limits().dispatch_flop is split. With `queries`, pass i is followed by a barrier
+  // A dispatch of more than limits().dispatch_work is split. With `queries`, pass i is followed by a barrier
   // and timestamp i + 1; timestamp 0 comes before pass 0.
   void record(VkCommandBuffer commands, uint32_t set, size_t first, size_t last,
               VkQueryPool queries = VK_NULL_HANDLE) const;

@@ -60,7 +60,6 @@
   X(CreateCommandPool)              \
   X(DestroyCommandPool)             \
   X(AllocateCommandBuffers)         \
-  X(FreeCommandBuffers)             \
   X(BeginCommandBuffer)             \
   X(EndCommandBuffer)               \
   X(CreateFence)                    \
@@ -77,7 +76,6 @@
   X(CmdDispatchBase)                \
   X(CmdPipelineBarrier)             \
   X(CmdCopyBuffer)                  \
-  X(CmdFillBuffer)                  \
   X(CmdResetQueryPool)              \
   X(CmdWriteTimestamp)
 
@@ -131,8 +129,8 @@ class DeviceLost : public Error {
   using Error::Error;
 };
 
-// Throws Error "WHAT: VK_ERROR_..." unless the call succeeded: OutOfMemory, of the device, or DeviceLost
-// where it is that.
+// Throws Error "WHAT: VK_ERROR_..." unless the call succeeded: OutOfMemory for VK_ERROR_OUT_OF_DEVICE_MEMORY,
+// DeviceLost for VK_ERROR_DEVICE_LOST.
 void check(VkResult result, const std::string& what);
 
 }  // namespace raymeld

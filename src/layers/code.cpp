@@ -13,6 +13,10 @@ double elements(const Tensor& tensor) {
   return static_cast<double>(tensor.shape.pixels() * tensor.shape.channels);
 }
 
+void check_clip(const std::string& name, float clip) {
+  if (!(clip > 0)) throw Error("layer {}: clip {} is not positive", name, clip);
+}
+
 }  // namespace
 
 void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor& out,
@@ -20,7 +24,7 @@ void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor&
   if (kinds.size() != out.shape.channels) {
     throw Error("layer {}: {} channel kinds, expected {}", name, kinds.size(), out.shape.channels);
   }
-  if (!(clip > 0)) throw Error("layer {}: clip {} is not positive", name, clip);
+  check_clip(name, clip);
   params::Encode params{
       {}, out.shape.height, out.shape.width, graph.plane(out), transfer == Transfer::kLog, clip, {}};
   if (kinds.size() > std::size(params.kinds) * RAYMELD_KINDS_OF_WORD) {
@@ -43,6 +47,7 @@ void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor&
 }
 
 void highlights(Graph& graph, const std::string& name, const Tensor& out, float clip) {
+  check_clip(name, clip);
   Pass pass;
   pass.name = name;
   pass.shader = &shaders::kHighlights[graph.addressed()];
@@ -55,8 +60,11 @@ void highlights(Graph& graph, const std::string& name, const Tensor& out, float 
 }
 
 void decode(Graph& graph, const std::string& name, const Tensor& in, const DecodeOptions& options) {
+  if (options.highlights) check_clip(name, options.clip);
+  double low_elements = 0;
   for (const Tensor* low : {options.base, options.highlights}) {
     if (!low) continue;
+    low_elements += elements(*low);
     const auto [height, width, channels] = low->shape;
     if (channels == in.shape.channels && height * options.scale == in.shape.height &&
         width * options.scale == in.shape.width) {
@@ -80,7 +88,7 @@ void decode(Graph& graph, const std::string& name, const Tensor& in, const Decod
                      options.highlights ? options.clip : 0});
   pass.groups = element_groups(in.shape);
   pass.bytes = elements(in) * static_cast<double>(4 + element_bytes(graph.storage())) +
-               2 * elements(highlights) * static_cast<double>(element_bytes(graph.storage()));
+               low_elements * static_cast<double>(element_bytes(graph.storage()));
   graph.add(std::move(pass));
 }
 

@@ -134,11 +134,12 @@ std::vector<Tensor> Convolution::inputs() const {
 
 float Convolution::weight_at(uint32_t o, uint32_t i, uint32_t ky, uint32_t kx) const {
   const bool is_behind = options.behind && i >= channels_in - options.behind->shape.channels;
-  const float value = weight[((size_t{o} * channels_in + i) * options.kernel + ky) * options.kernel + kx] *
-                      (is_behind ? behind_factor : in_factor);
+  const float own = weight[((size_t{o} * channels_in + i) * options.kernel + ky) * options.kernel + kx];
+  const float factor = is_behind ? behind_factor : in_factor, value = own * factor;
   if (!half) return value;
   if (std::abs(value) > 65504.0f)
-    throw Error("layer {}: weight {} does not fit 16 bits; use --precision fp32", name, value);
+    throw Error("layer {}: weight {}, stored times {}, does not fit 16 bits; use --precision fp32", name, own,
+                factor);
   return Imath::half(value);
 }
 

@@ -1,5 +1,6 @@
-// The menu: one function for each layer, of the same name as its shader, its scalar reference and its tests.
-// Each adds passes to the graph. Shapes are checked when the graph is built; an Error names the layer.
+// The menu: one function for each layer, of the same name as its shader, its scalar reference and its
+// cases in src/conform. Each adds passes to the graph. Shapes are checked when the graph is built; an Error
+// names the layer.
 #pragma once
 
 #include <functional>
