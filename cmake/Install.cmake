@@ -1,10 +1,11 @@
-# The program, the stock models, and the package raymeld with the target raymeld::raymeld.
+# The program, its script for render farms, the stock models, and the package raymeld with the target raymeld::raymeld.
 include(CMakePackageConfigHelpers)
 
 install(TARGETS raymeld RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
 install(TARGETS raymeld_core raymeld_layers raymeld_shaders raymeld_engine raymeld_io
         EXPORT raymeld ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
 install(DIRECTORY include/raymeld DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
+install(PROGRAMS scripts/fuse-array.slurm DESTINATION ${CMAKE_INSTALL_DATADIR}/raymeld)
 install(DIRECTORY models/ DESTINATION ${CMAKE_INSTALL_DATADIR}/raymeld/models)
 
 set(package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/raymeld)

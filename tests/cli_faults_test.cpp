@@ -87,6 +87,24 @@ TEST_F(CliFaults, ALostDeviceIsAnErrorAndLeavesNoFile) {
   }
 }
 
+// Of three frames the second one's first submit fails, so that the third is not begun.
+TEST_F(CliFaults, ALostDeviceEndsASequence) {
+  for (int frame = 1; frame <= 3; ++frame) {
+    write_image(folder_ / fmt::format("low.{}.exr", frame), kColorNames, random_image(kColorNames, 8, 6, 1));
+  }
+  const std::string submit = fmt::format("vkQueueSubmit {}", called_.at("vkQueueSubmit").calls + 1);
+  environment_["RAYMELD_FAULT"] = fmt::format("{} {}", submit, int(VK_ERROR_DEVICE_LOST));
+  const ProcessResult result = run({"fuse", "--lrhs", "low.#.exr", "--hrls", "high.exr", "-o", "out.#.exr",
+                                    "--model", tiny_model(), "--frames", "1-3"});
+  EXPECT_EQ(result.exit_status, 2);
+  EXPECT_NE(result.err.find("error: frame 2: "), std::string::npos) << result.err;
+  EXPECT_NE(result.err.find("VK_ERROR_DEVICE_LOST"), std::string::npos) << result.err;
+  EXPECT_NE(result.err.find("3 frames: 1 fused, 1 failed (2), 1 unfinished (3)"), std::string::npos)
+      << result.err;
+  EXPECT_TRUE(files().contains("out.1.exr"));
+  EXPECT_FALSE(files().contains("out.2.exr") || files().contains("out.3.exr"));
+}
+
 TEST_F(CliFaults, LittleMemoryGivesSmallTilesAndAWarning) {
   write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 64, 48, 1));
   write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 256, 192, 2));
@@ -112,6 +130,27 @@ TEST_F(CliFaults, LittleMemoryGivesSmallTilesAndAWarning) {
       run_json(fuse({"--json", "--max-memory", std::to_string((peak_bytes / 4 * 3) >> 20)}));
   EXPECT_EQ(asked["tiles"], less["tiles"]);
   EXPECT_EQ(read_file(folder_ / "out.exr"), tiled);
+}
+
+// The device has what a small frame takes, and no tile of a large one fits in that.
+TEST_F(CliFaults, AFrameWithoutMemoryFailsAlone) {
+  write_image(folder_ / "low.1.exr", kColorNames, random_image(kColorNames, 8, 6, 1));
+  write_image(folder_ / "high.1.exr", kLayeredNames, random_image(kLayeredNames, 32, 24, 2));
+  write_image(folder_ / "low.2.exr", kColorNames, random_image(kColorNames, 64, 48, 1));
+  write_image(folder_ / "high.2.exr", kLayeredNames, random_image(kLayeredNames, 256, 192, 2));
+  for (const char* name : {"low", "high"})
+    std::filesystem::copy_file(folder_ / fmt::format("{}.1.exr", name),
+                               folder_ / fmt::format("{}.3.exr", name));
+  const nlohmann::json plan = run_json(fuse({"--dry-run", "--json"}));
+  environment_["RAYMELD_MOST_ALLOCATION"] = std::to_string(plan["activation_bytes"].get<uint64_t>());
+  const ProcessResult result = run({"fuse", "--lrhs", "low.#.exr", "--hrls", "high.#.exr", "-o", "out.#.exr",
+                                    "--model", tiny_model(), "--frames", "1-3"});
+  EXPECT_EQ(result.exit_status, 2);
+  EXPECT_NE(result.err.find("error: frame 2: "), std::string::npos) << result.err;
+  EXPECT_NE(result.err.find("VK_ERROR_OUT_OF_DEVICE_MEMORY"), std::string::npos) << result.err;
+  EXPECT_NE(result.err.find("3 frames: 2 fused, 1 failed (2)"), std::string::npos) << result.err;
+  EXPECT_EQ(read_file(folder_ / "out.1.exr"), read_file(folder_ / "out.3.exr"));
+  EXPECT_FALSE(files().contains("out.2.exr"));
 }
 
 }  // namespace

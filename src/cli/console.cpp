@@ -5,30 +5,55 @@
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
+#include <mutex>
 
 #include "error.h"
 
 namespace raymeld::cli {
 namespace {
 
+std::mutex stderr_mutex;
+bool bar_is_drawn = false;  // on a terminal, on the line that is written next
+
+void wipe_bar() {
+  if (bar_is_drawn) std::fputs("\r\033[K", stderr);
+  bar_is_drawn = false;
+}
+
 // Where stderr takes nothing any more there is nobody left to tell.
-void say(const std::string& text) { std::fputs(text.c_str(), stderr); }
+void say(const std::string& text) {
+  const std::lock_guard lock(stderr_mutex);
+  wipe_bar();
+  std::fputs(text.c_str(), stderr);
+}
+
+void draw_bar(double share) {
+  constexpr int kWidth = 30;
+  const int done = static_cast<int>(share * kWidth);
+  const std::lock_guard lock(stderr_mutex);
+  std::fputs(fmt::format("\r[{:#<{}}{:.<{}}] {:3.0f} %", "", done, "", kWidth - done, 100 * share).c_str(),
+             stderr);
+  bar_is_drawn = true;
+}
 
 }  // namespace
 
 void print(const std::string& text) {
+  say("");
   if (std::fwrite(text.data(), 1, text.size(), stdout) != text.size() || std::fflush(stdout) != 0) {
     throw Error("cannot write to standard output: {}", std::strerror(errno));
   }
 }
 
+void complain(const std::string& message) { say("raymeld: error: " + message + "\n"); }
+
 void Console::note(const std::string& text) const {
-  if (notes_) say(text + "\n");
+  if (notes_) say(about_ + text + "\n");
 }
 
 void Console::warn(const std::string& message, uint64_t count) {
   warnings_.push_back({message, count});
-  say("raymeld: warning: " + message + "\n");
+  say("raymeld: warning: " + about_ + message + "\n");
 }
 
 nlohmann::ordered_json to_json(const std::vector<Warning>& warnings) {
@@ -43,17 +68,13 @@ ProgressBar::ProgressBar(const Console& console)
   update(0);
 }
 
-ProgressBar::~ProgressBar() {
-  if (shown_ && terminal_) say("\r\033[K");
-}
+ProgressBar::~ProgressBar() { say(""); }
 
 void ProgressBar::update(double share) {
-  constexpr int kBarWidth = 30;
   constexpr auto kBetweenLines = std::chrono::seconds(5);
   if (!shown_) return;
   if (terminal_) {
-    const int done = static_cast<int>(share * kBarWidth);
-    say(fmt::format("\r[{:#<{}}{:.<{}}] {:3.0f} %", "", done, "", kBarWidth - done, 100 * share));
+    draw_bar(share);
   } else if (Clock::now() - last_line_ >= kBetweenLines) {
     last_line_ = Clock::now();
     say(fmt::format("{:.0f} %\n", 100 * share));

@@ -15,6 +15,9 @@ namespace raymeld::cli {
 // To stdout, at once. Throws Error.
 void print(const std::string& text);
 
+// "raymeld: error: MESSAGE" to stderr.
+void complain(const std::string& message);
+
 struct Warning {
   std::string message;
   uint64_t count = 1;  // of the values or pixels concerned
@@ -22,10 +25,12 @@ struct Warning {
 
 nlohmann::ordered_json to_json(const std::vector<Warning>& warnings);
 
-// What the program says on stderr beside errors.
+// What the program says on stderr beside errors. Threads may say things at once, each with a Console of its
+// own.
 class Console {
  public:
-  explicit Console(bool notes) : notes_(notes) {}
+  // `about`: begins every message, such as "frame 7: ".
+  explicit Console(bool notes, std::string about = "") : notes_(notes), about_(std::move(about)) {}
 
   bool notes() const { return notes_; }
   void note(const std::string& text) const;
@@ -34,6 +39,7 @@ class Console {
 
  private:
   bool notes_;
+  std::string about_;
   std::vector<Warning> warnings_;
 };
 

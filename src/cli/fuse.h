@@ -1,11 +1,14 @@
-// The parts of the command `fuse`, in the order in which it runs them.
+// The parts of the command `fuse`, in the order in which it runs them. A frame is opened, read, fused and
+// written; a sequence (sequence.h) does these steps in threads, and nothing else.
 #pragma once
 
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "cli/canvas.h"
 #include "cli/console.h"
-#include "cli/frame.h"
+#include "cli/models.h"
 #include "cli/outputs.h"
 #include "cli/quality.h"
 #include "fuser.h"
@@ -16,6 +19,7 @@ namespace raymeld::cli {
 // What becomes of a frame with values that --precision fp16 cannot hold.
 enum class Overflow { kError, kWarn, kRedo };
 
+// Of one frame, or of a sequence: then some of the paths are patterns.
 struct FuseArguments {
   std::string lrhs, hrls, output, model, device, reference, preview, before_after, dump;
   Precision precision = Precision::kAuto;
@@ -32,6 +36,10 @@ struct FuseArguments {
   // Without the folder of --dump.
   std::vector<std::filesystem::path> outputs() const;
   std::filesystem::path dump_folder() const;  // without a last slash
+  std::filesystem::path last_dumped() const;  // the file in it that is written last
+  // Whether what was fused is measured against, or shown beside, the images it was made of.
+  bool compares() const { return !reference.empty() || !before_after.empty(); }
+  bool notes() const { return !quiet && !json; }
 };
 
 // The files, open, with all that can be known before their pixels are read.
@@ -39,7 +47,7 @@ struct FuseFiles {
   ExrFile lrhs, hrls;
   LayerMap lrhs_map, hrls_map;
   Windows lrhs_windows, hrls_windows;  // of the colour's part
-  Model model;
+  std::shared_ptr<const Model> model;
   Canvas canvas;
   std::vector<std::string> absent_layers;  // that the model takes and does without
   float phase = 0;                         // of LRHS samples; see FuserOptions
@@ -49,30 +57,11 @@ struct FuseFiles {
   const ExrChannel& hrls_color() const { return hrls.channel(hrls_map.layers.at("color").terms[0][0]); }
 };
 
-// The whole command. Throws Error and Cancelled; then no output is left behind.
-void run_fuse(const FuseArguments& arguments);
-
-// The channels of HRLS that the output holds as they are: alpha, or all but the colour.
-std::vector<std::string> passed_channels(const FuseFiles& files, bool keep_layers);
-
-// Throws Error when a file, a layer or a model is missing, or sizes or windows do not fit.
-FuseFiles open_files(const FuseArguments& arguments);
-
 struct FuseImages {
   Image lrhs, hrls;                // of the canvas: (3, h, w) and (K, s h, s w), all finite
   std::optional<Image> reference;  // (3, H, W) of HRLS's data window
   std::vector<ExrRawChannel> passed;
 };
-
-// The canvas's (3, h, w), all finite.
-Image load_lrhs(FuseFiles& files, Console& console);
-
-// All that is read of the files, so that what becomes of them while a frame is fused makes no difference.
-FuseImages load_images(const FuseArguments& arguments, FuseFiles& files, Console& console);
-
-FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device);
-
-const char* precision_name(Storage storage);
 
 struct FuseResult {
   Image fused;  // (3, H, W) of HRLS's data window
@@ -82,24 +71,85 @@ struct FuseResult {
   Storage storage = Storage::kFloat32;
 };
 
-// Runs one frame; writes what --dump asks for. Throws Cancelled after a signal.
-FuseResult run_frame(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images,
-                     const Device& device, Console& console, StagedFiles& staged);
-
-// The images that fused is measured against and shown beside, all (3, H, W) of HRLS's data window.
-struct Comparison {
-  Image bicubic, hrls;
+// A frame on its way, as far as it is. One thread at a time may have it.
+struct FuseFrame {
+  FuseArguments arguments;  // without patterns
+  Console console;
+  FuseFiles files;
+  FuseImages images;
+  FuseResult result;
+  StagedFiles staged;
 };
 
-Comparison make_comparison(const FuseFiles& files, const FuseImages& images);
+// The command for one frame. Throws Error and Cancelled; then no output is left behind.
+void run_fuse(const FuseArguments& arguments);
 
-// `comparison` is needed for --preview-before-after only.
-void write_outputs(const FuseArguments& arguments, const FuseFiles& files, FuseImages& images,
-                   const std::optional<Comparison>& comparison, const FuseResult& result, Console& console,
-                   StagedFiles& staged);
+// Throws Error when a file, a layer or a model is missing, or sizes or windows do not fit.
+FuseFiles open_files(const FuseArguments& arguments, LastModel& models);
 
-std::string profile_text(const FuseReport& report);
-nlohmann::ordered_json to_json(const std::vector<PassTime>& passes);
+// The channels of HRLS that the output holds as they are: alpha, or all but the colour.
+std::vector<std::string> passed_channels(const FuseFiles& files, bool keep_layers);
+
+// The canvas's (3, h, w), all finite.
+Image load_lrhs(FuseFiles& files, Console& console);
+
+// open_files(), and asks whether the outputs can be written. Throws Error.
+std::unique_ptr<FuseFrame> open_frame(const FuseArguments& arguments, Console console, LastModel& models);
+
+// All that is read of the files, so that what becomes of them while the frame is fused makes no difference.
+// Throws Error.
+void load_frame(FuseFrame& frame);
+
+FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device);
+
+const char* precision_name(Storage storage);
+
+// What --dry-run shows of a frame. Throws Error.
+std::string plan_text(const FuseArguments& arguments, FuseFiles& files, const Device& device,
+                      Console& console);
+nlohmann::ordered_json plan_json(const FuseArguments& arguments, FuseFiles& files, const Device& device,
+                                 Console& console);
+
+// Fuses frames one after another. What was made for a frame serves the next ones for as long as their model,
+// size and sampling are the same; each comes out as if it were the only one.
+class FrameFuser {
+ public:
+  // `device` must outlive this.
+  explicit FrameFuser(const Device& device);
+  ~FrameFuser();
+
+  // All frames must have the same options. Stages what --dump asks for. Throws Error, and Cancelled when
+  // `progress` says so; then the next frame may still work.
+  void fuse(FuseFrame& frame, const Progress& progress);
+
+ private:
+  struct Made;
+  Made& made_for(const FuseFrame& frame);
+
+  const Device& device_;
+  std::unique_ptr<Made> made_;
+};
+
+// Stages all that is to be written, the image itself last, and measures it where there is a reference.
+// Throws Error and Cancelled.
+QualityTable stage_outputs(FuseFrame& frame);
+
+// What is said of a frame on stdout.
+nlohmann::ordered_json frame_json(const FuseFrame& frame, const DeviceInfo& device,
+                                  const QualityTable& quality, double total_ms);
+std::string frame_text(const FuseFrame& frame, const QualityTable& quality);  // empty: nothing was asked for
+
+// Gives the outputs their names. Throws Error.
+void publish_frame(FuseFrame& frame, double total_ms);
+
+// Where a frame's layers come from and what its model does without, with the names that `arguments` gives the
+// files.
+std::string describe(const FuseArguments& arguments, const FuseFiles& files);
+
+// Of the fused frame, or of one that would be.
+nlohmann::ordered_json facts(const FuseFiles& files, const DeviceInfo& device, Storage storage,
+                             const Tiling& tiling, float exposure);
+
 // {layer: {rule, channels}}, the channels three by three.
 nlohmann::ordered_json to_json(const LayerMap& map);
 

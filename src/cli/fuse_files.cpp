@@ -81,7 +81,7 @@ std::vector<std::string> without(std::vector<std::string> layers, std::span<cons
 
 // All layers that the model takes; absent ones are zero.
 Image load_hrls(FuseFiles& files) {
-  const std::vector<std::string>& wanted = files.model.architecture().hrls_layers;
+  const std::vector<std::string>& wanted = files.model->architecture().hrls_layers;
   const std::vector<std::string> present = without(wanted, files.absent_layers);
   Image loaded = load_layers(files.hrls, files.hrls_map, present);
   if (files.absent_layers.empty()) return loaded;
@@ -123,28 +123,25 @@ void check_passed_channels(const FuseFiles& files, bool keep_layers) {
   }
 }
 
+void check_written(const FuseArguments& arguments, const Model& model) {
+  std::vector<fs::path> inputs = arguments.inputs(), outputs = arguments.outputs();
+  inputs.push_back(model.file());
+  if (!arguments.dump.empty()) {
+    // A folder that is there already is asked through a name inside it.
+    std::error_code error;
+    const fs::path dump = arguments.dump_folder();
+    const bool is_folder = fs::is_directory(dump, error);
+    if (!is_folder && fs::exists(dump, error)) {
+      throw Error("--dump '{}': there is a file of that name, and it has to be a folder", arguments.dump);
+    }
+    outputs.push_back(is_folder ? arguments.last_dumped() : dump);
+  }
+  check_outputs(outputs, inputs);
+}
+
 }  // namespace
 
-std::vector<fs::path> FuseArguments::inputs() const {
-  std::vector<fs::path> paths = {lrhs, hrls};
-  if (!reference.empty()) paths.push_back(reference);
-  return paths;
-}
-
-std::vector<fs::path> FuseArguments::outputs() const {
-  std::vector<fs::path> paths;
-  for (const std::string& path : {output, preview, before_after}) {
-    if (!path.empty()) paths.push_back(path);
-  }
-  return paths;
-}
-
-fs::path FuseArguments::dump_folder() const {
-  const fs::path folder = dump;
-  return folder.has_filename() ? folder : folder.parent_path();
-}
-
-FuseFiles open_files(const FuseArguments& arguments) {
+FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
   ExrFile lrhs(arguments.lrhs), hrls(arguments.hrls);
   const LayerChoice choice = parse_layer_choice(arguments.map);
   LayerMap hrls_map = map_layers(hrls, choice), lrhs_map = map_lrhs(arguments, lrhs);
@@ -154,11 +151,12 @@ FuseFiles open_files(const FuseArguments& arguments) {
   };
   const fs::path model_file =
       arguments.model.empty() ? default_model(canvas_of(kScales).scale) : find_model(arguments.model);
-  Model model(model_file);
-  const std::array<int, 1> scale = {int(model.architecture().scale)};
+  auto model = models.load(model_file);
+  const Architecture& architecture = model->architecture();
+  const std::array<int, 1> scale = {int(architecture.scale)};
   const Canvas canvas = canvas_of(scale);
-  const std::vector<std::string> absent = absent_layers(hrls_map, model.architecture());
-  require_layers(hrls_map, without(model.architecture().hrls_layers, absent), hrls.path().string());
+  const std::vector<std::string> absent = absent_layers(hrls_map, architecture);
+  require_layers(hrls_map, without(architecture.hrls_layers, absent), hrls.path().string());
   std::optional<ExrFile> reference;
   LayerMap reference_map;
   if (!arguments.reference.empty()) {
@@ -166,7 +164,7 @@ FuseFiles open_files(const FuseArguments& arguments) {
     reference_map = map_color(*reference, choice);
     check_reference(*reference, reference_map, hrls, hrls_windows.data);
   }
-  const float phase = find_phase(arguments.sampling, lrhs, model.architecture());
+  const float phase = find_phase(arguments.sampling, lrhs, architecture);
   FuseFiles files{std::move(lrhs), std::move(hrls), std::move(lrhs_map),  std::move(hrls_map),
                   lrhs_windows,    hrls_windows,    std::move(model),     canvas,
                   absent,          phase,           std::move(reference), std::move(reference_map)};
@@ -187,19 +185,26 @@ Image load_lrhs(FuseFiles& files, Console& console) {
   return seen_through(std::move(lrhs), files.lrhs_windows.data, files.canvas.lrhs);
 }
 
-FuseImages load_images(const FuseArguments& arguments, FuseFiles& files, Console& console) {
-  FuseImages images;
-  images.lrhs = load_lrhs(files, console);
+std::unique_ptr<FuseFrame> open_frame(const FuseArguments& arguments, Console console, LastModel& models) {
+  FuseFiles files = open_files(arguments, models);
+  check_written(arguments, *files.model);
+  return std::unique_ptr<FuseFrame>(
+      new FuseFrame{arguments, std::move(console), std::move(files), {}, {}, {}});
+}
+
+void load_frame(FuseFrame& frame) {
+  FuseFiles& files = frame.files;
+  FuseImages& images = frame.images;
+  images.lrhs = load_lrhs(files, frame.console);
   images.hrls = load_hrls(files);
-  sanitize_input(images.hrls, "HRLS", files.hrls.path(), console);
+  sanitize_input(images.hrls, "HRLS", files.hrls.path(), frame.console);
   images.hrls = seen_through(std::move(images.hrls), files.hrls_windows.data, files.canvas.hrls);
   if (files.reference) {
     images.reference = load_layers(*files.reference, files.reference_map, kColor);
-    sanitize_input(*images.reference, "reference", files.reference->path(), console);
+    sanitize_input(*images.reference, "reference", files.reference->path(), frame.console);
   }
-  for (const std::string& name : passed_channels(files, arguments.keep_layers))
+  for (const std::string& name : passed_channels(files, frame.arguments.keep_layers))
     images.passed.push_back(files.hrls.read_raw(name));
-  return images;
 }
 
 }  // namespace raymeld::cli

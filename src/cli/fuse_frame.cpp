@@ -47,7 +47,7 @@ void report_overflow(const FuseArguments& arguments, const FuseReport& report, u
 const char* precision_name(Storage storage) { return storage == Storage::kFloat16 ? "fp16" : "fp32"; }
 
 FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device) {
-  const Storage storage = storage_for(arguments.precision, device.info(), files.model);
+  const Storage storage = storage_for(arguments.precision, device.info(), *files.model);
   const auto kernels = [&](Storage of) {
     return arguments.kernels == KernelChoice::kDirect ? Kernels{} : kernels_for(device, of);
   };
@@ -63,35 +63,70 @@ FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& file
   return options;
 }
 
-FuseResult run_frame(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images,
-                     const Device& device, Console& console, StagedFiles& staged) {
-  const FuserOptions options = fuser_options(arguments, files, device);
-  FuseResult result;
-  result.storage = options.storage;
-  console.note(fmt::format("fusing {} x {} with {} on {} ({})", images.hrls.width, images.hrls.height,
-                           files.model.name(), device.info().name, precision_name(options.storage)));
-  ProgressBar bar(console);
-  Fuser fuser(device, files.model, uint32_t(images.lrhs.height), uint32_t(images.lrhs.width), options);
-  check_interrupted();
+struct FrameFuser::Made {
+  std::shared_ptr<const Model> model;
+  float phase;
+  uint32_t height, width;  // of LRHS
+  Storage storage;
+  Fuser fuser;
+
+  Made(const Device& device, const FuseFrame& frame, const FuserOptions& options)
+      : model(frame.files.model),
+        phase(options.phase),
+        height(uint32_t(frame.images.lrhs.height)),
+        width(uint32_t(frame.images.lrhs.width)),
+        storage(options.storage),
+        fuser(device, *model, height, width, options) {}
+
+  bool suits(const FuseFrame& frame) const {
+    const Image& lrhs = frame.images.lrhs;
+    return model == frame.files.model && phase == frame.files.phase && height == uint32_t(lrhs.height) &&
+           width == uint32_t(lrhs.width);
+  }
+};
+
+FrameFuser::FrameFuser(const Device& device) : device_(device) {}
+
+FrameFuser::~FrameFuser() = default;
+
+FrameFuser::Made& FrameFuser::made_for(const FuseFrame& frame) {
+  if (made_ && made_->suits(frame)) return *made_;
+  made_.reset();  // its memory is the next one's
+  const FuserOptions options = fuser_options(frame.arguments, frame.files, device_);
+  const Image& hrls = frame.images.hrls;
+  frame.console.note(fmt::format("fusing {} x {} with {} on {} ({})", hrls.width, hrls.height,
+                                 frame.files.model->name(), device_.info().name,
+                                 precision_name(options.storage)));
+  made_ = std::make_unique<Made>(device_, frame, options);
+  return *made_;
+}
+
+void FrameFuser::fuse(FuseFrame& frame, const Progress& progress) try {
+  Made& made = made_for(frame);
+  Fuser& fuser = made.fuser;
+  if (!progress(0)) throw Cancelled();
+  const FuseArguments& arguments = frame.arguments;
+  FuseResult& result = frame.result;
+  result.storage = made.storage;
   Image fused;
-  const auto progress = [&](double share) {
-    bar.update(share);
-    return !interrupted();
-  };
-  // Some drivers compile a kernel when it first runs, so times are taken of a second frame.
-  if (options.profile) fuser.fuse(images.lrhs, images.hrls, fused, progress);
-  result.report = fuser.fuse(images.lrhs, images.hrls, fused, progress);
+  // Some drivers compile a kernel when it first runs, so times are taken of a second run.
+  if (arguments.profile) fuser.fuse(frame.images.lrhs, frame.images.hrls, fused, progress);
+  result.report = fuser.fuse(frame.images.lrhs, frame.images.hrls, fused, progress);
   result.tiling = fuser.plan().tiling;
   if (!fuser.shortage().empty()) {
-    console.warn(fmt::format("{}; fused in {} smaller tiles of {} x {} LRHS pixels instead", fuser.shortage(),
-                             result.tiling.count(), result.tiling.tile.width, result.tiling.tile.height),
-                 1);
+    frame.console.warn(
+        fmt::format("{}; fused in {} smaller tiles of {} x {} LRHS pixels instead", fuser.shortage(),
+                    result.tiling.count(), result.tiling.tile.width, result.tiling.tile.height),
+        1);
   }
   result.allocated_bytes = fuser.allocated_bytes();
-  report_overflow(arguments, result.report, result.tiling.count(), console);
-  if (!arguments.dump.empty()) dump_layers(arguments.dump_folder(), fuser.last(), fused, staged);
-  result.fused = seen_through(std::move(fused), files.canvas.hrls, files.hrls_windows.data);
-  return result;
+  report_overflow(arguments, result.report, result.tiling.count(), frame.console);
+  if (!arguments.dump.empty()) dump_layers(arguments.dump_folder(), fuser.last(), fused, frame.staged);
+  result.fused = seen_through(std::move(fused), frame.files.canvas.hrls, frame.files.hrls_windows.data);
+  if (!arguments.compares()) frame.images.hrls = {};  // often the largest part of a frame's memory
+} catch (...) {
+  made_.reset();  // in whatever state it is; the next frame's is made anew
+  throw;
 }
 
 }  // namespace raymeld::cli

@@ -1,8 +1,8 @@
 #include <cmath>
 
 #include "cli/commands.h"
-#include "cli/fuse.h"
 #include "cli/precisions.h"
+#include "cli/sequence.h"
 #include "exposure.h"
 
 namespace raymeld::cli {
@@ -12,8 +12,8 @@ std::string finite(const std::string& text) {
   return std::isfinite(std::strtof(text.c_str(), nullptr)) ? "" : text + " is not finite";
 }
 
-// 0 for "auto". Throws CLI::ValidationError.
-float parse_exposure(const std::string& text) try {
+// 0 for "auto". Throws Error.
+float parse_exposure(const std::string& text) {
   if (text == "auto") return 0;
   if (text == "off") return 1;
   char* end = nullptr;
@@ -21,8 +21,20 @@ float parse_exposure(const std::string& text) try {
   if (*end != '\0') throw Error("expected auto, off or a number");
   check_exposure(exposure);
   return exposure;
-} catch (const Error& error) {
-  throw CLI::ValidationError("--input-exposure", fmt::format("'{}': {}", text, error.what()));
+}
+
+// An option whose value is what `parse` makes of its text; where that throws Error, the text is no valid one.
+template <typename Value>
+CLI::Option* add_parsed(CLI::App& command, const std::string& name, Value& value,
+                        Value (*parse)(const std::string&), const std::string& description) {
+  const auto read = [name, &value, parse](const std::string& text) {
+    try {
+      value = parse(text);
+    } catch (const Error& error) {
+      throw CLI::ValidationError(name, fmt::format("'{}': {}", text, error.what()));
+    }
+  };
+  return command.add_option_function<std::string>(name, read, description);
 }
 
 void add_files(CLI::App& command, FuseArguments& a) {
@@ -46,11 +58,10 @@ void add_files(CLI::App& command, FuseArguments& a) {
                   "real low-resolution render), auto (what the file says, else as the model was trained)")
       ->check(CLI::IsMember({"auto", "nearest", "centered"}))
       ->capture_default_str();
-  command
-      .add_option_function<std::string>(
-          "--input-exposure", [&a](const std::string& text) { a.input_exposure = parse_exposure(text); },
-          "What radiance is multiplied by for the network, and the output divided by: a factor, off (1), or "
-          "auto (from LRHS, for models that were trained at one brightness; else 1)")
+  add_parsed(
+      command, "--input-exposure", a.input_exposure, parse_exposure,
+      "What radiance is multiplied by for the network, and the output divided by: a factor, off (1), or "
+      "auto (from LRHS, for models that were trained at one brightness; else 1)")
       ->type_name("auto|off|FACTOR")
       ->default_str("auto");
   command.add_option("--output-type", a.output_type, "half, float, or auto: as the HRLS colour")
@@ -116,12 +127,31 @@ void add_reports(CLI::App& command, FuseArguments& a) {
   command.add_flag("--quiet", a.quiet, "No notes and no progress, only warnings and errors");
 }
 
+void add_sequence(CLI::App& command, SequenceArguments& a) {
+  CLI::Option* frames =
+      add_parsed(
+          command, "--frames", a.frames, parse_frames,
+          "Fuses a sequence: 1-240, 1-240x2, 1-10,15. In the file names above and below, the last run of # "
+          "is the frame's number, padded to its length; one of --lrhs and --hrls may do without")
+          ->type_name("RANGES");
+  add_parsed(command, "--shard", a.shard, parse_shard,
+             "The i-th of n processes that share the frames: every n-th frame, from the i-th on")
+      ->type_name("I/N")
+      ->needs(frames);
+  command
+      .add_flag("--resume", a.resume,
+                "Skips frames whose outputs are all there, none older than an input or the file of --model")
+      ->needs(frames);
+}
+
 }  // namespace
 
 void add_fuse(CLI::App& app) {
   auto arguments = std::make_shared<FuseArguments>();
-  CLI::App* command = app.add_subcommand("fuse", "Fuses an LRHS and an HRLS render");
+  auto sequence = std::make_shared<SequenceArguments>();
+  CLI::App* command = app.add_subcommand("fuse", "Fuses an LRHS and an HRLS render, or sequences of them");
   add_files(*command, *arguments);
+  add_sequence(*command, *sequence);
   add_run(*command, *arguments);
   add_reports(*command, *arguments);
   command->footer(
@@ -130,9 +160,12 @@ void add_fuse(CLI::App& app) {
       "  raymeld fuse --lrhs low.exr --hrls high.exr -o fused.exr --preview fused.png\n"
       "  raymeld fuse --lrhs low.exr --hrls high.exr -o fused.exr --model x4-fast --reference truth.exr "
       "--json\n"
-      "  raymeld fuse --lrhs low.exr --hrls high.exr --map cycles --map albedo=ViewLayer.DiffCol --dry-run");
-  command->callback([arguments] {
+      "  raymeld fuse --lrhs low.exr --hrls high.exr --map cycles --map albedo=ViewLayer.DiffCol --dry-run\n"
+      "  raymeld fuse --lrhs low.####.exr --hrls high.####.exr -o fused.####.exr --frames 1-240 --resume");
+  command->callback([arguments, sequence] {
     if (arguments->output.empty() && !arguments->dry_run) throw CLI::RequiredError("--output");
+    if (!sequence->frames.empty()) return run_sequence(*sequence, *arguments);
+    check_no_patterns(*arguments);
     run_fuse(*arguments);
   });
 }

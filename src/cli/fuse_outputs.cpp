@@ -30,10 +30,10 @@ Imf::Header output_header(const FuseFiles& files, Storage storage) {
   header.erase("raymeldSampling");  // true of HRLS, not of what became of it
   set("raymeldVersion", RAYMELD_VERSION);
   set("raymeldPrecision", precision_name(storage));
-  const auto& metadata = files.model.metadata();
+  const auto& metadata = files.model->metadata();
   const auto version = metadata.find("version");
   set("raymeldModel",
-      version == metadata.end() ? files.model.name() : files.model.name() + " version " + version->second);
+      version == metadata.end() ? files.model->name() : files.model->name() + " version " + version->second);
   return header;
 }
 
@@ -43,22 +43,50 @@ ChannelTriple color_names(const FuseFiles& files, bool keep_layers) {
   return keep_layers && own[0] != own[1] ? own : ChannelTriple{"R", "G", "B"};
 }
 
-void write_image(const FuseArguments& arguments, const FuseFiles& files, FuseImages& images,
-                 const FuseResult& result, Console& console, StagedFiles& staged) {
+void stage_image(FuseFrame& frame) {
+  const FuseArguments& arguments = frame.arguments;
+  const FuseFiles& files = frame.files;
   ExrOutput output;
-  output.source = output_header(files, result.storage);
-  output.pass_through = std::move(images.passed);
+  output.source = output_header(files, frame.result.storage);
+  output.pass_through = std::move(frame.images.passed);
   if (!arguments.keep_layers && !output.pass_through.empty()) output.pass_through[0].name.assign(1, 'A');
   const ChannelTriple names = color_names(files, arguments.keep_layers);
   const Imf::PixelType type = output_type(arguments.output_type, files.hrls_color().type);
-  for (int c = 0; c < 3; ++c) output.planes.push_back({names[size_t(c)], type, result.fused.plane(c)});
+  for (int c = 0; c < 3; ++c) output.planes.push_back({names[size_t(c)], type, frame.result.fused.plane(c)});
   check_interrupted();
   size_t clamped = 0;
-  staged.add(arguments.output, [&](AtomicFile& file) { clamped = write_exr(file, output); });
+  frame.staged.add(arguments.output, [&](AtomicFile& file) { clamped = write_exr(file, output); });
   if (clamped > 0)
-    console.warn(fmt::format("'{}': {} values passed the largest half, 65504, and were clamped",
-                             arguments.output, clamped),
-                 clamped);
+    frame.console.warn(fmt::format("'{}': {} values passed the largest half, 65504, and were clamped",
+                                   arguments.output, clamped),
+                       clamped);
+}
+
+// The images that fused is measured against and shown beside, all (3, H, W) of HRLS's data window.
+struct Comparison {
+  Image bicubic, hrls;
+};
+
+Comparison make_comparison(const FuseFiles& files, const FuseImages& images) {
+  const auto as_written = [&](Image image) {
+    return seen_through(std::move(image), files.canvas.hrls, files.hrls_windows.data);
+  };
+  return {as_written(upsample_bicubic(images.lrhs, files.canvas.scale, files.phase)),
+          as_written(first_three(images.hrls))};
+}
+
+void stage_previews(FuseFrame& frame, const std::optional<Comparison>& comparison) {
+  const FuseArguments& arguments = frame.arguments;
+  const Image& fused = frame.result.fused;
+  const auto picture = [&](const Image& image) { return to_srgb(image, arguments.exposure_stops); };
+  const auto stage = [&](const std::string& target, const Picture& content) {
+    frame.staged.add(target, [&](AtomicFile& file) { write_png(file, content); });
+  };
+  if (!arguments.preview.empty()) stage(arguments.preview, picture(fused));
+  if (arguments.before_after.empty()) return;
+  std::vector<Picture> pictures = {picture(comparison->bicubic), picture(comparison->hrls), picture(fused)};
+  if (frame.images.reference) pictures.push_back(picture(*frame.images.reference));
+  stage(arguments.before_after, side_by_side(pictures));
 }
 
 }  // namespace
@@ -73,30 +101,25 @@ std::vector<std::string> passed_channels(const FuseFiles& files, bool keep_layer
   return names;
 }
 
-Comparison make_comparison(const FuseFiles& files, const FuseImages& images) {
-  const auto as_written = [&](Image image) {
-    return seen_through(std::move(image), files.canvas.hrls, files.hrls_windows.data);
-  };
-  return {as_written(upsample_bicubic(images.lrhs, files.canvas.scale, files.phase)),
-          as_written(first_three(images.hrls))};
+QualityTable stage_outputs(FuseFrame& frame) {
+  std::optional<Comparison> comparison;
+  if (frame.arguments.compares()) comparison = make_comparison(frame.files, frame.images);
+  stage_previews(frame, comparison);
+  // It comes last: it gets its name only when everything else is there.
+  stage_image(frame);
+  if (!frame.images.reference) return {};
+  const Image& reference = *frame.images.reference;
+  return {{"fused", measure(frame.result.fused, reference)},
+          {"bicubic_lrhs", measure(comparison->bicubic, reference)},
+          {"hrls", measure(comparison->hrls, reference)}};
 }
 
-// The image itself comes last: it is renamed only when everything else is there.
-void write_outputs(const FuseArguments& arguments, const FuseFiles& files, FuseImages& images,
-                   const std::optional<Comparison>& comparison, const FuseResult& result, Console& console,
-                   StagedFiles& staged) {
-  const auto picture = [&](const Image& image) { return to_srgb(image, arguments.exposure_stops); };
-  const auto write = [&](const std::string& target, const Picture& content) {
-    staged.add(target, [&](AtomicFile& file) { write_png(file, content); });
-  };
-  if (!arguments.preview.empty()) write(arguments.preview, picture(result.fused));
-  if (!arguments.before_after.empty()) {
-    std::vector<Picture> pictures = {picture(comparison->bicubic), picture(comparison->hrls),
-                                     picture(result.fused)};
-    if (images.reference) pictures.push_back(picture(*images.reference));
-    write(arguments.before_after, side_by_side(pictures));
-  }
-  write_image(arguments, files, images, result, console, staged);
+void publish_frame(FuseFrame& frame, double total_ms) {
+  frame.staged.commit();
+  frame.console.note(fmt::format(
+      "wrote {}: input exposure {:.4g}, {:.0f} ms on the device, {:.0f} ms in all, {:.0f} MiB of its memory",
+      frame.arguments.output, frame.result.report.exposure, frame.result.report.device_ms, total_ms,
+      double(frame.result.allocated_bytes) / kMebibyte));
 }
 
 }  // namespace raymeld::cli

@@ -1,7 +1,27 @@
+// What the program says of a frame: notes, text and JSON.
+#include <fmt/ranges.h>
+
 #include "cli/fuse.h"
+#include "io/exr_window.h"
 
 namespace raymeld::cli {
 namespace {
+
+using Json = nlohmann::ordered_json;
+
+const char* sampling_name(const FuseFiles& files) { return files.phase == 0 ? "nearest" : "centered"; }
+
+// What the model was not made for, or does without; each line ends with \n.
+std::string notices(const FuseFiles& files) {
+  std::string text;
+  for (const std::string& layer : files.absent_layers) {
+    text += fmt::format("HRLS has no layer {}; model {} does without it\n", layer, files.model->name());
+  }
+  if (!files.model->architecture().trained_on(files.phase > 0)) {
+    text += fmt::format("model {} was not trained on {} LRHS\n", files.model->name(), sampling_name(files));
+  }
+  return text;
+}
 
 // Operations, or bytes, in `time_ms`, in thousands of millions a second; 0 where no time was measured.
 double giga_per_second(double count, double time_ms) { return time_ms > 0 ? count / time_ms * 1e-6 : 0; }
@@ -25,8 +45,6 @@ const char* rule_name(LayerRule rule) {
   return "";
 }
 
-}  // namespace
-
 std::string profile_text(const FuseReport& report) {
   std::string text;
   PassTime total;
@@ -43,8 +61,8 @@ std::string profile_text(const FuseReport& report) {
   return text + row("total", total.time_ms, total.flop, total.bytes);
 }
 
-nlohmann::ordered_json to_json(const std::vector<PassTime>& times) {
-  auto json = nlohmann::ordered_json::array();
+Json to_json(const std::vector<PassTime>& times) {
+  auto json = Json::array();
   for (const PassTime& time : times) {
     json.push_back({{"name", time.name},
                     {"ms", time.time_ms},
@@ -54,10 +72,58 @@ nlohmann::ordered_json to_json(const std::vector<PassTime>& times) {
   return json;
 }
 
-nlohmann::ordered_json to_json(const LayerMap& map) {
-  auto json = nlohmann::ordered_json::object();
+}  // namespace
+
+Json to_json(const LayerMap& map) {
+  auto json = Json::object();
   for (const auto& [layer, source] : map.layers)
     json[layer] = {{"rule", rule_name(source.rule)}, {"channels", source.terms}};
+  return json;
+}
+
+std::string describe(const FuseArguments& arguments, const FuseFiles& files) {
+  return notices(files) +
+         fmt::format("LRHS {}: color from {}; {} samples\nHRLS {}: {}model {}, scale {}: takes {}",
+                     arguments.lrhs, fmt::join(files.lrhs_map.layers.at("color").terms[0], ", "),
+                     sampling_name(files), arguments.hrls, raymeld::describe(files.hrls_map),
+                     files.model->name(), files.canvas.scale,
+                     fmt::join(files.model->architecture().hrls_layers, ", "));
+}
+
+// Of the fused frame, or of one that would be.
+Json facts(const FuseFiles& files, const DeviceInfo& device, Storage storage, const Tiling& tiling,
+           float exposure) {
+  return {{"device", device.name},
+          {"model", files.model->name()},
+          {"precision", precision_name(storage)},
+          {"scale", files.canvas.scale},
+          {"width", width_of(files.hrls_windows.data)},
+          {"height", height_of(files.hrls_windows.data)},
+          {"lrhs_sampling", sampling_name(files)},
+          {"absent_layers", files.absent_layers},
+          {"input_exposure", exposure},
+          {"tiles", tiling.count()}};
+}
+
+std::string frame_text(const FuseFrame& frame, const QualityTable& quality) {
+  const FuseReport& report = frame.result.report;
+  return (report.layers.empty() ? "" : profile_text(report)) + (quality.empty() ? "" : table(quality));
+}
+
+Json frame_json(const FuseFrame& frame, const DeviceInfo& device, const QualityTable& quality,
+                double total_ms) {
+  const FuseResult& result = frame.result;
+  Json json = facts(frame.files, device, result.storage, result.tiling, result.report.exposure);
+  json["redone_tiles"] = result.report.redone_tiles;
+  json["device_ms"] = result.report.device_ms;
+  json["total_ms"] = total_ms;
+  json["peak_bytes"] = result.allocated_bytes;
+  json["metrics"] = to_json(quality);
+  json["warnings"] = to_json(frame.console.warnings());
+  if (!result.report.layers.empty()) {
+    json["layers"] = to_json(result.report.layers);
+    json["kernels"] = to_json(result.report.kernels);
+  }
   return json;
 }
 

@@ -1,5 +1,6 @@
 #include "cli/interrupt.h"
 
+#include <atomic>
 #include <csignal>
 
 #include "error.h"
@@ -7,13 +8,14 @@
 namespace raymeld::cli {
 namespace {
 
-volatile std::sig_atomic_t got_signal = 0;
+std::atomic<bool> got_signal = false;
+static_assert(std::atomic<bool>::is_always_lock_free);  // as a signal handler needs it
 
 }  // namespace
 
 void catch_signals() {
   struct sigaction action {};
-  action.sa_handler = [](int) { got_signal = 1; };
+  action.sa_handler = [](int) { got_signal = true; };
   action.sa_flags = static_cast<int>(SA_RESETHAND | SA_RESTART);
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
@@ -21,7 +23,7 @@ void catch_signals() {
   std::signal(SIGPIPE, SIG_IGN);
 }
 
-bool interrupted() { return got_signal != 0; }
+bool interrupted() { return got_signal; }
 
 void check_interrupted() {
   if (interrupted()) throw Cancelled();

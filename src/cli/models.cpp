@@ -75,4 +75,10 @@ fs::path default_model(int scale) {
   return file;
 }
 
+std::shared_ptr<const Model> LastModel::load(const fs::path& file) {
+  if (!model_ || file != file_) model_ = std::make_shared<const Model>(file);
+  file_ = file;
+  return model_;
+}
+
 }  // namespace raymeld::cli

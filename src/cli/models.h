@@ -3,7 +3,10 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <string>
+
+#include "model.h"
 
 namespace raymeld::cli {
 
@@ -13,5 +16,16 @@ namespace raymeld::cli {
 std::filesystem::path find_model(const std::string& wanted);
 
 std::filesystem::path default_model(int scale);
+
+// Models of one frame after another, of which most have the same.
+class LastModel {
+ public:
+  // What the file was when it was loaded, if it is the one that was asked for last. Throws Error.
+  std::shared_ptr<const Model> load(const std::filesystem::path& file);
+
+ private:
+  std::filesystem::path file_;
+  std::shared_ptr<const Model> model_;
+};
 
 }  // namespace raymeld::cli

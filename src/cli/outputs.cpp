@@ -19,12 +19,8 @@ bool is_same_file(const fs::path& a, const fs::path& b) {
   return fs::equivalent(a, b, error) || full(a) == full(b);
 }
 
-void check_place(const fs::path& output) {
+void check_folder(const fs::path& output) {
   std::error_code error;
-  if (fs::is_directory(output, error)) throw Error("cannot write '{}': it is a folder", output.string());
-  if (fs::exists(output, error) && !fs::is_regular_file(output, error)) {
-    throw Error("cannot write '{}': it is not a regular file", output.string());
-  }
   const fs::path folder = output.has_parent_path() ? output.parent_path() : ".";
   if (!fs::is_directory(folder, error)) {
     throw Error("cannot write '{}': there is no folder '{}'", output.string(), folder.string());
@@ -32,6 +28,15 @@ void check_place(const fs::path& output) {
   if (eaccess(folder.c_str(), W_OK | X_OK) != 0) {
     throw Error("cannot write '{}': folder '{}': {}", output.string(), folder.string(), std::strerror(errno));
   }
+}
+
+void check_place(const fs::path& output) {
+  std::error_code error;
+  if (fs::is_directory(output, error)) throw Error("cannot write '{}': it is a folder", output.string());
+  if (fs::exists(output, error) && !fs::is_regular_file(output, error)) {
+    throw Error("cannot write '{}': it is not a regular file", output.string());
+  }
+  check_folder(output);
 }
 
 }  // namespace
@@ -53,6 +58,10 @@ void check_outputs(std::span<const fs::path> outputs, std::span<const fs::path> 
       }
     }
   }
+}
+
+void check_folders(std::span<const fs::path> outputs) {
+  for (const fs::path& output : outputs) check_folder(output);
 }
 
 StagedFiles::~StagedFiles() {

@@ -15,6 +15,9 @@ namespace raymeld::cli {
 void check_outputs(std::span<const std::filesystem::path> outputs,
                    std::span<const std::filesystem::path> inputs);
 
+// Throws Error unless each of the outputs has a folder that can be written to.
+void check_folders(std::span<const std::filesystem::path> outputs);
+
 // The files of one run, which appear at its end: whole, in the order of add(), one after the other, so that
 // where the last is there all are. Without commit() nothing stays, and older files stay as they were.
 class StagedFiles {

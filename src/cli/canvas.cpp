@@ -1,4 +1,4 @@
-#include "cli/frame.h"
+#include "cli/canvas.h"
 
 #include <algorithm>
 #include <cstdlib>

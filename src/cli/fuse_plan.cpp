@@ -1,0 +1,68 @@
+// --dry-run: how a frame would be fused.
+#include "cli/fuse.h"
+#include "exposure.h"
+#include "io/exr_window.h"
+
+namespace raymeld::cli {
+namespace {
+
+float find_exposure(const FuseArguments& arguments, FuseFiles& files, Console& console) {
+  const float key = files.model->architecture().exposure_key;
+  if (arguments.input_exposure != 0) return arguments.input_exposure;
+  if (key == 0) return 1;
+  const Image lrhs = load_lrhs(files, console);
+  return exposure_of(lrhs.data.data(), lrhs.plane_size(), key);
+}
+
+struct Plan {
+  float exposure = 0;
+  FuserOptions options;
+  FusePlan fusion;
+};
+
+Plan make_plan(const FuseArguments& arguments, FuseFiles& files, const Device& device, Console& console) {
+  const float exposure = find_exposure(arguments, files, console);
+  const FuserOptions options = fuser_options(arguments, files, device);
+  return {exposure, options,
+          plan_fusion(*files.model, uint32_t(height_of(files.canvas.lrhs)),
+                      uint32_t(width_of(files.canvas.lrhs)), device.info(), options)};
+}
+
+}  // namespace
+
+nlohmann::ordered_json plan_json(const FuseArguments& arguments, FuseFiles& files, const Device& device,
+                                 Console& console) {
+  const Plan plan = make_plan(arguments, files, device, console);
+  const Tiling& tiling = plan.fusion.tiling;
+  const Graph& graph = plan.fusion.graph;
+  auto json = facts(files, device.info(), plan.options.storage, tiling, plan.exposure);
+  json["tile_width"] = tiling.tile.width, json["tile_height"] = tiling.tile.height;
+  json["halo"] = tiling.halo;
+  json["gflop"] = plan.fusion.flop * 1e-9;
+  json["peak_bytes"] = plan.fusion.peak_bytes();
+  json["activation_bytes"] = graph.activation_bytes();
+  json["unaliased_bytes"] = graph.unaliased_bytes();
+  json["layers"] = {{"lrhs", to_json(files.lrhs_map)}, {"hrls", to_json(files.hrls_map)}};
+  json["hrls_layers"] = files.model->architecture().hrls_layers;
+  return json;
+}
+
+std::string plan_text(const FuseArguments& arguments, FuseFiles& files, const Device& device,
+                      Console& console) {
+  const Plan plan = make_plan(arguments, files, device, console);
+  const Tiling& tiling = plan.fusion.tiling;
+  const Graph& graph = plan.fusion.graph;
+  return fmt::format("{}\ninput exposure {:.4g}\ndevice {} ({})\n", describe(arguments, files), plan.exposure,
+                     device.info().name, precision_name(plan.options.storage)) +
+         fmt::format("{} tile(s) of {} x {} LRHS pixels, halo {}; {:.3f} GFLOP, {:.1f} % of it for halos\n",
+                     tiling.count(), tiling.tile.width, tiling.tile.height, tiling.halo,
+                     plan.fusion.flop * 1e-9, 100 - 100 / tiling.overhead()) +
+         fmt::format(
+             "memory {:.1f} MiB: weights {:.1f}, activations {:.1f} ({:.1f} without aliasing), frame "
+             "{:.1f}\n",
+             double(plan.fusion.peak_bytes()) / kMebibyte, double(graph.constant_bytes()) / kMebibyte,
+             double(graph.activation_bytes()) / kMebibyte, double(graph.unaliased_bytes()) / kMebibyte,
+             double(plan.fusion.frame_bytes) / kMebibyte);
+}
+
+}  // namespace raymeld::cli

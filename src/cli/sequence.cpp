@@ -1,0 +1,244 @@
+#include "cli/sequence.h"
+
+#include <algorithm>
+#include <thread>
+
+#include "cli/failure.h"
+#include "cli/handover.h"
+#include "cli/interrupt.h"
+
+namespace raymeld::cli {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+enum class Status { kUnfinished, kFused, kSkipped, kFailed };
+
+const char* status_name(Status status) {
+  switch (status) {
+    case Status::kUnfinished:
+      return "unfinished";
+    case Status::kFused:
+      return "fused";
+    case Status::kSkipped:
+      return "skipped";
+    case Status::kFailed:
+      return "failed";
+  }
+  return "";
+}
+
+struct Outcome {
+  int frame = 0;
+  Status status = Status::kUnfinished;
+  std::string error = {};
+  Json facts = Json::object();  // with --json, of a frame that was fused
+};
+
+std::vector<int> frames_that(Status status, std::span<const Outcome> outcomes) {
+  std::vector<int> frames;
+  for (const Outcome& outcome : outcomes) {
+    if (outcome.status == status) frames.push_back(outcome.frame);
+  }
+  return frames;
+}
+
+std::vector<Outcome> all_frames(const SequenceArguments& sequence, const FuseArguments& patterns) {
+  const std::filesystem::path model = patterns.model.empty() ? "" : find_model(patterns.model);
+  std::vector<Outcome> outcomes;
+  for (const int frame : frames_of(sequence.shard, sequence.frames)) {
+    const bool skip = sequence.resume && is_done(of_frame(patterns, frame), model);
+    outcomes.push_back({.frame = frame, .status = skip ? Status::kSkipped : Status::kUnfinished});
+  }
+  return outcomes;
+}
+
+// The three steps of a frame are a thread's each. Only what is handed over from one to the next is seen by
+// both: a frame with its outcome.
+class Pipeline {
+ public:
+  Pipeline(const FuseArguments& patterns, const Device& device, LastModel& models,
+           std::vector<Outcome>& outcomes)
+      : patterns_(patterns),
+        device_(device),
+        models_(models),
+        outcomes_(outcomes),
+        console_(patterns.notes()) {}
+
+  void run() {
+    std::jthread reader([this] { read(); });
+    std::jthread writer([this] { write(); });
+    const ClosedAtEnd end_of_reading(read_), end_of_writing(fused_);
+    fuse();
+  }
+
+ private:
+  struct Job {
+    Outcome* outcome;
+    std::unique_ptr<FuseFrame> frame = nullptr;
+    double spent_ms = 0;  // without the time in which it waited for its turn
+  };
+
+  void read();
+  void fuse();
+  void write();
+  template <typename Step>
+  bool attempt(Job& job, const Step& step);
+
+  const FuseArguments& patterns_;
+  const Device& device_;
+  LastModel& models_;
+  std::vector<Outcome>& outcomes_;
+  Console console_;
+  Handover<Job> read_, fused_;
+  std::string described_;     // what was said last of where layers come from
+  bool device_lost_ = false;  // of fuse()'s thread
+};
+
+// Whether the step was done. What goes wrong is the frame's alone, but for an interrupt and a lost device.
+template <typename Step>
+bool Pipeline::attempt(Job& job, const Step& step) try {
+  const Stopwatch watch;
+  step();
+  job.spent_ms += watch.ms();
+  return true;
+} catch (const Cancelled&) {
+  return false;
+} catch (const std::exception& error) {
+  if (dynamic_cast<const DeviceLost*>(&error)) device_lost_ = true;
+  job.outcome->status = Status::kFailed;
+  job.outcome->error = current_failure().message;
+  complain(fmt::format("frame {}: {}", job.outcome->frame, job.outcome->error));
+  return false;
+}
+
+void Pipeline::read() {
+  const ClosedAtEnd end(read_);
+  for (Outcome& outcome : outcomes_) {
+    if (outcome.status == Status::kSkipped) continue;
+    if (interrupted()) return;
+    Job job{.outcome = &outcome};
+    const bool is_read = attempt(job, [&] {
+      job.frame = open_frame(of_frame(patterns_, outcome.frame),
+                             Console(patterns_.notes(), fmt::format("frame {}: ", outcome.frame)), models_);
+      const std::string description = describe(patterns_, job.frame->files);
+      if (description != described_) console_.note(description);
+      described_ = description;
+      load_frame(*job.frame);
+    });
+    if (is_read && !read_.put(std::move(job))) return;
+  }
+}
+
+void Pipeline::fuse() {
+  FrameFuser fuser(device_);
+  ProgressBar bar(console_);
+  while (!device_lost_ && !interrupted()) {
+    std::optional<Job> job = read_.take();
+    if (!job) return;
+    const auto progress = [&](double share) {
+      bar.update((double(job->outcome - outcomes_.data()) + share) / double(outcomes_.size()));
+      return !interrupted();
+    };
+    if (attempt(*job, [&] { fuser.fuse(*job->frame, progress); })) fused_.put(std::move(*job));
+  }
+}
+
+void Pipeline::write() {
+  while (std::optional<Job> job = fused_.take()) {
+    attempt(*job, [&] {
+      const Stopwatch watch;
+      FuseFrame& frame = *job->frame;
+      Outcome& outcome = *job->outcome;
+      const QualityTable quality = stage_outputs(frame);
+      const double total_ms = job->spent_ms + watch.ms();
+      const std::string text = patterns_.json ? "" : frame_text(frame, quality);
+      if (!text.empty()) print(fmt::format("frame {}\n{}", outcome.frame, text));
+      publish_frame(frame, total_ms);
+      if (patterns_.json) outcome.facts = frame_json(frame, device_.info(), quality, total_ms);
+      outcome.status = Status::kFused;
+    });
+  }
+}
+
+std::string summary_text(std::span<const Outcome> outcomes, double total_ms) {
+  std::string text =
+      fmt::format("{} frames: {} fused", outcomes.size(), frames_that(Status::kFused, outcomes).size());
+  for (const Status status : {Status::kSkipped, Status::kFailed, Status::kUnfinished}) {
+    const std::vector<int> frames = frames_that(status, outcomes);
+    if (!frames.empty()) {
+      text += fmt::format(", {} {} ({})", frames.size(), status_name(status), frames_text(frames));
+    }
+  }
+  return text + fmt::format("; {:.1f} s", total_ms / 1000);
+}
+
+Json summary_json(std::span<const Outcome> outcomes, double total_ms) {
+  Json json;
+  for (const Status status : {Status::kFused, Status::kSkipped, Status::kFailed, Status::kUnfinished}) {
+    json[status_name(status)] = frames_that(status, outcomes);
+  }
+  json["total_ms"] = total_ms;
+  json["frames"] = Json::array();
+  for (const Outcome& outcome : outcomes) {
+    Json frame = {{"frame", outcome.frame}, {"status", status_name(outcome.status)}};
+    if (!outcome.error.empty()) frame["error"] = outcome.error;
+    frame.update(outcome.facts);
+    json["frames"].push_back(std::move(frame));
+  }
+  return json;
+}
+
+// Of any frame, as all frames' are the same.
+void check_output_folders(const FuseArguments& frame) {
+  std::vector<std::filesystem::path> outputs = frame.outputs();
+  if (!frame.dump.empty()) outputs.push_back(frame.dump_folder());
+  check_folders(outputs);
+}
+
+// Of the first frame that would be fused, how.
+void show_plan(const FuseArguments& patterns, std::span<const Outcome> outcomes, LastModel& models) {
+  const std::vector<int> frames = frames_that(Status::kUnfinished, outcomes),
+                         skipped = frames_that(Status::kSkipped, outcomes);
+  Json json = {{"frames", frames}, {"skipped", skipped}};
+  std::string text = fmt::format("{} frames to fuse ({}), {} to skip ({})\n", frames.size(),
+                                 frames_text(frames), skipped.size(), frames_text(skipped));
+  if (!frames.empty()) {
+    FuseFiles files = open_files(of_frame(patterns, frames.front()), models);
+    const auto device = Device::create({.selector = patterns.device});
+    Console console(patterns.notes());
+    if (patterns.json) {
+      json["first"] = plan_json(patterns, files, *device, console);
+    } else {
+      text += fmt::format("frame {}:\n{}", frames.front(), plan_text(patterns, files, *device, console));
+    }
+  }
+  print(patterns.json ? json.dump(2) + "\n" : text);
+}
+
+}  // namespace
+
+void run_sequence(const SequenceArguments& sequence, const FuseArguments& patterns) {
+  const Stopwatch watch;
+  check_patterns(patterns, sequence.frames);
+  // What is wrong with all frames alike is said once, before the first.
+  for (const auto& map : {patterns.map, patterns.lrhs_map}) parse_layer_choice(map);
+  LastModel models;
+  if (!patterns.model.empty()) models.load(find_model(patterns.model));
+  std::vector<Outcome> outcomes = all_frames(sequence, patterns);
+  if (patterns.dry_run) return show_plan(patterns, outcomes, models);
+  check_output_folders(of_frame(patterns, sequence.frames.front()));
+
+  if (!frames_that(Status::kUnfinished, outcomes).empty()) {
+    const auto device = Device::create({.selector = patterns.device});
+    Pipeline(patterns, *device, models, outcomes).run();
+  }
+  if (patterns.json) print(summary_json(outcomes, watch.ms()).dump(2) + "\n");
+  const std::string summary = summary_text(outcomes, watch.ms());
+  const bool stopped = interrupted() && !frames_that(Status::kUnfinished, outcomes).empty();
+  if (!stopped && !frames_that(Status::kFailed, outcomes).empty()) throw Error("{}", summary);
+  Console(patterns.notes()).note(summary);
+  if (stopped) throw Cancelled();
+}
+
+}  // namespace raymeld::cli
