@@ -13,7 +13,9 @@ namespace {
 // Of a frame of one tile.
 FusePlan describe(const Model& model, TileSize tile, const FuserOptions& options,
                   const StorageExponents& exponents) {
-  Graph graph(options.storage, options.kernels.addressed, options.keep_activations);
+  std::optional<SparseGrid> sparse;
+  if (options.threshold > 0) sparse = {tile.height, tile.width};
+  Graph graph(options.storage, options.kernels.addressed, options.keep_activations, sparse);
   network(graph, model, tile.height, tile.width, options.phase, options.kernels.conv2d, exponents);
   graph.plan();
   FusePlan plan{.tiling = make_tiling(tile, 1, 1, 0), .graph = std::move(graph)};

@@ -115,6 +115,8 @@ std::string json_text(const FuseFiles& files, const DeviceInfo& device, const Fu
                       const QualityTable& quality, const Console& console, double total_ms) {
   Json json = facts(files, device, result.storage, result.tiling, result.report.exposure);
   json["redone_tiles"] = result.report.redone_tiles;
+  json["settled_share"] = result.report.settled_share;
+  json["work_share"] = result.report.work_share;
   json["device_ms"] = result.report.device_ms;
   json["total_ms"] = total_ms;
   json["peak_bytes"] = result.allocated_bytes;

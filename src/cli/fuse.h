@@ -24,6 +24,7 @@ struct FuseArguments {
   std::string sampling = "auto", output_type = "auto";
   std::vector<std::string> map, lrhs_map;
   float exposure_stops = 0;
+  float threshold = 0;
   float input_exposure = 0;  // 0: what the model asks for
   uint64_t max_memory_mib = 0;
   bool keep_layers = false, profile = false, dry_run = false, json = false, quiet = false;

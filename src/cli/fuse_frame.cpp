@@ -54,6 +54,7 @@ FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& file
   FuserOptions options{.storage = storage,
                        .max_memory_bytes = arguments.max_memory_mib << 20,
                        .kernels = kernels(storage),
+                       .threshold = arguments.threshold,
                        .phase = files.phase,
                        .exposure = arguments.input_exposure,
                        .keep_activations = !arguments.dump.empty(),

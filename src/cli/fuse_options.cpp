@@ -99,6 +99,7 @@ void add_run(CLI::App& command, FuseArguments& a) {
   command.add_option("--max-memory", a.max_memory_mib, "Of the device, in MiB; larger frames are tiled")
       ->type_name("MB")
       ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40));
+  command.add_option("--adaptive", a.threshold, "");
   command.add_flag("--dry-run", a.dry_run, "Shows the layers, the plan and its memory; writes nothing");
 }
 
