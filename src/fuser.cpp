@@ -60,6 +60,8 @@ Fuser::Fuser(const Device& device, const Model& model, uint32_t height, uint32_t
     throw Error("device {} has no timestamps to profile with", device.info().name);
   }
   if (options.exposure != 0) check_exposure(options.exposure);
+  if (!(options.threshold >= 0 && options.threshold <= 1))
+    throw Error("a threshold of {}, expected one from 0 to 1", options.threshold);
   within_memory([&] { made_program(); });
   cache_.save();
 }

@@ -34,6 +34,8 @@ struct Builder {
                       out.shape.channels * s * s, options.kernel};
     const ConvWeights weights = model.conv(name, shape.channels_out, shape.channels_in, shape.kernel, bias);
     options.how = choose(shape);
+    // conv2d_matrix.comp knows no blocks.
+    if (graph.sparse()) options.how.matrix.reset();
     if (options.how.tile == 4 && !tile_4_is_accurate(a, weights, shape.channels_in)) {
       shape.most_tile = 2;
       options.how = choose(shape);

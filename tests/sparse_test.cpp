@@ -6,6 +6,7 @@
 #include "error_of.h"
 #include "fuser.h"
 #include "network.h"
+#include "settled.h"
 #include "subject.h"
 #include "tuner.h"
 
@@ -120,6 +121,10 @@ TEST_F(SparseTest, NeededBlocksHaveTheSameBits) {
                             values_of(dense, a.scale, 8, 110, false)));
       EXPECT_FALSE(same_bits(sparse.image.data, dense.data));
       EXPECT_DOUBLE_EQ(sparse.report.settled_share, 12.0 / 17);
+      EXPECT_DOUBLE_EQ(settled_share(model.architecture(), scene.lrhs.data.data(), scene.hrls.data.data(),
+                                     {kHeight, kWidth}, 0, 1, 1e-3f),
+                       12.0 / 17);
+      EXPECT_LT(sparse.report.work_share, 1);
       EXPECT_EQ(sparse.report.status.saturated, 0u);
       const Image image = sparse.image;
       for (int c = 0; c < 3; ++c) {

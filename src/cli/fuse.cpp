@@ -76,7 +76,7 @@ float find_exposure(const FuseArguments& arguments, FuseFiles& files, Console& c
 
 void show_plan(const FuseArguments& arguments, FuseFiles& files, const Device& device, Console& console) {
   const float exposure = find_exposure(arguments, files, console);
-  const FuserOptions options = fuser_options(arguments, files, device);
+  const FuserOptions options = fuser_options(arguments, files, device, arguments.threshold.value_or(0));
   const FusePlan plan = plan_fusion(files.model, uint32_t(height_of(files.canvas.lrhs)),
                                     uint32_t(width_of(files.canvas.lrhs)), device.info(), options);
   const Tiling& tiling = plan.tiling;
@@ -158,6 +158,12 @@ void run_fuse(const FuseArguments& arguments) {
   print(arguments.json ? json_text(files, device->info(), result, quality, console, watch.ms())
                        : report_text(result.report, quality));
   staged.commit();
+  if (result.report.settled_share > 0) {
+    console.note(
+        fmt::format("{:.0f} % of the frame is the same in LRHS and HRLS and needed no network; {:.0f} % of "
+                    "the work was done",
+                    100 * result.report.settled_share, 100 * result.report.work_share));
+  }
   console.note(fmt::format(
       "wrote {}: input exposure {:.4g}, {:.0f} ms on the device, {:.0f} ms in all, {:.0f} MiB of its memory",
       arguments.output, result.report.exposure, result.report.device_ms, watch.ms(),

@@ -24,8 +24,8 @@ struct FuseArguments {
   std::string sampling = "auto", output_type = "auto";
   std::vector<std::string> map, lrhs_map;
   float exposure_stops = 0;
-  float threshold = 0;
-  float input_exposure = 0;  // 0: what the model asks for
+  std::optional<float> threshold = {};  // of --adaptive; 0: off, none: as the frame suggests
+  float input_exposure = 0;             // 0: what the model asks for
   uint64_t max_memory_mib = 0;
   bool keep_layers = false, profile = false, dry_run = false, json = false, quiet = false;
 
@@ -71,7 +71,11 @@ Image load_lrhs(FuseFiles& files, Console& console);
 // All that is read of the files, so that what becomes of them while a frame is fused makes no difference.
 FuseImages load_images(const FuseArguments& arguments, FuseFiles& files, Console& console);
 
-FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device);
+// What --adaptive asks for: without a word, the default where enough of the frame is settled, else 0.
+float find_threshold(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images);
+
+FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device,
+                           float threshold);
 
 const char* precision_name(Storage storage);
 

@@ -1,5 +1,7 @@
 #include "cli/fuse.h"
 #include "cli/interrupt.h"
+#include "exposure.h"
+#include "settled.h"
 #include "tuner.h"
 
 namespace raymeld::cli {
@@ -46,19 +48,34 @@ void report_overflow(const FuseArguments& arguments, const FuseReport& report, u
 
 const char* precision_name(Storage storage) { return storage == Storage::kFloat16 ? "fp16" : "fp32"; }
 
-FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device) {
+float find_threshold(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images) {
+  if (arguments.threshold) return *arguments.threshold;
+  const Architecture& a = files.model.architecture();
+  const TileSize frame{uint32_t(images.lrhs.height), uint32_t(images.lrhs.width)};
+  const float* lrhs = images.lrhs.data.data();
+  const float exposure = arguments.input_exposure != 0
+                             ? arguments.input_exposure
+                             : exposure_of(lrhs, images.lrhs.plane_size(), a.exposure_key);
+  const double share =
+      settled_share(a, lrhs, images.hrls.data.data(), frame, files.phase, exposure, kDefaultThreshold);
+  return share >= kLeastSettledShare ? kDefaultThreshold : 0;
+}
+
+FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device,
+                           float threshold) {
   const Storage storage = storage_for(arguments.precision, device.info(), files.model);
   const auto kernels = [&](Storage of) {
     return arguments.kernels == KernelChoice::kDirect ? Kernels{} : kernels_for(device, of);
   };
-  FuserOptions options{.storage = storage,
-                       .max_memory_bytes = arguments.max_memory_mib << 20,
-                       .kernels = kernels(storage),
-                       .threshold = arguments.threshold,
-                       .phase = files.phase,
-                       .exposure = arguments.input_exposure,
-                       .keep_activations = !arguments.dump.empty(),
-                       .profile = arguments.profile};
+  FuserOptions options{
+      .storage = storage,
+      .max_memory_bytes = arguments.max_memory_mib << 20,
+      .kernels = kernels(storage),
+      .threshold = arguments.dump.empty() ? threshold : 0,  // what is not computed cannot be shown
+      .phase = files.phase,
+      .exposure = arguments.input_exposure,
+      .keep_activations = !arguments.dump.empty(),
+      .profile = arguments.profile};
   const bool redo = arguments.precision == Precision::kAuto || arguments.overflow == Overflow::kRedo;
   if (redo && storage == Storage::kFloat16) options.fp32_kernels = kernels(Storage::kFloat32);
   return options;
@@ -66,7 +83,8 @@ FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& file
 
 FuseResult run_frame(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images,
                      const Device& device, Console& console, StagedFiles& staged) {
-  const FuserOptions options = fuser_options(arguments, files, device);
+  const FuserOptions options =
+      fuser_options(arguments, files, device, find_threshold(arguments, files, images));
   FuseResult result;
   result.storage = options.storage;
   console.note(fmt::format("fusing {} x {} with {} on {} ({})", images.hrls.width, images.hrls.height,

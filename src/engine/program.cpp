@@ -11,13 +11,6 @@
 namespace raymeld {
 namespace {
 
-// A watchdog fires after about two seconds; these keep one dispatch near a tenth of one on slow devices of
-// their kind (measured or typical: a few GFLOP/s on CPU drivers, tens on old integrated GPUs).
-WorkLimits limits_for(const DeviceInfo& info) {
-  const double dispatch_work = info.is_cpu ? 1e8 : info.type == "discrete GPU" ? 4e10 : 4e9;
-  return {dispatch_work, 8 * dispatch_work};
-}
-
 // From one set's exposure to the next: the largest alignment that Vulkan lets a device ask of a binding's
 // offset.
 constexpr uint64_t kExposureStrideBytes = 256;
@@ -67,6 +60,13 @@ void copy_now(const Device& device, VkBuffer from, VkBuffer to, const VkBufferCo
 
 }  // namespace
 
+// A watchdog fires after about two seconds; these keep one dispatch near a tenth of one on slow devices of
+// their kind (measured or typical: a few GFLOP/s on CPU drivers, tens on old integrated GPUs).
+WorkLimits limits_for(const DeviceInfo& info) {
+  const double dispatch_work = info.is_cpu ? 1e8 : info.type == "discrete GPU" ? 4e10 : 4e9;
+  return {dispatch_work, 8 * dispatch_work};
+}
+
 Program::Program(const Device& device, const Graph& graph, PipelineCache& cache, uint32_t sets,
                  const std::optional<WorkLimits>& limits)
     : device_(device), graph_(graph), limits_(limits.value_or(limits_for(device.info()))) {
@@ -112,24 +112,32 @@ Program::Program(const Device& device, const Graph& graph, PipelineCache& cache,
 
 uint32_t* Program::words() const { return static_cast<uint32_t*>(status_.mapped()) + sizeof(Status) / 4; }
 
-// Cuts passes into dispatches, and writes what schedule.comp reads behind the status.
-void Program::prepare_sparse() {
-  const SparseGrid& grid = *graph_.sparse();
-  uint32_t dispatches = 0;
-  for (const Pass& pass : graph_.passes()) {
-    first_row_.push_back(dispatches);
-    std::vector<SparseDispatch>& own = sparse_.emplace_back();
+std::vector<std::vector<Program::SparseDispatch>> Program::cut(const Graph& graph, const WorkLimits& limits) {
+  std::vector<std::vector<SparseDispatch>> all;
+  for (const Pass& pass : graph.passes()) {
+    std::vector<SparseDispatch>& own = all.emplace_back();
     if (!pass.items) continue;
     const Items& items = *pass.items;
-    const uint32_t all = grid.blocks() * items.of_block();
-    const uint32_t most = std::min(items.most, all - std::min(all, items.first));
+    const uint32_t count = graph.sparse()->blocks() * items.of_block();
+    const uint32_t most = std::min(items.most, count - std::min(count, items.first));
     // Passes hand each other the values of a band: it is one dispatch.
     const bool banded = items.most != UINT32_MAX;
-    const double pieces = banded ? 1 : std::max(1.0, std::ceil(pass.work() / limits_.dispatch_work));
+    const double pieces = banded ? 1 : std::max(1.0, std::ceil(pass.work() / limits.dispatch_work));
     const uint32_t step =
         divide_up(static_cast<uint32_t>(std::ceil(most / pieces)), items.local) * items.local;
     for (uint32_t first = 0; first < most; first += step)
       own.push_back({items.first + first, std::min(step, most - first)});
+  }
+  return all;
+}
+
+// Writes what schedule.comp reads behind the status.
+void Program::prepare_sparse() {
+  const SparseGrid& grid = *graph_.sparse();
+  sparse_ = cut(graph_, limits_);
+  uint32_t dispatches = 0;
+  for (const auto& own : sparse_) {
+    first_row_.push_back(dispatches);
     dispatches += static_cast<uint32_t>(own.size());
   }
   const SparseLayout layout(grid, graph_.most_radius(), dispatches);
@@ -498,6 +506,12 @@ uint64_t Program::allocated_bytes() const {
   return constants_.size_bytes() + activations_.size_bytes() + status_.size_bytes() + exposures_.size_bytes();
 }
 
-uint64_t Program::host_bytes(uint32_t sets) { return sizeof(Status) + sets * kExposureStrideBytes; }
+uint64_t Program::host_bytes(uint32_t sets, const Graph& graph, const WorkLimits& limits) {
+  const uint64_t bytes = sizeof(Status) + sets * kExposureStrideBytes;
+  if (!graph.sparse()) return bytes;
+  size_t dispatches = 0;
+  for (const auto& own : cut(graph, limits)) dispatches += own.size();
+  return bytes + uint64_t{4} * SparseLayout(*graph.sparse(), graph.most_radius(), uint32_t(dispatches)).end;
+}
 
 }  // namespace raymeld

@@ -26,6 +26,9 @@ struct WorkLimits {
   double submit_work;
 };
 
+// What suits a device's kind.
+WorkLimits limits_for(const DeviceInfo& device);
+
 class Program {
  public:
   // Allocates the constants, the activations and the status, packs and uploads the constants, compiles the
@@ -72,7 +75,7 @@ class Program {
 
   uint64_t allocated_bytes() const;
   // What a Program takes beside its graph's constants and activations.
-  static uint64_t host_bytes(uint32_t sets);
+  static uint64_t host_bytes(uint32_t sets, const Graph& graph, const WorkLimits& limits);
 
  private:
   void create_kernels(PipelineCache& cache);
@@ -98,10 +101,11 @@ class Program {
   std::vector<std::vector<std::array<uint32_t, 4>>>
       views_;  // [set][pass]: offset and strides of the frame image
   WorkLimits limits_;
-  // Of a sparse graph: one dispatch of a pass, which are as many as limits ask for.
+  // Of a sparse graph: the dispatches of its passes, which are as many as limits ask for.
   struct SparseDispatch {
     uint32_t first, most;  // items
   };
+  static std::vector<std::vector<SparseDispatch>> cut(const Graph& graph, const WorkLimits& limits);
   std::vector<std::vector<SparseDispatch>> sparse_;  // [pass]
   std::vector<uint32_t> first_row_;                  // [pass], in the table that schedule.comp reads
 };
