@@ -18,7 +18,11 @@ layout(constant_id = 3) const uint kRelu = 0;
 layout(constant_id = 4) const uint kResiduals = 0;
 layout(constant_id = 5) const uint kBehind = 0;  // channels from p.channels_front on are those of a second input
 
-layout(push_constant) uniform Push { Conv2d p; };
+layout(push_constant) uniform Push {
+  Conv2d p;
+  Place place;
+};
+#include "place.glsl"
 layout(std430, binding = 1) readonly buffer Weights { STORAGE4 weights[]; };
 layout(std430, binding = 2) readonly buffer Bias { vec4 bias[]; };
 layout(std430, binding = 3) readonly buffer Input { STORAGE in_data[]; };
@@ -52,8 +56,8 @@ void store(uint o, uint y, uint x, float value) {
 }
 
 void main() {
-  uint x = gl_GlobalInvocationID.x;
-  uint y0 = gl_GlobalInvocationID.y * kRows;
+  uvec2 column = item();
+  uint x = column.x, y0 = column.y * kRows;
   uint block = gl_GlobalInvocationID.z;
   if (x >= p.width || y0 >= p.height) return;
 

@@ -18,6 +18,13 @@ struct FrameView {
   uint channel_stride;
 };
 
+// Of a sparse graph: the first item of a dispatch, and where its list of blocks begins. See place.glsl.
+// Of pointwise.comp in a dense graph: the first pixel of a band, and the number of all pixels.
+struct Place {
+  uint first;
+  uint list;
+};
+
 struct Conv2d {
   uint height;
   uint width;
@@ -41,8 +48,6 @@ struct Conv2dMatrix {
 // One part of a 1x1 convolution, of a band of pixels.
 struct Pointwise {
   uint plane;
-  uint pixels;
-  uint first_pixel;
   uint channels_in;
   uint first_channel;  // of the part, whose first one is bound
   uint channels_out;
@@ -183,6 +188,23 @@ struct Decode {
 #define RAYMELD_BRIGHTNESS_WIDTH 0.0667
 #define RAYMELD_FIREFLY 20.0
 #define RAYMELD_FIREFLY_FLOOR 1e-3
+
+// What a sparse graph keeps behind the status, in words of 32 bits. A block is a square of as many LRHS pixels; its distance is
+// the number of blocks to the nearest one that is needed, by the larger of both coordinates. List r has the blocks of distance
+// r or less, x in the lower and y in the upper half of a word, and RAYMELD_SPARSE_PADDING blocks outside of the image. A table
+// has RAYMELD_SPARSE_COLUMNS words for each dispatch, of which its workgroups are made.
+#define RAYMELD_SPARSE_SIDE 8
+#define RAYMELD_SPARSE_WIDTH 0       // of LRHS, in pixels
+#define RAYMELD_SPARSE_HEIGHT 1
+#define RAYMELD_SPARSE_LISTS 2       // their number
+#define RAYMELD_SPARSE_TABLE 3       // where it begins
+#define RAYMELD_SPARSE_DISPATCHES 4  // its rows
+#define RAYMELD_SPARSE_GROUPS 5      // where the workgroups of dispatches begin, three words each
+#define RAYMELD_SPARSE_THRESHOLD 6   // a float: see classify.comp
+#define RAYMELD_SPARSE_COUNTS 8      // of the blocks of each list, without padding
+#define RAYMELD_SPARSE_DISTANCES 64  // of each block
+#define RAYMELD_SPARSE_PADDING 64
+#define RAYMELD_SPARSE_COLUMNS 7     // list, items of a block, first item, most items, items of a workgroup, y, z
 
 // The width of a workgroup's pixels in conv2d_matrix.comp.
 #define RAYMELD_MATRIX_COLUMNS 32

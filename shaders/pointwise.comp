@@ -28,12 +28,14 @@ layout(push_constant) uniform Push {
   Values target;
   Values residual0, residual1, residual2;
   Pointwise p;
+  Place place;
 };
 #else
 layout(push_constant) uniform Push {
   Floats weights;
   Floats bias;
   Pointwise p;
+  Place place;
 };
 layout(std430, binding = 1) readonly buffer Source { STORAGE v[]; } source;
 layout(std430, binding = 2) buffer Sums { float v[]; } sums;
@@ -43,6 +45,7 @@ layout(std430, binding = 4) readonly buffer Residual0 { STORAGE v[]; } residual0
 layout(std430, binding = 5) readonly buffer Residual1 { STORAGE v[]; } residual1;
 layout(std430, binding = 6) readonly buffer Residual2 { STORAGE v[]; } residual2;
 #endif
+#include "place.glsl"
 #include "uniform.glsl"
 
 void store(uint at, float value, bool inside) {
@@ -50,13 +53,20 @@ void store(uint at, float value, bool inside) {
   if (kResiduals > 0) value += float(residual0.v[at]);
   if (kResiduals > 1) value += float(residual1.v[at]);
   if (kResiduals > 2) value += float(residual2.v[at]);
-  target.v[at] = STORAGE(storable(inside ? value : 0.0));
+  // A plane's padding takes what lies beyond the last pixel.
+  if (kItemColumns == 0 || inside) target.v[at] = STORAGE(storable(inside ? value : 0.0));
 }
 
 void main() {
   uint block = uniform_number(gl_WorkGroupID.y), in_band = gl_GlobalInvocationID.x;
-  // A plane's padding takes what lies beyond the last pixel.
-  uint pixel = p.first_pixel + in_band, sum_at = (in_band / kLanes * p.blocks + block) * kOutputs * kLanes + in_band % kLanes;
+  uint pixel = place.first + in_band;
+  bool inside = pixel < place.list;
+  if (kItemColumns != 0) {
+    uvec2 at = item(), size = sparse_size();
+    inside = all(lessThan(at, size));
+    pixel = inside ? at.y * size.x + at.x : 0;
+  }
+  uint sum_at = (in_band / kLanes * p.blocks + block) * kOutputs * kLanes + in_band % kLanes;
   Floats w = Floats(uint64_t(weights) + 4ul * ((block * p.channels_in + p.first_channel) * kOutputs));
   Floats b = Floats(uint64_t(bias) + 4ul * (block * kOutputs));
 #ifdef DATA_BY_ADDRESS
@@ -84,7 +94,7 @@ void main() {
   } else {
     uint to = block * kOutputs * p.plane + pixel;
     [[unroll]] for (uint o = 0; o < kOutputs; ++o) {
-      if (block * kOutputs + o < p.channels_out) store(to + o * p.plane, sum[o], pixel < p.pixels);
+      if (block * kOutputs + o < p.channels_out) store(to + o * p.plane, sum[o], inside);
     }
   }
 }

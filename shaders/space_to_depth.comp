@@ -7,12 +7,16 @@
 
 layout(local_size_x = 64, local_size_y = 2) in;
 layout(constant_id = 0) const uint r = 2;
-layout(push_constant) uniform Push { Shuffle p; };
+layout(push_constant) uniform Push {
+  Shuffle p;
+  Place place;
+};
+#include "place.glsl"
 layout(std430, binding = 1) readonly buffer Input { STORAGE in_data[]; };
 layout(std430, binding = 2) writeonly buffer Output { STORAGE out_data[]; };
 
 void main() {
-  uvec3 id = gl_GlobalInvocationID;
+  uvec3 id = uvec3(item(), gl_GlobalInvocationID.z);
   if (id.x >= p.width || id.y >= p.height) return;
   uint c = id.z / (r * r), dy = id.z / r % r, dx = id.z % r;
   out_data[address(id.z, id.y, id.x, p.plane, p.width)] =

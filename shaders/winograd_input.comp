@@ -16,12 +16,17 @@ layout(push_constant) uniform Push {
   Values source;
   Pairs transformed;
   WinogradInput p;
+  Place place;
 };
 #else
-layout(push_constant) uniform Push { WinogradInput p; };
+layout(push_constant) uniform Push {
+  WinogradInput p;
+  Place place;
+};
 layout(std430, binding = 1) readonly buffer Source { STORAGE v[]; } source;
 layout(std430, binding = 2) writeonly buffer Transformed { float v[]; } transformed;
 #endif
+#include "tile_pair.glsl"
 
 float load(uint c, uint y, uint x) {
   bool inside = y < p.height && x < p.width;
@@ -74,9 +79,9 @@ void transform(inout vec2 d[kMostSide]) {
 
 void main() {
   uint tile = 2 * gl_GlobalInvocationID.x, channel = gl_GlobalInvocationID.z;
+  uvec2 corner = pair_corner(p.first_tile_row, p.tiles_x);
   // Above and left of the image, unsigned numbers wrap around to far outside of it.
-  uint y0 = (p.first_tile_row + tile / p.tiles_x) * kTile - kKernel / 2;
-  uint x0 = tile % p.tiles_x * kTile - kKernel / 2;
+  uint y0 = corner.y - kKernel / 2, x0 = corner.x - kKernel / 2;
   float columns[kMostSide][2 * kMostSide];  // of both tiles, [row][column]
   vec2 even[kMostSide];                     // x0 is odd: the pair of columns that holds x0 + x
   [[unroll]] for (uint y = 0; y < kSide; ++y) even[y] = kPairs != 0 ? load_pair(channel, y0 + y, x0 - 1) : vec2(0.0);

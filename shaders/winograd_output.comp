@@ -20,9 +20,13 @@ layout(push_constant) uniform Push {
   Values target;
   Values residual0, residual1, residual2;
   WinogradOutput p;
+  Place place;
 };
 #else
-layout(push_constant) uniform Push { WinogradOutput p; };
+layout(push_constant) uniform Push {
+  WinogradOutput p;
+  Place place;
+};
 layout(std430, binding = 1) readonly buffer Products { float v[]; } products;
 layout(std430, binding = 2) readonly buffer Bias { float v[]; } bias;
 layout(std430, binding = 3) writeonly buffer Target { STORAGE v[]; } target;
@@ -31,6 +35,7 @@ layout(std430, binding = 4) readonly buffer Residual0 { STORAGE v[]; } residual0
 layout(std430, binding = 5) readonly buffer Residual1 { STORAGE v[]; } residual1;
 layout(std430, binding = 6) readonly buffer Residual2 { STORAGE v[]; } residual2;
 #endif
+#include "tile_pair.glsl"
 
 vec2 load(uint at) {
 #ifdef DATA_BY_ADDRESS
@@ -92,7 +97,8 @@ void main() {
     transform(m);
     [[unroll]] for (uint y = 0; y < kTile; ++y) rows[y][x] = m[y];
   }
-  uint y0 = (p.first_tile_row + tile / p.tiles_x) * kTile, x0 = tile % p.tiles_x * kTile;
+  uvec2 corner = pair_corner(p.first_tile_row, p.tiles_x);
+  uint y0 = corner.y, x0 = corner.x;
   float b = bias.v[o];
   [[unroll]] for (uint y = 0; y < kTile; ++y) {
     vec2 m[kMostSide];

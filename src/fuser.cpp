@@ -60,6 +60,8 @@ Fuser::Fuser(const Device& device, const Model& model, uint32_t height, uint32_t
     throw Error("device {} has no timestamps to profile with", device.info().name);
   }
   if (options.exposure != 0) check_exposure(options.exposure);
+  if (!(options.threshold >= 0 && options.threshold <= 1))
+    throw Error("a threshold of {}, expected one from 0 to 1", options.threshold);
   within_memory([&] { made_program(); });
   cache_.save();
 }
@@ -83,7 +85,10 @@ void Fuser::take_smaller_tiles(const OutOfMemory& refused) try {
 }
 
 Program& Fuser::made_program() {
-  if (!program_) program_.emplace(device_, plan_.graph, cache_, kFramesInFlight + 1, options_.work_limits);
+  if (!program_) {
+    program_.emplace(device_, plan_.graph, cache_, kFramesInFlight + 1, options_.work_limits);
+    program_->set_threshold(options_.threshold);
+  }
   return *program_;
 }
 
@@ -210,6 +215,7 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
   report.exposure = exposure;
   program_->set_exposure(kHostSet, exposure);
   const double count = plan_.tiling.count();
+  double needed = 0, work = 0;
   for (uint32_t index = 0; index < plan_.tiling.count(); ++index) {
     const Tile at = plan_.tiling.at(index);
     upload(lrhs, hrls, at);
@@ -217,6 +223,8 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
     program_->reset_status();
     run_tile(of_frame, report);
     const Status status = program_->status();
+    needed += program_->needed_share();
+    work += program_->work_share();
     if (options_.profile) add_pass_times(report);
     last_redone_ = false;
     if (options_.fp32_kernels && (status.saturated > 0 || status.not_finite > 0)) {
@@ -229,6 +237,8 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
     report.status.saturated += status.saturated;
     report.status.not_finite += status.not_finite;
   }
+  report.settled_share = 1 - needed / count;
+  report.work_share = work / count;
   return report;
 }
 

@@ -22,9 +22,12 @@ struct PassTime {
 };
 
 struct FuseReport {
-  float exposure = 1;         // what radiance was multiplied by for the network
-  double device_ms = 0;       // from the first submit of a tile to its end, summed over the tiles
-  Status status;              // of what the image was made of
+  float exposure = 1;    // what radiance was multiplied by for the network
+  double device_ms = 0;  // from the first submit of a tile to its end, summed over the tiles
+  Status status;         // of what the image was made of
+  // With FuserOptions::threshold: the share of the frame that was not computed by the network, and of the
+  // work that was done all the same, with what the rest reads around itself.
+  double settled_share = 0, work_share = 1;
   uint32_t redone_tiles = 0;  // computed again in 32 bits; see FuserOptions::fp32_kernels
   // With FuserOptions::profile, each in the order of the first pass.
   std::vector<PassTime> layers;

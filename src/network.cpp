@@ -34,6 +34,8 @@ struct Builder {
                       out.shape.channels * s * s, options.kernel};
     const ConvWeights weights = model.conv(name, shape.channels_out, shape.channels_in, shape.kernel, bias);
     options.how = choose(shape);
+    // conv2d_matrix.comp knows no blocks.
+    if (graph.sparse()) options.how.matrix.reset();
     if (options.how.tile == 4 && !tile_4_is_accurate(a, weights, shape.channels_in)) {
       shape.most_tile = 2;
       options.how = choose(shape);
@@ -167,6 +169,8 @@ void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
   encode(graph, "encode.hrls", FrameSlot::kHrls, hrls.slice(0, layers), hrls_kinds, a.transfer, a.clip);
   const Tensor bright = build.tensor("highlights", height, width, 3);
   highlights(graph, "highlights", bright, a.clip);
+  const Tensor color = hrls.slice(0, 3), low_color = lrhs.slice(0, 3);
+  if (graph.sparse()) classify(graph, "classify", color, low_color, phase);
   if (joint) build.joint_candidates(lrhs, hrls, filtered, joint_options);
 
   const Tensor f_hrls = build.hrls_encoder(hrls);
@@ -182,12 +186,14 @@ void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
   const Tensor fused = build.reconstruct(links, full, a.hrls_guide ? std::optional(hrls) : std::nullopt);
   conv2d_chain(graph, links);
   if (!joint) {
+    if (graph.sparse()) settle(graph, "settle", color, low_color, phase, a.base == Base::kBilinear, fused);
     const Tensor* base = a.base == Base::kBilinear ? &lrhs : nullptr;
     return decode(graph, "decode", fused, {a.transfer, base, a.scale, phase, &bright, a.clip});
   }
   const Tensor mixed = build.tensor("mix", full_height, full_width, 3);
   const Tensor albedo = hrls.slice(a.first_channel("albedo"), 3);
   mix(graph, "mix", fused, lrhs, albedo, filtered, mixed, joint_options);
+  if (graph.sparse()) settle(graph, "settle", color, low_color, phase, false, mixed);
   decode(graph, "decode", mixed, {a.transfer, nullptr, a.scale, phase, &bright, a.clip});
 }
 

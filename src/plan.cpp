@@ -11,13 +11,16 @@ namespace raymeld {
 namespace {
 
 // Of a frame of one tile.
-FusePlan describe(const Model& model, TileSize tile, const FuserOptions& options,
+FusePlan describe(const Model& model, TileSize tile, const DeviceInfo& device, const FuserOptions& options,
                   const StorageExponents& exponents) {
-  Graph graph(options.storage, options.kernels.addressed, options.keep_activations);
+  std::optional<SparseGrid> sparse;
+  if (options.threshold > 0) sparse = {tile.height, tile.width};
+  Graph graph(options.storage, options.kernels.addressed, options.keep_activations, sparse);
   network(graph, model, tile.height, tile.width, options.phase, options.kernels.conv2d, exponents);
   graph.plan();
   FusePlan plan{.tiling = make_tiling(tile, 1, 1, 0), .graph = std::move(graph)};
-  plan.frame_bytes = Program::host_bytes(Fusion::kFramesInFlight + 1);
+  plan.frame_bytes = Program::host_bytes(Fusion::kFramesInFlight + 1, plan.graph,
+                                         options.work_limits.value_or(limits_for(device)));
   for (const Shape& shape : frame_shapes(model, tile)) plan.frame_bytes += frame_bytes(shape);
   for (const Pass& pass : plan.graph.passes()) plan.flop += pass.flop;
   return plan;
@@ -129,7 +132,7 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
   std::optional<FusePlan> plan;  // of the tile tried last
   std::optional<std::string> reason;
   const auto fits = [&](TileSize tile) {
-    plan = describe(model, tile, options, exponents);
+    plan = describe(model, tile, device, options, exponents);
     reason = obstacle(*plan, model, device, most_bytes);
     if (!reason && options.fp32_kernels) reason = wide_obstacle(*plan, model, device, options);
     // Every layer's output stays readable in a frame of one tile only.

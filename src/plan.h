@@ -31,6 +31,9 @@ struct FuserOptions {
   // With 16-bit storage: tiles of fuse() with values that it cannot hold are computed again in 32 bits, by
   // these kernels. Half of the memory is kept for that.
   std::optional<Kernels> fp32_kernels = {};
+  // Blocks of 8 x 8 LRHS pixels are not computed by the network where HRLS and LRHS agree to within this,
+  // encoded, but get the mean of both: see classify() and settle() in layers.h. 0: all are computed.
+  float threshold = 0;
   float phase = 0;     // see lrhs_phase()
   float exposure = 0;  // of fuse(): see exposure.h; 0: what the model's exposure_key asks for
   // Keeps every layer's output readable after a frame; needs the memory of all and a frame of one tile.

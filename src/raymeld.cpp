@@ -14,6 +14,7 @@ FuserOptions fuser_options(const FusionOptions& options, const Device& device, c
                             ? model.architecture().lrhs_centered
                             : options.lrhs_sampling == LrhsSampling::kCentered;
   result.exposure = options.exposure;
+  result.threshold = options.adaptive_threshold;
   const auto kernels = [&](Storage storage) {
     return options.kernels == KernelChoice::kAuto ? kernels_for(device, storage) : Kernels{};
   };
@@ -24,8 +25,8 @@ FuserOptions fuser_options(const FusionOptions& options, const Device& device, c
   return result;
 }
 
-FusionStatus to_public(const Status& status, uint32_t redone_tiles) {
-  return {status.saturated, status.not_finite, redone_tiles};
+FusionStatus to_public(const Status& status, double settled_share, uint32_t redone_tiles) {
+  return {status.saturated, status.not_finite, static_cast<float>(settled_share), redone_tiles};
 }
 
 }  // namespace
@@ -77,14 +78,15 @@ float Fusion::exposure(const float* lrhs) const { return state_->fuser.exposure(
 
 FusionStatus Fusion::fuse(const float* lrhs, const float* hrls, float* fused) {
   const FuseReport report = state_->fuser.fuse(lrhs, hrls, fused);
-  const FusionStatus status = to_public(report.status, report.redone_tiles);
+  const FusionStatus status = to_public(report.status, report.settled_share, report.redone_tiles);
   state_->fuser.program().reset_status();
   return status;
 }
 
 FusionStatus Fusion::take_status() {
-  const FusionStatus status = to_public(state_->fuser.program().status(), 0);
-  state_->fuser.program().reset_status();
+  Program& program = state_->fuser.program();
+  const FusionStatus status = to_public(program.status(), 1 - program.needed_share(), 0);
+  program.reset_status();
   return status;
 }
 

@@ -217,6 +217,34 @@ TEST_F(Cli, TilesGiveTheSameBits) {
   EXPECT_EQ(read("out.exr").data, whole.data);
 }
 
+// Two thirds of a frame are one color; by itself the program leaves them to no network.
+TEST_F(Cli, WhatAgreesIsNotComputed) {
+  Image high = random_image(kLayeredNames, 192, 64, 5);
+  for (int c = 0; c < 3; ++c)
+    for (int y = 0; y < 64; ++y) std::fill_n(&high.at(c, y, 0), 128, 0.5f);
+  write_image(folder_ / "high.exr", kLayeredNames, high);
+  write_image(folder_ / "low.exr", kColorNames, crop(degrade_nearest(high, 4), 0, 0, 48, 16));
+  const auto fused = [&](std::vector<std::string> options) {
+    options.insert(options.end(), {"--json", "--output-type", "float", "--kernels", "direct"});
+    const Json report = run_json(fuse(options));
+    return std::pair(report, read("out.exr"));
+  };
+  const auto [off, dense] = fused({"--adaptive", "off"});
+  const auto [automatic, sparse] = fused({});
+  EXPECT_EQ(off.at("settled_share"), 0);
+  EXPECT_EQ(automatic.at("settled_share"), 0.5);
+  EXPECT_LT(automatic.at("work_share").get<double>(), 1);
+  EXPECT_NEAR(sparse.at(1, 30, 20), 0.5, 1e-3);
+  EXPECT_EQ(crop(sparse, 140, 0, 52, 64).data, crop(dense, 140, 0, 52, 64).data);
+  EXPECT_EQ(fused({"--adaptive", "1e-6", "--dump", (folder_ / "dump").string()}).first.at("settled_share"),
+            0);
+  for (const char* wrong : {"-1", "2", "0", "sometimes"}) {
+    const ProcessResult result = run(fuse({"--adaptive", wrong}));
+    EXPECT_NE(result.exit_status, 0);
+    EXPECT_NE(result.err.find("expected auto, off or a number"), std::string::npos) << result.err;
+  }
+}
+
 TEST_F(Cli, HalfPrecisionIsSaidAndUsed) {
   const bool has_it = run_json({"devices", "--json"}).at("devices").at(0).at("storage_16bit");
   const ProcessResult result = run(fuse({"--json", "--precision", "fp16", "--device", "0"}));

@@ -24,6 +24,8 @@ class FusionTest : public testing::Test {
   Subject subject_ = make_subject(small_architecture(4), 5, 6, 3);
 };
 
+using reference::Planes;
+
 struct Fused {
   std::vector<float> values;
   FusionStatus status;
@@ -57,6 +59,16 @@ TEST_F(FusionTest, LayersThatMayBeZeroAndTheExposureAreTold) {
   const std::vector<float> grey(3 * 5 * 6, 0.4f);
   EXPECT_FLOAT_EQ(fusion.exposure(grey.data()), 0.5f);
   EXPECT_EQ(Fusion(file.string(), 5, 6, {.exposure = 3}).exposure(grey.data()), 3);
+}
+
+TEST_F(FusionTest, WhatAgreesNeedsNoNetwork) {
+  for (Planes* image : {&subject_.lrhs, &subject_.hrls}) std::ranges::fill(image->data, 0.25);
+  Fusion fusion(model_of(subject_), 5, 6, {.precision = Precision::kFp32, .adaptive_threshold = 0.01f});
+  const Fused fused = fuse(fusion, subject_);
+  EXPECT_EQ(fused.status.settled_share, 1);
+  EXPECT_EQ(fusion.take_status().settled_share, 1);
+  for (const float value : fused.values) EXPECT_NEAR(value, 0.25, 1e-6);
+  EXPECT_ERROR(Fusion(model_of(subject_), 5, 6, {.adaptive_threshold = -1}), "a threshold of -1");
 }
 
 TEST_F(FusionTest, SaturationIsToldOnce) {

@@ -31,6 +31,7 @@ struct FusionStatus {
   uint32_t saturated =
       0;  // with fp16: values within the network beyond 16 bits, stored as the largest; use fp32
   uint32_t not_finite = 0;    // output values that were NaN or infinite, written as 0
+  float settled_share = 0;    // of the last frame: FusionOptions::adaptive_threshold
   uint32_t redone_tiles = 0;  // of fuse() with kAuto: which fp16 could not hold, computed again in fp32
 };
 
@@ -49,6 +50,11 @@ struct FusionOptions {
   // What fuse() multiplies radiance by for the network, from 2^-24 to 2^24, and divides its output by; 0:
   // what suits the model, see Fusion::exposure().
   float exposure = 0;
+  // Blocks of 8 x 8 LRHS pixels in which HRLS and upsampled LRHS agree to within this, on the network's
+  // scale, where 0.01 is about a step of an 8-bit display, are not computed by the network but get the mean
+  // of both; what is computed has the same bits. Found on the device, by record() as well. 0: everything is
+  // computed, which takes less memory.
+  float adaptive_threshold = 0;
   std::string device = {};  // index, UUID or part of the name; empty: the first GPU, else a CPU driver
 };
 

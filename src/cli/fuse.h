@@ -28,6 +28,7 @@ struct FuseArguments {
   std::string sampling = "auto", output_type = "auto";
   std::vector<std::string> map, lrhs_map;
   float exposure_stops = 0;
+  std::optional<float> threshold = {};  // of --adaptive; 0: off, none: as the frame suggests
   float input_exposure = 0;  // 0: what the model asks for
   uint64_t max_memory_mib = 0;
   bool keep_layers = false, profile = false, dry_run = false, json = false, quiet = false;
@@ -100,7 +101,11 @@ std::unique_ptr<FuseFrame> open_frame(const FuseArguments& arguments, Console co
 // Throws Error.
 void load_frame(FuseFrame& frame);
 
-FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device);
+// What --adaptive asks for: without a word, the default where enough of the frame is settled, else 0.
+float find_threshold(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images);
+
+FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device,
+                           float threshold);
 
 const char* precision_name(Storage storage);
 

@@ -1,5 +1,7 @@
 #include "cli/fuse.h"
 #include "cli/interrupt.h"
+#include "exposure.h"
+#include "settled.h"
 #include "tuner.h"
 
 namespace raymeld::cli {
@@ -46,7 +48,22 @@ void report_overflow(const FuseArguments& arguments, const FuseReport& report, u
 
 const char* precision_name(Storage storage) { return storage == Storage::kFloat16 ? "fp16" : "fp32"; }
 
-FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device) {
+float find_threshold(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images) {
+  if (!arguments.dump.empty()) return 0;  // what is not computed cannot be shown
+  if (arguments.threshold) return *arguments.threshold;
+  const Architecture& a = files.model->architecture();
+  const TileSize frame{uint32_t(images.lrhs.height), uint32_t(images.lrhs.width)};
+  const float* lrhs = images.lrhs.data.data();
+  const float exposure = arguments.input_exposure != 0
+                             ? arguments.input_exposure
+                             : exposure_of(lrhs, images.lrhs.plane_size(), a.exposure_key);
+  const double share =
+      settled_share(a, lrhs, images.hrls.data.data(), frame, files.phase, exposure, kDefaultThreshold);
+  return share >= kLeastSettledShare ? kDefaultThreshold : 0;
+}
+
+FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device,
+                           float threshold) {
   const Storage storage = storage_for(arguments.precision, device.info(), *files.model);
   const auto kernels = [&](Storage of) {
     return arguments.kernels == KernelChoice::kDirect ? Kernels{} : kernels_for(device, of);
@@ -54,6 +71,7 @@ FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& file
   FuserOptions options{.storage = storage,
                        .max_memory_bytes = arguments.max_memory_mib << 20,
                        .kernels = kernels(storage),
+                       .threshold = threshold,
                        .phase = files.phase,
                        .exposure = arguments.input_exposure,
                        .keep_activations = !arguments.dump.empty(),
@@ -66,6 +84,7 @@ FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& file
 struct FrameFuser::Made {
   std::shared_ptr<const Model> model;
   float phase;
+  float threshold;
   uint32_t height, width;  // of LRHS
   Storage storage;
   Fuser fuser;
@@ -73,14 +92,15 @@ struct FrameFuser::Made {
   Made(const Device& device, const FuseFrame& frame, const FuserOptions& options)
       : model(frame.files.model),
         phase(options.phase),
+        threshold(options.threshold),
         height(uint32_t(frame.images.lrhs.height)),
         width(uint32_t(frame.images.lrhs.width)),
         storage(options.storage),
         fuser(device, *model, height, width, options) {}
 
-  bool suits(const FuseFrame& frame) const {
+  bool suits(const FuseFrame& frame, float wanted_threshold) const {
     const Image& lrhs = frame.images.lrhs;
-    return model == frame.files.model && phase == frame.files.phase && height == uint32_t(lrhs.height) &&
+    return model == frame.files.model && phase == frame.files.phase && threshold == wanted_threshold && height == uint32_t(lrhs.height) &&
            width == uint32_t(lrhs.width);
   }
 };
@@ -90,9 +110,10 @@ FrameFuser::FrameFuser(const Device& device) : device_(device) {}
 FrameFuser::~FrameFuser() = default;
 
 FrameFuser::Made& FrameFuser::made_for(const FuseFrame& frame) {
-  if (made_ && made_->suits(frame)) return *made_;
+  const float threshold = find_threshold(frame.arguments, frame.files, frame.images);
+  if (made_ && made_->suits(frame, threshold)) return *made_;
   made_.reset();  // its memory is the next one's
-  const FuserOptions options = fuser_options(frame.arguments, frame.files, device_);
+  const FuserOptions options = fuser_options(frame.arguments, frame.files, device_, threshold);
   const Image& hrls = frame.images.hrls;
   frame.console.note(fmt::format("fusing {} x {} with {} on {} ({})", hrls.width, hrls.height,
                                  frame.files.model->name(), device_.info().name,

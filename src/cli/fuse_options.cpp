@@ -37,6 +37,16 @@ CLI::Option* add_parsed(CLI::App& command, const std::string& name, Value& value
   return command.add_option_function<std::string>(name, read, description);
 }
 
+// None for "auto", 0 for "off". Throws CLI::ValidationError.
+std::optional<float> parse_threshold(const std::string& text) {
+  if (text == "auto") return std::nullopt;
+  if (text == "off") return 0;
+  char* end = nullptr;
+  const float threshold = std::strtof(text.c_str(), &end);
+  if (*end == '\0' && threshold > 0 && threshold <= 1) return threshold;
+  throw CLI::ValidationError("--adaptive", fmt::format("'{}': expected auto, off or a number up to 1", text));
+}
+
 void add_files(CLI::App& command, FuseArguments& a) {
   command.add_option("--lrhs", a.lrhs, "The small, many-sample render: OpenEXR with colour")->required();
   command.add_option("--hrls", a.hrls, "The full-size, few-sample render: OpenEXR with the model's layers")
@@ -110,6 +120,13 @@ void add_run(CLI::App& command, FuseArguments& a) {
   command.add_option("--max-memory", a.max_memory_mib, "Of the device, in MiB; larger frames are tiled")
       ->type_name("MB")
       ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40));
+  add_parsed(
+      command, "--adaptive", a.threshold, parse_threshold,
+      "Blocks of 8x8 LRHS pixels in which LRHS and HRLS agree, as empty ones do, take their mean instead of the "
+      "network: to within a threshold on the network's scale, where 0.01 is about a step of an 8-bit display; off; or "
+      "auto: 0.01 where it pays")
+      ->type_name("auto|off|THRESHOLD")
+      ->default_str("auto");
   command.add_flag("--dry-run", a.dry_run, "Shows the layers, the plan and its memory; writes nothing");
 }
 

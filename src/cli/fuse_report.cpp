@@ -115,6 +115,8 @@ Json frame_json(const FuseFrame& frame, const DeviceInfo& device, const QualityT
   const FuseResult& result = frame.result;
   Json json = facts(frame.files, device, result.storage, result.tiling, result.report.exposure);
   json["redone_tiles"] = result.report.redone_tiles;
+  json["settled_share"] = result.report.settled_share;
+  json["work_share"] = result.report.work_share;
   json["device_ms"] = result.report.device_ms;
   json["total_ms"] = total_ms;
   json["peak_bytes"] = result.allocated_bytes;

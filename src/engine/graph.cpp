@@ -23,6 +23,14 @@ bool meets(const std::vector<Range>& ranges, const Range& range) {
 
 }  // namespace
 
+void Pass::set_place(uint32_t first, uint32_t list) {
+  const std::array<uint32_t, 2> place{first, list};
+  if (push_bytes + sizeof(place) > kMaxPushBytes) throw Error("layer {}: too many push constants", name);
+  std::memcpy(push.data() + push_bytes, place.data(), sizeof(place));
+  push_bytes += sizeof(place);
+  placed = true;
+}
+
 const Binding* Pass::frame() const {
   for (const Binding& binding : bindings) {
     if (binding.kind == Binding::Kind::kFrame) return &binding;
@@ -106,17 +114,84 @@ void Graph::add(Pass pass) {
   passes_.push_back(std::move(pass));
 }
 
-void Graph::plan() {
+void Graph::place(const std::function<bool(const TensorRecord&)>& which) {
   std::vector<ArenaRequest> requests;
+  std::vector<TensorRecord*> placed;
   const int last = static_cast<int>(passes_.size()) - 1;
-  for (const TensorRecord& tensor : tensors_) {
+  for (TensorRecord& tensor : tensors_) {
+    if (!which(tensor)) continue;
     const bool shares = !keep_ || tensor.scratch;
     requests.push_back({tensor.size_bytes, shares ? tensor.first_use : 0, shares ? tensor.last_use : last});
+    placed.push_back(&tensor);
   }
   const ArenaPlan plan = plan_arena(requests, kAlignmentBytes);
-  for (size_t i = 0; i < tensors_.size(); ++i) tensors_[i].offset_bytes = plan.offset_bytes[i];
-  activation_bytes_ = plan.size_bytes;
+  for (size_t i = 0; i < placed.size(); ++i)
+    placed[i]->offset_bytes = activation_bytes_ + plan.offset_bytes[i];
+  activation_bytes_ += plan.size_bytes;
+}
+
+void Graph::plan() {
+  activation_bytes_ = 0;
+  if (starts_clear()) {
+    place([](const TensorRecord& tensor) { return tensor.scratch; });
+    place([](const TensorRecord& tensor) { return !tensor.scratch; });
+  } else {
+    place([](const TensorRecord&) { return true; });
+  }
   place_barriers();
+  if (sparse_) find_radii();
+}
+
+// From the last layer to the first: a layer computes what later ones read of it, rounded up to its tiles, and
+// reads what lies around that. In eighths of a pixel of LRHS, as scales are powers of two up to 8.
+void Graph::find_radii() {
+  constexpr uint32_t kUnit = 8;
+  struct Need {
+    Tensor tensor;
+    uint32_t distance;
+  };
+  std::vector<Need> needs;
+  const auto needed = [&](const Tensor& tensor) {
+    uint32_t most = 0;
+    for (const auto& [read, distance] : needs) {
+      const bool meets = read.id == tensor.id &&
+                         read.channel_offset < tensor.channel_offset + tensor.shape.channels &&
+                         tensor.channel_offset < read.channel_offset + read.shape.channels;
+      if (meets) most = std::max(most, distance);
+    }
+    return most;
+  };
+  const std::vector<const Pass*> ordered = layers();
+  std::vector<const Pass*> last_first(ordered.begin(), ordered.end());
+  std::ranges::sort(last_first, std::greater());
+  for (const Pass* last : last_first) {
+    uint32_t distance = 0;
+    for (const Pass& pass : passes_) {
+      if (pass.name != last->name || !pass.items) continue;
+      for (const Binding& binding : pass.bindings) {
+        if (binding.kind == Binding::Kind::kTensor && binding.access == Access::kWrite &&
+            !tensors_[binding.tensor.id].scratch)
+          distance = std::max(distance, needed(binding.tensor));
+      }
+    }
+    for (Pass& pass : passes_) {
+      if (pass.name != last->name || !pass.items) continue;
+      const uint32_t pixel = kUnit / pass.items->scale, tile = pass.items->tile * pixel;
+      pass.radius = divide_up(distance, kUnit * SparseGrid::kSide);
+      const uint32_t reach = divide_up(distance, tile) * tile + pass.items->reach * pixel;
+      for (const Binding& binding : pass.bindings) {
+        if (binding.kind == Binding::Kind::kTensor && binding.access == Access::kRead &&
+            !tensors_[binding.tensor.id].scratch)
+          needs.push_back({binding.tensor, reach});
+      }
+    }
+  }
+}
+
+uint32_t Graph::most_radius() const {
+  uint32_t most = 0;
+  for (const Pass& pass : passes_) most = std::max(most, pass.radius);
+  return most;
 }
 
 // Ranges of the activation block that passes since the last barrier read and wrote decide. Frame images are

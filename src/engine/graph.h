@@ -13,6 +13,7 @@
 #include "engine/arena.h"
 #include "engine/kernel.h"
 #include "engine/tensor.h"
+#include "numbers.h"
 
 namespace raymeld {
 
@@ -46,6 +47,31 @@ struct Binding {
   bool by_address = false;
 };
 
+// A sparse graph computes only what the blocks that a frame needs take: the device finds these, and
+// dispatches are as large as their number. A block is kSide x kSide pixels of LRHS, the smallest size that
+// tensors have.
+struct SparseGrid {
+  static constexpr uint32_t kSide = 8;
+  uint32_t height = 0, width = 0;  // of LRHS
+
+  uint32_t rows() const { return divide_up(height, kSide); }
+  uint32_t columns() const { return divide_up(width, kSide); }
+  uint32_t blocks() const { return rows() * columns(); }
+};
+
+// What a pass of a sparse graph computes of each block. Its dispatch has x = items, by workgroups of `local`.
+struct Items {
+  uint32_t columns = 0, rows = 0;  // of a block
+  uint32_t local = 0;
+  uint32_t y = 1;      // workgroups; those along z are Pass::groups[2]
+  uint32_t scale = 1;  // pixels of its output by pixel of LRHS, in each direction
+  uint32_t tile = 1;   // pixels of its output that are one computation, in each direction
+  uint32_t reach = 0;  // how many pixels around a tile it reads
+  uint32_t first = 0;  // of all items, in the order of the list of blocks: a band
+  uint32_t most = UINT32_MAX;
+  uint32_t of_block() const { return columns * rows; }
+};
+
 // One dispatch.
 struct Pass {
   static constexpr uint32_t kMaxPushBytes = 128;  // what every Vulkan device offers
@@ -60,9 +86,13 @@ struct Pass {
   uint32_t push_bytes = 0;
   std::array<uint32_t, 3> groups{1, 1, 1};
   std::optional<CooperativeMatrix> matrix =
-      {};            // the shader multiplies these: only for a device that has them
-  double flop = 0;   // multiply-adds count as two
-  double bytes = 0;  // every operand once: the least traffic
+      {};                           // the shader multiplies these: only for a device that has them
+  std::optional<Items> items = {};  // of a sparse graph; none: all of the image is computed
+  uint32_t radius =
+      0;  // of these passes, after plan(): how far from needed blocks, in blocks, blocks are computed
+  bool schedules = false;  // what it writes to the status decides how large later dispatches are
+  double flop = 0;         // multiply-adds count as two
+  double bytes = 0;        // every operand once: the least traffic
 
   // What dispatches and submits are measured by.
   double work() const { return flop + bytes; }
@@ -76,6 +106,9 @@ struct Pass {
     std::memcpy(push.data() + addresses_bytes, &params, sizeof(Params));
     push_bytes = static_cast<uint32_t>(addresses_bytes + sizeof(Params));
   }
+  // The last push constants of shaders that include place.glsl: after set_push().
+  void set_place(uint32_t first = 0, uint32_t list = 0);
+  bool placed = false;  // it has them; in a sparse graph Program sets them
   size_t address_count() const;
   // The frame image this pass reads or writes, if any.
   const Binding* frame() const;
@@ -107,12 +140,23 @@ class Graph {
  public:
   // `addressed`: shaders that can read and write activations by address, which is faster on some devices.
   // `keep`: all activations can still be read when the frame is done; none share memory.
-  explicit Graph(Storage storage, bool addressed = false, bool keep = false)
-      : storage_(storage), addressed_(addressed), keep_(keep) {}
+  // `sparse`: passes compute what some blocks take.
+  explicit Graph(Storage storage, bool addressed = false, bool keep = false,
+                 std::optional<SparseGrid> sparse = {})
+      : storage_(storage), addressed_(addressed), keep_(keep), sparse_(sparse) {}
 
   Storage storage() const { return storage_; }
   bool addressed() const { return addressed_; }
   bool keep() const { return keep_; }
+  const std::optional<SparseGrid>& sparse() const { return sparse_; }
+  // Pixels of a tensor of this shape by pixel of LRHS, in each direction; of a sparse graph.
+  uint32_t scale_of(const Shape& shape) const { return shape.width / sparse_->width; }
+  // Beside the blocks that a pass computes there may be anything, and some invocations read it whose values
+  // nobody does. In 16 bits these must not overflow either, as that is counted: activations are zero before
+  // each frame, and share no memory with scratch, whose numbers are 32-bit.
+  bool starts_clear() const { return sparse_ && storage_ == Storage::kFloat16; }
+  // The largest radius of a pass, after plan().
+  uint32_t most_radius() const;
 
   // A new activation; its memory lives from the first pass that touches it to the last.
   Tensor tensor(const std::string& name, Shape shape, int exponent = 0);
@@ -161,11 +205,15 @@ class Graph {
   uint64_t size_bytes(const Tensor& tensor) const;
 
  private:
+  // Gives those for which `which` holds places behind what is placed already.
+  void place(const std::function<bool(const TensorRecord&)>& which);
   void place_barriers();
+  void find_radii();
 
   Storage storage_;
   bool addressed_;
   bool keep_;
+  std::optional<SparseGrid> sparse_;
   std::vector<Pass> passes_;
   std::vector<TensorRecord> tensors_;
   std::vector<ConstantRecord> constants_;

@@ -8,8 +8,8 @@
 namespace raymeld {
 
 Kernel::Kernel(const Device& device, VkPipelineCache cache, std::span<const uint32_t> spirv,
-               const std::string& name, std::span<const uint32_t> constants, uint32_t binding_count,
-               uint32_t push_bytes, VkPipelineShaderStageCreateFlags stage_flags)
+               const std::string& name, std::span<const uint32_t> constants, std::array<uint32_t, 2> items,
+               uint32_t binding_count, uint32_t push_bytes, VkPipelineShaderStageCreateFlags stage_flags)
     : Kernel() {
   device_ = &device;
   binding_count_ = binding_count;
@@ -24,8 +24,13 @@ Kernel::Kernel(const Device& device, VkPipelineCache cache, std::span<const uint
 
   std::vector<VkSpecializationMapEntry> entries;
   for (uint32_t id = 0; id < constants.size(); ++id) entries.push_back({id, id * 4, 4});
+  std::vector<uint32_t> values(constants.begin(), constants.end());
+  for (uint32_t i = 0; i < items.size(); ++i) {
+    entries.push_back({kItemsId + i, static_cast<uint32_t>(values.size()) * 4, 4});
+    values.push_back(items[i]);
+  }
   const VkSpecializationInfo specialization{static_cast<uint32_t>(entries.size()), entries.data(),
-                                            constants.size_bytes(), constants.data()};
+                                            values.size() * sizeof(uint32_t), values.data()};
   auto info = vk_struct<VkComputePipelineCreateInfo>(VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO);
   info.flags = VK_PIPELINE_CREATE_DISPATCH_BASE_BIT;
   info.stage = {VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
@@ -74,7 +79,7 @@ void Kernel::create_layout(const std::string& name, uint32_t push_bytes) {
   auto layout = vk_struct<VkPipelineLayoutCreateInfo>(VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO);
   layout.setLayoutCount = 1;
   layout.pSetLayouts = &set_layout_;
-  layout.pushConstantRangeCount = 1;
+  layout.pushConstantRangeCount = push_bytes > 0;
   layout.pPushConstantRanges = &push;
   check(vk.CreatePipelineLayout(device_->handle(), &layout, nullptr, &layout_), "describing " + name);
 }

@@ -6,29 +6,41 @@
 #include <cmath>
 
 #include "engine/commands.h"
+#include "params.h"
 
 namespace raymeld {
 namespace {
-
-// A watchdog fires after about two seconds; these keep one dispatch near a tenth of one on slow devices of
-// their kind (measured or typical: a few GFLOP/s on CPU drivers, tens on old integrated GPUs).
-WorkLimits limits_for(const DeviceInfo& info) {
-  const double dispatch_work = info.is_cpu ? 1e8 : info.type == "discrete GPU" ? 4e10 : 4e9;
-  return {dispatch_work, 8 * dispatch_work};
-}
 
 // From one set's exposure to the next: the largest alignment that Vulkan lets a device ask of a binding's
 // offset.
 constexpr uint64_t kExposureStrideBytes = 256;
 
-void full_barrier(const VulkanFunctions& vk, VkCommandBuffer commands, VkPipelineStageFlags source,
-                  VkAccessFlags source_access) {
+// Between dispatches; `indirect`: and what is read of how large they are.
+void full_barrier(const VulkanFunctions& vk, VkCommandBuffer commands, bool indirect) {
+  constexpr VkAccessFlags kBoth = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT;
+  VkPipelineStageFlags stages = VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT;
   auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
-  barrier.srcAccessMask = source_access;
-  barrier.dstAccessMask = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT;
-  vk.CmdPipelineBarrier(commands, source, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, 0, 1, &barrier, 0, nullptr, 0,
-                        nullptr);
+  barrier.srcAccessMask = barrier.dstAccessMask = kBoth;
+  if (indirect) {
+    stages |= VK_PIPELINE_STAGE_DRAW_INDIRECT_BIT;
+    barrier.dstAccessMask |= VK_ACCESS_INDIRECT_COMMAND_READ_BIT;
+  }
+  vk.CmdPipelineBarrier(commands, stages, stages, 0, 1, &barrier, 0, nullptr, 0, nullptr);
 }
+
+// How much behind the status a sparse graph has, in words.
+struct SparseLayout {
+  uint32_t blocks, lists, table, groups, end;
+  SparseLayout(const SparseGrid& grid, uint32_t most_radius, uint32_t dispatches)
+      : blocks(grid.blocks()),
+        lists(most_radius + 1),
+        table(RAYMELD_SPARSE_DISTANCES + blocks + lists * (blocks + RAYMELD_SPARSE_PADDING)),
+        groups(table + dispatches * RAYMELD_SPARSE_COLUMNS),
+        end(groups + 3 * dispatches) {}
+  uint32_t list(uint32_t radius) const {
+    return RAYMELD_SPARSE_DISTANCES + blocks + radius * (blocks + RAYMELD_SPARSE_PADDING);
+  }
+};
 
 // One-time copy between two buffers of which the host fills or reads one.
 void copy_now(const Device& device, VkBuffer from, VkBuffer to, const VkBufferCopy& region,
@@ -47,6 +59,13 @@ void copy_now(const Device& device, VkBuffer from, VkBuffer to, const VkBufferCo
 }
 
 }  // namespace
+
+// A watchdog fires after about two seconds; these keep one dispatch near a tenth of one on slow devices of
+// their kind (measured or typical: a few GFLOP/s on CPU drivers, tens on old integrated GPUs).
+WorkLimits limits_for(const DeviceInfo& info) {
+  const double dispatch_work = info.is_cpu ? 1e8 : info.type == "discrete GPU" ? 4e10 : 4e9;
+  return {dispatch_work, 8 * dispatch_work};
+}
 
 Program::Program(const Device& device, const Graph& graph, PipelineCache& cache, uint32_t sets,
                  const std::optional<WorkLimits>& limits)
@@ -73,7 +92,11 @@ Program::Program(const Device& device, const Graph& graph, PipelineCache& cache,
                 pass.name, device.info().name, pass.matrix->m, pass.matrix->n, pass.matrix->k);
   }
   activations_ = Buffer(device, graph.activation_bytes(), Memory::kDevice, "activations");
-  status_ = Buffer(device, sizeof(Status), Memory::kUpload, "status");
+  if (graph.sparse()) {
+    prepare_sparse();
+  } else {
+    status_ = Buffer(device, sizeof(Status), Memory::kUpload, "status");
+  }
   reset_status();
   exposures_ = Buffer(device, sets * kExposureStrideBytes, Memory::kUpload, "exposures");
   for (uint32_t set = 0; set < sets; ++set) set_exposure(set, 1);
@@ -85,6 +108,79 @@ Program::Program(const Device& device, const Graph& graph, PipelineCache& cache,
     device.vk().DestroyDescriptorPool(device.handle(), pool_, nullptr);
     throw;
   }
+}
+
+uint32_t* Program::words() const { return static_cast<uint32_t*>(status_.mapped()) + sizeof(Status) / 4; }
+
+std::vector<std::vector<Program::SparseDispatch>> Program::cut(const Graph& graph, const WorkLimits& limits) {
+  std::vector<std::vector<SparseDispatch>> all;
+  for (const Pass& pass : graph.passes()) {
+    std::vector<SparseDispatch>& own = all.emplace_back();
+    if (!pass.items) continue;
+    const Items& items = *pass.items;
+    const uint32_t count = graph.sparse()->blocks() * items.of_block();
+    const uint32_t most = std::min(items.most, count - std::min(count, items.first));
+    // Passes hand each other the values of a band: it is one dispatch.
+    const bool banded = items.most != UINT32_MAX;
+    const double pieces = banded ? 1 : std::max(1.0, std::ceil(pass.work() / limits.dispatch_work));
+    const uint32_t step =
+        divide_up(static_cast<uint32_t>(std::ceil(most / pieces)), items.local) * items.local;
+    for (uint32_t first = 0; first < most; first += step)
+      own.push_back({items.first + first, std::min(step, most - first)});
+  }
+  return all;
+}
+
+// Writes what schedule.comp reads behind the status.
+void Program::prepare_sparse() {
+  const SparseGrid& grid = *graph_.sparse();
+  sparse_ = cut(graph_, limits_);
+  uint32_t dispatches = 0;
+  for (const auto& own : sparse_) {
+    first_row_.push_back(dispatches);
+    dispatches += static_cast<uint32_t>(own.size());
+  }
+  const SparseLayout layout(grid, graph_.most_radius(), dispatches);
+  if (layout.lists > RAYMELD_SPARSE_DISTANCES - RAYMELD_SPARSE_COUNTS)
+    throw Error("a sparse graph of {} lists", layout.lists);
+  status_ = Buffer(device_, sizeof(Status) + layout.end * 4, Memory::kUpload, "status and blocks");
+  uint32_t* const words = this->words();
+  std::memset(words, 0, layout.end * 4);
+  words[RAYMELD_SPARSE_WIDTH] = grid.width;
+  words[RAYMELD_SPARSE_HEIGHT] = grid.height;
+  words[RAYMELD_SPARSE_LISTS] = layout.lists;
+  words[RAYMELD_SPARSE_TABLE] = layout.table;
+  words[RAYMELD_SPARSE_DISPATCHES] = dispatches;
+  words[RAYMELD_SPARSE_GROUPS] = layout.groups;
+  uint32_t* row = words + layout.table;
+  for (size_t i = 0; i < graph_.passes().size(); ++i) {
+    const Pass& pass = graph_.passes()[i];
+    for (const auto& [first, most] : sparse_[i]) {
+      const std::array<uint32_t, RAYMELD_SPARSE_COLUMNS> columns{
+          pass.radius, pass.items->of_block(), first, most, pass.items->local, pass.items->y, pass.groups[2]};
+      row = std::ranges::copy(columns, row).out;
+    }
+  }
+}
+
+void Program::set_threshold(float threshold) {
+  if (graph_.sparse()) std::memcpy(words() + RAYMELD_SPARSE_THRESHOLD, &threshold, sizeof(threshold));
+}
+
+double Program::needed_share() const {
+  return graph_.sparse() ? double(words()[RAYMELD_SPARSE_COUNTS]) / graph_.sparse()->blocks() : 1;
+}
+
+double Program::work_share() const {
+  double done = 0, all = 0;
+  for (size_t i = 0; i < graph_.passes().size(); ++i) {
+    const Pass& pass = graph_.passes()[i];
+    const double share =
+        pass.items ? double(words()[RAYMELD_SPARSE_COUNTS + pass.radius]) / graph_.sparse()->blocks() : 1;
+    done += share * pass.work();
+    all += pass.work();
+  }
+  return done / all;
 }
 
 Program::~Program() { device_.vk().DestroyDescriptorPool(device_.handle(), pool_, nullptr); }
@@ -107,7 +203,9 @@ void Program::create_kernels(PipelineCache& cache) {
   for (const Pass& pass : graph_.passes()) {
     const auto id = shader_ids.try_emplace(pass.shader->name, static_cast<uint32_t>(shader_ids.size()));
     const auto descriptors = static_cast<uint32_t>(pass.bindings.size() - pass.address_count()) + 1;
-    std::vector<uint32_t> key{id.first->second, descriptors, pass.push_bytes};
+    const std::array<uint32_t, 2> items =
+        pass.items ? std::array{pass.items->columns, pass.items->rows} : std::array<uint32_t, 2>{};
+    std::vector<uint32_t> key{id.first->second, descriptors, pass.push_bytes, items[0], items[1]};
     key.insert(key.end(), pass.constants.begin(), pass.constants.end());
     auto found = kernels_.find(key);
     if (found == kernels_.end()) {
@@ -117,7 +215,7 @@ void Program::create_kernels(PipelineCache& cache) {
           pass.matrix ? VK_PIPELINE_SHADER_STAGE_CREATE_REQUIRE_FULL_SUBGROUPS_BIT_EXT : 0;
       found = kernels_
                   .emplace(key, Kernel(device_, cache.handle(), spirv, pass.shader->name, pass.constants,
-                                       descriptors, pass.push_bytes, flags))
+                                       items, descriptors, pass.push_bytes, flags))
                   .first;
     }
     pass_kernels_.push_back(&found->second);
@@ -230,7 +328,7 @@ void Program::write_set(uint32_t set, size_t index, const FrameBindings* frame) 
     writes[count].pBufferInfo = &infos[count];
     ++count;
   };
-  add({status_.handle(), 0, sizeof(Status)});
+  add({status_.handle(), 0, status_.size_bytes()});
   for (const Binding& binding : pass.bindings) {
     if (!binding.by_address) add(buffer_info(binding, set, frame));
   }
@@ -259,16 +357,19 @@ void Program::set_exposure(uint32_t set, float exposure) {
 void Program::record(VkCommandBuffer commands, uint32_t set, size_t first, size_t last,
                      VkQueryPool queries) const {
   const VulkanFunctions& vk = device_.vk();
-  constexpr VkPipelineStageFlags kCompute = VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT;
-  constexpr VkAccessFlags kBoth = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT;
-  full_barrier(vk, commands, kCompute, kBoth);
+  const bool sparse = graph_.sparse().has_value();
+  full_barrier(vk, commands, sparse);
+  if (first == 0 && graph_.starts_clear()) {
+    clear_activations(commands);
+  }
   if (queries && first == 0) {
     vk.CmdResetQueryPool(commands, queries, 0, static_cast<uint32_t>(graph_.passes().size()) + 1);
     vk.CmdWriteTimestamp(commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, queries, 0);
   }
   for (size_t i = first; i < last; ++i) {
     const Pass& pass = graph_.passes()[i];
-    if (i > first && (queries || graph_.barrier_before(i))) full_barrier(vk, commands, kCompute, kBoth);
+    const bool scheduled = i > 0 && (pass.schedules || graph_.passes()[i - 1].schedules);
+    if (i > first && (queries || scheduled || graph_.barrier_before(i))) full_barrier(vk, commands, sparse);
     const Kernel& kernel = *pass_kernels_[i];
     vk.CmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_COMPUTE, kernel.pipeline());
     vk.CmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_COMPUTE, kernel.layout(), 0, 1,
@@ -283,14 +384,51 @@ void Program::record(VkCommandBuffer commands, uint32_t set, size_t first, size_
     }
     // The frame's view is the first member of the parameters of every pass that touches a frame image.
     if (pass.frame()) std::memcpy(push.data() + next, views_[set][i].data(), sizeof(views_[set][i]));
-    vk.CmdPushConstants(commands, kernel.layout(), VK_SHADER_STAGE_COMPUTE_BIT, 0, pass.push_bytes,
-                        push.data());
-    dispatch(commands, pass);
+    if (pass.push_bytes > 0) {
+      vk.CmdPushConstants(commands, kernel.layout(), VK_SHADER_STAGE_COMPUTE_BIT, 0, pass.push_bytes,
+                          push.data());
+    }
+    if (pass.items) {
+      dispatch_sparse(commands, i, kernel.layout());
+    } else {
+      dispatch(commands, pass);
+    }
     if (queries) {
       vk.CmdWriteTimestamp(commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, queries,
                            static_cast<uint32_t>(i) + 1);
     }
   }
+}
+
+// By the numbers of workgroups that schedule.comp wrote.
+void Program::dispatch_sparse(VkCommandBuffer commands, size_t index, VkPipelineLayout layout) const {
+  const Pass& pass = graph_.passes()[index];
+  const uint32_t* const words = this->words();
+  const SparseLayout places(*graph_.sparse(), graph_.most_radius(), words[RAYMELD_SPARSE_DISPATCHES]);
+  for (size_t n = 0; n < sparse_[index].size(); ++n) {
+    if (pass.placed) {
+      const std::array<uint32_t, 2> place{sparse_[index][n].first, places.list(pass.radius)};
+      device_.vk().CmdPushConstants(commands, layout, VK_SHADER_STAGE_COMPUTE_BIT,
+                                    pass.push_bytes - sizeof(place), sizeof(place), place.data());
+    }
+    const uint64_t groups = places.groups + 3 * (first_row_[index] + n);
+    device_.vk().CmdDispatchIndirect(commands, status_.handle(), sizeof(Status) + groups * 4);
+  }
+}
+
+void Program::clear_activations(VkCommandBuffer commands) const {
+  const auto wait = [&](VkPipelineStageFlags from, VkAccessFlags wrote, VkPipelineStageFlags to,
+                        VkAccessFlags access) {
+    auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
+    barrier.srcAccessMask = wrote;
+    barrier.dstAccessMask = access;
+    device_.vk().CmdPipelineBarrier(commands, from, to, 0, 1, &barrier, 0, nullptr, 0, nullptr);
+  };
+  wait(VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_ACCESS_SHADER_WRITE_BIT, VK_PIPELINE_STAGE_TRANSFER_BIT,
+       VK_ACCESS_TRANSFER_WRITE_BIT);
+  device_.vk().CmdFillBuffer(commands, activations_.handle(), 0, VK_WHOLE_SIZE, 0);
+  wait(VK_PIPELINE_STAGE_TRANSFER_BIT, VK_ACCESS_TRANSFER_WRITE_BIT, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT,
+       VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT);
 }
 
 // Splits along z (channels), then along y (rows).
@@ -368,6 +506,12 @@ uint64_t Program::allocated_bytes() const {
   return constants_.size_bytes() + activations_.size_bytes() + status_.size_bytes() + exposures_.size_bytes();
 }
 
-uint64_t Program::host_bytes(uint32_t sets) { return sizeof(Status) + sets * kExposureStrideBytes; }
+uint64_t Program::host_bytes(uint32_t sets, const Graph& graph, const WorkLimits& limits) {
+  const uint64_t bytes = sizeof(Status) + sets * kExposureStrideBytes;
+  if (!graph.sparse()) return bytes;
+  size_t dispatches = 0;
+  for (const auto& own : cut(graph, limits)) dispatches += own.size();
+  return bytes + uint64_t{4} * SparseLayout(*graph.sparse(), graph.most_radius(), uint32_t(dispatches)).end;
+}
 
 }  // namespace raymeld

@@ -26,6 +26,9 @@ struct WorkLimits {
   double submit_work;
 };
 
+// What suits a device's kind.
+WorkLimits limits_for(const DeviceInfo& device);
+
 class Program {
  public:
   // Allocates the constants, the activations and the status, packs and uploads the constants, compiles the
@@ -53,6 +56,13 @@ class Program {
 
   const WorkLimits& limits() const { return limits_; }
 
+  // Of a sparse graph: see classify(). What recordings count as the same from their next submit on.
+  void set_threshold(float threshold);
+  // The share of a sparse graph's blocks that the last frame needed; read when the device is idle.
+  double needed_share() const;
+  // How much of all passes' work it was.
+  double work_share() const;
+
   // Counts since the last reset by the host; read when the device is idle.
   Status status() const;
   void reset_status();
@@ -65,7 +75,7 @@ class Program {
 
   uint64_t allocated_bytes() const;
   // What a Program takes beside its graph's constants and activations.
-  static uint64_t host_bytes(uint32_t sets);
+  static uint64_t host_bytes(uint32_t sets, const Graph& graph, const WorkLimits& limits);
 
  private:
   void create_kernels(PipelineCache& cache);
@@ -76,6 +86,10 @@ class Program {
   VkDeviceAddress address_of(const Binding& binding, uint32_t set) const;
   VkDescriptorBufferInfo buffer_info(const Binding& binding, uint32_t set, const FrameBindings* frame) const;
   void dispatch(VkCommandBuffer commands, const Pass& pass) const;
+  void prepare_sparse();
+  void clear_activations(VkCommandBuffer commands) const;
+  void dispatch_sparse(VkCommandBuffer commands, size_t index, VkPipelineLayout layout) const;
+  uint32_t* words() const;
 
   const Device& device_;
   const Graph& graph_;
@@ -87,6 +101,13 @@ class Program {
   std::vector<std::vector<std::array<uint32_t, 4>>>
       views_;  // [set][pass]: offset and strides of the frame image
   WorkLimits limits_;
+  // Of a sparse graph: the dispatches of its passes, which are as many as limits ask for.
+  struct SparseDispatch {
+    uint32_t first, most;  // items
+  };
+  static std::vector<std::vector<SparseDispatch>> cut(const Graph& graph, const WorkLimits& limits);
+  std::vector<std::vector<SparseDispatch>> sparse_;  // [pass]
+  std::vector<uint32_t> first_row_;                  // [pass], in the table that schedule.comp reads
 };
 
 }  // namespace raymeld

@@ -74,8 +74,10 @@
   X(CmdPushConstants)               \
   X(CmdDispatch)                    \
   X(CmdDispatchBase)                \
+  X(CmdDispatchIndirect)            \
   X(CmdPipelineBarrier)             \
   X(CmdCopyBuffer)                  \
+  X(CmdFillBuffer)                  \
   X(CmdResetQueryPool)              \
   X(CmdWriteTimestamp)
 

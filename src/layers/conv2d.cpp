@@ -119,6 +119,15 @@ void direct(Graph& graph, Convolution conv) {
   pass.bindings.push_back(read_binding(conv.options.behind.value_or(conv.in)));
   pass.set_push(params::Conv2d{conv.height, conv.width, graph.plane(conv.out), conv.channels_in,
                                conv.in.shape.channels, conv.channels_out});
+  pass.set_place();
+  if (graph.sparse()) {
+    const uint32_t scale = graph.scale_of({conv.height, conv.width, 1}), side = SparseGrid::kSide * scale;
+    pass.items = {.columns = side,
+                  .rows = side / kRows,
+                  .local = kLocalX * kLocalY,
+                  .scale = scale,
+                  .reach = kernel / 2};
+  }
   pass.groups = {divide_up(conv.width, kLocalX), divide_up(conv.height, kLocalY * kRows), blocks};
   pass.flop = conv.flop();
   pass.bytes = tensor_bytes(graph, conv) + double(weight_count * element_bytes(graph.storage()));
@@ -192,7 +201,8 @@ void conv2d_chain(Graph& graph, std::span<const Conv2dLink> links) {
       throw Error("layer {}: no F({}, {})", name, tile, options.kernel);
     }
     const bool filtered = !options.how.matrix && tile > 1;
-    if (!filtered || graph.keep()) end_run();
+    // Bands of a sparse graph are runs of blocks, not of rows.
+    if (!filtered || graph.keep() || graph.sparse()) end_run();
     if (filtered) {
       run.push_back(conv);
     } else if (options.how.matrix) {

@@ -127,6 +127,16 @@ void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor&
 // 0.
 void highlights(Graph& graph, const std::string& name, const Tensor& out, float clip);
 
+// Of a sparse graph, which blocks are needed: not those whose every pixel has the same color in HRLS (H, W,
+// 3) and in LRHS (h, w, 3) upsampled, both encoded, but for Program::set_threshold(); NaN is never the same.
+// What is added to the graph after that is computed where it is needed; `settle` is what the others get.
+void classify(Graph& graph, const std::string& name, const Tensor& color, const Tensor& lrhs, float phase);
+
+// Writes the mean of both to `out` (H, W, 3) where classify() found them to agree; `residual`: less LRHS
+// upsampled. It is within half the threshold of both.
+void settle(Graph& graph, const std::string& name, const Tensor& color, const Tensor& lrhs, float phase,
+            bool residual, const Tensor& out);
+
 struct DecodeOptions {
   Transfer transfer = Transfer::kLinear;
   const Tensor* base = nullptr;  // the encoded LRHS (h, w, c), upsampled and added; null: none

@@ -48,7 +48,9 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
   const Conv2dKernel& how = conv.options.how;
   if (conv.options.unshuffle > 1 || conv.options.shuffle > 1)
     throw Error("layer {}: a shuffled 1x1", conv.name);
-  const auto pixels = static_cast<uint32_t>(conv.out.shape.pixels());
+  const std::optional<Items> items = pixel_items(graph, conv.out.shape);
+  const auto pixels =
+      items ? graph.sparse()->blocks() * items->of_block() : static_cast<uint32_t>(conv.out.shape.pixels());
   const uint32_t band = std::clamp(how.band / kLocal, 1u, divide_up(pixels, kLocal)) * kLocal;
   const uint32_t blocks = blocks_of(conv), outputs = divide_up(conv.channels_out, blocks);
   const std::vector<Part> parts = parts_by_input(conv);
@@ -76,10 +78,16 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
         pass.bindings.push_back(residual_binding(conv, i, conv.in));
       for (Binding& binding : pass.bindings)
         binding.by_address = graph.addressed() || binding.kind == Binding::Kind::kConstant;
-      params::Pointwise push{graph.plane(conv.out), pixels, first, conv.channels_in, channel,
-                             conv.channels_out,     blocks, {}};
+      params::Pointwise push{graph.plane(conv.out), conv.channels_in, channel, conv.channels_out, blocks, {}};
       std::iota(std::begin(push.digits), std::end(push.digits), 0u);
       pass.set_push(push);
+      pass.set_place(first, pixels);
+      if (pass.items = items; items) {
+        pass.items->local = kLocal;
+        pass.items->y = blocks;
+        pass.items->first = first;
+        pass.items->most = band;
+      }
       pass.groups = {std::min(band, divide_up(pixels - first, kLocal) * kLocal) / kLocal, blocks, 1};
       pass.flop = share * conv.flop();
       pass.bytes = pixel_share * traffic(graph, source) + share * double(weight_count) * sizeof(float) +

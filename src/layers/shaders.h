@@ -26,6 +26,9 @@ extern const Forms kLight;
 extern const Forms kJointFilter;
 extern const Forms kRelight;
 extern const Forms kMix;
+extern const Forms kClassify;
+extern const Forms kSettle;
+extern const Shader kSchedule;
 extern const Shader kSpaceToDepth;
 extern const Shader kPixelShuffle;
 }  // namespace shaders
@@ -54,6 +57,13 @@ constexpr std::array<uint32_t, 3> element_groups(const Shape& shape) {
 // And of those with one for each pixel.
 constexpr std::array<uint32_t, 3> pixel_groups(const Shape& shape) {
   return {divide_up(shape.width, 64), divide_up(shape.height, 2), 1};
+}
+
+// Of a pass with one invocation for each pixel of `shape`, which reads `reach` pixels around.
+inline std::optional<Items> pixel_items(const Graph& graph, const Shape& shape, uint32_t reach = 0) {
+  if (!graph.sparse()) return std::nullopt;
+  const uint32_t scale = graph.scale_of(shape), side = SparseGrid::kSide * scale;
+  return Items{.columns = side, .rows = side, .local = 128, .scale = scale, .reach = reach};
 }
 
 // Of a tensor read or written once.

@@ -28,7 +28,7 @@ struct Sizes {
   uint32_t weights_stride, transformed_stride, products_stride;
 };
 
-Sizes sizes_of(const Convolution& conv) {
+Sizes sizes_of(const Convolution& conv, const std::optional<SparseGrid>& grid) {
   const Conv2dKernel& how = conv.options.how;
   Sizes s;
   s.tile = how.tile;
@@ -36,6 +36,11 @@ Sizes sizes_of(const Convolution& conv) {
   s.positions = s.side * s.side;
   s.tiles_x = divide_up(conv.width, 2 * s.tile) * 2;
   s.tile_rows = divide_up(conv.height, s.tile);
+  if (grid) {  // whole blocks
+    const uint32_t tiles = SparseGrid::kSide * (conv.width / grid->width) / s.tile;
+    s.tiles_x = grid->columns() * tiles;
+    s.tile_rows = grid->rows() * tiles;
+  }
   const uint64_t row_elements = uint64_t{s.positions} * s.tiles_x * (conv.channels_in + conv.channels_out);
   const auto most_rows =
       static_cast<uint32_t>(std::clamp<uint64_t>(kMostScratchElements / row_elements, 1, s.tile_rows));
@@ -86,6 +91,20 @@ struct Steps {
     return result;
   }
 
+  // Of a band: as many of a sparse graph's tiles as it has rows of them, one or two to an item.
+  std::optional<Items> items(uint32_t first_tile_row, uint32_t tiles_of_item, uint32_t local) const {
+    if (!graph.sparse()) return std::nullopt;
+    const uint32_t scale = conv.width / graph.sparse()->width, tiles = SparseGrid::kSide * scale / s.tile;
+    return Items{.columns = tiles / tiles_of_item,
+                 .rows = tiles,
+                 .local = local,
+                 .scale = scale,
+                 .tile = s.tile,
+                 .reach = 1,
+                 .first = first_tile_row * s.tiles_x / tiles_of_item,
+                 .most = std::min(s.band_rows, s.tile_rows - first_tile_row) * s.tiles_x / tiles_of_item};
+  }
+
   // Share of the whole convolution that a band is.
   double share(uint32_t first_tile_row) const {
     return double(std::min(s.band_rows, s.tile_rows - first_tile_row)) / s.tile_rows;
@@ -119,6 +138,8 @@ struct Steps {
       p.set_push(params::WinogradInput{conv.height, conv.width, graph.plane(in), graph.rows_mask(in),
                                        s.tiles_x, first_tile_row, conv.channels_in, channel,
                                        s.transformed_stride});
+      p.set_place();
+      p.items = items(first_tile_row, 2, kTransformLocal / 2);
       p.groups = {s.band_tiles / kTransformLocal, 1, channels};
       p.bytes = share(first_tile_row) * traffic(graph, in);
       graph.add(std::move(p));
@@ -137,6 +158,8 @@ struct Steps {
                                   s.products_stride, {}};
     std::iota(std::begin(push.digits), std::end(push.digits), 0u);
     p.set_push(push);
+    p.items = items(first_tile_row, 1, kMultiplyLocal);
+    if (p.items) p.items->y = s.blocks;
     p.groups = {s.band_tiles / kMultiplyLocal, s.blocks, s.positions};
     p.flop = share(first_tile_row) * conv.flop() / s.parts;
     p.bytes = share(first_tile_row) * double(s.weights_stride) * s.positions * sizeof(float) / s.parts;
@@ -158,10 +181,13 @@ struct Steps {
         throw Error("layer {}: residuals that are kept by different numbers of rows", conv.name);
     }
     // What lies below the band is the next one's.
-    const uint32_t end = std::min(conv.height, (first_tile_row + s.band_rows) * s.tile);
+    const uint32_t end =
+        graph.sparse() ? conv.height : std::min(conv.height, (first_tile_row + s.band_rows) * s.tile);
     p.set_push(params::WinogradOutput{end, conv.width, graph.plane(conv.out), graph.rows_mask(conv.out),
                                       graph.plane(residual), graph.rows_mask(residual), s.tiles_x,
                                       first_tile_row, s.channels_out, s.products_stride});
+    p.set_place();
+    p.items = items(first_tile_row, 2, kTransformLocal / 2);
     p.groups = {s.band_tiles / kTransformLocal, 1, conv.channels_out};
     p.bytes = share(first_tile_row) * traffic(graph, conv.out) * (1.0 + double(residuals.size()));
     graph.add(std::move(p));
@@ -260,9 +286,14 @@ double winograd_amplification(const ConvWeights& weights, uint32_t channels_in) 
 
 void conv2d_winograd(Graph& graph, std::span<const Convolution> convs) {
   std::vector<Sizes> sizes;
-  for (const Convolution& conv : convs) sizes.push_back(sizes_of(conv));
+  for (const Convolution& conv : convs) sizes.push_back(sizes_of(conv, graph.sparse()));
   Schedule schedule{convs, sizes};
-  schedule.require(convs.size() - 1, convs.back().out.shape.height);
+  if (graph.sparse()) {
+    for (uint32_t row = 0; row < sizes[0].tile_rows; row += sizes[0].band_rows)
+      schedule.bands.push_back({0, row});
+  } else {
+    schedule.require(convs.size() - 1, convs.back().out.shape.height);
+  }
   for (size_t i = 0; i + 1 < convs.size(); ++i)
     graph.keep_rows(convs[i].out, std::bit_ceil(schedule.kept[i]));
   const Scratch scratch = scratch_for(graph, convs.front().name, sizes);
