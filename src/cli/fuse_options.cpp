@@ -37,14 +37,14 @@ CLI::Option* add_parsed(CLI::App& command, const std::string& name, Value& value
   return command.add_option_function<std::string>(name, read, description);
 }
 
-// None for "auto", 0 for "off". Throws CLI::ValidationError.
+// None for "auto", 0 for "off". Throws Error.
 std::optional<float> parse_threshold(const std::string& text) {
   if (text == "auto") return std::nullopt;
   if (text == "off") return 0;
   char* end = nullptr;
   const float threshold = std::strtof(text.c_str(), &end);
   if (*end == '\0' && threshold > 0 && threshold <= 1) return threshold;
-  throw CLI::ValidationError("--adaptive", fmt::format("'{}': expected auto, off or a number up to 1", text));
+  throw Error("expected auto, off or a number up to 1");
 }
 
 void add_files(CLI::App& command, FuseArguments& a) {
