@@ -2,9 +2,14 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <limits>
 
 #include "conform/collector.h"
+#include "conform/conv2d_trials.h"
+#include "conform/network.h"
+#include "conform/values.h"
+#include "error_of.h"
 #include "gpu.h"
 
 namespace raymeld::test {
@@ -95,11 +100,96 @@ TEST_F(CollectorTest, AnExceptionOrNothingComparedIsAFailure) {
 
 TEST_F(CollectorTest, WhatADeviceLacksIsNotTried) {
   const conform::Way matrices{.name = "matrices", .kernel = {.matrix = MatrixTiles{}}};
-  bool tried = false;
-  const Finding result = finding([&](Check&) { tried = true; }, matrices);
-  EXPECT_EQ(tried, gpu().info().cooperative_matrix.has_value());
-  EXPECT_EQ(result.outcome, tried ? Outcome::kFailed : Outcome::kUnsupported);
-  EXPECT_EQ(result.message, tried ? "nothing was compared" : "cooperative matrix");
+  const Finding result = finding([](Check&) { FAIL() << "tried"; }, matrices);
+  EXPECT_EQ(result.outcome, Outcome::kUnsupported);
+  EXPECT_EQ(result.message, "cooperative matrix");
+}
+
+// What the shader cannot use of a device's matrices is not asked of it.
+TEST(Ways, AreOfPossibleTilesOfMatrices) {
+  DeviceInfo device;
+  const auto tiles = [&](std::optional<CooperativeMatrix> matrix, uint32_t kernel) {
+    device.cooperative_matrix = matrix;
+    std::vector<MatrixTiles> found;
+    for (const conform::Way& way : conform::conv2d_ways(device, kernel))
+      if (way.kernel.matrix) found.push_back(*way.kernel.matrix);
+    return found;
+  };
+  const CooperativeMatrix matrix{16, 16, 16, 32, 1024, 49152}, wide{16, 64, 16, 32, 1024, 49152},
+      deep{16, 16, 32, 32, 1024, 32768};
+  for (const uint32_t kernel : {1u, 3u}) {
+    const std::vector<MatrixTiles> both = tiles(matrix, kernel);
+    ASSERT_EQ(both.size(), 2u);
+    for (const MatrixTiles& one : both) EXPECT_TRUE(is_possible(one, kernel));
+    EXPECT_EQ(tiles({}, kernel), std::vector{MatrixTiles{}});
+    EXPECT_EQ(tiles(wide, kernel), std::vector{MatrixTiles{}});
+  }
+  EXPECT_EQ(tiles(deep, 1).size(), 2u);
+  EXPECT_EQ(tiles(deep, 3), (std::vector{MatrixTiles{deep, 16, 1, 2, 32}}));  // the other takes 56 KiB
+  EXPECT_TRUE(is_possible(*conform::network_ways(device, 0).back().kernel.matrix, 3));
+  device.cooperative_matrix = wide;
+  EXPECT_FALSE(is_possible(*conform::network_ways(device, 0).back().kernel.matrix, 1));
+}
+
+class AgreementTest : public GpuTest {
+ protected:
+  // A network of a single pixel; the findings by layer.
+  std::map<std::string, Finding> run(const std::vector<conform::Values>& others,
+                                     conform::Values* keep = nullptr) {
+    std::map<std::string, Finding> findings;
+    const conform::Options options{
+        .others = others, .keep = keep, .on_finding = [&](const Finding& f) { findings[f.of.layer] = f; }};
+    const conform::Subject subject = conform::make_subject({.scale = 2,
+                                                            .features = 1,
+                                                            .growth = 1,
+                                                            .dense_layers = 1,
+                                                            .blocks = 1,
+                                                            .groups = 1,
+                                                            .hrls_layers = {reference::LayerKind::kRadiance},
+                                                            .clip = 100},
+                                                           1, 1, 1);
+    conform::conform_one(Collector(target(), options), "net", subject, {.way = {.name = "direct"}});
+    return findings;
+  }
+};
+
+// A device agrees with itself; values that are not its own, or are not there, are no pass.
+TEST_F(AgreementTest, IsOfTheSameNetworksWithinBothBounds) {
+  conform::Values own{.device = "itself"};
+  EXPECT_FALSE(run({}, &own).contains("agreement with itself"));
+  ASSERT_EQ(own.outputs.size(), 1u);
+  ASSERT_TRUE(own.outputs.contains("net, direct, fp32"));
+  conform::Values off{"another", own.outputs};
+  off.outputs.begin()->second.data[2] += 1;
+  const std::map<std::string, Finding> findings = run({own, off, {"a third"}});
+  EXPECT_EQ(findings.at("agreement with itself").outcome, Outcome::kPassed);
+  EXPECT_EQ(findings.at("agreement with another").outcome, Outcome::kFailed);
+  EXPECT_EQ(findings.at("agreement with another").worst.x, 0);
+  EXPECT_EQ(findings.at("agreement with another").worst.y, 1);
+  EXPECT_EQ(findings.at("agreement with a third").outcome, Outcome::kUnsupported);
+}
+
+TEST(Values, AreReadAsTheyWereWritten) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const TemporaryDirectory folder;
+  const std::filesystem::path file = folder / "values";
+  const Planes output(1, 2, 3, {0.1, -0.0, 65504, kInfinity, -kInfinity, 0x1p-149});
+  const Planes nan(1, 1, 1, {std::numeric_limits<double>::quiet_NaN()});
+  conform::write_values(file, {"a device", {{"net", output}, {"nan", nan}}});
+  const conform::Values read = conform::read_values(file);
+  EXPECT_EQ(read.device, "a device");
+  EXPECT_EQ(read.outputs.at("net").data, output.data);
+  EXPECT_EQ(read.outputs.at("net").h, 2);
+  EXPECT_TRUE(std::isnan(read.outputs.at("nan").data.at(0)));
+  for (const char* bad :
+       {"", "{}", R"({"device": "a", "outputs": {"net": {"shape": [1, 1, 1], "values": [null]}}})",
+        R"({"device": "a", "outputs": {"net": {"shape": [1, 1, 1], "values": ["much"]}}})"}) {
+    write_file(file, bad);
+    const std::string error = error_of([&] { conform::read_values(file); });
+    EXPECT_NE(error.find("is no file of raymeld conform --values"), std::string::npos)
+        << bad << ": " << error;
+    EXPECT_NE(error.find(file.string()), std::string::npos) << error;
+  }
 }
 
 }  // namespace

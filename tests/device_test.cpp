@@ -142,7 +142,7 @@ TEST(Validation, AMissingBarrierBetweenDispatchesIsReported) {
   graph.plan();
   PipelineCache cache(*device, {});
   Program program(*device, graph, cache, 1);
-  const FrameImage image(*device, {4, 4, 3}, Memory::kReadback, {});
+  const FrameImage image(*device, Shape{4, 4, 3});
   program.bind(0, {FrameBinding{}, image.binding(), image.binding()});
   Commands pool(*device);
   const VkCommandBuffer commands = pool.begin("hazard");

@@ -260,7 +260,7 @@ TEST_F(FaultsTest, TilesBecomeSmallerInAFrame) {
 
   // Not under a recording that may be pending.
   const FrameImage lrhs(*device, subject_.lrhs), hrls(*device, subject_.hrls);
-  const FrameImage fused(*device, {24, 80, 3}, Memory::kReadback, {});
+  const FrameImage fused(*device, Shape{24, 80, 3});
   Fuser recorded(*device, model_, 12, 40, {}, cache());
   Commands pool(*device);
   recorded.record(pool.begin("frame"), lrhs.view(), hrls.view(), fused.view());

@@ -8,6 +8,7 @@
 #include <memory>
 #include <vector>
 
+#include "conform/collector.h"
 #include "conform/model_file.h"
 
 namespace raymeld::test {
@@ -57,9 +58,10 @@ void expect_passed(const conform::Finding& finding) {
   const std::string what = fmt::format("{}, {}, {}, {}", layer, kernel, name_of(precision), shape);
   if (finding.outcome == conform::Outcome::kUnsupported) {
     const DeviceInfo& device = gpu().info();
-    const std::map<std::string, bool> lacks{{"16-bit storage", !device.storage_16bit},
-                                            {"buffer device address", !device.buffer_device_address},
-                                            {"cooperative matrix", !device.cooperative_matrix}};
+    const std::map<std::string, bool> lacks{
+        {"16-bit storage", !device.storage_16bit},
+        {"buffer device address", !device.buffer_device_address},
+        {"cooperative matrix", !is_possible(conform::matrix_tiles(device, 3).front(), 3)}};
     const auto feature = lacks.find(finding.message);
     EXPECT_TRUE(feature != lacks.end() && feature->second) << what << ": unsupported: " << finding.message;
     return;

@@ -232,7 +232,7 @@ TEST_F(GraphTest, KeepingAllActivationsMakesTheSameBits) {
           }
           Program program(gpu(), graph, shared_cache(), 1);
           const FrameImage lrhs(gpu(), subject.lrhs), hrls(gpu(), subject.hrls);
-          const FrameImage fused(gpu(), {36, 20, 3}, Memory::kReadback, {});
+          const FrameImage fused(gpu(), Shape{36, 20, 3});
           program.bind(0, {lrhs.binding(), hrls.binding(), fused.binding()});
           run_passes(gpu(), program, graph);
           outputs.push_back(fused.read());

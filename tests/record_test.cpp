@@ -69,7 +69,7 @@ TEST_F(RecordTest, RecordingCallsNothingThatAllocatesSubmitsOrWaits) {
   const Model model(file_);
   Fuser fuser(*device, model, 6, 9, {}, folder_.path());
   const FrameImage lrhs(*device, subject_.lrhs), hrls(*device, subject_.hrls);
-  const FrameImage fused(*device, {12, 18, 3}, Memory::kReadback, {});
+  const FrameImage fused(*device, Shape{12, 18, 3});
   Commands pool(*device);
   for (uint32_t i = 0; i < Fuser::kFramesInFlight; ++i) {
     const VkCommandBuffer commands = pool.begin("frame");
@@ -97,7 +97,7 @@ TEST_F(RecordTest, AnyLayoutGivesTheBitsOfFuse) {
       SCOPED_TRACE(fmt::format("{}, offset {}, interleaved {}", name_of(precision), layout.offset_bytes,
                                layout.interleaved));
       const FrameImage lrhs(*device, subject_.lrhs, layout), hrls(*device, subject_.hrls, layout);
-      const FrameImage fused(*device, {12, 18, 3}, Memory::kReadback, layout);
+      const FrameImage fused(*device, Shape{12, 18, 3}, layout);
       Commands pool(*device);
       const VkCommandBuffer commands = pool.begin("frame");
       fusion.record(commands, lrhs.view(), hrls.view(), fused.view());
@@ -122,7 +122,7 @@ TEST_F(RecordTest, EachRecordingHasItsExposure) {
   Commands pool(*device);
   const std::array exposures{1.0f, found, 3.0f};
   for (const float exposure : exposures) {
-    images.emplace_back(*device, Shape{12, 18, 3}, Memory::kReadback, FrameImage::Layout{});
+    images.emplace_back(*device, Shape{12, 18, 3});
     const VkCommandBuffer commands = pool.begin("frame");
     fusion.record(commands, lrhs.view(), hrls.view(), images.back().view(), exposure);
     end_and_submit(*device, pool, commands);
@@ -152,7 +152,7 @@ TEST_F(RecordTest, ThreeRecordingsInFlight) {
       subjects.push_back(make_subject(subject_.architecture, 6, 9, 10 + 3 * round + i));
       images.emplace_back(*device, subjects.back().lrhs);
       images.emplace_back(*device, subjects.back().hrls);
-      images.emplace_back(*device, Shape{12, 18, 3}, Memory::kReadback, FrameImage::Layout{});
+      images.emplace_back(*device, Shape{12, 18, 3});
       const VkCommandBuffer commands = pool.begin("frame");
       fuser.record(commands, images[3 * i].view(), images[3 * i + 1].view(), images[3 * i + 2].view());
       end_and_submit(*device, pool, commands);

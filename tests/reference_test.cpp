@@ -64,8 +64,10 @@ TEST(Conv2d, ResidualsAddUp) {
   EXPECT_GT(y.bound.data[0], 1 + std::ldexp(8 + 7 + 6, -24));  // each sum rounds once
 }
 
-TEST(Conv2d, ReluKeepsNaN) {
-  EXPECT_TRUE(std::isnan(conv2d(exact(row({std::nan("")})), single(1, 0), true, kFp32).value.at(0, 0, 0)));
+TEST(Conv2d, ReluKeepsNaNAndMinusInfinity) {
+  const Bounded y = conv2d(exact(row({std::nan(""), -kInfinity})), single(1, 0), true, kFp32);
+  EXPECT_TRUE(std::isnan(y.value.data[0]));
+  EXPECT_EQ(y.value.data[1], -kInfinity);
 }
 
 TEST(Conv2d, BoundIsTheStatedOne) {

@@ -5,12 +5,12 @@
 #include <cmath>
 
 #include "cli/commands.h"
-#include "cli/conform_values.h"
 #include "cli/console.h"
 #include "cli/interrupt.h"
 #include "cli/outputs.h"
 #include "cli/versions.h"
 #include "conform/report.h"
+#include "conform/values.h"
 
 namespace raymeld::cli {
 namespace {
@@ -24,7 +24,7 @@ using Json = nlohmann::ordered_json;
 struct ConformArguments {
   std::string device;
   std::vector<std::string> suites;
-  bool quick = false, full = false, json = false;
+  bool full = false, json = false;
   std::filesystem::path values;
   std::vector<std::filesystem::path> against;
 };
@@ -107,15 +107,18 @@ std::vector<conform::Suite> chosen_suites(const std::vector<std::string>& names)
 }
 
 void run(const ConformArguments& arguments) {
+  const std::vector<conform::Suite> suites = chosen_suites(arguments.suites);
+  if (!(arguments.values.empty() && arguments.against.empty()) &&
+      std::ranges::none_of(suites, &conform::Suite::networks))
+    throw Error("--values and --against are of networks: --suite leaves out 'network'");
   if (!arguments.values.empty()) check_outputs(std::span(&arguments.values, 1), arguments.against);
   std::vector<conform::Values> others;
-  for (const auto& file : arguments.against) others.push_back(read_values(file));
+  for (const auto& file : arguments.against) others.push_back(conform::read_values(file));
   const auto device = Device::create({arguments.device});
   const DeviceInfo& info = device->info();
   const Console console(!arguments.json);
   console.note(fmt::format("testing {} ({})", info.name, info.driver));
   const std::filesystem::path folder = PipelineCache::default_folder();
-  PipelineCache cache(*device, folder);
   Report report;
   conform::Values values{.device = info.name + ", " + info.driver};
   const conform::Options options{.extent = arguments.full ? conform::Extent::kFull : conform::Extent::kQuick,
@@ -125,10 +128,12 @@ void run(const ConformArguments& arguments) {
                                    report.add(finding);
                                    check_interrupted();
                                  }};
-  for (const conform::Suite& suite : chosen_suites(arguments.suites))
+  for (const conform::Suite& suite : suites) {
+    PipelineCache cache(*device, folder);
     conform::conform(suite, {*device, cache, folder}, options);
-  cache.save();
-  if (!arguments.values.empty()) write_values(arguments.values, values);
+    if (!suite.networks) cache.save();  // which would replace those of the Fusers
+  }
+  if (!arguments.values.empty()) conform::write_values(arguments.values, values);
 
   if (arguments.json) {
     print(to_json(report, info, arguments.full).dump(2) + "\n");
@@ -150,7 +155,7 @@ void add_conform(CLI::App& app) {
       "conform",
       "Holds a device and its driver to the scalar reference, layer by layer and in whole networks");
   command->add_option("--device", arguments->device, "An index of raymeld devices, a UUID or part of a name");
-  auto* quick = command->add_flag("--quick", arguments->quick, "Some sizes and networks; the default");
+  auto* quick = command->add_flag("--quick")->description("Some sizes and networks; the default");
   command->add_flag("--full", arguments->full, "All sizes and networks: minutes on a CPU")->excludes(quick);
   std::vector<std::string> names;
   for (const conform::Suite& suite : conform::suites()) names.push_back(suite.name);

@@ -1,7 +1,5 @@
 #include "conform/collector.h"
 
-#include <fmt/format.h>
-
 #include <array>
 #include <bit>
 #include <cmath>
@@ -19,7 +17,8 @@ using reference::Worst;
 // In the words of `raymeld devices`; empty where the device has all.
 std::string missing_feature(const DeviceInfo& device, const Way& way, Precision precision) {
   if (precision == Precision::kFp16 && !device.storage_16bit) return "16-bit storage";
-  if (way.kernel.matrix && !device.cooperative_matrix) return "cooperative matrix";
+  // What no 1x1 convolution can do, no 3x3 can.
+  if (way.kernel.matrix && !is_possible(*way.kernel.matrix, 1)) return "cooperative matrix";
   if ((way.addressed || way.kernel.tile > 0) && !device.buffer_device_address) return "buffer device address";
   return {};
 }
@@ -37,10 +36,19 @@ std::span<const Way> plain_ways() {
   return ways;
 }
 
+std::vector<MatrixTiles> matrix_tiles(const DeviceInfo& device, uint32_t kernel) {
+  const CooperativeMatrix matrix = device.cooperative_matrix.value_or(CooperativeMatrix{});
+  std::vector<MatrixTiles> tiles{{matrix, matrix.m, 1, 2, matrix.k},
+                                 {matrix, 2 * matrix.m, 2, 1, 2 * matrix.k}};
+  std::erase_if(tiles, [&](const MatrixTiles& one) { return !is_possible(one, kernel); });
+  if (tiles.empty()) tiles.push_back({});
+  return tiles;
+}
+
 void Check::take(const Worst& worst, size_t values, const std::string& what) {
   finding_.values += values;
   if (worst.ratio > 1) that(false, (what.empty() ? "" : what + ": ") + text_of(worst, values));
-  // NaN has no place among ratios, infinity has.
+  // The first comparison is kept whatever its ratio.
   if (worst.ratio <= finding_.worst.ratio && finding_.values > values) return;
   finding_.worst = worst;
   finding_.where = what;

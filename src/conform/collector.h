@@ -1,7 +1,6 @@
 #pragma once
 
 #include <functional>
-#include <optional>
 
 #include "conform/conform.h"
 #include "reference/samples.h"
@@ -21,6 +20,9 @@ struct Way {
 
 // Of layers with one kernel.
 std::span<const Way> plain_ways();
+// Two sizes of tiles, so small that a convolution has several: those that the device's matrices and its shared
+// memory allow. Where they allow none, one that is impossible, and so unsupported.
+std::vector<MatrixTiles> matrix_tiles(const DeviceInfo& device, uint32_t kernel);
 
 // What a case's comparisons are handed to; its finding keeps the worst of them.
 class Check {

@@ -56,6 +56,8 @@ class Collector;
 struct Suite {
   std::string name;
   void (*run)(Collector&);
+  // Of whole networks: what Options::others and keep are of. Their Fusers save pipeline caches of their own.
+  bool networks = false;
 };
 std::span<const Suite> suites();
 

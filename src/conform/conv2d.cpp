@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <array>
+#include <optional>
 
 #include "conform/conv2d_trials.h"
 #include "conform/suites.h"
@@ -164,15 +165,11 @@ std::vector<Way> conv2d_ways(const DeviceInfo& device, uint32_t kernel) {
                       addressed});
     }
   }
-  const auto& matrix = device.cooperative_matrix;
-  if (!matrix) {
-    ways.push_back({.name = "matrices", .kernel = {.matrix = MatrixTiles{}}});
-    return ways;
+  for (const MatrixTiles& tiles : matrix_tiles(device, kernel)) {
+    const bool possible = is_possible(tiles, kernel);
+    ways.push_back({.name = possible ? fmt::format("matrices, {} outputs", tiles.outputs) : "matrices",
+                    .kernel = {.matrix = tiles}});
   }
-  const auto [m, k] = std::pair(matrix->m, matrix->k);
-  for (const MatrixTiles& tiles :
-       {MatrixTiles{*matrix, m, 1, 2, k}, MatrixTiles{*matrix, 2 * m, 2, 1, 2 * k}})
-    ways.push_back({.name = fmt::format("matrices, {} outputs", tiles.outputs), .kernel = {.matrix = tiles}});
   return ways;
 }
 

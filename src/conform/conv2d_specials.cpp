@@ -57,6 +57,8 @@ void check_large(const Pointwise& run) {
   run.gives({65504, -65504, 40000, 2}, 2, 0, {65504, -65504, 65504, 4}, 3, "twice");
   run.gives({65504, 65504 - 32}, 1, 15, {65504, 65472}, 1, "with a bias");  // 65519, 65487
   run.gives({kInfinity, -kInfinity}, 1, 0, {65504, -65504}, 2, "infinities");
+  run.gives({1, 2, 3}, 1, 70000, {65504, 65504, 65504}, 3,
+            "beyond 16 bits by the bias, and nothing around the pixels");
 }
 
 // Subnormals of fp32 may be flushed; those of halves are none in fp32.
@@ -70,11 +72,15 @@ void check_denormals(const Pointwise& run) {
   run.check.within(run.row(in, 1, 0, false, status), expected);
 }
 
-// A NaN that ReLU dropped would hide an overflow from the count in decode.
+// A NaN or -infinity that ReLU dropped would hide an overflow from the count in decode, or from that of what
+// saturates.
 void check_relu(const Pointwise& run) {
   Status status;
-  const Planes out = run.row({-1, -0.0f, 3, kNaN, -kNaN}, 1, 0, true, status);
-  run.check.within(out, exact(Planes(1, 1, 5, {0, 0, 3, kNaN, kNaN})));
+  const bool half = run.precision == Precision::kFp16;
+  const Planes out = run.row({-1, -0.0f, 3, kNaN, -kNaN, -kInfinity}, 1, 0, true, status);
+  run.check.within(out, exact(Planes(1, 1, 6, {0, 0, 3, kNaN, kNaN, half ? -65504 : -kInfinity})));
+  run.check.that(status.saturated == half,
+                 fmt::format("counted {} values as saturated, expected {}", status.saturated, int(half)));
 }
 
 struct Poison {
@@ -130,7 +136,7 @@ void run_specials(Collector& collector) {
   const auto run_each = [&](uint32_t kernel, const char* what,
                             const std::function<void(Check&, const Way&, Precision)>& body) {
     std::vector<Way> ways = conv2d_ways(collector.device().info(), kernel);
-    std::erase_if(ways, [](const Way& way) { return way.kernel.tile > 0; });
+    std::erase_if(ways, [](const Way& way) { return way.kernel.tile > 1; });
     Collector::for_each(ways, [&](const Way& way, Precision precision) {
       collector.run(kernel == 1 ? "conv2d 1x1" : "conv2d 3x3", way, precision, what,
                     [&](Check& check) { body(check, way, precision); });
@@ -143,7 +149,7 @@ void run_specials(Collector& collector) {
   run_each(1, "denormals", [&](Check& check, const Way& way, Precision precision) {
     check_denormals({check, target, way, precision});
   });
-  run_each(1, "ReLU of NaN and -0", [&](Check& check, const Way& way, Precision precision) {
+  run_each(1, "ReLU of NaN, -infinity and -0", [&](Check& check, const Way& way, Precision precision) {
     check_relu({check, target, way, precision});
   });
   run_each(3, "one poisoned pixel, 5 -> 9 channels, 11 x 35",

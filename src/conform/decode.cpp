@@ -39,7 +39,7 @@ Decoded decoded(Check& check, const Target& target, const Planes& rec, const Pla
                 const Decoding& decoding, const Way& way, Precision precision,
                 const Planes* bright = nullptr) {
   const Shape shape{uint32_t(rec.h), uint32_t(rec.w), uint32_t(rec.c)};
-  const FrameImage frame(target.device, shape, Memory::kReadback, frame_layouts()[decoding.layout]);
+  const FrameImage frame(target.device, shape, frame_layouts()[decoding.layout]);
   LayerRun run(target, precision, way.addressed);
   const Tensor in = run.input("rec", rec);
   Tensor lrhs, highlights;

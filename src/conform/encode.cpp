@@ -20,22 +20,24 @@ constexpr std::array kKinds{LayerKind::kRadiance, LayerKind::kAlbedo, LayerKind:
 constexpr std::array kChannelKinds{ChannelKind::kRadiance, ChannelKind::kAlbedo, ChannelKind::kNormal,
                                    ChannelKind::kVariance};
 
-// Radiance from 0 to beyond the clip, albedo and normals beyond their ranges, specials in between.
-Planes image_of(LayerKind kind, const Size& size, uint64_t seed) {
-  Planes image = reference::random_planes(3, size.h, size.w, reference::Fill::kSpecials, seed);
-  if (kind != LayerKind::kRadiance && kind != LayerKind::kVariance) return image;
-  for (size_t i = 0; i < image.data.size(); ++i) {
-    if (image.data[i] > -1 && image.data[i] < 1) image.data[i] = float(image.data[i] * (i % 2 ? 1 : 150));
-  }
-  return image;
-}
-
 struct Encoding {
   bool log;
   float clip;
   float exposure = 1;
   size_t layout = 0;
 };
+
+// Radiance of all sizes around 0 and up to beyond the clip, albedo and normals beyond their ranges, specials
+// in between.
+Planes image_of(LayerKind kind, const Size& size, const Encoding& encoding, uint64_t seed) {
+  Planes image = reference::random_planes(3, size.h, size.w, reference::Fill::kSpecials, seed);
+  if (kind != LayerKind::kRadiance && kind != LayerKind::kVariance) return image;
+  const double most = 1.5 * encoding.clip / encoding.exposure;
+  for (size_t i = 0; i < image.data.size(); ++i) {
+    if (image.data[i] > -1 && image.data[i] < 1) image.data[i] = float(image.data[i] * (i % 2 ? 1 : most));
+  }
+  return image;
+}
 
 // By the device; kinds of three channels each, as many as the image has.
 Planes encoded(Check& check, const Target& target, const Planes& image, const Encoding& encoding,
@@ -55,15 +57,14 @@ Planes encoded(Check& check, const Target& target, const Planes& image, const En
 void check_random(Check& check, const Target& target, const Size& size, const Encoding& encoding,
                   uint64_t seed, const Way& way, Precision precision) {
   Planes image(0, size.h, size.w);
-  Bounded expected;
+  Bounded expected = reference::exact(image);
   for (const LayerKind kind : kKinds) {
-    const Planes layer = image_of(kind, size, seed + 7 * uint64_t(image.c));
+    const Planes layer = image_of(kind, size, encoding, seed + 7 * uint64_t(image.c));
     const Bounded one = reference::encode(
         layer, kind, encoding.log ? reference::Transfer::kLog : reference::Transfer::kLinear, encoding.clip,
         precision, encoding.exposure);
-    expected = image.c == 0 ? one : reference::concat(expected, one);
-    image.data.insert(image.data.end(), layer.data.begin(), layer.data.end());
-    image.c += 3;
+    expected = concat(expected, one);
+    image = concat(image, layer);
   }
   check.within(encoded(check, target, image, encoding, way, precision), expected);
 }
@@ -71,7 +72,7 @@ void check_random(Check& check, const Target& target, const Size& size, const En
 // What LRHS has beyond the clip, which takes part of the exposure's inverse only.
 void check_highlights(Check& check, const Target& target, const Size& size, const Encoding& encoding,
                       uint64_t seed, const Way& way, Precision precision) {
-  const Planes image = image_of(LayerKind::kRadiance, size, seed);
+  const Planes image = image_of(LayerKind::kRadiance, size, encoding, seed);
   const FrameImage frame(target.device, image, frame_layouts()[encoding.layout]);
   LayerRun run(target, precision, way.addressed);
   const Tensor out = run.tensor("out", image.c, image.h, image.w);
@@ -86,8 +87,7 @@ void check_sanitised(Check& check, const Target& target, const Way& way, Precisi
   constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
   const Planes row(1, 1, 8, {kNaN, -kNaN, kInfinity, -kInfinity, 1e30, -1e30, -0.5, 0.25});
   Planes image(0, 1, 8);
-  for (image.c = 0; image.c < 9; ++image.c)
-    image.data.insert(image.data.end(), row.data.begin(), row.data.end());
+  for (int c = 0; c < 9; ++c) image = concat(image, row);
   Planes expected(9, 1, 8);
   const std::array<std::array<double, 8>, 3> of_kinds{{{0, 0, 50, 0, 50, 0, 0, 0.25},       // radiance
                                                        {0, 0, 1, 0, 1, 0, 0, 0.25},         // albedo

@@ -7,7 +7,7 @@ namespace raymeld::conform {
 
 using reference::Planes;
 
-FrameImage::FrameImage(const Device& device, Shape shape, Memory memory, Layout layout) : shape_(shape) {
+FrameImage::FrameImage(const Device& device, Shape shape, Layout layout) : shape_(shape) {
   const auto [h, w, c] = shape;
   view_.offset_bytes = layout.offset_bytes;
   view_.pixel_stride = layout.interleaved ? c + layout.pixel_padding : 1;
@@ -15,13 +15,14 @@ FrameImage::FrameImage(const Device& device, Shape shape, Memory memory, Layout 
   view_.channel_stride = layout.interleaved ? 1 : h * view_.row_stride + layout.pixel_padding;
   const uint64_t floats =
       layout.interleaved ? uint64_t{h} * view_.row_stride : uint64_t{c} * view_.channel_stride;
-  buffer_ = Buffer(device, layout.offset_bytes + floats * sizeof(float), memory, "frame image");
+  // Memory::kReadback may need a flush of what surrounds the image.
+  buffer_ = Buffer(device, layout.offset_bytes + floats * sizeof(float), Memory::kUpload, "frame image");
   view_.buffer = buffer_.handle();
   std::ranges::fill(values(), kUntouched);
 }
 
 FrameImage::FrameImage(const Device& device, const Planes& image, Layout layout)
-    : FrameImage(device, {uint32_t(image.h), uint32_t(image.w), uint32_t(image.c)}, Memory::kUpload, layout) {
+    : FrameImage(device, Shape{uint32_t(image.h), uint32_t(image.w), uint32_t(image.c)}, layout) {
   write(image);
 }
 
@@ -45,7 +46,6 @@ void FrameImage::write(const Planes& image) {
 }
 
 Planes FrameImage::read() const {
-  buffer_.invalidate();
   Planes image(int(shape_.channels), int(shape_.height), int(shape_.width));
   for (uint32_t c = 0; c < shape_.channels; ++c) {
     for (uint32_t y = 0; y < shape_.height; ++y) {

@@ -8,8 +8,8 @@
 
 namespace raymeld::conform {
 
-// An image of floats in a buffer, laid out as a caller might. Everything that is not the image holds
-// kUntouched.
+// An image of floats in a buffer, laid out as a caller might, in memory that host and device see alike.
+// Everything that is not the image holds kUntouched.
 class FrameImage {
  public:
   static constexpr float kUntouched = -12345.0f;
@@ -21,19 +21,21 @@ class FrameImage {
     uint32_t row_padding = 0;    // floats after each row
   };
 
-  FrameImage(const Device& device, Shape shape, Memory memory, Layout layout);
-  // Planar, dense, filled.
+  // Without a layout: planar, dense.
+  FrameImage(const Device& device, Shape shape) : FrameImage(device, shape, Layout{}) {}
+  FrameImage(const Device& device, Shape shape, Layout layout);
+  // Filled.
   FrameImage(const Device& device, const reference::Planes& image) : FrameImage(device, image, Layout{}) {}
   FrameImage(const Device& device, const reference::Planes& image, Layout layout);
 
   FrameBinding binding() const { return {view_, shape_}; }
   const FrameBuffer& view() const { return view_; }
-  void write(const reference::Planes& image);
   reference::Planes read() const;
   // How many floats around the image no longer hold kUntouched.
   size_t touched_outside() const;
 
  private:
+  void write(const reference::Planes& image);
   size_t at(uint32_t c, uint32_t y, uint32_t x) const;
   std::span<float> values() const;
 

@@ -57,14 +57,9 @@ struct Trial {
   }
   // Color, albedo and normal, as one tensor.
   Planes hrls() const {
-    Planes all = radiance(3, full(), 1);
     const Planes albedo = image(3, full(), 2, [](double u) { return u; });
     const Planes normal = image(3, full(), 3, [](double u) { return 2 * u - 1; });
-    for (const Planes& layer : {albedo, normal}) {
-      all.data.insert(all.data.end(), layer.data.begin(), layer.data.end());
-      all.c += layer.c;
-    }
-    return all;
+    return concat(concat(radiance(3, full(), 1), albedo), normal);
   }
 };
 
@@ -97,10 +92,8 @@ void check_light(Check& check, const Trial& c) {
 // Brightness varies within the width of the filter, or about as much as it can.
 void check_filter(Check& check, const Trial& c) {
   const Planes hrls = c.hrls();
-  Planes x = c.image(3, c.full(), 4, [](double u) { return 30 * u; });
   const Planes certainty = c.image(1, c.full(), 6, [](double u) { return 1 + 60 * u; });
-  x.data.insert(x.data.end(), certainty.data.begin(), certainty.data.end());
-  x.c = 4;
+  const Planes x = concat(c.image(3, c.full(), 4, [](double u) { return 30 * u; }), certainty);
   const int step = 1 << c.seed % 5;
   LayerRun run(c.target, c.precision, c.way.addressed);
   const Tensor in = run.input("in", x), high = run.input("hrls", hrls);

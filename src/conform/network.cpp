@@ -45,16 +45,17 @@ reference::Outputs truth(const Subject& subject, const NetworkTrial& trial,
 }
 
 // Both keep their bounds of the same value.
-void agree(const Collector& collector, const std::string& key, const Case& of, const Way& way,
+void agree(const Collector& collector, const std::string& name, const NetworkTrial& trial,
            const Planes& output, const Bounded& expected) {
+  const std::string key = fmt::format("{}, {}, {}", name, trial.way.name, name_of(trial.precision));
   for (const Values& other : collector.options().others) {
     const std::string layer = "agreement with " + other.device;
     const auto known = other.outputs.find(key);
     if (known == other.outputs.end()) {
-      collector.unsupported({layer, of.kernel, of.precision, of.shape}, "that device has no such output");
+      collector.unsupported({layer, trial.way.name, trial.precision, name}, "that device has no such output");
       continue;
     }
-    collector.run(layer, way, of.precision, of.shape, [&](Check& check) {
+    collector.run(layer, trial.way, trial.precision, name, [&](Check& check) {
       Bounded near{known->second, expected.bound};
       for (double& bound : near.bound.data) bound *= 2;
       check.within(output, near);
@@ -102,10 +103,8 @@ std::vector<Way> network_ways(const DeviceInfo& device, size_t index) {
                     {.tile = tile, .outputs = 8, .channels = 8, .band = 64},
                     addressed});
   }
-  const auto& matrix = device.cooperative_matrix;
-  ways.push_back(
-      {.name = "matrices",
-       .kernel = {.matrix = matrix ? MatrixTiles{*matrix, matrix->m, 1, 2, matrix->k} : MatrixTiles{}}});
+  // Those of 3x3 convolutions serve the 1x1 too.
+  ways.push_back({.name = "matrices", .kernel = {.matrix = matrix_tiles(device, 3).front()}});
   return ways;
 }
 
@@ -128,13 +127,11 @@ void conform_one(const Collector& collector, const std::string& name, const Subj
   });
   Bounded carried;
   of("network, whole", [&](Check& check) {
+    if (run.layers.empty()) throw Error("the network did not run");
     carried = truth(subject, trial, {}).at("output");
     check.within(run.output, carried);
   });
-  if (!run.layers.empty() && !carried.value.data.empty()) {
-    const std::string key = fmt::format("{}, {}, {}", name, way.name, name_of(precision));
-    agree(collector, key, {{}, way.name, precision, name}, way, run.output, carried);
-  }
+  if (!run.layers.empty() && !carried.value.data.empty()) agree(collector, name, trial, run.output, carried);
 }
 
 }  // namespace raymeld::conform

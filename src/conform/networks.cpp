@@ -15,7 +15,8 @@ struct Variant {
   int height, width;  // of LRHS
 };
 
-// Every choice of a model's file at least once.
+// Every choice of a model's file at least once; each base and what depends on the sampling of LRHS with an
+// even and an odd index, which chooses the phase.
 std::vector<Variant> variants() {
   using enum reference::LayerKind;
   using enum reference::Base;
@@ -107,17 +108,17 @@ void conform_network(Collector& collector) {
   const std::vector<Variant> all = variants();
   for (size_t i = 0; i < all.size(); i += collector.full() ? 1 : 5) {
     const auto& [a, height, width] = all[i];
-    const Subject subject = make_subject(a, height, width, 100 + i);
-    const std::string name =
-        fmt::format("{}: x{}, {} features, {} x {}", i, a.scale, a.features, height, width);
-    Collector::for_each(network_ways(collector.device().info(), i),
-                        [&](const Way& way, reference::Precision precision) {
-                          conform_one(collector, name, subject,
-                                      {.way = way,
-                                       .precision = precision,
-                                       .phase = (float(a.scale) - 1) / 2,
-                                       .exposure = std::array{1.0f, 0.037f, 2.3f}[i % 3]});
-                        });
+    const float phase = i % 2 ? (float(a.scale) - 1) / 2 : 0,
+                exposure = std::array{1.0f, 0.037f, 2.3f}[i % 3];
+    Subject subject = make_subject(a, height, width, 100 + i);
+    subject.lrhs.at(0, 0, 0) = float(2 * a.clip / exposure);  // half of it is a highlight
+    const std::string name = fmt::format("{}: x{}, {} features, phase {:g}, {} x {}", i, a.scale, a.features,
+                                         phase, height, width);
+    Collector::for_each(
+        network_ways(collector.device().info(), i), [&](const Way& way, reference::Precision precision) {
+          conform_one(collector, name, subject,
+                      {.way = way, .precision = precision, .phase = phase, .exposure = exposure});
+        });
   }
 }
 

@@ -43,12 +43,6 @@ void check_whole(Check& check, const Target& target, const Shuffle& shuffle, con
   check.same_bits(run.read(out), expected);
 }
 
-Planes stacked(Planes below, const Planes& above) {
-  below.data.insert(below.data.end(), above.data.begin(), above.data.end());
-  below.c += above.c;
-  return below;
-}
-
 // From a slice to a slice, whose neighbours stay as they were.
 void check_slices(Check& check, const Target& target, const Shuffle& shuffle, const Planes& x, int r,
                   Precision precision) {
@@ -58,12 +52,12 @@ void check_slices(Check& check, const Target& target, const Shuffle& shuffle, co
   };
   const Planes in_front = other(x.c + 1, x, 2), before = other(2, result, 3), after = other(1, result, 4);
   LayerRun run(target, precision);
-  const Tensor in = run.input("in", stacked(in_front, x));
-  const Tensor out = run.input("out", stacked(stacked(before, other(result.c, result, 5)), after));
+  const Tensor in = run.input("in", concat(in_front, x));
+  const Tensor out = run.input("out", concat(concat(before, other(result.c, result, 5)), after));
   shuffle.layer(run.graph(), "shuffle", in.slice(uint32_t(in_front.c), uint32_t(x.c)),
                 out.slice(2, uint32_t(result.c)));
   run.run();
-  check.same_bits(run.read(out), stacked(stacked(before, result), after));
+  check.same_bits(run.read(out), concat(concat(before, result), after));
 }
 
 }  // namespace

@@ -174,14 +174,15 @@ Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precisio
   return result;
 }
 
+Planes concat(Planes a, const Planes& b) {
+  expect(a.h == b.h && a.w == b.w, "concat: sizes differ");
+  a.c += b.c;
+  a.data.insert(a.data.end(), b.data.begin(), b.data.end());
+  return a;
+}
+
 Bounded concat(const Bounded& a, const Bounded& b) {
-  expect(a.value.h == b.value.h && a.value.w == b.value.w, "concat: sizes differ");
-  const auto join = [](Planes x, const Planes& y) {
-    x.c += y.c;
-    x.data.insert(x.data.end(), y.data.begin(), y.data.end());
-    return x;
-  };
-  return {join(a.value, b.value), join(a.bound, b.bound)};
+  return {concat(a.value, b.value), concat(a.bound, b.bound)};
 }
 
 Bounded slice(const Bounded& x, int first, int count) {
@@ -247,6 +248,29 @@ Bounded encode(const Planes& image, LayerKind kind, Transfer transfer, double cl
   return result;
 }
 
+namespace {
+
+// One of the four samples that a pixel lies between.
+struct Corner {
+  double factor, value, bound;
+};
+
+std::array<Corner, 4> corners(const Bounded& x, int c, int out_y, int out_x, int scale, double phase) {
+  const int h = x.value.h, w = x.value.w;
+  const double v = std::clamp((out_y - phase) / scale, 0.0, h - 1.0);
+  const double u = std::clamp((out_x - phase) / scale, 0.0, w - 1.0);
+  const int y0 = int(v), x0 = int(u);
+  std::array<Corner, 4> result;
+  for (const int i : {0, 1, 2, 3}) {
+    const int dy = i / 2, dx = i % 2, y = std::min(y0 + dy, h - 1), xx = std::min(x0 + dx, w - 1);
+    const double factor = (dy ? v - y0 : 1 - (v - y0)) * (dx ? u - x0 : 1 - (u - x0));
+    result[size_t(i)] = {factor, x.value.at(c, y, xx), x.bound.at(c, y, xx)};
+  }
+  return result;
+}
+
+}  // namespace
+
 // Factors are multiples of 1 / 2s and exact. Each of three interpolations rounds at most three times, on
 // values that no neighbour exceeds.
 Bounded bilinear(const Bounded& x, int scale, double phase) {
@@ -255,18 +279,11 @@ Bounded bilinear(const Bounded& x, int scale, double phase) {
   for (int c = 0; c < x.value.c; ++c) {
     for (int out_y = 0; out_y < h * scale; ++out_y) {
       for (int out_x = 0; out_x < w * scale; ++out_x) {
-        const double v = std::clamp((out_y - phase) / scale, 0.0, h - 1.0);
-        const double u = std::clamp((out_x - phase) / scale, 0.0, w - 1.0);
-        const int y0 = int(v), x0 = int(u);
         double value = 0, bound = 0, largest = 0;
-        for (const int dy : {0, 1}) {
-          for (const int dx : {0, 1}) {
-            const double factor = (dy ? v - y0 : 1 - (v - y0)) * (dx ? u - x0 : 1 - (u - x0));
-            const int y = std::min(y0 + dy, h - 1), xx = std::min(x0 + dx, w - 1);
-            value += factor * x.value.at(c, y, xx);
-            bound += factor * x.bound.at(c, y, xx);
-            largest = std::max(largest, std::abs(x.value.at(c, y, xx)) + x.bound.at(c, y, xx));
-          }
+        for (const Corner& s : corners(x, c, out_y, out_x, scale, phase)) {
+          value += s.factor * s.value;
+          bound += s.factor * s.bound;
+          largest = std::max(largest, std::abs(s.value) + s.bound);
         }
         result.value.at(c, out_y, out_x) = value;
         result.bound.at(c, out_y, out_x) = bound + gamma(9) * largest;
@@ -280,6 +297,7 @@ Bounded highlights(const Planes& image, double clip, Precision precision, double
   Bounded result = exact(image);
   for (size_t i = 0; i < image.data.size(); ++i) {
     double &value = result.value.data[i], &bound = result.bound.data[i];
+    // Any finite limits do: the intervals must not meet infinity - infinity.
     const double x = std::isnan(value) ? 0 : std::clamp(value, -kLargestOutput, 1e30);
     value = std::clamp(x - clip / exposure, 0.0, kLargestOutput);
     const Interval range =
@@ -290,22 +308,6 @@ Bounded highlights(const Planes& image, double clip, Precision precision, double
 }
 
 namespace {
-
-// One of the four samples that a pixel lies between.
-struct Corner {
-  double factor, value, bound;
-};
-
-std::array<Corner, 4> corners(const Bounded& x, int c, double v, double u) {
-  const int y0 = int(v), x0 = int(u), h = x.value.h, w = x.value.w;
-  std::array<Corner, 4> result;
-  for (const int i : {0, 1, 2, 3}) {
-    const int dy = i / 2, dx = i % 2, y = std::min(y0 + dy, h - 1), xx = std::min(x0 + dx, w - 1);
-    const double factor = (dy ? v - y0 : 1 - (v - y0)) * (dx ? u - x0 : 1 - (u - x0));
-    result[size_t(i)] = {factor, x.value.at(c, y, xx), x.bound.at(c, y, xx)};
-  }
-  return result;
-}
 
 // The range of a mean of numbers from 0 on, weighted by themselves: no larger than the largest of them, and
 // anything below where the sum of the weights may be 0.
@@ -332,9 +334,7 @@ Bounded self_weighted(const Bounded& x, int scale, double phase) {
   for (int c = 0; c < x.value.c; ++c) {
     for (int y = 0; y < h * scale; ++y) {
       for (int column = 0; column < w * scale; ++column) {
-        const double v = std::clamp((y - phase) / scale, 0.0, h - 1.0);
-        const double u = std::clamp((column - phase) / scale, 0.0, w - 1.0);
-        const auto samples = corners(x, c, v, u);
+        const auto samples = corners(x, c, y, column, scale, phase);
         double weights = 0, products = 0;
         for (const Corner& s : samples)
           weights += s.factor * s.value, products += s.factor * s.value * s.value;

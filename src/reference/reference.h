@@ -35,8 +35,11 @@ Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precisio
 // twice the error of a rounding for each addend and, as a step has few of them, at most as much for the sum.
 inline constexpr int kMatrixUnits = 4;
 
-Bounded concat(const Bounded& a, const Bounded& b);     // along c
-Bounded slice(const Bounded& x, int first, int count);  // channels
+// Along c.
+Planes concat(Planes a, const Planes& b);
+Bounded concat(const Bounded& a, const Bounded& b);
+// Channels.
+Bounded slice(const Bounded& x, int first, int count);
 
 // (c, r*h, r*w) -> (r*r*c, h, w) and back: channel c*r*r + r*dy + dx, as PyTorch's pixel_unshuffle and
 // pixel_shuffle.
@@ -122,13 +125,13 @@ using Weights = std::map<std::string, Conv>;     // by the layer's name: "groups
 using Outputs = std::map<std::string, Bounded>;  // by the same, and those that network() names
 
 // Every layer's output by the name of its weights: `merge` with the block's input added, `up.i` after the
-// shuffle. Further encode.lrhs, encode.hrls; groups.0 and so on, the last merge with the group's input added
-// too; trunk, the last of these with the long skip; output (3, s*h, s*w), which is fp32. With the joint base
-// also irradiance, light, joint.0 to joint.4, relight.1, relight.3, relight.5 and mix. phase > 0 is centered.
-// lrhs (3, h, w) and hrls (3 * layers, s*h, s*w) are raw images. Layers named in `given` are computed and
-// then replaced by the given values as exact: with a device's own outputs each layer is checked against what
-// the device itself fed it, and bounds do not pile up. `tile`, of the 3x3 convolutions, and `units`: see
-// conv2d().
+// shuffle. Further encode.lrhs, encode.hrls; highlights (3, h, w), scene linear and not exposed; groups.0 and
+// so on, the last merge with the group's input added too; trunk, the last of these with the long skip; output
+// (3, s*h, s*w), which is fp32. With the joint base also irradiance, light, joint.0 to joint.4, relight.1,
+// relight.3, relight.5 and mix. phase > 0 is centered. lrhs (3, h, w) and hrls (3 * layers, s*h, s*w) are raw
+// images. Layers named in `given` are computed and then replaced by the given values as exact: with a
+// device's own outputs each layer is checked against what the device itself fed it, and bounds do not pile
+// up. `tile`, of the 3x3 convolutions, and `units`: see conv2d().
 Outputs network(const Architecture& architecture, const Weights& weights, const Planes& lrhs,
                 const Planes& hrls, double phase, Precision precision,
                 const std::map<std::string, Planes>& given = {}, double exposure = 1, int tile = 0,
