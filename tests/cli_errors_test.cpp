@@ -63,7 +63,7 @@ TEST_F(CliErrors, Usage) {
   expect_error({"conform", "--suite", "poetry"}, {"--suite", "conv2d"});
   expect_error({"conform", "--quick", "--full"}, {"--quick", "--full"});
   expect_error({"conform", "--against", "low.exr"}, {"low.exr", "--values"});
-  expect_error({"conform", "--suite", "shuffles", "--values", "no/folder/v.json"}, {"no/folder/v.json"});
+  expect_error({"conform", "--suite", "network", "--values", "no/folder/v.json"}, {"no/folder/v.json"});
   expect_error(fuse({"--kernels", "fastest"}), {"--kernels", "direct"});
   expect_error(fuse({"--map", "shine=R"}), {"shine", "albedo"});
 }

@@ -301,6 +301,8 @@ TEST_F(Cli, SaturationIsCountedAndNoImageIsMadeOfInfinities) {
     ASSERT_EQ(again.exit_status, 0) << again.err;
     const Json redone = Json::parse(again.out);
     EXPECT_EQ(redone.at("redone_tiles"), redone.at("tiles"));
+    EXPECT_EQ(redone.at("precision"), "fp32");
+    EXPECT_EQ(attribute(ExrFile(folder_ / "out.exr"), "raymeldPrecision"), "fp32");
     EXPECT_EQ(redone.at("warnings").at(0).at("count"), redone.at("tiles"));
     EXPECT_EQ(read("out.exr").data, expected.data);
     fs::remove(folder_ / "out.exr");
@@ -309,6 +311,22 @@ TEST_F(Cli, SaturationIsCountedAndNoImageIsMadeOfInfinities) {
   EXPECT_EQ(infinite.exit_status, 2);
   EXPECT_NE(infinite.err.find("not finite"), std::string::npos) << infinite.err;
   EXPECT_EQ(files(), (std::set<std::string>{"low.exr", "high.exr", "scaled.safetensors"}));
+}
+
+// On a terminal the bar is wiped before anything else is written in its line.
+TEST_F(Cli, WarningsDoNotStandInTheProgressBar) {
+  if (!run_json({"devices", "--json"}).at("devices").at(0).at("storage_16bit"))
+    GTEST_SKIP() << "no 16-bit storage";
+  SafeTensors model = read_safetensors(tiny_model());
+  model.tensors.at("rec.bias").values.assign(3, 1e5f);
+  write_safetensors(folder_ / "large.safetensors", model);
+  const std::string command = RAYMELD_PROGRAM
+      " fuse --lrhs low.exr --hrls high.exr -o out.exr --model ./large.safetensors --device 0"
+      " --input-exposure 4 --precision fp16 --overflow warn";
+  const ProcessResult result = run_process({"script", "-qec", command, "/dev/null"},
+                                           {.directory = folder_.path(), .environment = environment_});
+  ASSERT_EQ(result.exit_status, 0) << result.out << result.err;
+  EXPECT_NE(result.out.find("100 %\r\033[Kraymeld: warning: "), std::string::npos) << result.out;
 }
 
 TEST_F(Cli, NanAndInfAreCountedAndReplaced) {

@@ -2,7 +2,7 @@
 // read-only mounts are made in a mount namespace of the program's own.
 #include <unistd.h>
 
-#include <thread>
+#include <future>
 
 #include "cli_fixture.h"
 
@@ -142,15 +142,17 @@ TEST_F(DiskTest, InputsMayChangeWhileFusing) {
                                             "out.exr"};
   const auto fused = [&](const std::function<void()>& meanwhile) {
     fs::remove(folder_ / "err.txt");
-    ProcessResult result;
-    std::thread program(
-        [&] { result = run_process(command, {.directory = folder_.path(), .environment = environment_}); });
-    while (!fs::exists(folder_ / "err.txt") ||
-           read_file(folder_ / "err.txt").find("fusing") == std::string::npos)
-      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    auto program = std::async(std::launch::async, [&] {
+      return run_process(command, {.directory = folder_.path(), .environment = environment_});
+    });
+    const auto is_fusing = [&] {
+      return fs::exists(folder_ / "err.txt") &&
+             read_file(folder_ / "err.txt").find("fusing") != std::string::npos;
+    };
+    while (!is_fusing() && program.wait_for(std::chrono::milliseconds(1)) != std::future_status::ready)
+      continue;
     meanwhile();
-    program.join();
-    EXPECT_EQ(result.exit_status, 0) << read_file(folder_ / "err.txt");
+    EXPECT_EQ(program.get().exit_status, 0) << read_file(folder_ / "err.txt");
     return read_file(folder_ / "out.exr");
   };
   const std::string expected = fused([] {});

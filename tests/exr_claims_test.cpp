@@ -5,7 +5,6 @@
 
 #include "error_of.h"
 #include "io/exr.h"
-#include "sealed_cache.h"
 #include "support.h"
 
 namespace raymeld::test {
@@ -33,19 +32,40 @@ struct Parts {
   char compression = 0;
 };
 
-// Two pixels, 1 and 1.
+const std::string kMark = "\x76\x2f\x31\x01";
+const std::string kPixels = {"\x00\x3c\x00\x3c", 4};  // two, 1 and 1
+
+std::string header_of(const Parts& parts) {
+  std::string header = parts.others;
+  header += attribute("channels", "chlist", parts.channels);
+  header += attribute("compression", "compression", std::string(1, parts.compression));
+  header += attribute("dataWindow", "box2i", bytes_of(parts.window));
+  header += attribute("displayWindow", "box2i", bytes_of(Window{}));
+  header += attribute("lineOrder", "lineOrder", std::string(1, '\0'));
+  header += attribute("pixelAspectRatio", "float", bytes_of(1.0f));
+  header += attribute("screenWindowCenter", "v2f", bytes_of(std::array<float, 2>{}));
+  return header + attribute("screenWindowWidth", "float", bytes_of(1.0f)) + '\0';
+}
+
 std::string file_of(const Parts& parts) {
-  std::string file = "\x76\x2f\x31\x01" + bytes_of(uint32_t{2}) + parts.others;
-  file += attribute("channels", "chlist", parts.channels);
-  file += attribute("compression", "compression", std::string(1, parts.compression));
-  file += attribute("dataWindow", "box2i", bytes_of(parts.window));
-  file += attribute("displayWindow", "box2i", bytes_of(Window{}));
-  file += attribute("lineOrder", "lineOrder", std::string(1, '\0'));
-  file += attribute("pixelAspectRatio", "float", bytes_of(1.0f));
-  file += attribute("screenWindowCenter", "v2f", bytes_of(std::array<float, 2>{}));
-  file += attribute("screenWindowWidth", "float", bytes_of(1.0f)) + '\0';
-  file += bytes_of(uint64_t{file.size() + 8});
-  return file + bytes_of(std::array<int32_t, 2>{0, 4}) + std::string("\x00\x3c\x00\x3c", 4);
+  const std::string file = kMark + bytes_of(uint32_t{2}) + header_of(parts);
+  return file + bytes_of(uint64_t{file.size() + 8}) + bytes_of(std::array<int32_t, 2>{0, 4}) + kPixels;
+}
+
+// Of parts a and b; the latter claims `window`.
+std::string file_of_two(const Window& window) {
+  const auto part = [](const std::string& name, const Window& claimed) {
+    return header_of({.window = claimed,
+                      .others = attribute("name", "string", name) +
+                                attribute("type", "string", "scanlineimage") +
+                                attribute("chunkCount", "int", bytes_of(int32_t{1}))});
+  };
+  constexpr uint32_t kVersion = 2 | 1 << 12;  // with several parts
+  std::string file = kMark + bytes_of(kVersion) + part("a", {}) + part("b", window) + '\0';
+  const uint64_t first = file.size() + 16;
+  file += bytes_of(std::array<uint64_t, 2>{first, first + 16});
+  for (const int32_t number : {0, 1}) file += bytes_of(std::array<int32_t, 3>{number, 0, 4}) + kPixels;
+  return file;
 }
 
 class ExrClaims : public testing::Test {
@@ -108,8 +128,17 @@ TEST_F(ExrClaims, ImagesThatTheFileCannotHold) {
        {Window{0, 0, kMost, kMost}, {0, 0, 10'000'000, 0}, {-kMost, -kMost, kMost, kMost}})
     for (const char compression : {0, 3, 4, 9})
       EXPECT_TRUE(contains(error_with({.window = window, .compression = compression}), "a.exr"));
-  EXPECT_TRUE(
-      contains(error_with({.window = {0, 0, 10'000'000, 0}}), "pixels of 1 channels cannot be in a file of"));
+  for (const char compression : {0, 3, 4, 9}) {
+    const std::string error = error_with({.window = {0, 0, 100'000'000, 0}, .compression = compression});
+    EXPECT_TRUE(contains(error, "100000001 x 1 pixels of 1 channels cannot be in a file of")) << error;
+  }
+}
+
+TEST_F(ExrClaims, PartsThatTheFileCannotHoldTogether) {
+  write_file(folder_ / "a.exr", file_of_two({}));
+  EXPECT_EQ(ExrFile(folder_ / "a.exr").channel_names(), (std::vector<std::string>{"a.Y", "b.Y"}));
+  write_file(folder_ / "a.exr", file_of_two({0, 0, 10'000'000, 0}));
+  EXPECT_ERROR(ExrFile(folder_ / "a.exr"), "its parts up to part 1 cannot be in a file of");
 }
 
 TEST_F(ExrClaims, TilesThatAreLargerThanTheImage) {

@@ -6,15 +6,10 @@
 #include <cstring>
 #include <string>
 
+#include "support.h"
+
 // What a file of PipelineCache is made of.
 namespace raymeld::test {
-
-template <typename Value>
-std::string bytes_of(const Value& value) {
-  std::string bytes(sizeof(value), '\0');
-  std::memcpy(bytes.data(), &value, sizeof(value));
-  return bytes;
-}
 
 // `data` behind raymeld's own header: its mark, the size, and FNV-1a of the data.
 inline std::string sealed_cache(const std::string& data) {

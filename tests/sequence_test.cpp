@@ -84,10 +84,10 @@ TEST_F(Sequence, FramesAreWhatEachWouldBeAlone) {
 TEST_F(Sequence, ModelsAndSamplingMayChangeBetweenFrames) {
   fs::create_directory(folder_ / "models");
   environment_["RAYMELD_MODELS"] = (folder_ / "models").string();
-  fs::copy_file(tiny_model(), folder_ / "models/x4-fast.safetensors");
-  fs::copy_file(source_path("tests/golden/tiny-x2.safetensors"), folder_ / "models/x2-fast.safetensors");
-  write_file(folder_ / "models/x4-balanced.safetensors", read_file(tiny_model()));
-  fs::copy_file(folder_ / "models/x2-fast.safetensors", folder_ / "models/x2-balanced.safetensors");
+  for (const char* scale : {"x2", "x4"}) {
+    fs::copy_file(source_path(fmt::format("tests/golden/guided-{}.safetensors", scale)),
+                  folder_ / fmt::format("models/{}-balanced.safetensors", scale));
+  }
   write_frames(1, 4);
   ASSERT_EQ(run({"degrade", high(2), "--scale", "2", "-o", low(2)}).exit_status, 0);
   const auto fuse = [&](const std::string& frame, const std::string& output, std::vector<std::string> more) {
@@ -221,6 +221,15 @@ TEST_F(Sequence, BadFramesFailAlone) {
   expect_fused_as_alone(6);
 }
 
+TEST_F(Sequence, JsonIsReadableWhateverFilesAreCalled) {
+  std::vector<std::string> arguments = fuse_frames("1", {"--json"});
+  arguments[2] = "\xff.####.exr";
+  const ProcessResult result = run(arguments);
+  EXPECT_EQ(result.exit_status, 2);
+  EXPECT_NE(result.err.find("'\xff.0001.exr'"), std::string::npos) << result.err;
+  EXPECT_EQ(Json::parse(result.out).at("failed"), Json({1}));
+}
+
 // With weights that are infinities to any light of LRHS; the first and the last frame have none.
 TEST_F(Sequence, AFrameThatFailsOnTheDeviceFailsAlone) {
   write_frames(1, 3);
@@ -228,7 +237,7 @@ TEST_F(Sequence, AFrameThatFailsOnTheDeviceFailsAlone) {
   SafeTensors model = read_safetensors(tiny_model());
   for (float& weight : model.tensors.at("lrhs.weight").values) weight = 3e38f;
   write_safetensors(folder_ / "loud.safetensors", model);
-  std::vector<std::string> arguments = fuse_frames("1-3", {"--precision", "fp32"});
+  std::vector<std::string> arguments = fuse_frames("1-3", {"--precision", "fp32", "--kernels", "direct"});
   arguments[8] = "loud.safetensors";
   const ProcessResult result = run(arguments);
   EXPECT_EQ(result.exit_status, 2);

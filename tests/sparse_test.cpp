@@ -219,8 +219,8 @@ TEST_F(SparseTest, ARecordedFrameDecidesOnTheDevice) {
   for (const int last : {0, 110, 40}) {
     const Scene scene = make_scene(a, 8, last, 12);
     const FrameImage lrhs(gpu(), planes_of(scene.lrhs)), hrls(gpu(), planes_of(scene.hrls));
-    FrameImage fused(gpu(), {uint32_t(a.scale * kHeight), uint32_t(a.scale * kWidth), 3}, Memory::kReadback,
-                     {});
+    FrameImage fused(gpu(), Shape{uint32_t(a.scale * kHeight), uint32_t(a.scale * kWidth), 3},
+                     FrameImage::Layout{});
     Commands pool(gpu());
     const VkCommandBuffer commands = pool.begin("frame");
     fuser.record(commands, lrhs.view(), hrls.view(), fused.view());

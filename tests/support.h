@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <cstring>
 #include <filesystem>
 #include <map>
 #include <optional>
@@ -41,6 +42,14 @@ class TemporaryDirectory {
 
 // Values are rounded to the tensor's type.
 void write_safetensors(const std::filesystem::path& path, const SafeTensors& content);
+
+// As it lies in memory.
+template <typename Value>
+std::string bytes_of(const Value& value) {
+  std::string bytes(sizeof(value), '\0');
+  std::memcpy(bytes.data(), &value, sizeof(value));
+  return bytes;
+}
 
 std::string read_file(const std::filesystem::path& path);
 void write_file(const std::filesystem::path& path, std::string_view content);

@@ -3,6 +3,7 @@
 
 import dataclasses
 import random
+import types
 import unittest
 from unittest import mock
 
@@ -13,6 +14,7 @@ import grow
 import joint_filter
 import model
 import stock
+import train
 
 
 class Lookalike:
@@ -121,6 +123,17 @@ class JointLight(unittest.TestCase):
         self.assertEqual(float(certainty.sum()), 64 + 4 * 12)
         spread = self.light(torch.zeros(1, 3, 8, 8), config, centered=True)[0, 3]
         self.assertTrue((spread == 1.75).all())
+
+
+class Losses(unittest.TestCase):
+    def test_what_is_beyond_the_clip_is_no_error(self):
+        config, reference = stock.config("x4-fast"), torch.rand(1, 3, 8, 8)
+        reference[..., 3, 3] = 1000
+        encoded = model.encode_layer(reference, "color", config)
+        for name in (*train.ENCODED_LOSSES, "robust"):
+            run = types.SimpleNamespace(args=types.SimpleNamespace(loss=name, beta=0.1), config=config)
+            self.assertLess(float(train.Run.error(run, encoded, reference)), 1e-3, name)
+            self.assertGreater(float(train.Run.error(run, 0 * encoded, reference)), 0.1, name)
 
 
 class Pairs(unittest.TestCase):

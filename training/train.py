@@ -109,6 +109,13 @@ class Run:
             hrls = hrls * kept.repeat_interleave(3)[:, None, None]
         return lrhs, hrls
 
+    def error(self, encoded, reference):
+        """By the loss that was chosen; of what the network drew, without the highlights beyond the clip."""
+        if self.args.loss == "robust":
+            linear = model.decode(encoded, self.config.transfer)
+            return loss.robust(linear, reference.clamp(0, self.config.clip), self.args.beta)
+        return ENCODED_LOSSES[self.args.loss](encoded, model.encode_layer(reference, "color", self.config))
+
     def train_step(self, views):
         args = self.args
         rate = args.rate * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * self.progress())))
@@ -116,12 +123,8 @@ class Run:
             group["lr"] = rate * min(1, (self.step + 1) / 200)
         lrhs, hrls, reference, centered = dataset.batch(views, self.config, args.size, args.batch, self.step)
         with torch.autocast("cpu", torch.bfloat16, enabled=not args.fp32):
-            encoded, linear = model.predict(self.network, *self.inputs(lrhs, hrls), centered)
-        if args.loss == "robust":
-            error = loss.robust(linear.float(), reference.clamp(0, self.config.clip), args.beta)
-        else:
-            encoded_reference = model.encode_layer(reference, "color", self.config)
-            error = ENCODED_LOSSES[args.loss](encoded.float(), encoded_reference)
+            encoded = model.predict(self.network, *self.inputs(lrhs, hrls), centered)[0]
+        error = self.error(encoded.float(), reference)
         self.optimizer.zero_grad(set_to_none=True)
         error.backward()
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
@@ -140,7 +143,7 @@ class Run:
         scores = []
         for view in views:
             lrhs, hrls, reference, exposure = dataset.pair(view, self.config, *VALIDATION_SPP[self.config.scale])
-            fused = model.predict(network, *self.inputs(lrhs, hrls))[1] / exposure
+            fused = model.predict(network, *self.inputs(lrhs, hrls), exposure=exposure)[1] / exposure
             reference = reference / exposure
             scores.append((loss.psnr(fused, reference), loss.relmse(fused, reference)))
         return [sum(column) / len(scores) for column in zip(*scores)]

@@ -48,7 +48,7 @@ void compare(const CompareArguments& arguments) {
   const QualityTable rows = {{"image", quality}};
   nlohmann::ordered_json json = to_json(rows)["image"];
   json["warnings"] = to_json(console.warnings());
-  print(arguments.json ? json.dump(2) + "\n" : table(rows));
+  print(arguments.json ? json_text(json) : table(rows));
   staged.commit();
 }
 

@@ -136,7 +136,7 @@ void run(const ConformArguments& arguments) {
   if (!arguments.values.empty()) conform::write_values(arguments.values, values);
 
   if (arguments.json) {
-    print(to_json(report, info, arguments.full).dump(2) + "\n");
+    print(json_text(to_json(report, info, arguments.full)));
   } else {
     print_rows(report);
     print(fmt::format("{} ({}): {} cases passed, {} failed, {} unsupported\n", info.name, info.driver,

@@ -45,6 +45,10 @@ void print(const std::string& text) {
   }
 }
 
+std::string json_text(const nlohmann::ordered_json& json) {
+  return json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
+}
+
 void complain(const std::string& message) { say("raymeld: error: " + message + "\n"); }
 
 void Console::note(const std::string& text) const {

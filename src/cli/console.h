@@ -15,6 +15,9 @@ namespace raymeld::cli {
 // To stdout, at once. Throws Error.
 void print(const std::string& text);
 
+// Indented, ending with \n; bytes of file names that are no UTF-8 are replaced.
+std::string json_text(const nlohmann::ordered_json& json);
+
 // "raymeld: error: MESSAGE" to stderr.
 void complain(const std::string& message);
 

@@ -65,7 +65,7 @@ void list(bool json) {
   }
   auto all = Json::array();
   for (const DeviceInfo& device : devices) all.push_back(to_json(device));
-  print(Json{{"devices", all}}.dump(2) + "\n");
+  print(json_text(Json{{"devices", all}}));
 }
 
 }  // namespace

@@ -11,7 +11,7 @@ void run_fuse(const FuseArguments& arguments) {
   if (arguments.dry_run) {
     FuseFiles files = open_files(arguments, models);
     const auto device = Device::create({.selector = arguments.device});
-    return print(arguments.json ? plan_json(arguments, files, *device, console).dump(2) + "\n"
+    return print(arguments.json ? json_text(plan_json(arguments, files, *device, console))
                                 : plan_text(arguments, files, *device, console));
   }
   const auto frame = open_frame(arguments, console, models);
@@ -28,7 +28,7 @@ void run_fuse(const FuseArguments& arguments) {
     });
   }
   const QualityTable quality = stage_outputs(*frame);
-  print(arguments.json ? frame_json(*frame, device->info(), quality, watch.ms()).dump(2) + "\n"
+  print(arguments.json ? json_text(frame_json(*frame, device->info(), quality, watch.ms()))
                        : frame_text(*frame, quality));
   publish_frame(*frame, watch.ms());
 }

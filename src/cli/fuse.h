@@ -59,9 +59,9 @@ struct FuseFiles {
 };
 
 struct FuseImages {
-  Image lrhs, hrls;                // of the canvas: (3, h, w) and (K, s h, s w), all finite
-  std::optional<Image> reference;  // (3, H, W) of HRLS's data window
-  std::vector<ExrRawChannel> passed;
+  Image lrhs, hrls;                   // of the canvas: (3, h, w) and (K, s h, s w), all finite
+  std::optional<Image> reference;     // (3, H, W) of HRLS's data window
+  std::vector<ExrRawChannel> passed;  // of passed_channels(), as they are
 };
 
 struct FuseResult {
@@ -69,7 +69,7 @@ struct FuseResult {
   FuseReport report;
   Tiling tiling;
   uint64_t allocated_bytes = 0;
-  Storage storage = Storage::kFloat32;
+  Storage storage = Storage::kFloat32;  // 32 bits too where every tile was computed again in them
 };
 
 // A frame on its way, as far as it is. One thread at a time may have it.

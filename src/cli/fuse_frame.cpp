@@ -100,8 +100,8 @@ struct FrameFuser::Made {
 
   bool suits(const FuseFrame& frame, float wanted_threshold) const {
     const Image& lrhs = frame.images.lrhs;
-    return model == frame.files.model && phase == frame.files.phase && threshold == wanted_threshold && height == uint32_t(lrhs.height) &&
-           width == uint32_t(lrhs.width);
+    return model == frame.files.model && phase == frame.files.phase && threshold == wanted_threshold &&
+           height == uint32_t(lrhs.height) && width == uint32_t(lrhs.width);
   }
 };
 
@@ -134,6 +134,7 @@ void FrameFuser::fuse(FuseFrame& frame, const Progress& progress) try {
   if (arguments.profile) fuser.fuse(frame.images.lrhs, frame.images.hrls, fused, progress);
   result.report = fuser.fuse(frame.images.lrhs, frame.images.hrls, fused, progress);
   result.tiling = fuser.plan().tiling;
+  if (result.report.redone_tiles == result.tiling.count()) result.storage = Storage::kFloat32;
   if (!fuser.shortage().empty()) {
     frame.console.warn(
         fmt::format("{}; fused in {} smaller tiles of {} x {} LRHS pixels instead", fuser.shortage(),

@@ -120,11 +120,12 @@ void add_run(CLI::App& command, FuseArguments& a) {
   command.add_option("--max-memory", a.max_memory_mib, "Of the device, in MiB; larger frames are tiled")
       ->type_name("MB")
       ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40));
-  add_parsed(
-      command, "--adaptive", a.threshold, parse_threshold,
-      "Blocks of 8x8 LRHS pixels in which LRHS and HRLS agree, as empty ones do, take their mean instead of the "
-      "network: to within a threshold on the network's scale, where 0.01 is about a step of an 8-bit display; off; or "
-      "auto: 0.01 where it pays")
+  add_parsed(command, "--adaptive", a.threshold, parse_threshold,
+             "Blocks of 8x8 LRHS pixels in which LRHS and HRLS agree, as empty ones do, take their mean "
+             "instead of the "
+             "network: to within a threshold on the network's scale, where 0.01 is about a step of an 8-bit "
+             "display; off; or "
+             "auto: 0.01 where it pays")
       ->type_name("auto|off|THRESHOLD")
       ->default_str("auto");
   command.add_flag("--dry-run", a.dry_run, "Shows the layers, the plan and its memory; writes nothing");

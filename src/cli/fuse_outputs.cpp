@@ -22,14 +22,22 @@ Imf::PixelType output_type(const std::string& wanted, Imf::PixelType of_hrls) {
   return wanted == "half" ? Imf::HALF : Imf::FLOAT;
 }
 
-Imf::Header output_header(const FuseFiles& files, Storage storage) {
+// What made the image.
+std::string precision_text(const FuseResult& result) {
+  const std::string name = precision_name(result.storage);
+  const uint32_t redone = result.report.redone_tiles;
+  if (redone == 0 || result.storage == Storage::kFloat32) return name;
+  return fmt::format("{}, {} of {} tiles in fp32", name, redone, result.tiling.count());
+}
+
+Imf::Header output_header(const FuseFiles& files, const FuseResult& result) {
   Imf::Header header = files.hrls.header(files.hrls_color().part);
   const auto set = [&](const char* name, const std::string& value) {
     header.insert(name, Imf::StringAttribute(value));
   };
   header.erase("raymeldSampling");  // true of HRLS, not of what became of it
   set("raymeldVersion", RAYMELD_VERSION);
-  set("raymeldPrecision", precision_name(storage));
+  set("raymeldPrecision", precision_text(result));
   const auto& metadata = files.model->metadata();
   const auto version = metadata.find("version");
   set("raymeldModel",
@@ -47,7 +55,7 @@ void stage_image(FuseFrame& frame) {
   const FuseArguments& arguments = frame.arguments;
   const FuseFiles& files = frame.files;
   ExrOutput output;
-  output.source = output_header(files, frame.result.storage);
+  output.source = output_header(files, frame.result);
   output.pass_through = std::move(frame.images.passed);
   if (!arguments.keep_layers && !output.pass_through.empty()) output.pass_through[0].name.assign(1, 'A');
   const ChannelTriple names = color_names(files, arguments.keep_layers);
@@ -117,9 +125,10 @@ QualityTable stage_outputs(FuseFrame& frame) {
 void publish_frame(FuseFrame& frame, double total_ms) {
   frame.staged.commit();
   if (const FuseReport& report = frame.result.report; report.settled_share > 0) {
-    frame.console.note(fmt::format(
-        "{:.0f} % of the frame is the same in LRHS and HRLS and needed no network; {:.0f} % of the work was done",
-        100 * report.settled_share, 100 * report.work_share));
+    frame.console.note(
+        fmt::format("{:.0f} % of the frame is the same in LRHS and HRLS and needed no network; {:.0f} % of "
+                    "the work was done",
+                    100 * report.settled_share, 100 * report.work_share));
   }
   frame.console.note(fmt::format(
       "wrote {}: input exposure {:.4g}, {:.0f} ms on the device, {:.0f} ms in all, {:.0f} MiB of its memory",

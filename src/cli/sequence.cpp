@@ -213,7 +213,7 @@ void show_plan(const FuseArguments& patterns, std::span<const Outcome> outcomes,
       text += fmt::format("frame {}:\n{}", frames.front(), plan_text(patterns, files, *device, console));
     }
   }
-  print(patterns.json ? json.dump(2) + "\n" : text);
+  print(patterns.json ? json_text(json) : text);
 }
 
 }  // namespace
@@ -233,7 +233,7 @@ void run_sequence(const SequenceArguments& sequence, const FuseArguments& patter
     const auto device = Device::create({.selector = patterns.device});
     Pipeline(patterns, *device, models, outcomes).run();
   }
-  if (patterns.json) print(summary_json(outcomes, watch.ms()).dump(2) + "\n");
+  if (patterns.json) print(json_text(summary_json(outcomes, watch.ms())));
   const std::string summary = summary_text(outcomes, watch.ms());
   const bool stopped = interrupted() && !frames_that(Status::kUnfinished, outcomes).empty();
   if (!stopped && !frames_that(Status::kFailed, outcomes).empty()) throw Error("{}", summary);

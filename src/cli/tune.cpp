@@ -83,7 +83,7 @@ void run(const TuneArguments& arguments) {
                               {"time_ms", entry.time_ms},
                               {"direct_ms", entry.direct_ms}});
   }
-  print(json.dump(2) + "\n");
+  print(json_text(json));
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 
 #include <unistd.h>
 
+#include <chrono>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
@@ -48,6 +49,20 @@ std::vector<char> read_cache(const std::filesystem::path& file,
   stream.read(data.data(), static_cast<std::streamsize>(data.size()));
   if (!stream || checksum_of(data) != header.checksum || !fits_device(data, properties)) return {};
   return data;
+}
+
+// The temporary files of writers that were killed: of those that are alive, none takes an hour.
+void remove_leftovers(const std::filesystem::path& file) {
+  namespace fs = std::filesystem;
+  std::error_code error;
+  for (auto entry = fs::directory_iterator(file.parent_path(), error);
+       !error && entry != fs::directory_iterator(); entry.increment(error)) {
+    const std::string name = entry->path().filename().string();
+    if (!name.starts_with(file.filename().string() + ".") || !name.ends_with(".tmp")) continue;
+    std::error_code unknown;
+    const auto age = fs::file_time_type::clock::now() - entry->last_write_time(unknown);
+    if (!unknown && age > std::chrono::hours(1)) fs::remove(entry->path(), unknown);
+  }
 }
 
 }  // namespace
@@ -98,6 +113,7 @@ bool PipelineCache::save() const {
     std::filesystem::remove(temporary, error);
     return false;
   }
+  remove_leftovers(file_);
   return true;
 }
 

@@ -23,7 +23,8 @@ class PipelineCache {
   const std::filesystem::path& file() const { return file_; }
   bool loaded() const { return !loaded_data_.empty(); }
 
-  // Writes the cache when it has changed. A cache that cannot be written is no error: returns false.
+  // Writes the cache when it has changed, and removes what writers left behind that were killed an hour ago
+  // or more. A cache that cannot be written is no error: returns false.
   bool save() const;
 
   // $XDG_CACHE_HOME/raymeld, else $HOME/.cache/raymeld; empty (no cache on disk) when neither is set.

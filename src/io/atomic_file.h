@@ -8,9 +8,9 @@
 namespace raymeld {
 
 // A file that appears whole or not at all, whenever the program is killed or the power fails: it has no name,
-// and an older file of its name stays as it was, until commit(). Where the file system has no unnamed files
-// (NFS) it lies beside its target as .raymeld-*.tmp until then, and a kill leaves that behind, which nothing
-// reads and anyone may delete.
+// and an older file of its name stays as it was, until commit(). Beside its target it lies as .raymeld-*.tmp
+// for the moment in which it replaces an older file, and where the file system has no unnamed files (NFS) all
+// the time until then; a kill leaves that behind, which nothing reads and anyone may delete.
 // Every function throws Error, naming the target; after one failure commit() can only throw.
 class AtomicFile {
  public:

@@ -159,6 +159,12 @@ double pixel_bytes(const Imf::Header& header) {
   return double(width_of(window)) * height_of(window) * channels_of(header) * sizeof(float);
 }
 
+std::string size_text(const Imf::Header& header) {
+  const Imath::Box2i& window = header.dataWindow();
+  return fmt::format("{} x {} pixels of {} channels", width_of(window), height_of(window),
+                     channels_of(header));
+}
+
 }  // namespace
 
 void check_attribute_sizes(const std::filesystem::path& path) { HeaderWalk(path).check(); }
@@ -171,9 +177,8 @@ void check_image_sizes(const std::filesystem::path& path, const Imf::MultiPartIn
     const Imf::Header& header = file.header(part);
     least_bytes += pixel_bytes(header) / most_expansion(header.compression());
     if (least_bytes > file_bytes)
-      throw Error("cannot read '{}': {} x {} pixels of {} channels cannot be in a file of {} bytes",
-                  path.string(), width_of(header.dataWindow()), height_of(header.dataWindow()),
-                  channels_of(header), file_bytes);
+      throw Error("cannot read '{}': {} cannot be in a file of {} bytes", path.string(),
+                  part == 0 ? size_text(header) : fmt::format("its parts up to part {}", part), file_bytes);
     if (!header.hasTileDescription()) continue;
     const Imf::TileDescription& tile = header.tileDescription();
     const double tile_bytes = double(tile.xSize) * tile.ySize * channels_of(header) * sizeof(float);

@@ -12,7 +12,7 @@ namespace raymeld {
 void check_attribute_sizes(const std::filesystem::path& path);
 
 // Throws Error where the images of all parts are far larger than what a file of that size may become when it
-// is decompressed, or where tiles are larger than images.
+// is decompressed, or where a tile is larger than its image and than 256 MiB.
 void check_image_sizes(const std::filesystem::path& path, const Imf::MultiPartInputFile& file);
 
 }  // namespace raymeld

@@ -136,8 +136,8 @@ ExrFile::ExrFile(std::filesystem::path path) : path_(std::move(path)), version_(
   check_input_file(path_);
   if (!Imf::isOpenExrFile(path_.c_str()))
     throw Error("cannot read '{}': it is not an OpenEXR file", path_.string());
-  check_attribute_sizes(path_);
   channels_ = reading([&] {
+    check_attribute_sizes(path_);
     // A file whose chunk table is unfinished is refused, so there is no need to rebuild the table.
     file_ = std::make_unique<Imf::MultiPartInputFile>(path_.c_str(), Imf::globalThreadCount(), false);
     for (int part = 0; part < file_->parts(); ++part) check_part(path_, *file_, part);

@@ -2,7 +2,7 @@
 #include "io/exr.h"
 
 #include "fuzz/memory_file.h"
-#include "fuzz/succeeds.h"
+#include "fuzz/read_or_refuse.h"
 #include "io/layers_from_exr.h"
 
 namespace {
@@ -19,17 +19,17 @@ void load_all_layers(ExrFile& file) {
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
-  using test::succeeds;
+  using test::read_or_refuse;
   const test::MemoryFile content({data, size});
-  succeeds([&] {
+  read_or_refuse([&] {
     ExrFile file(content.path());
-    succeeds([&] { load_all_layers(file); });
-    succeeds([&] { file.read(file.channel_names()); });
+    read_or_refuse([&] { load_all_layers(file); });
+    read_or_refuse([&] { file.read(file.channel_names()); });
     const size_t few = std::min<size_t>(file.channels().size(), 6);
     for (size_t i = 0; i < few; ++i) {
       const std::string& name = file.channels()[i].name;
-      succeeds([&] { file.read(std::array{name}); });
-      succeeds([&] { file.read_raw(name); });
+      read_or_refuse([&] { file.read(std::array{name}); });
+      read_or_refuse([&] { file.read_raw(name); });
     }
   });
   return 0;

@@ -148,7 +148,7 @@ CLASSES = [
 BY_NAME = {one.name: one for one in CLASSES}
 # What is measured of models that are not measured with all.
 HARDEST = ("as rendered", "exposure 2^-20", "exposure 2^20", "all zero", "checkerboard", "firefly 1e8", "lamp 65504")
-HARDEST += ("lamp FLT_MAX", "square of NaN", "square of Inf", "renders disagree")
+HARDEST += ("lamp 65520", "lamp 1e8", "lamp 1e30", "lamp FLT_MAX", "square of NaN", "square of Inf", "renders disagree")
 
 
 @functools.cache

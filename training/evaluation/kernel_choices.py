@@ -16,7 +16,7 @@ class Choice:
     precision: str
     name: str
     options: tuple = ()
-    kernel: dict = dataclasses.field(default=None, compare=False, hash=False)
+    kernel: dict = None
 
     @property
     def uses_matrices(self):
@@ -25,10 +25,11 @@ class Choice:
     def start(self, program, folder, driver=None):
         """What jobs.fuse() needs to start the program with these kernels.
 
-        `folder`: of caches, with no tuning but ours; None: the user's own, which does for the direct kernel.
+        `folder`: of caches, with no tuning but ours.
         """
-        caches = {"XDG_CACHE_HOME": str(folder / f"cache {self.name}")} if folder else {}
-        start = {"launcher": (), "environment": os.environ | caches}
+        # Of a relative path the program would take no notice, and use the user's own.
+        cache = folder.resolve() / f"cache {self.name}"
+        start = {"launcher": (), "environment": os.environ | {"XDG_CACHE_HOME": str(cache)}}
         if self.uses_matrices:
             drivers = driver.resolve().parent / "root/usr/share/vulkan/icd.d"
             start["launcher"] = (driver,)
@@ -39,18 +40,20 @@ class Choice:
 
     def tune(self, program, launcher, environment):
         folder = pathlib.Path(environment["XDG_CACHE_HOME"])
-        if list(folder.glob(f"raymeld/tuning-*-{self.precision}.json")):
+        if any(folder.glob(f"raymeld/tuning-*-{self.precision}.json")):
             return
 
         def said(*command):
             command = [*launcher, program, *command, "--json"]
             return json.loads(subprocess.run(command, env=environment, capture_output=True, check=True).stdout)
 
-        path = said("tune", "--model", TINY, "--size", "8x8", "--precision", self.precision)["file"]
-        tuning = json.loads(pathlib.Path(path).read_text())
+        path = pathlib.Path(said("tune", "--model", TINY, "--size", "8x8", "--precision", self.precision)["file"])
+        if not path.is_relative_to(folder):
+            raise RuntimeError(f"the program keeps its tuning in '{path}', expected a file in '{folder}'")
+        tuning = json.loads(path.read_text())
         device = said("devices")["devices"][0]
         tuning["conv2d"] = [entry(side, self.kernel, device) for side in (1, 3)]
-        pathlib.Path(path).write_text(json.dumps(tuning))
+        path.write_text(json.dumps(tuning))
 
 
 def entry(side, kernel, device):

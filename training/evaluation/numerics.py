@@ -2,18 +2,16 @@
 """How far the program is from the same network in float64: bench/quality/numerics.csv and docs/numerics.md.
 
 Every precision, choice of kernels and class of inputs, for the shipped models and for two whose weights are chosen
-to be hard on 16 bits. With --driver also by cooperative matrices, which Debian sid's Mesa has for CPUs:
+to be hard on 16 bits. What the file has already is not measured again: delete its rows for that. With --driver also by cooperative matrices, which Debian sid's Mesa has for CPUs:
 scripts/unpack sid build/sid mesa-vulkan-drivers, then --driver build/sid/run.
 """
 
 import argparse
 import csv
 import dataclasses
-import functools
 import itertools
 import math
 import pathlib
-import subprocess
 import sys
 import tempfile
 
@@ -32,7 +30,9 @@ from evaluation.kernel_choices import CHOICES, MATRICES
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 SHIPPED = ("x4-fast", "x4-balanced", "x2-fast", "x8-fast")
+MODELS = (*SHIPPED, *adversarial.CONFIGS)
 PYTORCH = "PyTorch"  # in the place of the kernels' name: the same network in single precision, for scale
+RUNS = [("fp32", PYTORCH), *((one.precision, one.name) for one in (*CHOICES, MATRICES))]
 GREY = 0.18  # what the mean of LRHS is exposed to
 EXPOSED = networks.Config(exposure_key=GREY)
 FLOOR = 0.01  # of the mean: errors of darker pixels are relative to that
@@ -59,11 +59,15 @@ class Result:
     def key(self):
         return self.model, self.input, self.precision, self.kernels
 
+    def place(self):
+        """Among the rows of the file, whenever each was measured."""
+        return MODELS.index(self.model), list(BY_NAME).index(self.input), RUNS.index((self.precision, self.kernels))
+
 
 def relative(image, exact, exposure):
     """|difference| over |exact| + FLOOR of the mean that the exposure tells; what is not finite is infinitely off."""
     error = (image - exact).abs() / (exact.abs() + FLOOR * GREY / exposure)
-    return torch.where(image == exact, 0.0, torch.nan_to_num(error, nan=math.inf))
+    return torch.where(image == exact, 0.0, torch.nan_to_num(error, nan=math.inf, posinf=math.inf))
 
 
 def steps(image, exact, exposure):
@@ -75,13 +79,6 @@ def steps(image, exact, exposure):
 def saturated(report):
     """Values within the network that 16 bits could not hold, as the program counts them."""
     return sum(warning["count"] for warning in report["warnings"] if "within the network" in warning["message"])
-
-
-@functools.cache
-def overflow_options(program):
-    """16 bits are to overflow here, where the program leaves the choice."""
-    said = subprocess.run([program, "fuse", "--help"], capture_output=True, text=True, check=True).stdout
-    return ["--overflow", "warn"] if "--overflow" in said else []
 
 
 class Study:
@@ -108,7 +105,8 @@ class Study:
     def fused(self, model, files, choice):
         """(image [3, H, W] in float64, values that saturated)"""
         output = self.folder / f"fused {next(self.numbers)}.exr"
-        options = ["--precision", choice.precision, *choice.options, *overflow_options(self.program)]
+        # 16 bits are to overflow here.
+        options = ["--precision", choice.precision, "--overflow", "warn", *choice.options]
         start = choice.start(self.program, self.cache, self.driver)
         report = fuse(self.program, model, *files, output, options=options, **start)
         if choice.uses_matrices and not any("matrix" in kernel["name"] for kernel in report["kernels"]):
@@ -169,8 +167,8 @@ def parse():
     parser.add_argument("--out", type=pathlib.Path, default=ROOT / "bench/quality/numerics.csv")
     parser.add_argument("--cache", type=pathlib.Path, help="folder that keeps drivers' compiled kernels between runs")
     parser.add_argument("--write-docs", action="store_true", help="tables and plots of docs/numerics.md")
-    only = parser.add_argument_group("only; other results stay in the file")
-    only.add_argument("--models", nargs="+", help="of these names")
+    only = parser.add_argument_group("only")
+    only.add_argument("--models", nargs="+", choices=MODELS, help="of these names")
     only.add_argument("--inputs", nargs="+", choices=BY_NAME, help="these classes")
     only.add_argument("--quick", action="store_true", help="x4-fast as rendered, writes nothing")
     only.add_argument("--measured", action="store_true", help="measure nothing, write the tables of what there is")
@@ -184,15 +182,18 @@ def choices_of(model, name, driver):
     return choices + [MATRICES] * (everything and driver is not None)
 
 
-def measure(args, folder):
+def measure(args, folder, known):
+    """All that is asked for but the keys in `known`; float64 and PyTorch are computed with whatever else is."""
     study = Study(args.program, args.data, folder, args.cache or folder / "cache", args.driver)
     shipped = [Model.load(ROOT / f"models/{name}.safetensors") for name in SHIPPED]
     models = shipped + adversarial.write_all(folder, study.inputs(4, "as rendered"))
-    wanted = ["x4-fast"] if args.quick else args.models or [model.name for model in models]
+    wanted = ["x4-fast"] if args.quick else args.models or MODELS
     for model in (model for model in models if model.name in wanted):
         inputs = [one.name for one in CLASSES] if model.name == SHIPPED[0] else HARDEST
         for name in ["as rendered"] if args.quick else args.inputs or inputs:
-            for result in study.measure(model, name, choices_of(model.name, name, args.driver)):
+            choices = choices_of(model.name, name, args.driver)
+            missing = [one for one in choices if (model.name, name, one.precision, one.name) not in known]
+            for result in study.measure(model, name, missing) if missing else []:
                 print(*(f"{value:.3g}" if isinstance(value, float) else value for value in dataclasses.astuple(result)))
                 sys.stdout.flush()
                 yield result
@@ -202,13 +203,12 @@ def main():
     args = parse()
     torch.set_grad_enabled(False)
     if not args.measured:
-        partly = args.models or args.inputs
-        results = {one.key(): one for one in (load(args.out) if partly and args.out.exists() else [])}
+        results = {one.key(): one for one in (load(args.out) if args.out.exists() and not args.quick else [])}
         with tempfile.TemporaryDirectory() as folder:
-            for result in measure(args, pathlib.Path(folder)):
+            for result in measure(args, pathlib.Path(folder), set(results)):
                 results[result.key()] = result
                 if not args.quick:
-                    write(args.out, results.values())
+                    write(args.out, sorted(results.values(), key=Result.place))
     if args.quick:
         return
     if args.write_docs:

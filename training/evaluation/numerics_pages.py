@@ -3,11 +3,6 @@
 import itertools
 import math
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
-
 from evaluation.tables import Sheet, insert
 
 VISIBLE = 1.0  # steps of an 8-bit picture from which an image counts as off
@@ -70,7 +65,7 @@ def models_sheet(results):
         own = [one for one in results if (one.model, label(one)) == key]
         if not own:
             continue
-        first = own[0]  # as rendered
+        first = next(one for one in own if one.input == "as rendered")
         cells = [str(len(own)), number(first.p999_relative, "{:.1e}"), worst(own, "p999_relative", "{:.1e}")]
         cells += [number(first.max_steps, "{:.3g}"), worst(own, "max_steps", "{:.3g}")]
         cells += [number(first.psnr_float64, "{:.2f}"), number(first.psnr_shift, "{:+.0e}")]
@@ -99,11 +94,29 @@ def broken_sheet(results):
     return Sheet("numerics-broken", head, rows)
 
 
+def subplots(rows, height):
+    """(figure, axes) with so many rows of that height, in inches."""
+    # Only plots take matplotlib: the tests of the tables do without it.
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    plt.rcParams["svg.hashsalt"] = "raymeld"
+    return plt.subplots(figsize=(9, height * rows + 1.2))
+
+
+def save(figure, path):
+    """The same file from the same results: without the time, and with `svg.hashsalt`."""
+    figure.tight_layout()
+    figure.savefig(path, metadata={"Date": None})
+
+
 def plot_inputs(results, path):
     """The largest error of each class, of the model that was measured with everything."""
     own = [one for one in results if one.model == results[0].model and one.outcome == "fused"]
     names = unique(one.input for one in own)
-    figure, axes = plt.subplots(figsize=(9, 0.24 * len(names) + 1.2))
+    figure, axes = subplots(len(names), 0.24)
     for key in runs_of(own):
         runs = [one for one in own if label(one) == key]
         x = [min(max(one.max_relative, LEAST), 1e3) for one in runs]
@@ -116,15 +129,14 @@ def plot_inputs(results, path):
     axes.set_xlabel(f"largest relative error from float64, {results[0].model} (left edge: none)")
     axes.grid(True, axis="x", alpha=0.3)
     axes.legend(fontsize=7)
-    figure.tight_layout()
-    figure.savefig(path)
+    save(figure, path)
 
 
 def plot_models(results, path):
     """Every class of every model as a dot, by what is seen of the error."""
     own = [one for one in results if one.outcome == "fused" and one.kernels in ("direct", "auto")]
     keys = list(itertools.product(unique(one.model for one in own), runs_of(own)))
-    figure, axes = plt.subplots(figsize=(9, 0.3 * len(keys) + 1.2))
+    figure, axes = subplots(len(keys), 0.3)
     for one in own:
         x = min(max(one.max_steps, 1e-5), 255)
         colour = COLOURS[one.precision]
@@ -135,12 +147,10 @@ def plot_models(results, path):
     axes.set_xscale("log")
     axes.set_xlabel("largest error of a class of inputs, in steps of an 8-bit sRGB picture")
     axes.grid(True, axis="x", alpha=0.3)
-    figure.tight_layout()
-    figure.savefig(path)
+    save(figure, path)
 
 
 def write(results, docs):
-    plt.rcParams["svg.hashsalt"] = "raymeld"  # the same file from the same results
     plot_inputs(results, docs / "numerics-inputs.svg")
     plot_models(results, docs / "numerics-models.svg")
     page = docs / "numerics.md"

@@ -3,10 +3,12 @@
 
 import json
 import math
+import os
 import pathlib
 import sys
 import tempfile
 import unittest
+from unittest import mock
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent))
 
@@ -188,7 +190,7 @@ class Numerics(unittest.TestCase):
         folder = tempfile.TemporaryDirectory()
         self.addCleanup(folder.cleanup)
         self.folder = pathlib.Path(folder.name)
-        self.study = numerics.Study(PROGRAM, DATA, self.folder, cache=None)
+        self.study = numerics.Study(PROGRAM, DATA, self.folder, self.folder / "cache")
 
     def test_error_of_a_known_size(self):
         exact = torch.full((3, 4, 4), 0.5, dtype=torch.float64)
@@ -196,6 +198,8 @@ class Numerics(unittest.TestCase):
         self.assertAlmostEqual(numerics.steps(exact, exact * 0, 2), 255)
         image = exact.clone()
         image[1, 2, 3] = math.nan
+        self.assertEqual(float(numerics.relative(image, exact, 1).max()), math.inf)
+        image[1, 2, 3] = math.inf
         self.assertEqual(float(numerics.relative(image, exact, 1).max()), math.inf)
         self.assertEqual(float(numerics.relative(exact, exact, 1).max()), 0)
 
@@ -235,6 +239,26 @@ class Numerics(unittest.TestCase):
             for path in (MODEL, self.folder / "off.safetensors")
         )
         self.assertGreater(float(numerics.relative(off, exact, 1).max()), 3 * most)
+
+    def test_caches_are_our_own_wherever_they_lie(self):
+        """And not the user's, whose tuning would be lost."""
+        if not PROGRAM:
+            self.skipTest("no program")
+        home, cache = self.folder / "home", self.folder / "cache"
+        choice = Choice("fp32", "F(2, 3)", kernel=dict(tile=2, matrix=None))
+        with mock.patch.dict(os.environ, HOME=str(home)):
+            relative = os.path.relpath(cache)
+            choice.start(PROGRAM, pathlib.Path(relative))
+            self.assertEqual(len(list(cache.glob("*/raymeld/tuning-*-fp32.json"))), 1)
+            self.assertFalse(home.exists())
+            with self.assertRaisesRegex(RuntimeError, f"expected a file in '{relative}'"):
+                choice.tune(PROGRAM, (), os.environ | {"XDG_CACHE_HOME": relative})
+
+    def test_rows_have_their_place_whenever_they_were_measured(self):
+        row = lambda model, name, kernels: numerics.Result(model, name, "fp32", kernels, "fused", 1.0)
+        rows = [row("x4-fast", "as rendered", "PyTorch"), row("x4-fast", "as rendered", "auto")]
+        rows += [row("x4-fast", "lamp 1e8", "direct"), row("x2-fast", "as rendered", "direct")]
+        self.assertEqual(sorted(reversed(rows), key=numerics.Result.place), rows)
 
     def test_results_are_read_as_written(self):
         results = [
