@@ -9,6 +9,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
 #include "tensor.glsl"
+#include "border.glsl"
 
 layout(local_size_x = 32, local_size_y = 2) in;
 layout(constant_id = 0) const uint kKernel = 3;
@@ -17,6 +18,7 @@ layout(constant_id = 2) const uint kRows = 4;
 layout(constant_id = 3) const uint kRelu = 0;
 layout(constant_id = 4) const uint kResiduals = 0;
 layout(constant_id = 5) const uint kBehind = 0;  // channels from p.channels_front on are those of a second input
+layout(constant_id = 6) const uint kBorders = 0;  // the bias is a table, see border.glsl
 
 layout(push_constant) uniform Push {
   Conv2d p;
@@ -63,7 +65,12 @@ void main() {
 
   vec4 sum[kRows][kVectors];
   [[unroll]] for (uint r = 0; r < kRows; ++r) {
-    [[unroll]] for (uint v = 0; v < kVectors; ++v) sum[r][v] = bias[block * kVectors + v];
+    uint first = block * kVectors;
+    if (kBorders != 0) {
+      uint blocks = (p.channels_out + 4 * kVectors - 1) / (4 * kVectors);
+      first += border_case(y0 + r, x, p.height, p.width) * blocks * kVectors;
+    }
+    [[unroll]] for (uint v = 0; v < kVectors; ++v) sum[r][v] = bias[first + v];
   }
   uint weight = block * p.channels_in * kKernel * kKernel * kVectors;
   for (uint i = 0; i < p.channels_in; ++i) {

@@ -17,6 +17,7 @@
 #extension GL_KHR_shader_subgroup_basic : require
 #include "params.h"
 #include "tensor.glsl"
+#include "border.glsl"
 
 layout(local_size_x_id = 0) in;  // kSubgroups times the subgroup size
 layout(constant_id = 1) const uint kSubgroups = 4;
@@ -32,6 +33,7 @@ layout(constant_id = 10) const uint kResiduals = 0;
 layout(constant_id = 11) const uint kUnshuffle = 1;
 layout(constant_id = 12) const uint kShuffle = 1;
 layout(constant_id = 13) const uint kBehind = 0;  // channels from p.channels_front on are those of a second input
+layout(constant_id = 14) const uint kBorders = 0;  // the bias is a table, see border.glsl
 
 layout(push_constant) uniform Push { Conv2dMatrix p; };
 layout(std430, binding = 1) readonly buffer Weights { uvec4 weights[]; };
@@ -95,7 +97,7 @@ void store(uint o, uint y, uint x, float value) {
   if (o >= p.channels_out || y >= p.height || x >= p.width) return;
   uint at = address(o / (kShuffle * kShuffle), kShuffle * y + o / kShuffle % kShuffle, kShuffle * x + o % kShuffle,
                     p.plane_out, kShuffle * p.width);
-  value += bias[o];
+  value += bias[(kBorders != 0 ? border_case(y, x, p.height, p.width) * p.channels_out : 0) + o];
   if (kRelu != 0) value = rectified(value);
   if (kResiduals > 0) value += float(residual0[at]);
   if (kResiduals > 1) value += float(residual1[at]);

@@ -1,4 +1,5 @@
-// From a frame's image (scene linear floats) to the network's input. NaN becomes 0; infinities meet the clamps.
+// From a frame's image (scene linear floats) to the network's input. NaN becomes 0; infinities meet the clamps. Channels that
+// are one value everywhere are in no image.
 // One invocation for each element; z is the channel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
@@ -25,9 +26,10 @@ void main() {
   uvec3 id = gl_GlobalInvocationID;
   // Selections rather than branches, in which drivers for CPUs load lane by lane.
   bool inside = id.x < p.width && id.y < p.height;
-  uint at = p.frame.offset + id.z * p.frame.channel_stride + min(id.y, p.height - 1) * p.frame.row_stride +
+  uint channel = p.channels[id.z / 4] >> id.z % 4 * 8 & 255, kind = channel & 3, source = channel >> 2;
+  bool constant = source >= RAYMELD_FIRST_CONSTANT;
+  uint at = p.frame.offset + (constant ? 0 : source) * p.frame.channel_stride + min(id.y, p.height - 1) * p.frame.row_stride +
             min(id.x, p.width - 1) * p.frame.pixel_stride;
-  uint kind = p.kinds[id.z / RAYMELD_KINDS_OF_WORD] >> id.z % RAYMELD_KINDS_OF_WORD * 2 & 3;
   bool light = kind == RAYMELD_RADIANCE || kind == RAYMELD_VARIANCE;
   float low = kind == RAYMELD_NORMAL ? -1.0 : 0.0, high = light ? p.clip : 1.0;
   float factor = exposure.v[0];
@@ -37,5 +39,6 @@ void main() {
   value = value >= low ? value : low;
   value = value > high ? high : value;
   if (p.log_transfer != 0) value = light ? to_network(value, 1) : value;
+  value = constant ? p.constants[source % 8] : value;
   if (inside) target.v[address(id.z, id.y, id.x, p.plane, p.width)] = STORAGE(storable(value));
 }

@@ -85,7 +85,8 @@ struct WinogradMultiply {
 };
 
 struct WinogradOutput {
-  uint height;  // up to the end of the band
+  uint height;       // up to the end of the band
+  uint full_height;  // of the convolution
   uint width;
   uint plane;
   uint rows_mask;
@@ -112,7 +113,8 @@ struct Encode {
   uint plane;
   uint log_transfer;  // 0: linear
   float clip;
-  uint kinds[4];  // of each channel, in two bits
+  uint channels[8];    // a byte for each: its kind in two bits, and above them the channel of the image it is read from
+  float constants[8];  // what channels are that are from RAYMELD_FIRST_CONSTANT and further
 };
 
 struct Highlights {
@@ -209,8 +211,15 @@ struct Decode {
 // The width of a workgroup's pixels in conv2d_matrix.comp.
 #define RAYMELD_MATRIX_COLUMNS 32
 
-// How an input channel is encoded; words hold several of these.
-#define RAYMELD_KINDS_OF_WORD 16
+// Which borders of the image a pixel touches; biases may depend on it, see border.glsl.
+#define RAYMELD_TOP 1
+#define RAYMELD_BOTTOM 2
+#define RAYMELD_LEFT 4
+#define RAYMELD_RIGHT 8
+#define RAYMELD_BORDER_CASES 16
+
+#define RAYMELD_FIRST_CONSTANT 56  // of the channels that encode.comp reads
+// How an input channel is encoded.
 #define RAYMELD_RADIANCE 0  // times the exposure, clamped to [0, clip], then the transfer function
 #define RAYMELD_ALBEDO 1    // clamped to [0, 1]
 #define RAYMELD_NORMAL 2    // clamped to [-1, 1]

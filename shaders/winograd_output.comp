@@ -7,12 +7,14 @@
 #include "tensor.glsl"
 #include "memory.glsl"
 #include "winograd.glsl"
+#include "border.glsl"
 
 layout(local_size_x = 32) in;
 layout(constant_id = 1) const uint kShuffle = 1;
 layout(constant_id = 2) const uint kRelu = 0;
 layout(constant_id = 3) const uint kResiduals = 0;
 layout(constant_id = 4) const uint kPairs = 0;  // rows of the target and of residuals are accessed by pairs of floats
+layout(constant_id = 5) const uint kBorders = 0;  // the bias is a table, see border.glsl
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Pairs products;
@@ -43,6 +45,10 @@ vec2 load(uint at) {
 #else
   return vec2(products.v[at], products.v[at + 1]);
 #endif
+}
+
+float bias_at(uint o, uint y, uint x, float inside) {
+  return kBorders != 0 ? bias.v[border_case(y, x, p.full_height, p.width) * p.channels + o] : inside;
 }
 
 float activated(float value) { return kRelu != 0 ? rectified(value) : value; }
@@ -99,20 +105,22 @@ void main() {
   }
   uvec2 corner = pair_corner(p.first_tile_row, p.tiles_x);
   uint y0 = corner.y, x0 = corner.x;
-  float b = bias.v[o];
+  float inside = bias.v[o];
   [[unroll]] for (uint y = 0; y < kTile; ++y) {
     vec2 m[kMostSide];
     [[unroll]] for (uint x = 0; x < kSide; ++x) m[x] = rows[y][x];
     transform(m);
+    [[unroll]] for (uint x = 0; x < kTile; ++x)
+      m[x] += vec2(bias_at(o, y0 + y, x0 + x, inside), bias_at(o, y0 + y, x0 + kTile + x, inside));
     if (kPairs != 0) {
       [[unroll]] for (uint x = 0; x < kTile; x += 2) {
-        store_pair(o, y0 + y, x0 + x, vec2(m[x].x, m[x + 1].x) + b);
-        store_pair(o, y0 + y, x0 + kTile + x, vec2(m[x].y, m[x + 1].y) + b);
+        store_pair(o, y0 + y, x0 + x, vec2(m[x].x, m[x + 1].x));
+        store_pair(o, y0 + y, x0 + kTile + x, vec2(m[x].y, m[x + 1].y));
       }
     } else {
       [[unroll]] for (uint x = 0; x < kTile; ++x) {
-        store(o, y0 + y, x0 + x, m[x].x + b);
-        store(o, y0 + y, x0 + kTile + x, m[x].y + b);
+        store(o, y0 + y, x0 + x, m[x].x);
+        store(o, y0 + y, x0 + kTile + x, m[x].y);
       }
     }
   }

@@ -167,22 +167,11 @@ Architecture parse_architecture(const Metadata& metadata, const std::string& fil
 
 uint32_t Architecture::levels() const { return static_cast<uint32_t>(std::countr_zero(scale)); }
 
-std::vector<ChannelKind> Architecture::hrls_kinds() const {
-  std::vector<ChannelKind> kinds;
-  for (const std::string& layer : hrls_layers) {
-    const ChannelKind kind = layer == "albedo"     ? ChannelKind::kAlbedo
-                             : layer == "normal"   ? ChannelKind::kNormal
-                             : layer == "variance" ? ChannelKind::kVariance
-                                                   : ChannelKind::kRadiance;
-    kinds.insert(kinds.end(), 3, kind);
-  }
-  return kinds;
-}
-
-uint32_t Architecture::first_channel(std::string_view layer) const {
-  const auto at = std::ranges::find(hrls_layers, layer);
-  if (at == hrls_layers.end()) throw Error("the network reads no {}", layer);
-  return 3 * static_cast<uint32_t>(at - hrls_layers.begin());
+ChannelKind kind_of(std::string_view layer) {
+  return layer == "albedo"     ? ChannelKind::kAlbedo
+         : layer == "normal"   ? ChannelKind::kNormal
+         : layer == "variance" ? ChannelKind::kVariance
+                               : ChannelKind::kRadiance;
 }
 
 }  // namespace raymeld

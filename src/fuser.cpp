@@ -102,9 +102,13 @@ uint64_t Fuser::allocated_bytes() const {
   return (program_ ? program_->allocated_bytes() : 0) + frame_bytes + (wide_ ? wide_->allocated_bytes() : 0);
 }
 
+std::array<Shape, kFrameSlots> Fuser::image_shapes(TileSize tile) const {
+  return frame_shapes(model_, tile, options_.constants);
+}
+
 FrameBindings Fuser::bindings(const FrameBuffer& lrhs, const FrameBuffer& hrls,
                               const FrameBuffer& fused) const {
-  const auto shapes = frame_shapes(model_, plan_.tiling.tile);
+  const auto shapes = image_shapes(plan_.tiling.tile);
   return {FrameBinding{lrhs, shapes[0]}, FrameBinding{hrls, shapes[1]}, FrameBinding{fused, shapes[2]}};
 }
 
@@ -128,7 +132,7 @@ float Fuser::exposure(const float* lrhs) const {
 void Fuser::prepare_host() {
   if (host_) return;
   auto host = std::make_unique<Host>(device_);
-  const auto shapes = frame_shapes(model_, plan_.tiling.tile);
+  const auto shapes = image_shapes(plan_.tiling.tile);
   host->lrhs = Buffer(device_, frame_bytes(shapes[0]), Memory::kUpload, "lrhs");
   host->hrls = Buffer(device_, frame_bytes(shapes[1]), Memory::kUpload, "hrls");
   host->fused = Buffer(device_, frame_bytes(shapes[2]), Memory::kReadback, "fused");
@@ -169,7 +173,7 @@ void Fuser::record_chunks(Host& host) const {
 }
 
 void Fuser::check_sizes(const Image& lrhs, const Image& hrls) const {
-  const auto shapes = frame_shapes(model_, plan_.tiling.frame);
+  const auto shapes = image_shapes(plan_.tiling.frame);
   const auto check_size = [](const char* role, const Image& image, const Shape& shape) {
     if (image.height == static_cast<int>(shape.height) && image.width == static_cast<int>(shape.width) &&
         image.channels == static_cast<int>(shape.channels)) {
@@ -260,7 +264,7 @@ Image Fuser::redo_tile(const Progress& progress, FuseReport& report) {
     const FuserOptions options = wide_options(device_.info(), options_, allocated_bytes());
     wide_ = std::make_unique<Fuser>(device_, model_, height, width, options, cache_folder_);
   }
-  const Shape shape = frame_shapes(model_, plan_.tiling.tile)[2];
+  const Shape shape = image_shapes(plan_.tiling.tile)[2];
   Image image(static_cast<int>(shape.width), static_cast<int>(shape.height), 3);
   const auto go_on = [&](double) { return progress(1); };
   const FuseReport redone =
@@ -286,7 +290,7 @@ void Fuser::upload(const float* lrhs, const float* hrls, const Tile& at) {
               lrhs_out + c * tile_plane, tile.width, tile.width, tile.height);
   }
   auto* hrls_out = static_cast<float*>(host_->hrls.mapped());
-  const size_t channels = frame_shapes(model_, tile)[1].channels;
+  const size_t channels = image_shapes(tile)[1].channels;
   for (size_t c = 0; c < channels; ++c) {
     copy_rows(hrls + s * s * c * frame_plane + s * at.y * s * frame.width + s * at.x, s * frame.width,
               hrls_out + s * s * c * tile_plane, s * tile.width, s * tile.width, s * tile.height);

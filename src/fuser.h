@@ -62,13 +62,13 @@ class Fuser {
 
   // Records one frame into the caller's command buffer, outside of any render pass; never submits, allocates
   // or waits, unless a fuse() before threw OutOfMemory, after which everything is made anew. lrhs: (h, w, 3),
-  // hrls: (s h, s w, K), fused: (s h, s w, 3), scene linear floats in storage buffers of this device. h and w
-  // are plan().tiling.tile: a frame of several tiles is recorded tile by tile, with views that start at each
-  // tile. The inputs must be visible to VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT / VK_ACCESS_SHADER_READ_BIT; the
-  // output is written by that stage with VK_ACCESS_SHADER_WRITE_BIT. At most kFramesInFlight recordings may
-  // be pending, each submitted at most once, to one queue. program().status() counts what went wrong.
-  // `exposure`: what radiance is multiplied by for the network; FuserOptions::exposure has no say here.
-  // Throws Error when a view passes the device's limits.
+  // hrls: (s h, s w, K) of image_layers(), fused: (s h, s w, 3), scene linear floats in storage buffers of
+  // this device. h and w are plan().tiling.tile: a frame of several tiles is recorded tile by tile, with
+  // views that start at each tile. The inputs must be visible to VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT /
+  // VK_ACCESS_SHADER_READ_BIT; the output is written by that stage with VK_ACCESS_SHADER_WRITE_BIT. At most
+  // kFramesInFlight recordings may be pending, each submitted at most once, to one queue. program().status()
+  // counts what went wrong. `exposure`: what radiance is multiplied by for the network;
+  // FuserOptions::exposure has no say here. Throws Error when a view passes the device's limits.
   void record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
               const FrameBuffer& fused, float exposure = 1);
 
@@ -102,6 +102,7 @@ class Fuser {
   void take_smaller_tiles(const OutOfMemory& refused);
   Program& made_program();
   void check_sizes(const Image& lrhs, const Image& hrls) const;
+  std::array<Shape, kFrameSlots> image_shapes(TileSize tile) const;
   FrameBindings bindings(const FrameBuffer& lrhs, const FrameBuffer& hrls, const FrameBuffer& fused) const;
   FuseReport fuse(const float* lrhs, const float* hrls, float* fused, float exposure,
                   const Progress& progress);

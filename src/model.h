@@ -54,9 +54,10 @@ struct Architecture {
 
   uint32_t levels() const;  // log2(scale)
   bool trained_on(bool centered) const { return both_samplings || centered == lrhs_centered; }
-  std::vector<ChannelKind> hrls_kinds() const;
-  uint32_t first_channel(std::string_view layer) const;  // of one of hrls_layers
 };
+
+// Of the three channels of a layer.
+ChannelKind kind_of(std::string_view layer);
 
 // A network with its weights. Immutable once loaded; must outlive every Fuser made from it.
 class Model {

@@ -18,6 +18,7 @@ struct Builder {
   const Model& model;
   const Conv2dChoice& choose;
   const StorageExponents& exponents;
+  const HrlsChannels& hrls_channels;
   ActivationEstimate* estimate = nullptr;  // follows the convolutions, if there is one
   const Architecture& a = model.architecture();
 
@@ -32,11 +33,14 @@ struct Builder {
     const uint32_t channels_in = in.shape.channels + (options.behind ? options.behind->shape.channels : 0);
     Conv2dShape shape{in.shape.height / u, in.shape.width / u, channels_in * u * u,
                       out.shape.channels * s * s, options.kernel};
-    const ConvWeights weights = model.conv(name, shape.channels_out, shape.channels_in, shape.kernel, bias);
+    const auto weights_in =
+        options.constants.empty() ? shape.channels_in : uint32_t(options.constants.size()) * u * u;
+    const ConvWeights weights = model.conv(name, shape.channels_out, weights_in, shape.kernel, bias);
     options.how = choose(shape);
     // conv2d_matrix.comp knows no blocks.
     if (graph.sparse()) options.how.matrix.reset();
-    if (options.how.tile == 4 && !tile_4_is_accurate(a, weights, shape.channels_in)) {
+    // Estimated with the constants, without which a tile's error is less.
+    if (options.how.tile == 4 && !tile_4_is_accurate(a, weights, weights_in)) {
       shape.most_tile = 2;
       options.how = choose(shape);
     }
@@ -50,16 +54,26 @@ struct Builder {
     conv2d_chain(graph, std::array{link(name, in, out, options, bias)});
   }
 
+  // Of a convolution that reads `channels` others in front of HRLS, and behind that what is filtered.
+  std::vector<std::optional<float>> constants(uint32_t channels) const {
+    std::vector<std::optional<float>> result(channels);
+    result.insert(result.end(), hrls_channels.constants.begin(), hrls_channels.constants.end());
+    result.resize(result.size() + (a.base == Base::kJoint ? 3 * kJointKept : 0));
+    return result;
+  }
+
   // (H, W, K) -> F_HRLS (h, w, C): Eq. 5 and 6, or one convolution of what is unshuffled by s.
   Tensor hrls_encoder(const Tensor& hrls) {
     const auto [height, width, channels] = hrls.shape;
     if (a.hrls_encoder == HrlsEncoder::kUnshuffled) {
       const Tensor f_hrls = tensor("hrls", height / a.scale, width / a.scale, a.features);
-      conv("hrls", hrls, f_hrls, {.kernel = 3, .relu = true, .unshuffle = a.scale});
+      conv("hrls", hrls, f_hrls,
+           {.kernel = 3, .relu = true, .unshuffle = a.scale, .constants = constants(0)});
       return f_hrls;
     }
     Tensor x = tensor("hrls", height, width, a.features);
-    std::vector<Conv2dLink> links{link("hrls", hrls, x, {.kernel = 3, .relu = true})};
+    std::vector<Conv2dLink> links{
+        link("hrls", hrls, x, {.kernel = 3, .relu = true, .constants = constants(0)})};
     for (uint32_t i = 0; i < a.levels(); ++i) {
       const std::string name = fmt::format("down.{}", i);
       const Tensor next = tensor(name, x.shape.height / 2, x.shape.width / 2, a.features);
@@ -112,15 +126,18 @@ struct Builder {
     return x;
   }
 
+  Tensor layer(const Tensor& hrls, const std::string& name) const {
+    return hrls.slice(hrls_channels.first.at(name), 3);
+  }
+
   // HRLS and LRHS without their albedo, filtered (H, W, 3 kJointKept): guided by the albedo, the normal and
   // the irradiance of LRHS, encode.lrhs's channels 3 to 5, which is made here as well.
   void joint_candidates(const Tensor& lrhs, const Tensor& hrls, const Tensor& candidates,
                         const JointOptions& options) {
-    const Tensor albedo = hrls.slice(a.first_channel("albedo"), 3),
-                 normal = hrls.slice(a.first_channel("normal"), 3);
+    const Tensor albedo = layer(hrls, "albedo"), normal = layer(hrls, "normal");
     irradiance(graph, "irradiance", lrhs.slice(0, 3), albedo, normal, lrhs.slice(3, 3), options);
     const Tensor lights = tensor("light", hrls.shape.height, hrls.shape.width, 5);
-    light(graph, "light", hrls.slice(0, 3), albedo, lrhs, lights, options);
+    light(graph, "light", layer(hrls, "color"), albedo, lrhs, lights, options);
     Tensor x = lights.slice(0, 4);
     for (uint32_t level = 0; level < kJointLevels; ++level) {
       const Tensor next = tensor(fmt::format("joint.{}", level), hrls.shape.height, hrls.shape.width, 4);
@@ -137,16 +154,21 @@ struct Builder {
   // (H, W, M) and, behind it, the guide if there is one -> (H, W, 3), or (H, W, 8) for a joint base.
   Tensor reconstruct(std::vector<Conv2dLink>& links, Tensor x, std::optional<Tensor> guide) {
     const auto [height, width, channels] = x.shape;
+    const auto with_guide = [&](Conv2dOptions options) {
+      if (guide) options.constants = constants(x.shape.channels);
+      options.behind = std::exchange(guide, std::nullopt);
+      return options;
+    };
     for (uint32_t i = 0; i < a.head_layers; ++i) {
       const std::string name = fmt::format("head.{}", i);
       const Tensor head = tensor(name, height, width, a.head_features);
-      Conv2dOptions options{.kernel = 3, .relu = true, .behind = std::exchange(guide, std::nullopt)};
+      Conv2dOptions options = with_guide({.kernel = 3, .relu = true});
       if (i > 0) options.residuals = {x};
       links.push_back(link(name, x, head, options));
       x = head;
     }
     const Tensor fused = tensor("rec", height, width, a.base == Base::kJoint ? 3 + kCandidates : 3);
-    links.push_back(link("rec", x, fused, {.kernel = 3, .behind = guide}));
+    links.push_back(link("rec", x, fused, with_guide({.kernel = 3})));
     return fused;
   }
 };
@@ -155,25 +177,28 @@ void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
   const Architecture& a = build.a;
   Graph& graph = build.graph;
   const uint32_t full_height = a.scale * height, full_width = a.scale * width;
-  const std::vector<ChannelKind> hrls_kinds = a.hrls_kinds(), lrhs_kinds(3, ChannelKind::kRadiance);
+  const HrlsChannels& hrls_channels = build.hrls_channels;
+  const std::vector<EncodedChannel> lrhs_channels{{.channel = 0}, {.channel = 1}, {.channel = 2}};
   const bool joint = a.base == Base::kJoint;
   const JointOptions joint_options{a.transfer, a.scale, phase, a.lrhs_certainty};
 
   // With a joint base, the irradiance follows the encoded LRHS, and the filtered images the encoded HRLS.
   const Tensor lrhs = build.tensor("encode.lrhs", height, width, joint ? 6 : 3);
-  const uint32_t layers = static_cast<uint32_t>(hrls_kinds.size());
+  const uint32_t layers = static_cast<uint32_t>(hrls_channels.encoded.size());
   const uint32_t k = layers + (joint ? 3 * kJointKept : 0);
   const Tensor hrls = build.tensor("encode.hrls", full_height, full_width, k);
   const Tensor filtered = hrls.slice(layers, k - layers);
-  encode(graph, "encode.lrhs", FrameSlot::kLrhs, lrhs.slice(0, 3), lrhs_kinds, a.transfer, a.clip);
-  encode(graph, "encode.hrls", FrameSlot::kHrls, hrls.slice(0, layers), hrls_kinds, a.transfer, a.clip);
+  encode(graph, "encode.lrhs", FrameSlot::kLrhs, lrhs.slice(0, 3), lrhs_channels, a.transfer, a.clip);
+  encode(graph, "encode.hrls", FrameSlot::kHrls, hrls.slice(0, layers), hrls_channels.encoded, a.transfer,
+         a.clip);
   const Tensor bright = build.tensor("highlights", height, width, 3);
   highlights(graph, "highlights", bright, a.clip);
-  const Tensor color = hrls.slice(0, 3), low_color = lrhs.slice(0, 3);
+  const Tensor color = build.layer(hrls, "color"), low_color = lrhs.slice(0, 3);
   if (graph.sparse()) classify(graph, "classify", color, low_color, phase);
   if (joint) build.joint_candidates(lrhs, hrls, filtered, joint_options);
 
-  const Tensor f_hrls = build.hrls_encoder(hrls);
+  const Tensor convolved = hrls.slice(hrls_channels.unread, k - hrls_channels.unread);
+  const Tensor f_hrls = build.hrls_encoder(convolved);
   const Tensor f_lrhs = build.tensor("lrhs", height, width, a.features);
   const bool centered = phase > 0;
   build.conv("lrhs", lrhs, f_lrhs, {.kernel = 3, .relu = true},
@@ -183,7 +208,7 @@ void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
   const Tensor deep = build.trunk(f_lrhs, f_0);  // F_DF
   std::vector<Conv2dLink> links;
   const Tensor full = build.upscale(links, deep);
-  const Tensor fused = build.reconstruct(links, full, a.hrls_guide ? std::optional(hrls) : std::nullopt);
+  const Tensor fused = build.reconstruct(links, full, a.hrls_guide ? std::optional(convolved) : std::nullopt);
   conv2d_chain(graph, links);
   if (!joint) {
     if (graph.sparse()) settle(graph, "settle", color, low_color, phase, a.base == Base::kBilinear, fused);
@@ -191,8 +216,7 @@ void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
     return decode(graph, "decode", fused, {a.transfer, base, a.scale, phase, &bright, a.clip});
   }
   const Tensor mixed = build.tensor("mix", full_height, full_width, 3);
-  const Tensor albedo = hrls.slice(a.first_channel("albedo"), 3);
-  mix(graph, "mix", fused, lrhs, albedo, filtered, mixed, joint_options);
+  mix(graph, "mix", fused, lrhs, build.layer(hrls, "albedo"), filtered, mixed, joint_options);
   if (graph.sparse()) settle(graph, "settle", color, low_color, phase, false, mixed);
   decode(graph, "decode", mixed, {a.transfer, nullptr, a.scale, phase, &bright, a.clip});
 }
@@ -205,8 +229,11 @@ double encoded_range(const Architecture& a) {
 }  // namespace
 
 void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase,
-             const Conv2dChoice& choose, const StorageExponents& exponents) {
-  Builder build{.graph = graph, .model = model, .choose = choose, .exponents = exponents};
+             const Conv2dChoice& choose, const StorageExponents& exponents, const ConstantLayers& constants) {
+  check_constant_layers(model, constants);
+  const HrlsChannels channels = hrls_channels(model.architecture(), constants);
+  Builder build{
+      .graph = graph, .model = model, .choose = choose, .exponents = exponents, .hrls_channels = channels};
   add_network(build, height, width, phase);
 }
 
@@ -215,7 +242,13 @@ ActivationEstimate estimate_activations(const Model& model) {
   ActivationEstimate estimate(encoded_range(model.architecture()));
   const Conv2dChoice choose = conv2d_direct;
   const StorageExponents none;
-  Builder build{.graph = graph, .model = model, .choose = choose, .exponents = none, .estimate = &estimate};
+  const HrlsChannels all = hrls_channels(model.architecture(), {});
+  Builder build{.graph = graph,
+                .model = model,
+                .choose = choose,
+                .exponents = none,
+                .hrls_channels = all,
+                .estimate = &estimate};
   add_network(build, 1, 1, 0);
   return estimate;
 }

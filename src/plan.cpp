@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <span>
 
 #include "network.h"
 #include "numbers.h"
@@ -16,22 +17,23 @@ FusePlan describe(const Model& model, TileSize tile, const DeviceInfo& device, c
   std::optional<SparseGrid> sparse;
   if (options.threshold > 0) sparse = {tile.height, tile.width};
   Graph graph(options.storage, options.kernels.addressed, options.keep_activations, sparse);
-  network(graph, model, tile.height, tile.width, options.phase, options.kernels.conv2d, exponents);
+  network(graph, model, tile.height, tile.width, options.phase, options.kernels.conv2d, exponents,
+          options.constants);
   graph.plan();
   FusePlan plan{.tiling = make_tiling(tile, 1, 1, 0), .graph = std::move(graph)};
   plan.frame_bytes = Program::host_bytes(Fusion::kFramesInFlight + 1, plan.graph,
                                          options.work_limits.value_or(limits_for(device)));
-  for (const Shape& shape : frame_shapes(model, tile)) plan.frame_bytes += frame_bytes(shape);
+  for (const Shape& shape : frame_shapes(model, tile, options.constants))
+    plan.frame_bytes += frame_bytes(shape);
   for (const Pass& pass : plan.graph.passes()) plan.flop += pass.flop;
   return plan;
 }
 
 // Why a tile cannot run; nothing when it can.
-std::optional<std::string> obstacle(const FusePlan& plan, const Model& model, const DeviceInfo& device,
-                                    uint64_t most_bytes) {
+std::optional<std::string> obstacle(const FusePlan& plan, std::span<const Shape> images,
+                                    const DeviceInfo& device, uint64_t most_bytes) {
   uint64_t binding_bytes = plan.graph.largest_binding_bytes(), image_bytes = 0;
-  for (const Shape& shape : frame_shapes(model, plan.tiling.tile))
-    image_bytes = std::max(image_bytes, frame_bytes(shape));
+  for (const Shape& shape : images) image_bytes = std::max(image_bytes, frame_bytes(shape));
   binding_bytes = std::max(binding_bytes, image_bytes);
   const auto beyond = [](const char* what, uint64_t needed, uint64_t allowed, const char* whose) {
     return fmt::format("{} {:.1f} MiB, more than the {:.1f} MiB {}", what, double(needed) / kMebibyte,
@@ -102,11 +104,12 @@ float lrhs_phase(bool centered, uint32_t scale) noexcept {
   return centered ? (static_cast<float>(scale) - 1.0f) / 2.0f : 0.0f;
 }
 
-std::array<Shape, kFrameSlots> frame_shapes(const Model& model, TileSize tile) {
+std::array<Shape, kFrameSlots> frame_shapes(const Model& model, TileSize tile,
+                                            const ConstantLayers& constants) {
   const Architecture& a = model.architecture();
   const uint32_t height = a.scale * tile.height, width = a.scale * tile.width;
-  return {Shape{tile.height, tile.width, 3},
-          Shape{height, width, static_cast<uint32_t>(3 * a.hrls_layers.size())}, Shape{height, width, 3}};
+  const auto layers = static_cast<uint32_t>(image_layers(a, constants).size());
+  return {Shape{tile.height, tile.width, 3}, Shape{height, width, 3 * layers}, Shape{height, width, 3}};
 }
 
 uint64_t frame_bytes(const Shape& shape) { return shape.pixels() * shape.channels * sizeof(float); }
@@ -133,7 +136,7 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
   std::optional<std::string> reason;
   const auto fits = [&](TileSize tile) {
     plan = describe(model, tile, device, options, exponents);
-    reason = obstacle(*plan, model, device, most_bytes);
+    reason = obstacle(*plan, frame_shapes(model, tile, options.constants), device, most_bytes);
     if (!reason && options.fp32_kernels) reason = wide_obstacle(*plan, model, device, options);
     // Every layer's output stays readable in a frame of one tile only.
     if (reason && options.keep_activations)

@@ -3,6 +3,7 @@
 
 #include <optional>
 
+#include "constant_layers.h"
 #include "engine/device.h"
 #include "engine/graph.h"
 #include "engine/program.h"
@@ -34,8 +35,9 @@ struct FuserOptions {
   // Blocks of 8 x 8 LRHS pixels are not computed by the network where HRLS and LRHS agree to within this,
   // encoded, but get the mean of both: see classify() and settle() in layers.h. 0: all are computed.
   float threshold = 0;
-  float phase = 0;     // see lrhs_phase()
-  float exposure = 0;  // of fuse(): see exposure.h; 0: what the model's exposure_key asks for
+  ConstantLayers constants = {};  // of HRLS; no image holds them
+  float phase = 0;                // see lrhs_phase()
+  float exposure = 0;             // of fuse(): see exposure.h; 0: what the model's exposure_key asks for
   // Keeps every layer's output readable after a frame; needs the memory of all and a frame of one tile.
   bool keep_activations = false;
   // Measures every pass; the frame is slower, as passes no longer overlap.
@@ -66,8 +68,9 @@ FuserOptions wide_options(const DeviceInfo& device, FuserOptions options, uint64
 FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const DeviceInfo& device,
                      const FuserOptions& options);
 
-// The images of a tile, as frames bring and take them: LRHS, HRLS, fused.
-std::array<Shape, kFrameSlots> frame_shapes(const Model& model, TileSize tile);
+// The images of a tile, as frames bring and take them: LRHS, HRLS without its constant layers, fused.
+std::array<Shape, kFrameSlots> frame_shapes(const Model& model, TileSize tile,
+                                            const ConstantLayers& constants = {});
 
 uint64_t frame_bytes(const Shape& shape);
 

@@ -1,10 +1,28 @@
 #include "raymeld/raymeld.hpp"
 
+#include <fmt/ranges.h>
+
+#include <algorithm>
+
 #include "fuser.h"
 #include "tuner.h"
 
 namespace raymeld {
 namespace {
+
+// The options' absent layers. Throws Error naming one that the model needs or does not know.
+ConstantLayers absent_layers(const FusionOptions& options, const Model& model) {
+  const std::vector<std::string>& optional = model.architecture().optional_layers;
+  ConstantLayers absent;
+  for (const std::string& layer : options.absent_layers) {
+    if (std::ranges::find(optional, layer) == optional.end()) {
+      throw Error("model {} cannot do without layer '{}', but without {}", model.name(), layer,
+                  optional.empty() ? "none" : fmt::format("{}", fmt::join(optional, ", ")));
+    }
+    absent[layer] = {};
+  }
+  return absent;
+}
 
 FuserOptions fuser_options(const FusionOptions& options, const Device& device, const Model& model) {
   FuserOptions result;
@@ -15,6 +33,7 @@ FuserOptions fuser_options(const FusionOptions& options, const Device& device, c
                             : options.lrhs_sampling == LrhsSampling::kCentered;
   result.exposure = options.exposure;
   result.threshold = options.adaptive_threshold;
+  result.constants = absent_layers(options, model);
   const auto kernels = [&](Storage storage) {
     return options.kernels == KernelChoice::kAuto ? kernels_for(device, storage) : Kernels{};
   };
@@ -35,12 +54,14 @@ struct Fusion::State {
   std::unique_ptr<Device> device;
   Model model;
   Fuser fuser;
+  std::vector<std::string> hrls_layers;
 
   State(std::unique_ptr<Device> made, const std::string& file, uint32_t height, uint32_t width,
         const FusionOptions& options)
       : device(std::move(made)),
         model(file),
-        fuser(*device, model, height, width, fuser_options(options, *device, model)) {}
+        fuser(*device, model, height, width, fuser_options(options, *device, model)),
+        hrls_layers(image_layers(model.architecture(), absent_layers(options, model))) {}
 };
 
 Fusion::Fusion(const std::string& model_file, uint32_t height, uint32_t width, const FusionOptions& options)
@@ -57,9 +78,7 @@ Fusion& Fusion::operator=(Fusion&&) noexcept = default;
 
 uint32_t Fusion::scale() const { return state_->model.architecture().scale; }
 
-const std::vector<std::string>& Fusion::hrls_layers() const {
-  return state_->model.architecture().hrls_layers;
-}
+const std::vector<std::string>& Fusion::hrls_layers() const { return state_->hrls_layers; }
 
 const std::vector<std::string>& Fusion::optional_layers() const {
   return state_->model.architecture().optional_layers;

@@ -138,7 +138,7 @@ TEST(Validation, AMissingBarrierBetweenDispatchesIsReported) {
   Graph graph(Storage::kFloat32, false, true);
   const Tensor in = graph.input("in", {4, 4, 3}), out = graph.tensor("out", {4, 4, 3});
   decode(graph, "decode", in, {});
-  encode(graph, "encode", FrameSlot::kHrls, out, std::vector(3, ChannelKind::kAlbedo), Transfer::kLinear, 1);
+  encode(graph, "encode", FrameSlot::kHrls, out, std::vector<EncodedChannel>(3), Transfer::kLinear, 1);
   graph.plan();
   PipelineCache cache(*device, {});
   Program program(*device, graph, cache, 1);

@@ -160,9 +160,13 @@ TEST_F(LayerShapes, Shuffles) {
 }
 
 TEST_F(LayerShapes, EncodeAndDecode) {
-  const std::vector<ChannelKind> two(2, ChannelKind::kRadiance);
+  const std::vector<EncodedChannel> two(2), many(9, {.value = 0.5f}), far{{.channel = 56}};
   EXPECT_ERROR(encode(graph_, "enc", FrameSlot::kLrhs, out({4, 4, 3}), two, Transfer::kLinear, 1),
-               "layer enc", "2 channel kinds, expected 3");
+               "layer enc", "2 channels to encode, expected 3");
+  EXPECT_ERROR(encode(graph_, "enc", FrameSlot::kLrhs, out({4, 4, 9}), many, Transfer::kLinear, 1),
+               "layer enc", "channel 8");
+  EXPECT_ERROR(encode(graph_, "enc", FrameSlot::kLrhs, out({4, 4, 1}), far, Transfer::kLinear, 1),
+               "layer enc", "channel 0");
   EXPECT_ERROR(encode(graph_, "enc", FrameSlot::kLrhs, out({4, 4, 2}), two, Transfer::kLinear, 0),
                "layer enc", "clip");
   const Tensor rec = in({8, 8, 3}), base = in({4, 4, 3}), other = in({4, 4, 2});

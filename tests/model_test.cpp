@@ -43,9 +43,9 @@ TEST_F(ModelTest, TheGoldenModelsLoad) {
   EXPECT_EQ(a.blocks, 1u);
   EXPECT_EQ(a.groups, 2u);
   EXPECT_EQ(a.hrls_layers, (std::vector<std::string>{"color", "normal", "albedo"}));
-  EXPECT_EQ(a.hrls_kinds().at(2), ChannelKind::kRadiance);
-  EXPECT_EQ(a.hrls_kinds().at(3), ChannelKind::kNormal);
-  EXPECT_EQ(a.hrls_kinds().at(8), ChannelKind::kAlbedo);
+  EXPECT_EQ(kind_of("color"), ChannelKind::kRadiance);
+  EXPECT_EQ(kind_of("normal"), ChannelKind::kNormal);
+  EXPECT_EQ(kind_of("albedo"), ChannelKind::kAlbedo);
   EXPECT_EQ(a.long_skip, LongSkip::kFused);
   EXPECT_TRUE(a.merge_relu);
   EXPECT_EQ(a.transfer, Transfer::kLog);

@@ -55,6 +55,8 @@ struct FusionOptions {
   // of both; what is computed has the same bits. Found on the device, by record() as well. 0: everything is
   // computed, which takes less memory.
   float adaptive_threshold = 0;
+  // Those of the model's optional layers that HRLS does not have: nothing is read or computed for them.
+  std::vector<std::string> absent_layers = {};
   std::string device = {};  // index, UUID or part of the name; empty: the first GPU, else a CPU driver
 };
 
@@ -76,10 +78,10 @@ class Fusion {
   Fusion& operator=(Fusion&&) noexcept;
 
   uint32_t scale() const;
-  // The layers of HRLS that the model reads, three channels each, in order: color, albedo, normal, diffuse,
-  // specular, variance or some of them.
+  // The layers of HRLS that fuse() and record() read, three channels each, in order: color, albedo, normal,
+  // diffuse, specular, variance or some of them; without FusionOptions::absent_layers.
   const std::vector<std::string>& hrls_layers() const;
-  // Those of them that the model was trained to do without: a caller who lacks one passes zeros.
+  // The model's layers that it was trained to do without, see FusionOptions::absent_layers.
   const std::vector<std::string>& optional_layers() const;
   // The LRHS size that one recording computes: (height, width) unless memory or limits force tiles. A fuse()
   // that finds the device out of memory makes it smaller, unless record() was called before.
@@ -88,12 +90,12 @@ class Fusion {
 
   // Records one frame into the caller's command buffer, outside of a render pass; never submits, allocates or
   // waits, unless a fuse() before threw for want of memory, after which everything is made anew. lrhs:
-  // (tile_height, tile_width, 3), hrls: (s tile_height, s tile_width, 3 layers), fused: (s tile_height, s
-  // tile_width, 3), scene linear. The inputs must be visible to VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with
-  // VK_ACCESS_SHADER_READ_BIT; the output is written in that stage with VK_ACCESS_SHADER_WRITE_BIT. At most
-  // kFramesInFlight recordings may be pending, on one queue, each submitted once. `exposure`: what radiance
-  // is multiplied by for the network, from 2^-24 to 2^24, and the output divided by; a renderer knows it of
-  // its last frames, as LRHS itself is not looked at here.
+  // (tile_height, tile_width, 3), hrls: (s tile_height, s tile_width, 3 for each of hrls_layers()), fused: (s
+  // tile_height, s tile_width, 3), scene linear. The inputs must be visible to
+  // VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with VK_ACCESS_SHADER_READ_BIT; the output is written in that stage
+  // with VK_ACCESS_SHADER_WRITE_BIT. At most kFramesInFlight recordings may be pending, on one queue, each
+  // submitted once. `exposure`: what radiance is multiplied by for the network, from 2^-24 to 2^24, and the
+  // output divided by; a renderer knows it of its last frames, as LRHS itself is not looked at here.
   void record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
               const FrameBuffer& fused, float exposure = 1);
 
@@ -102,9 +104,9 @@ class Fusion {
   // for none.
   float exposure(const float* lrhs) const;
 
-  // Fuses one frame of host memory, planar and dense: lrhs (3, h, w), hrls (3 layers, s h, s w), fused (3, s
-  // h, s w). Tiles as needed, submits to the device's queue and waits. No recorded frame may be pending.
-  // Throws when the output is not finite. After a throw `fused` may hold some of the tiles.
+  // Fuses one frame of host memory, planar and dense: lrhs (3, h, w), hrls (3 for each of hrls_layers(), s h,
+  // s w), fused (3, s h, s w). Tiles as needed, submits to the device's queue and waits. No recorded frame
+  // may be pending. Throws when the output is not finite. After a throw `fused` may hold some of the tiles.
   FusionStatus fuse(const float* lrhs, const float* hrls, float* fused);
 
   // Counts since the last call or the last fuse(); call it when the recorded frames are done.

@@ -29,7 +29,7 @@ struct FuseArguments {
   std::vector<std::string> map, lrhs_map;
   float exposure_stops = 0;
   std::optional<float> threshold = {};  // of --adaptive; 0: off, none: as the frame suggests
-  float input_exposure = 0;  // 0: what the model asks for
+  float input_exposure = 0;             // 0: what the model asks for
   uint64_t max_memory_mib = 0;
   bool keep_layers = false, profile = false, dry_run = false, json = false, quiet = false;
 
@@ -50,8 +50,8 @@ struct FuseFiles {
   Windows lrhs_windows, hrls_windows;  // of the colour's part
   std::shared_ptr<const Model> model;
   Canvas canvas;
-  std::vector<std::string> absent_layers;  // that the model takes and does without
-  float phase = 0;                         // of LRHS samples; see FuserOptions
+  ConstantLayers absent_layers;  // that the model takes and does without
+  float phase = 0;               // of LRHS samples; see FuserOptions
   std::optional<ExrFile> reference;
   LayerMap reference_map;
 
@@ -60,6 +60,7 @@ struct FuseFiles {
 
 struct FuseImages {
   Image lrhs, hrls;                   // of the canvas: (3, h, w) and (K, s h, s w), all finite
+  ConstantLayers constants;           // of HRLS, that `hrls` does not hold; absent ones too
   std::optional<Image> reference;     // (3, H, W) of HRLS's data window
   std::vector<ExrRawChannel> passed;  // of passed_channels(), as they are
 };
@@ -105,7 +106,7 @@ void load_frame(FuseFrame& frame);
 float find_threshold(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images);
 
 FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device,
-                           float threshold);
+                           float threshold, const ConstantLayers& constants);
 
 const char* precision_name(Storage storage);
 
@@ -146,6 +147,9 @@ std::string frame_text(const FuseFrame& frame, const QualityTable& quality);  //
 
 // Gives the outputs their names. Throws Error.
 void publish_frame(FuseFrame& frame, double total_ms);
+
+// The layers that are in HRLS's file but have one value everywhere.
+ConstantLayers found_constants(const FuseFrame& frame);
 
 // Where a frame's layers come from and what its model does without, with the names that `arguments` gives the
 // files.

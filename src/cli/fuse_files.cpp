@@ -67,30 +67,12 @@ float find_phase(std::string sampling, const ExrFile& lrhs, const Architecture& 
   return lrhs_phase(centered, model.scale);
 }
 
-std::vector<std::string> absent_layers(const LayerMap& hrls, const Architecture& model) {
-  std::vector<std::string> absent = model.optional_layers;
-  std::erase_if(absent, [&](const std::string& layer) { return hrls.layers.contains(layer); });
-  return absent;
-}
-
-std::vector<std::string> without(std::vector<std::string> layers, std::span<const std::string> absent) {
-  std::erase_if(layers,
-                [&](const std::string& layer) { return std::ranges::find(absent, layer) != absent.end(); });
-  return layers;
-}
-
-// All layers that the model takes; absent ones are zero.
-Image load_hrls(FuseFiles& files) {
-  const std::vector<std::string>& wanted = files.model->architecture().hrls_layers;
-  const std::vector<std::string> present = without(wanted, files.absent_layers);
-  Image loaded = load_layers(files.hrls, files.hrls_map, present);
-  if (files.absent_layers.empty()) return loaded;
-  Image all(loaded.width, loaded.height, 3 * int(wanted.size()));
-  for (size_t from = 0, to = 0; to < wanted.size(); ++to) {
-    if (from == present.size() || present[from] != wanted[to]) continue;
-    std::copy_n(loaded.plane(3 * int(from++)), 3 * loaded.plane_size(), all.plane(3 * int(to)));
+ConstantLayers absent_layers(const LayerMap& hrls, const Architecture& model) {
+  ConstantLayers absent;
+  for (const std::string& layer : model.optional_layers) {
+    if (!hrls.layers.contains(layer)) absent[layer] = {};
   }
-  return all;
+  return absent;
 }
 
 // Throws Error unless the reference is as large as what it is to be compared with.
@@ -155,8 +137,8 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
   const Architecture& architecture = model->architecture();
   const std::array<int, 1> scale = {int(architecture.scale)};
   const Canvas canvas = canvas_of(scale);
-  const std::vector<std::string> absent = absent_layers(hrls_map, architecture);
-  require_layers(hrls_map, without(architecture.hrls_layers, absent), hrls.path().string());
+  const ConstantLayers absent = absent_layers(hrls_map, architecture);
+  require_layers(hrls_map, image_layers(architecture, absent), hrls.path().string());
   std::optional<ExrFile> reference;
   LayerMap reference_map;
   if (!arguments.reference.empty()) {
@@ -196,8 +178,11 @@ void load_frame(FuseFrame& frame) {
   FuseFiles& files = frame.files;
   FuseImages& images = frame.images;
   images.lrhs = load_lrhs(files, frame.console);
-  images.hrls = load_hrls(files);
+  const Architecture& model = files.model->architecture();
+  images.constants = files.absent_layers;
+  images.hrls = load_layers(files.hrls, files.hrls_map, image_layers(model, images.constants));
   sanitize_input(images.hrls, "HRLS", files.hrls.path(), frame.console);
+  take_constant_layers(model, images.hrls, images.constants);
   images.hrls = seen_through(std::move(images.hrls), files.hrls_windows.data, files.canvas.hrls);
   if (files.reference) {
     images.reference = load_layers(*files.reference, files.reference_map, kColor);

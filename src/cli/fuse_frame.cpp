@@ -1,3 +1,5 @@
+#include <fmt/ranges.h>
+
 #include "cli/fuse.h"
 #include "cli/interrupt.h"
 #include "exposure.h"
@@ -63,7 +65,7 @@ float find_threshold(const FuseArguments& arguments, const FuseFiles& files, con
 }
 
 FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device,
-                           float threshold) {
+                           float threshold, const ConstantLayers& constants) {
   const Storage storage = storage_for(arguments.precision, device.info(), *files.model);
   const auto kernels = [&](Storage of) {
     return arguments.kernels == KernelChoice::kDirect ? Kernels{} : kernels_for(device, of);
@@ -72,6 +74,7 @@ FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& file
                        .max_memory_bytes = arguments.max_memory_mib << 20,
                        .kernels = kernels(storage),
                        .threshold = threshold,
+                       .constants = constants,
                        .phase = files.phase,
                        .exposure = arguments.input_exposure,
                        .keep_activations = !arguments.dump.empty(),
@@ -85,6 +88,7 @@ struct FrameFuser::Made {
   std::shared_ptr<const Model> model;
   float phase;
   float threshold;
+  ConstantLayers constants;
   uint32_t height, width;  // of LRHS
   Storage storage;
   Fuser fuser;
@@ -93,6 +97,7 @@ struct FrameFuser::Made {
       : model(frame.files.model),
         phase(options.phase),
         threshold(options.threshold),
+        constants(options.constants),
         height(uint32_t(frame.images.lrhs.height)),
         width(uint32_t(frame.images.lrhs.width)),
         storage(options.storage),
@@ -101,7 +106,8 @@ struct FrameFuser::Made {
   bool suits(const FuseFrame& frame, float wanted_threshold) const {
     const Image& lrhs = frame.images.lrhs;
     return model == frame.files.model && phase == frame.files.phase && threshold == wanted_threshold &&
-           height == uint32_t(lrhs.height) && width == uint32_t(lrhs.width);
+           constants == frame.images.constants && height == uint32_t(lrhs.height) &&
+           width == uint32_t(lrhs.width);
   }
 };
 
@@ -113,11 +119,16 @@ FrameFuser::Made& FrameFuser::made_for(const FuseFrame& frame) {
   const float threshold = find_threshold(frame.arguments, frame.files, frame.images);
   if (made_ && made_->suits(frame, threshold)) return *made_;
   made_.reset();  // its memory is the next one's
-  const FuserOptions options = fuser_options(frame.arguments, frame.files, device_, threshold);
+  const FuserOptions options =
+      fuser_options(frame.arguments, frame.files, device_, threshold, frame.images.constants);
   const Image& hrls = frame.images.hrls;
   frame.console.note(fmt::format("fusing {} x {} with {} on {} ({})", hrls.width, hrls.height,
                                  frame.files.model->name(), device_.info().name,
                                  precision_name(options.storage)));
+  for (const auto& [layer, values] : found_constants(frame)) {
+    frame.console.note(
+        fmt::format("HRLS layer {} is {} everywhere and left out", layer, fmt::join(values, ", ")));
+  }
   made_ = std::make_unique<Made>(device_, frame, options);
   return *made_;
 }

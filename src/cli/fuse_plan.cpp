@@ -22,7 +22,8 @@ struct Plan {
 
 Plan make_plan(const FuseArguments& arguments, FuseFiles& files, const Device& device, Console& console) {
   const float exposure = find_exposure(arguments, files, console);
-  const FuserOptions options = fuser_options(arguments, files, device, arguments.threshold.value_or(0));
+  const FuserOptions options =
+      fuser_options(arguments, files, device, arguments.threshold.value_or(0), files.absent_layers);
   return {exposure, options,
           plan_fusion(*files.model, uint32_t(height_of(files.canvas.lrhs)),
                       uint32_t(width_of(files.canvas.lrhs)), device.info(), options)};

@@ -14,13 +14,19 @@ const char* sampling_name(const FuseFiles& files) { return files.phase == 0 ? "n
 // What the model was not made for, or does without; each line ends with \n.
 std::string notices(const FuseFiles& files) {
   std::string text;
-  for (const std::string& layer : files.absent_layers) {
+  for (const auto& [layer, zeros] : files.absent_layers) {
     text += fmt::format("HRLS has no layer {}; model {} does without it\n", layer, files.model->name());
   }
   if (!files.model->architecture().trained_on(files.phase > 0)) {
     text += fmt::format("model {} was not trained on {} LRHS\n", files.model->name(), sampling_name(files));
   }
   return text;
+}
+
+std::vector<std::string> names_of(const ConstantLayers& layers) {
+  std::vector<std::string> names;
+  for (const auto& [layer, values] : layers) names.push_back(layer);
+  return names;
 }
 
 // Operations, or bytes, in `time_ms`, in thousands of millions a second; 0 where no time was measured.
@@ -81,6 +87,12 @@ Json to_json(const LayerMap& map) {
   return json;
 }
 
+ConstantLayers found_constants(const FuseFrame& frame) {
+  ConstantLayers found = frame.images.constants;
+  for (const auto& [layer, zeros] : frame.files.absent_layers) found.erase(layer);
+  return found;
+}
+
 std::string describe(const FuseArguments& arguments, const FuseFiles& files) {
   return notices(files) +
          fmt::format("LRHS {}: color from {}; {} samples\nHRLS {}: {}model {}, scale {}: takes {}",
@@ -100,7 +112,7 @@ Json facts(const FuseFiles& files, const DeviceInfo& device, Storage storage, co
           {"width", width_of(files.hrls_windows.data)},
           {"height", height_of(files.hrls_windows.data)},
           {"lrhs_sampling", sampling_name(files)},
-          {"absent_layers", files.absent_layers},
+          {"absent_layers", names_of(files.absent_layers)},
           {"input_exposure", exposure},
           {"tiles", tiling.count()}};
 }
@@ -114,6 +126,7 @@ Json frame_json(const FuseFrame& frame, const DeviceInfo& device, const QualityT
                 double total_ms) {
   const FuseResult& result = frame.result;
   Json json = facts(frame.files, device, result.storage, result.tiling, result.report.exposure);
+  json["constant_layers"] = found_constants(frame);
   json["redone_tiles"] = result.report.redone_tiles;
   json["settled_share"] = result.report.settled_share;
   json["work_share"] = result.report.work_share;

@@ -177,6 +177,7 @@ void conform_conv2d(Collector& collector) {
   run_values(collector, k3x3, 3, "conv2d 3x3");
   run_values(collector, k1x1, 1, "conv2d 1x1");
   run_specials(collector);
+  run_constants(collector);
 }
 
 }  // namespace raymeld::conform

@@ -1,4 +1,4 @@
-// What conv2d.cpp and conv2d_specials.cpp share.
+// What conv2d.cpp and the other files of conv2d share.
 #pragma once
 
 #include "conform/collector.h"
@@ -11,5 +11,8 @@ std::vector<Way> conv2d_ways(const DeviceInfo& device, uint32_t kernel);
 // Denormals, infinities, NaN, what 16 bits cannot hold: by kernels of direct sums, which promise more than
 // bounds.
 void run_specials(Collector& collector);
+
+// Input channels that are constant, and what that means where taps fall on zeros outside the image.
+void run_constants(Collector& collector);
 
 }  // namespace raymeld::conform

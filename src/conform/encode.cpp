@@ -43,11 +43,11 @@ Planes image_of(LayerKind kind, const Size& size, const Encoding& encoding, uint
 Planes encoded(Check& check, const Target& target, const Planes& image, const Encoding& encoding,
                const Way& way, Precision precision) {
   const FrameImage frame(target.device, image, frame_layouts()[encoding.layout]);
-  std::vector<ChannelKind> kinds;
-  for (int c = 0; c < image.c; ++c) kinds.push_back(kChannelKinds[size_t(c / 3)]);
+  std::vector<EncodedChannel> channels;
+  for (int c = 0; c < image.c; ++c) channels.push_back({kChannelKinds[size_t(c / 3)], uint32_t(c)});
   LayerRun run(target, precision, way.addressed);
   const Tensor out = run.tensor("out", image.c, image.h, image.w);
-  encode(run.graph(), "encode", FrameSlot::kHrls, out, kinds,
+  encode(run.graph(), "encode", FrameSlot::kHrls, out, channels,
          encoding.log ? Transfer::kLog : Transfer::kLinear, encoding.clip);
   run.run({FrameBinding{}, frame.binding(), FrameBinding{}}, encoding.exposure);
   check.that(frame.touched_outside() == 0, "wrote around the image");

@@ -20,20 +20,24 @@ void check_clip(const std::string& name, float clip) {
 }  // namespace
 
 void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor& out,
-            std::span<const ChannelKind> kinds, Transfer transfer, float clip) {
-  if (kinds.size() != out.shape.channels) {
-    throw Error("layer {}: {} channel kinds, expected {}", name, kinds.size(), out.shape.channels);
+            std::span<const EncodedChannel> channels, Transfer transfer, float clip) {
+  if (channels.size() != out.shape.channels) {
+    throw Error("layer {}: {} channels to encode, expected {}", name, channels.size(), out.shape.channels);
   }
   check_clip(name, clip);
   params::Encode params{
-      {}, out.shape.height, out.shape.width, graph.plane(out), transfer == Transfer::kLog, clip, {}};
-  if (kinds.size() > std::size(params.kinds) * RAYMELD_KINDS_OF_WORD) {
-    throw Error("layer {}: {} channels, at most {}", name, kinds.size(),
-                std::size(params.kinds) * RAYMELD_KINDS_OF_WORD);
+      {}, out.shape.height, out.shape.width, graph.plane(out), transfer == Transfer::kLog, clip, {}, {}};
+  if (channels.size() > 4 * std::size(params.channels)) {
+    throw Error("layer {}: {} channels, at most {}", name, channels.size(), 4 * std::size(params.channels));
   }
-  for (size_t c = 0; c < kinds.size(); ++c) {
-    params.kinds[c / RAYMELD_KINDS_OF_WORD] |= static_cast<uint32_t>(kinds[c])
-                                               << c % RAYMELD_KINDS_OF_WORD * 2;
+  uint32_t constants = 0;
+  for (size_t c = 0; c < channels.size(); ++c) {
+    const auto& [kind, channel, value] = channels[c];
+    if (value ? constants == std::size(params.constants) : channel >= RAYMELD_FIRST_CONSTANT)
+      throw Error("layer {}: channel {} is one constant or source too many", name, c);
+    const uint32_t source = value ? RAYMELD_FIRST_CONSTANT + constants : channel;
+    params.channels[c / 4] |= (static_cast<uint32_t>(kind) | source << 2) << c % 4 * 8;
+    if (value) params.constants[constants++] = *value;
   }
   Pass pass;
   pass.name = name;
@@ -42,7 +46,8 @@ void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor&
   pass.bindings[1].by_address = pass.bindings[2].by_address = graph.addressed();
   pass.set_push(params);
   pass.groups = element_groups(out.shape);
-  pass.bytes = elements(out) * static_cast<double>(4 + element_bytes(graph.storage()));
+  pass.bytes = elements(out) * static_cast<double>(element_bytes(graph.storage())) +
+               static_cast<double>(4 * (channels.size() - constants) * out.shape.pixels());
   graph.add(std::move(pass));
 }
 

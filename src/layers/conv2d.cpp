@@ -32,6 +32,30 @@ void pack_weights(std::byte* target, const Convolution& conv, uint32_t lanes) {
   }
 }
 
+// Sets sources and constants.
+void find_sources(Convolution& conv) {
+  const std::vector<std::optional<float>>& constants = conv.options.constants;
+  const uint32_t deep = conv.options.unshuffle * conv.options.unshuffle;
+  const size_t count = constants.empty() ? conv.channels_in : constants.size() * deep;
+  for (uint32_t channel = 0; channel < count; ++channel) {
+    const std::optional<float> value = constants.empty() ? std::nullopt : constants[channel / deep];
+    if (!value) {
+      conv.sources.push_back(channel);
+    } else if (*value != 0) {
+      conv.constants.emplace_back(channel, *value);
+    }
+  }
+  if (conv.sources.size() != conv.channels_in) {
+    throw Error("layer {}: {} input channels in tensors, expected {}", conv.name, conv.channels_in,
+                conv.sources.size());
+  }
+  const size_t expected = conv.options.kernel * conv.options.kernel * count * conv.channels_out;
+  if (conv.weight.size() != expected) {
+    throw Error("layer {}: {} weights, expected {}x{}x{}x{}", conv.name, conv.weight.size(),
+                conv.channels_out, count, conv.options.kernel, conv.options.kernel);
+  }
+}
+
 Convolution make_convolution(const Graph& graph, const std::string& name, const Tensor& in, const Tensor& out,
                              const ConvWeights& weights, const Conv2dOptions& options) {
   const uint32_t u = options.unshuffle, s = options.shuffle, kernel = options.kernel;
@@ -46,29 +70,28 @@ Convolution make_convolution(const Graph& graph, const std::string& name, const 
   const auto factor = [&](const Tensor& from) {
     return std::ldexp(1.0f, graph.exponent(from) - graph.exponent(out));
   };
-  const Convolution conv{.name = name,
-                         .in = in,
-                         .out = out,
-                         .options = options,
-                         .height = in.shape.height / u,
-                         .width = in.shape.width / u,
-                         .channels_in = (in.shape.channels + behind) * u * u,
-                         .channels_out = out.shape.channels * s * s,
-                         .weight = weights.weight,
-                         .bias = weights.bias,
-                         .half = graph.storage() == Storage::kFloat16,
-                         .in_factor = factor(in),
-                         .behind_factor = options.behind ? factor(*options.behind) : 1,
-                         .bias_factor = std::ldexp(1.0f, -graph.exponent(out))};
+  Convolution conv{.name = name,
+                   .in = in,
+                   .out = out,
+                   .options = options,
+                   .height = in.shape.height / u,
+                   .width = in.shape.width / u,
+                   .channels_in = (in.shape.channels + behind) * u * u,
+                   .channels_out = out.shape.channels * s * s,
+                   .weight = weights.weight,
+                   .bias = weights.bias,
+                   .sources = {},
+                   .constants = {},
+                   .half = graph.storage() == Storage::kFloat16,
+                   .in_factor = factor(in),
+                   .behind_factor = options.behind ? factor(*options.behind) : 1,
+                   .bias_factor = std::ldexp(1.0f, -graph.exponent(out))};
   if (in.shape.height % u || in.shape.width % u || conv.height * s != out.shape.height ||
       conv.width * s != out.shape.width) {
     throw Error("layer {}: {}x{} in, {}x{} out, expected the same size after shuffles by {} and {}", name,
                 in.shape.height, in.shape.width, out.shape.height, out.shape.width, u, s);
   }
-  if (weights.weight.size() != uint64_t{kernel} * kernel * conv.channels_in * conv.channels_out) {
-    throw Error("layer {}: {} weights, expected {}x{}x{}x{}", name, weights.weight.size(), conv.channels_out,
-                conv.channels_in, kernel, kernel);
-  }
+  find_sources(conv);
   if (weights.bias.size() != conv.channels_out) {
     throw Error("layer {}: {} biases, expected {}", name, weights.bias.size(), conv.channels_out);
   }
@@ -112,7 +135,8 @@ void direct(Graph& graph, Convolution conv) {
                     kRows,
                     conv.options.relu,
                     static_cast<uint32_t>(conv.options.residuals.size()),
-                    conv.options.behind.has_value()};
+                    conv.options.behind.has_value(),
+                    conv.has_borders()};
   pass.bindings = {constant_binding(weights), constant_binding(bias_constant(graph, conv, blocks * lanes)),
                    read_binding(conv.in), write_binding(conv.out)};
   for (uint32_t i = 0; i < kMostResiduals; ++i) pass.bindings.push_back(residual_binding(conv, i, conv.in));
@@ -143,8 +167,30 @@ std::vector<Tensor> Convolution::inputs() const {
 
 float Convolution::weight_at(uint32_t o, uint32_t i, uint32_t ky, uint32_t kx) const {
   const bool is_behind = options.behind && i >= channels_in - options.behind->shape.channels;
-  const float own = weight[((size_t{o} * channels_in + i) * options.kernel + ky) * options.kernel + kx];
-  const float factor = is_behind ? behind_factor : in_factor, value = own * factor;
+  return stored_weight(o, sources[i], ky, kx, is_behind ? behind_factor : in_factor);
+}
+
+float Convolution::bias_at(uint32_t o, uint32_t border_case) const {
+  const auto beyond = [&](uint32_t tap, uint32_t first, uint32_t last) {
+    return (tap == 0 && border_case & first) || (tap == 2 && border_case & last);
+  };
+  double sum = double{bias[o]} * bias_factor;
+  for (const auto& [channel, value] : constants) {
+    for (uint32_t ky = 0; ky < options.kernel; ++ky) {
+      if (beyond(ky, RAYMELD_TOP, RAYMELD_BOTTOM)) continue;
+      for (uint32_t kx = 0; kx < options.kernel; ++kx) {
+        if (beyond(kx, RAYMELD_LEFT, RAYMELD_RIGHT)) continue;
+        sum += double{value} * stored_weight(o, channel, ky, kx, bias_factor);
+      }
+    }
+  }
+  return static_cast<float>(sum);
+}
+
+float Convolution::stored_weight(uint32_t o, uint32_t channel, uint32_t ky, uint32_t kx, float factor) const {
+  const size_t inputs = weight.size() / (size_t{channels_out} * options.kernel * options.kernel);
+  const float own = weight[((o * inputs + channel) * options.kernel + ky) * options.kernel + kx];
+  const float value = own * factor;
   if (!half) return value;
   if (std::abs(value) > 65504.0f)
     throw Error("layer {}: weight {}, stored times {}, does not fit 16 bits; use --precision fp32", name, own,
@@ -153,10 +199,15 @@ float Convolution::weight_at(uint32_t o, uint32_t i, uint32_t ky, uint32_t kx) c
 }
 
 uint32_t bias_constant(Graph& graph, const Convolution& conv, uint32_t padded_count) {
-  return graph.constant(conv.name + ".bias", uint64_t{padded_count} * 4, [=](std::byte* target) {
-    std::memset(target, 0, uint64_t{padded_count} * 4);
-    auto* bias = reinterpret_cast<float*>(target);
-    for (const float value : conv.bias) *bias++ = value * conv.bias_factor;
+  const uint32_t cases = conv.has_borders() ? RAYMELD_BORDER_CASES : 1;
+  const uint64_t size_bytes = uint64_t{cases} * padded_count * sizeof(float);
+  return graph.constant(conv.name + ".bias", size_bytes, [=](std::byte* target) {
+    std::memset(target, 0, size_bytes);
+    auto* biases = reinterpret_cast<float*>(target);
+    for (uint32_t border_case = 0; border_case < cases; ++border_case) {
+      for (uint32_t o = 0; o < conv.channels_out; ++o)
+        biases[border_case * padded_count + o] = conv.bias_at(o, border_case);
+    }
   });
 }
 

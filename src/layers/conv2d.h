@@ -14,6 +14,9 @@ struct Convolution {
   Conv2dOptions options;
   uint32_t height, width, channels_in, channels_out;
   std::span<const float> weight, bias;
+  // Of the weights' input channels: those that are convolved, in order, and what others are but 0.
+  std::vector<uint32_t> sources;
+  std::vector<std::pair<uint32_t, float>> constants;
   bool half;  // weights are rounded to 16 bits
   // For the exponents of the tensors: of the weights of `in`, of those of what is behind it, of the bias.
   // Powers of two.
@@ -26,9 +29,18 @@ struct Convolution {
   std::vector<Tensor> inputs() const;
   // As the device keeps it, for what is stored of its input and output. Throws Error where it does not fit.
   float weight_at(uint32_t o, uint32_t i, uint32_t ky, uint32_t kx) const;
+  // The bias and what the constants add to it, but for taps beyond the borders that `border_case` names (see
+  // shaders/border.glsl); as the device keeps it.
+  float bias_at(uint32_t o, uint32_t border_case) const;
+  // Whether that depends on borders.
+  bool has_borders() const { return options.kernel > 1 && !constants.empty(); }
+
+ private:
+  // A weight [o][channel][ky][kx] of the model's, times a power of two.
+  float stored_weight(uint32_t o, uint32_t channel, uint32_t ky, uint32_t kx, float factor) const;
 };
 
-// With zeros behind the last one, so that they are `padded_count`.
+// With zeros behind the last one, so that they are `padded_count`; has_borders(): as many for each case.
 uint32_t bias_constant(Graph& graph, const Convolution& conv, uint32_t padded_count);
 
 // Inputs, output and residuals, each once.

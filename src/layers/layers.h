@@ -87,6 +87,9 @@ struct Conv2dOptions {
   uint32_t unshuffle = 1;              // reads space_to_depth() of `in` by this
   uint32_t shuffle = 1;                // writes pixel_shuffle() by this to `out`
   Conv2dKernel how = {};
+  // Of the weights' input channels, before `unshuffle`, the value of each that is the same everywhere and in
+  // no tensor; those without are the channels of `in` and `behind`. Empty: all are.
+  std::vector<std::optional<float>> constants = {};
 };
 
 // (h, w, in.channels) -> (h, w, out.channels); stride 1, zero padding. `out` may be a slice of the tensor
@@ -117,11 +120,18 @@ void pixel_shuffle(Graph& graph, const std::string& name, const Tensor& in, cons
 enum class ChannelKind : uint32_t { kRadiance, kAlbedo, kNormal, kVariance };
 enum class Transfer { kLinear, kLog };
 
-// From the image in `slot`, scene linear, to (h, w, c). NaN becomes 0, infinities are clamped like any value:
-// radiance times the recording's exposure, and variance times its square, to [0, clip], then y = x or
-// y = log(1 + 8 x) / 3; albedo to [0, 1]; normals to [-1, 1].
+// Where a channel comes from: a channel of the image or, already encoded, a value.
+struct EncodedChannel {
+  ChannelKind kind = ChannelKind::kRadiance;
+  uint32_t channel = 0;
+  std::optional<float> value = {};
+};
+
+// From channels of the image in `slot`, scene linear, to (h, w, c). NaN becomes 0, infinities are clamped
+// like any value: radiance times the recording's exposure, and variance times its square, to [0, clip], then
+// y = x or y = log(1 + 8 x) / 3; albedo to [0, 1]; normals to [-1, 1].
 void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor& out,
-            std::span<const ChannelKind> kinds, Transfer transfer, float clip);
+            std::span<const EncodedChannel> channels, Transfer transfer, float clip);
 
 // What LRHS has beyond the clip, scene linear (h, w, c): max(0, x - clip / exposure), at most 65504; of NaN
 // 0.

@@ -96,7 +96,8 @@ void conv2d_matrix(Graph& graph, const Convolution& conv) {
                     residuals,
                     conv.options.unshuffle,
                     conv.options.shuffle,
-                    conv.options.behind.has_value()};
+                    conv.options.behind.has_value(),
+                    conv.has_borders()};
   pass.bindings = {constant_binding(weights), constant_binding(bias_constant(graph, conv, conv.channels_out)),
                    read_binding(conv.in), write_binding(conv.out)};
   for (uint32_t i = 0; i < kMostResiduals; ++i) pass.bindings.push_back(residual_binding(conv, i, conv.in));

@@ -173,8 +173,12 @@ struct Steps {
     for (uint32_t i = 0; i < kMostResiduals; ++i)
       bindings.push_back(residual_binding(conv, i, scratch.products));
     Pass p = pass(shaders::kWinogradOutput, std::move(bindings));
-    p.constants = {s.tile, conv.options.shuffle, conv.options.relu, static_cast<uint32_t>(residuals.size()),
-                   by_pairs(conv.options.shuffle)};
+    p.constants = {s.tile,
+                   conv.options.shuffle,
+                   conv.options.relu,
+                   static_cast<uint32_t>(residuals.size()),
+                   by_pairs(conv.options.shuffle),
+                   conv.has_borders()};
     const Tensor& residual = residuals.empty() ? conv.out : residuals.front();
     for (const Tensor& other : residuals) {
       if (graph.rows_mask(other) != graph.rows_mask(residual))
@@ -183,9 +187,9 @@ struct Steps {
     // What lies below the band is the next one's.
     const uint32_t end =
         graph.sparse() ? conv.height : std::min(conv.height, (first_tile_row + s.band_rows) * s.tile);
-    p.set_push(params::WinogradOutput{end, conv.width, graph.plane(conv.out), graph.rows_mask(conv.out),
-                                      graph.plane(residual), graph.rows_mask(residual), s.tiles_x,
-                                      first_tile_row, s.channels_out, s.products_stride});
+    p.set_push(params::WinogradOutput{
+        end, conv.height, conv.width, graph.plane(conv.out), graph.rows_mask(conv.out), graph.plane(residual),
+        graph.rows_mask(residual), s.tiles_x, first_tile_row, s.channels_out, s.products_stride});
     p.set_place();
     p.items = items(first_tile_row, 2, kTransformLocal / 2);
     p.groups = {s.band_tiles / kTransformLocal, 1, conv.channels_out};

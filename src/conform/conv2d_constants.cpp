@@ -1,0 +1,126 @@
+// Convolutions of which some input channels are one value everywhere and in no tensor.
+#include <fmt/format.h>
+
+#include <array>
+
+#include "conform/conv2d_trials.h"
+
+namespace raymeld::conform {
+namespace {
+
+using reference::Bounded;
+using reference::Conv;
+using reference::exact;
+using reference::Fill;
+using reference::Planes;
+using reference::Precision;
+using reference::random_conv;
+using reference::random_planes;
+using reference::Size;
+
+struct Trial {
+  uint32_t kernel = 3, shuffle = 1;  // before and behind the convolution
+  std::vector<bool> front, behind;   // which channels are constant
+  int outputs = 9;
+};
+
+// Constants first, last, side by side and 0; with `behind`, in both inputs.
+const std::array kTrials{
+    Trial{.front = {true, false, false, true, true}, .behind = {false, true, false, true}},
+    Trial{.shuffle = 2, .front = {false, true, true, false}, .behind = {}, .outputs = 12},
+    Trial{.kernel = 1, .front = {true, false, true, false}, .behind = {}}};
+
+std::string text_of(const Trial& trial, const Size& size) {
+  return fmt::format("{} and {} channels -> {}{}, some constant, {} x {}", trial.front.size(),
+                     trial.behind.size(), trial.outputs, trial.shuffle > 1 ? ", shuffled" : "", size.h,
+                     size.w);
+}
+
+// The channels of an input, some with one value everywhere.
+struct Channels {
+  Planes all, in_tensor;
+  std::vector<std::optional<float>> constants;
+};
+
+Channels channels_of(const std::vector<bool>& constant, const Size& size, Fill fill, uint64_t seed,
+                     Precision precision) {
+  Channels result{round_to(random_planes(int(constant.size()), size.h, size.w, fill, seed), precision),
+                  Planes(0, size.h, size.w),
+                  {}};
+  const auto plane = ptrdiff_t(size.h) * size.w;
+  for (size_t c = 0; c < constant.size(); ++c) {
+    const auto first = result.all.data.begin() + ptrdiff_t(c) * plane;
+    if (constant[c]) {
+      const double value = c == 3 ? 0 : *first;
+      std::fill_n(first, plane, value);
+      result.constants.push_back(float(value));
+    } else {
+      result.in_tensor.data.insert(result.in_tensor.data.end(), first, first + plane);
+      ++result.in_tensor.c;
+      result.constants.push_back(std::nullopt);
+    }
+  }
+  return result;
+}
+
+// A convolution in a run, and what it must give.
+struct Convolved {
+  Tensor out;
+  Bounded expected;
+};
+
+Convolved add(LayerRun& run, const Trial& trial, const Size& size, Fill fill, uint64_t seed, const Way& way,
+              Precision precision) {
+  const int s = int(trial.shuffle);
+  const Size full{s * size.h, s * size.w};
+  Channels in = channels_of(trial.front, full, fill, seed, precision);
+  Conv2dOptions options{.kernel = trial.kernel,
+                        .relu = true,
+                        .unshuffle = trial.shuffle,
+                        .shuffle = trial.shuffle,
+                        .how = way.kernel};
+  const Tensor front = run.input("in", in.in_tensor);
+  Bounded x = exact(in.all);
+  if (!trial.behind.empty()) {
+    const Channels behind = channels_of(trial.behind, full, fill, seed + 1, precision);
+    options.behind = run.input("behind", behind.in_tensor);
+    x = reference::concat(x, exact(behind.all));
+    in.constants.insert(in.constants.end(), behind.constants.begin(), behind.constants.end());
+  }
+  options.constants = in.constants;
+  if (s > 1) x = reference::space_to_depth(x, s);
+  const Conv conv =
+      round_to(random_conv(trial.outputs, x.value.c, int(trial.kernel), fill, seed + 2), precision);
+  const Tensor out = run.tensor("out", trial.outputs / s / s, full.h, full.w);
+  conv2d(run.graph(), "conv", front, out, run.weights(conv), options);
+  const Bounded y = reference::conv2d(x, conv, true, precision, {}, way.tile(), way.units());
+  return {out, s > 1 ? reference::pixel_shuffle(y, s) : y};
+}
+
+}  // namespace
+
+void run_constants(Collector& collector) {
+  for (const Trial& trial : kTrials) {
+    const std::vector<Way> ways = conv2d_ways(collector.device().info(), trial.kernel);
+    Collector::for_each(ways, [&](const Way& way, Precision precision) {
+      for (const Size& size : collector.sizes()) {
+        const uint64_t seed = uint64_t(size.h * 1000 + size.w);
+        collector.run(trial.kernel == 1 ? "conv2d 1x1" : "conv2d 3x3", way, precision, text_of(trial, size),
+                      [&](Check& check) {
+                        // The weights of F(4, 3) are divided by 3: no integers.
+                        const bool integers = way.kernel.tile != 4;
+                        LayerRun run(collector.target(), precision, way.addressed);
+                        const Convolved random = add(run, trial, size, Fill::kUniform, seed, way, precision);
+                        Convolved whole;
+                        if (integers) whole = add(run, trial, size, Fill::kIntegers, seed, way, precision);
+                        run.run();
+                        check.within(run.read(random.out), random.expected, "random");
+                        if (integers)
+                          check.within(run.read(whole.out), exact(whole.expected.value), "integers");
+                      });
+      }
+    });
+  }
+}
+
+}  // namespace raymeld::conform
