@@ -186,17 +186,21 @@ void Fuser::check_sizes(const Image& lrhs, const Image& hrls) const {
   check_size("HRLS", hrls, shapes[1]);
 }
 
-FuseReport Fuser::fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress) {
+FuseReport Fuser::fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress,
+                       float exposure) {
   check_sizes(lrhs, hrls);
   if (fused.width != hrls.width || fused.height != hrls.height || fused.channels != 3) {
     fused = Image(hrls.width, hrls.height, 3);
   }
-  return fuse(lrhs.data.data(), hrls.data.data(), fused.data.data(), progress);
+  return fuse(lrhs.data.data(), hrls.data.data(), fused.data.data(), progress, exposure);
 }
 
-FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress) {
-  // The exposure is the frame's, so that it is the same for all tiles.
-  const FuseReport report = fuse(lrhs, hrls, fused, exposure(lrhs), progress);
+FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress,
+                       float exposure) {
+  if (exposure != 0) check_exposure(exposure);
+  // Otherwise it is the frame's, so that it is the same for all tiles.
+  const float factor = exposure != 0 ? exposure : this->exposure(lrhs);
+  const FuseReport report = run_within_memory(lrhs, hrls, fused, factor, progress);
   if (report.status.not_finite > 0) {
     throw Error("model {} gave {} values that are not finite; the image is of no use", model_.name(),
                 report.status.not_finite);
@@ -204,8 +208,8 @@ FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const
   return report;
 }
 
-FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, float exposure,
-                       const Progress& progress) {
+FuseReport Fuser::run_within_memory(const float* lrhs, const float* hrls, float* fused, float exposure,
+                                    const Progress& progress) {
   return within_memory([&] {
     made_program();
     prepare_host();
@@ -267,9 +271,9 @@ Image Fuser::redo_tile(const Progress& progress, FuseReport& report) {
   const Shape shape = image_shapes(plan_.tiling.tile)[2];
   Image image(static_cast<int>(shape.width), static_cast<int>(shape.height), 3);
   const auto go_on = [&](double) { return progress(1); };
-  const FuseReport redone =
-      wide_->fuse(static_cast<const float*>(host_->lrhs.mapped()),
-                  static_cast<const float*>(host_->hrls.mapped()), image.data.data(), report.exposure, go_on);
+  const FuseReport redone = wide_->run_within_memory(static_cast<const float*>(host_->lrhs.mapped()),
+                                                     static_cast<const float*>(host_->hrls.mapped()),
+                                                     image.data.data(), report.exposure, go_on);
   report.device_ms += redone.device_ms;
   report.status.not_finite += redone.status.not_finite;
   for (const PassTime& layer : redone.layers) add_time(report.layers, layer);

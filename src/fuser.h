@@ -81,9 +81,12 @@ class Fuser {
   // starts again with smaller tiles, unless record() was called before: recordings may still be submitted.
   // Throws Error, also when the network's output is not finite, and Cancelled; `fused` may then hold some
   // tiles, and the next call works if the device does.
-  FuseReport fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress = {});
+  // `exposure`: what radiance is multiplied by for the network, for parts of a larger frame; 0: exposure().
+  FuseReport fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress = {},
+                  float exposure = 0);
   // The same on planar, dense memory of the caller's, whose sizes are not checked.
-  FuseReport fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress = {});
+  FuseReport fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress = {},
+                  float exposure = 0);
 
  private:
   // Buffers and recordings of fuse(), made once.
@@ -104,8 +107,8 @@ class Fuser {
   void check_sizes(const Image& lrhs, const Image& hrls) const;
   std::array<Shape, kFrameSlots> image_shapes(TileSize tile) const;
   FrameBindings bindings(const FrameBuffer& lrhs, const FrameBuffer& hrls, const FrameBuffer& fused) const;
-  FuseReport fuse(const float* lrhs, const float* hrls, float* fused, float exposure,
-                  const Progress& progress);
+  FuseReport run_within_memory(const float* lrhs, const float* hrls, float* fused, float exposure,
+                               const Progress& progress);
   FuseReport run(const float* lrhs, const float* hrls, float* fused, float exposure,
                  const Progress& progress);
   void run_tile(const Progress& progress, FuseReport& report);

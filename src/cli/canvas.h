@@ -25,6 +25,11 @@ struct Canvas {
 // data window touches. Empty when neither are, or LRHS has no data there.
 std::optional<Canvas> fit(const Windows& lrhs, const Windows& hrls, int scale);
 
+// The part of `canvas` that its full-size window `kept` takes: the cells it touches, `halo` more on each
+// side, and what is missing to whole blocks of `block` x `block` cells, counted from the canvas's corner; as
+// far as the canvas goes.
+Canvas part_of(const Canvas& canvas, const Imath::Box2i& kept, int halo, int block);
+
 // `image`, whose pixels are those of `from`, seen through the window `to`: cropped, and its edge repeated
 // where it has none.
 Image seen_through(Image image, const Imath::Box2i& from, const Imath::Box2i& to);

@@ -31,6 +31,7 @@ struct FuseArguments {
   std::optional<float> threshold = {};  // of --adaptive; 0: off, none: as the frame suggests
   float input_exposure = 0;             // 0: what the model asks for
   uint64_t max_memory_mib = 0;
+  std::optional<Imath::Box2i> window = {};  // what is fused, in HRLS's pixels; none: its data window
   bool keep_layers = false, profile = false, dry_run = false, json = false, quiet = false;
 
   std::vector<std::filesystem::path> inputs() const;
@@ -49,7 +50,8 @@ struct FuseFiles {
   LayerMap lrhs_map, hrls_map;
   Windows lrhs_windows, hrls_windows;  // of the colour's part
   std::shared_ptr<const Model> model;
-  Canvas canvas;
+  Canvas frame, canvas;          // all that HRLS takes; what is fused of it: the window and a halo
+  Imath::Box2i window;           // of the output, within HRLS's data window
   ConstantLayers absent_layers;  // that the model takes and does without
   float phase = 0;               // of LRHS samples; see FuserOptions
   std::optional<ExrFile> reference;
@@ -61,12 +63,13 @@ struct FuseFiles {
 struct FuseImages {
   Image lrhs, hrls;                   // of the canvas: (3, h, w) and (K, s h, s w), all finite
   ConstantLayers constants;           // of HRLS, that `hrls` does not hold; absent ones too
-  std::optional<Image> reference;     // (3, H, W) of HRLS's data window
+  float exposure = 1, threshold = 0;  // of the whole frame, see FuserOptions
+  std::optional<Image> reference;     // (3, H, W) of the window
   std::vector<ExrRawChannel> passed;  // of passed_channels(), as they are
 };
 
 struct FuseResult {
-  Image fused;  // (3, H, W) of HRLS's data window
+  Image fused;  // (3, H, W) of the window
   FuseReport report;
   Tiling tiling;
   uint64_t allocated_bytes = 0;
@@ -92,8 +95,11 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models);
 // The channels of HRLS that the output holds as they are: alpha, or all but the colour.
 std::vector<std::string> passed_channels(const FuseFiles& files, bool keep_layers);
 
-// The canvas's (3, h, w), all finite.
+// The frame's (3, h, w), all finite.
 Image load_lrhs(FuseFiles& files, Console& console);
+
+// What radiance is multiplied by for the network, with the frame's LRHS.
+float exposure_for(const FuseArguments& arguments, const Model& model, const Image& lrhs);
 
 // open_files(), and asks whether the outputs can be written. Throws Error.
 std::unique_ptr<FuseFrame> open_frame(const FuseArguments& arguments, Console console, LastModel& models);
@@ -102,7 +108,8 @@ std::unique_ptr<FuseFrame> open_frame(const FuseArguments& arguments, Console co
 // Throws Error.
 void load_frame(FuseFrame& frame);
 
-// What --adaptive asks for: without a word, the default where enough of the frame is settled, else 0.
+// What --adaptive asks for: without a word, the default where enough of the frame is settled, else 0. Of
+// `images`, those of the whole frame and their exposure are looked at.
 float find_threshold(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images);
 
 FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device,

@@ -6,7 +6,9 @@
 #include "cli/fuse.h"
 #include "cli/inputs.h"
 #include "cli/models.h"
+#include "exposure.h"
 #include "io/exr_window.h"
+#include "network.h"
 
 namespace raymeld::cli {
 namespace {
@@ -31,6 +33,10 @@ Windows color_windows(const ExrFile& file, const LayerMap& map) {
 
 std::string size_text(const Imath::Box2i& window) {
   return fmt::format("{} x {}", width_of(window), height_of(window));
+}
+
+std::string window_text(const Imath::Box2i& window) {
+  return fmt::format("{},{},{},{}", window.min.x, window.min.y, width_of(window), height_of(window));
 }
 
 // Like "512 x 512", with the display window where that has another size.
@@ -84,10 +90,28 @@ void check_reference(const ExrFile& reference, const LayerMap& map, const ExrFil
               reference.path().string(), size_text(window), hrls.path().string(), size_text(hrls_window));
 }
 
+// What is written of HRLS: its data window, or the part of it that was asked for. Throws Error.
+Imath::Box2i find_window(const FuseArguments& arguments, const ExrFile& hrls, const Imath::Box2i& data) {
+  if (!arguments.window) return data;
+  const Imath::Box2i& window = *arguments.window;
+  if (data.intersects(window.min) && data.intersects(window.max)) return window;
+  throw Error("--window {} is not within the data window {} of HRLS '{}'", window_text(window),
+              window_text(data), hrls.path().string());
+}
+
+// What is computed for a window. Blocks of a sparse graph are those of the whole frame, and what decides
+// about each of them, which is a cell more, is there.
+Canvas find_canvas(const FuseArguments& arguments, const Canvas& frame, const Imath::Box2i& window,
+                   const Architecture& model) {
+  const bool dense = arguments.threshold == 0.0f || !arguments.dump.empty();
+  const int block = dense ? 1 : int(SparseGrid::kSide);
+  return part_of(frame, window, std::max(int(receptive_halo(model)), block), block);
+}
+
 // How many pixels of the canvas LRHS has no data for.
 uint64_t pixels_outside(const Windows& lrhs, const Imath::Box2i& canvas) {
   const auto area = [](const Imath::Box2i& window) {
-    return uint64_t(width_of(window)) * uint64_t(height_of(window));
+    return uint64_t(std::max(width_of(window), 0)) * uint64_t(std::max(height_of(window), 0));
   };
   const Imath::V2i first(std::max(lrhs.data.min.x, canvas.min.x), std::max(lrhs.data.min.y, canvas.min.y));
   const Imath::V2i last(std::min(lrhs.data.max.x, canvas.max.x), std::min(lrhs.data.max.y, canvas.max.y));
@@ -96,12 +120,19 @@ uint64_t pixels_outside(const Windows& lrhs, const Imath::Box2i& canvas) {
 
 void check_passed_channels(const FuseFiles& files, bool keep_layers) {
   for (const std::string& name : passed_channels(files, keep_layers)) {
-    const Imath::Box2i window = files.hrls.header(files.hrls.channel(name).part).dataWindow();
-    if (window == files.hrls_windows.data) continue;
+    const ExrChannel& channel = files.hrls.channel(name);
+    const Imath::Box2i window = files.hrls.header(channel.part).dataWindow();
+    if (window != files.hrls_windows.data) {
+      throw Error(
+          "HRLS '{}': channel '{}' has another data window than the colour, {} instead of {}, and "
+          "cannot be passed through",
+          files.hrls.path().string(), name, size_text(window), size_text(files.hrls_windows.data));
+    }
+    if (can_be_cropped(channel, files.window)) continue;
     throw Error(
-        "HRLS '{}': channel '{}' has another data window than the colour, {} instead of {}, and "
-        "cannot be passed through",
-        files.hrls.path().string(), name, size_text(window), size_text(files.hrls_windows.data));
+        "HRLS '{}': channel '{}' has one sample for {} x {} pixels and passes through; --window {} must "
+        "start at and span multiples of these",
+        files.hrls.path().string(), name, channel.x_sampling, channel.y_sampling, window_text(files.window));
   }
 }
 
@@ -136,7 +167,9 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
   auto model = models.load(model_file);
   const Architecture& architecture = model->architecture();
   const std::array<int, 1> scale = {int(architecture.scale)};
-  const Canvas canvas = canvas_of(scale);
+  const Canvas frame = canvas_of(scale);
+  const Imath::Box2i window = find_window(arguments, hrls, hrls_windows.data);
+  const Canvas canvas = find_canvas(arguments, frame, window, architecture);
   const ConstantLayers absent = absent_layers(hrls_map, architecture);
   require_layers(hrls_map, image_layers(architecture, absent), hrls.path().string());
   std::optional<ExrFile> reference;
@@ -147,9 +180,20 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
     check_reference(*reference, reference_map, hrls, hrls_windows.data);
   }
   const float phase = find_phase(arguments.sampling, lrhs, architecture);
-  FuseFiles files{std::move(lrhs), std::move(hrls), std::move(lrhs_map),  std::move(hrls_map),
-                  lrhs_windows,    hrls_windows,    std::move(model),     canvas,
-                  absent,          phase,           std::move(reference), std::move(reference_map)};
+  FuseFiles files{std::move(lrhs),
+                  std::move(hrls),
+                  std::move(lrhs_map),
+                  std::move(hrls_map),
+                  lrhs_windows,
+                  hrls_windows,
+                  std::move(model),
+                  frame,
+                  canvas,
+                  window,
+                  absent,
+                  phase,
+                  std::move(reference),
+                  std::move(reference_map)};
   check_passed_channels(files, arguments.keep_layers);
   return files;
 }
@@ -164,7 +208,12 @@ Image load_lrhs(FuseFiles& files, Console& console) {
                     files.lrhs.path().string(), outside),
         outside);
   }
-  return seen_through(std::move(lrhs), files.lrhs_windows.data, files.canvas.lrhs);
+  return seen_through(std::move(lrhs), files.lrhs_windows.data, files.frame.lrhs);
+}
+
+float exposure_for(const FuseArguments& arguments, const Model& model, const Image& lrhs) {
+  if (arguments.input_exposure != 0) return arguments.input_exposure;
+  return exposure_of(lrhs.data.data(), lrhs.plane_size(), model.architecture().exposure_key);
 }
 
 std::unique_ptr<FuseFrame> open_frame(const FuseArguments& arguments, Console console, LastModel& models) {
@@ -178,18 +227,23 @@ void load_frame(FuseFrame& frame) {
   FuseFiles& files = frame.files;
   FuseImages& images = frame.images;
   images.lrhs = load_lrhs(files, frame.console);
+  images.exposure = exposure_for(frame.arguments, *files.model, images.lrhs);
   const Architecture& model = files.model->architecture();
   images.constants = files.absent_layers;
   images.hrls = load_layers(files.hrls, files.hrls_map, image_layers(model, images.constants));
   sanitize_input(images.hrls, "HRLS", files.hrls.path(), frame.console);
   take_constant_layers(model, images.hrls, images.constants);
-  images.hrls = seen_through(std::move(images.hrls), files.hrls_windows.data, files.canvas.hrls);
+  images.hrls = seen_through(std::move(images.hrls), files.hrls_windows.data, files.frame.hrls);
+  images.threshold = find_threshold(frame.arguments, files, images);
+  images.lrhs = seen_through(std::move(images.lrhs), files.frame.lrhs, files.canvas.lrhs);
+  images.hrls = seen_through(std::move(images.hrls), files.frame.hrls, files.canvas.hrls);
   if (files.reference) {
     images.reference = load_layers(*files.reference, files.reference_map, kColor);
     sanitize_input(*images.reference, "reference", files.reference->path(), frame.console);
+    images.reference = seen_through(std::move(*images.reference), files.hrls_windows.data, files.window);
   }
   for (const std::string& name : passed_channels(files, frame.arguments.keep_layers))
-    images.passed.push_back(files.hrls.read_raw(name));
+    images.passed.push_back(cropped(files.hrls.read_raw(name), files.window));
 }
 
 }  // namespace raymeld::cli

@@ -2,7 +2,7 @@
 
 #include "cli/fuse.h"
 #include "cli/interrupt.h"
-#include "exposure.h"
+#include "io/exr_window.h"
 #include "settled.h"
 #include "tuner.h"
 
@@ -56,11 +56,8 @@ float find_threshold(const FuseArguments& arguments, const FuseFiles& files, con
   const Architecture& a = files.model->architecture();
   const TileSize frame{uint32_t(images.lrhs.height), uint32_t(images.lrhs.width)};
   const float* lrhs = images.lrhs.data.data();
-  const float exposure = arguments.input_exposure != 0
-                             ? arguments.input_exposure
-                             : exposure_of(lrhs, images.lrhs.plane_size(), a.exposure_key);
   const double share =
-      settled_share(a, lrhs, images.hrls.data.data(), frame, files.phase, exposure, kDefaultThreshold);
+      settled_share(a, lrhs, images.hrls.data.data(), frame, files.phase, images.exposure, kDefaultThreshold);
   return share >= kLeastSettledShare ? kDefaultThreshold : 0;
 }
 
@@ -76,7 +73,6 @@ FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& file
                        .threshold = threshold,
                        .constants = constants,
                        .phase = files.phase,
-                       .exposure = arguments.input_exposure,
                        .keep_activations = !arguments.dump.empty(),
                        .profile = arguments.profile};
   const bool redo = arguments.precision == Precision::kAuto || arguments.overflow == Overflow::kRedo;
@@ -116,13 +112,13 @@ FrameFuser::FrameFuser(const Device& device) : device_(device) {}
 FrameFuser::~FrameFuser() = default;
 
 FrameFuser::Made& FrameFuser::made_for(const FuseFrame& frame) {
-  const float threshold = find_threshold(frame.arguments, frame.files, frame.images);
+  const float threshold = frame.images.threshold;
   if (made_ && made_->suits(frame, threshold)) return *made_;
   made_.reset();  // its memory is the next one's
   const FuserOptions options =
       fuser_options(frame.arguments, frame.files, device_, threshold, frame.images.constants);
-  const Image& hrls = frame.images.hrls;
-  frame.console.note(fmt::format("fusing {} x {} with {} on {} ({})", hrls.width, hrls.height,
+  const Imath::Box2i& window = frame.files.window;
+  frame.console.note(fmt::format("fusing {} x {} with {} on {} ({})", width_of(window), height_of(window),
                                  frame.files.model->name(), device_.info().name,
                                  precision_name(options.storage)));
   for (const auto& [layer, values] : found_constants(frame)) {
@@ -140,10 +136,11 @@ void FrameFuser::fuse(FuseFrame& frame, const Progress& progress) try {
   const FuseArguments& arguments = frame.arguments;
   FuseResult& result = frame.result;
   result.storage = made.storage;
+  const FuseImages& images = frame.images;
   Image fused;
   // Some drivers compile a kernel when it first runs, so times are taken of a second run.
-  if (arguments.profile) fuser.fuse(frame.images.lrhs, frame.images.hrls, fused, progress);
-  result.report = fuser.fuse(frame.images.lrhs, frame.images.hrls, fused, progress);
+  if (arguments.profile) fuser.fuse(images.lrhs, images.hrls, fused, progress, images.exposure);
+  result.report = fuser.fuse(images.lrhs, images.hrls, fused, progress, images.exposure);
   result.tiling = fuser.plan().tiling;
   if (result.report.redone_tiles == result.tiling.count()) result.storage = Storage::kFloat32;
   if (!fuser.shortage().empty()) {
@@ -155,7 +152,7 @@ void FrameFuser::fuse(FuseFrame& frame, const Progress& progress) try {
   result.allocated_bytes = fuser.allocated_bytes();
   report_overflow(arguments, result.report, result.tiling.count(), frame.console);
   if (!arguments.dump.empty()) dump_layers(arguments.dump_folder(), fuser.last(), fused, frame.staged);
-  result.fused = seen_through(std::move(fused), frame.files.canvas.hrls, frame.files.hrls_windows.data);
+  result.fused = seen_through(std::move(fused), frame.files.canvas.hrls, frame.files.window);
   if (!arguments.compares()) frame.images.hrls = {};  // often the largest part of a frame's memory
 } catch (...) {
   made_.reset();  // in whatever state it is; the next frame's is made anew

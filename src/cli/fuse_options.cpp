@@ -1,3 +1,6 @@
+#include <array>
+#include <charconv>
+#include <climits>
 #include <cmath>
 
 #include "cli/commands.h"
@@ -47,6 +50,24 @@ std::optional<float> parse_threshold(const std::string& text) {
   throw Error("expected auto, off or a number up to 1");
 }
 
+// Throws Error.
+std::optional<Imath::Box2i> parse_window(const std::string& text) {
+  std::array<int, 4> numbers{};
+  const char *next = text.data(), *end = next + text.size();
+  bool valid = true;
+  for (size_t i = 0; i < numbers.size() && valid; ++i) {
+    const auto [behind, error] = std::from_chars(next, end, numbers[i]);
+    const bool last = i + 1 == numbers.size();
+    valid = error == std::errc() && (last ? behind == end : behind != end && *behind == ',');
+    next = behind + 1;
+  }
+  const auto [x, y, width, height] = numbers;
+  const int64_t max_x = int64_t{x} + width - 1, max_y = int64_t{y} + height - 1;
+  if (valid && width > 0 && height > 0 && max_x <= INT_MAX && max_y <= INT_MAX)
+    return Imath::Box2i({x, y}, {int(max_x), int(max_y)});
+  throw Error("expected X,Y,WIDTH,HEIGHT such as 640,360,320,240, of at least one pixel");
+}
+
 void add_files(CLI::App& command, FuseArguments& a) {
   command.add_option("--lrhs", a.lrhs, "The small, many-sample render: OpenEXR with colour")->required();
   command.add_option("--hrls", a.hrls, "The full-size, few-sample render: OpenEXR with the model's layers")
@@ -74,6 +95,11 @@ void add_files(CLI::App& command, FuseArguments& a) {
       "auto (from LRHS, for models that were trained at one brightness; else 1)")
       ->type_name("auto|off|FACTOR")
       ->default_str("auto");
+  add_parsed(
+      command, "--window", a.window, parse_window,
+      "The part of HRLS that is fused and written, in the pixels of its file: as it would be in the whole "
+      "frame, for about the cost of these pixels")
+      ->type_name("X,Y,W,H");
   command.add_option("--output-type", a.output_type, "half, float, or auto: as the HRLS colour")
       ->check(CLI::IsMember({"auto", "half", "float"}))
       ->capture_default_str();

@@ -35,6 +35,7 @@ Imf::Header output_header(const FuseFiles& files, const FuseResult& result) {
   const auto set = [&](const char* name, const std::string& value) {
     header.insert(name, Imf::StringAttribute(value));
   };
+  header.dataWindow() = files.window;
   header.erase("raymeldSampling");  // true of HRLS, not of what became of it
   set("raymeldVersion", RAYMELD_VERSION);
   set("raymeldPrecision", precision_text(result));
@@ -70,14 +71,15 @@ void stage_image(FuseFrame& frame) {
                        clamped);
 }
 
-// The images that fused is measured against and shown beside, all (3, H, W) of HRLS's data window.
+// The images that fused is measured against and shown beside, all (3, H, W) of the window. The halo of
+// what is fused is wider than what cubic interpolation reads around a pixel.
 struct Comparison {
   Image bicubic, hrls;
 };
 
 Comparison make_comparison(const FuseFiles& files, const FuseImages& images) {
   const auto as_written = [&](Image image) {
-    return seen_through(std::move(image), files.canvas.hrls, files.hrls_windows.data);
+    return seen_through(std::move(image), files.canvas.hrls, files.window);
   };
   return {as_written(upsample_bicubic(images.lrhs, files.canvas.scale, files.phase)),
           as_written(first_three(images.hrls))};

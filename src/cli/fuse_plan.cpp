@@ -1,17 +1,14 @@
 // --dry-run: how a frame would be fused.
 #include "cli/fuse.h"
-#include "exposure.h"
 #include "io/exr_window.h"
 
 namespace raymeld::cli {
 namespace {
 
+// Reads LRHS only where it decides.
 float find_exposure(const FuseArguments& arguments, FuseFiles& files, Console& console) {
-  const float key = files.model->architecture().exposure_key;
-  if (arguments.input_exposure != 0) return arguments.input_exposure;
-  if (key == 0) return 1;
-  const Image lrhs = load_lrhs(files, console);
-  return exposure_of(lrhs.data.data(), lrhs.plane_size(), key);
+  const bool known = arguments.input_exposure != 0 || files.model->architecture().exposure_key == 0;
+  return exposure_for(arguments, *files.model, known ? Image() : load_lrhs(files, console));
 }
 
 struct Plan {

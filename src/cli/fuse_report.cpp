@@ -23,6 +23,14 @@ std::string notices(const FuseFiles& files) {
   return text;
 }
 
+// Empty where all of HRLS is fused.
+std::string window_text(const FuseFiles& files) {
+  const Imath::Box2i& window = files.window;
+  if (window == files.hrls_windows.data) return "";
+  return fmt::format("window: {} x {} pixels at {},{}\n", width_of(window), height_of(window), window.min.x,
+                     window.min.y);
+}
+
 std::vector<std::string> names_of(const ConstantLayers& layers) {
   std::vector<std::string> names;
   for (const auto& [layer, values] : layers) names.push_back(layer);
@@ -95,10 +103,10 @@ ConstantLayers found_constants(const FuseFrame& frame) {
 
 std::string describe(const FuseArguments& arguments, const FuseFiles& files) {
   return notices(files) +
-         fmt::format("LRHS {}: color from {}; {} samples\nHRLS {}: {}model {}, scale {}: takes {}",
+         fmt::format("LRHS {}: color from {}; {} samples\nHRLS {}: {}{}model {}, scale {}: takes {}",
                      arguments.lrhs, fmt::join(files.lrhs_map.layers.at("color").terms[0], ", "),
                      sampling_name(files), arguments.hrls, raymeld::describe(files.hrls_map),
-                     files.model->name(), files.canvas.scale,
+                     window_text(files), files.model->name(), files.canvas.scale,
                      fmt::join(files.model->architecture().hrls_layers, ", "));
 }
 
@@ -109,8 +117,10 @@ Json facts(const FuseFiles& files, const DeviceInfo& device, Storage storage, co
           {"model", files.model->name()},
           {"precision", precision_name(storage)},
           {"scale", files.canvas.scale},
-          {"width", width_of(files.hrls_windows.data)},
-          {"height", height_of(files.hrls_windows.data)},
+          {"x", files.window.min.x},
+          {"y", files.window.min.y},
+          {"width", width_of(files.window)},
+          {"height", height_of(files.window)},
           {"lrhs_sampling", sampling_name(files)},
           {"absent_layers", names_of(files.absent_layers)},
           {"input_exposure", exposure},

@@ -39,6 +39,11 @@ struct ExrRawChannel {
   std::vector<char> bytes;
 };
 
+// Whether a part of a channel's data window can be a channel of its own: whole samples.
+bool can_be_cropped(const ExrChannel& channel, const Imath::Box2i& window);
+// The samples within `window`, a part of the data window that can_be_cropped().
+ExrRawChannel cropped(ExrRawChannel channel, const Imath::Box2i& window);
+
 // An open OpenEXR file: scan line or tiled (the full-size level), single or multi-part, any pixel type and
 // compression. Every function throws Error, naming the file: missing, a folder, unreadable, no OpenEXR,
 // truncated, deep, written to since it was opened. Pixels are read only when asked for.

@@ -116,6 +116,27 @@ void read_part(Imf::MultiPartInputFile& file, const std::map<const ExrChannel*, 
 
 }  // namespace
 
+bool can_be_cropped(const ExrChannel& channel, const Imath::Box2i& window) {
+  const auto [x, y] = std::pair(channel.x_sampling, channel.y_sampling);
+  return window.min.x % x == 0 && window.min.y % y == 0 && width_of(window) % x == 0 &&
+         height_of(window) % y == 0;
+}
+
+ExrRawChannel cropped(ExrRawChannel channel, const Imath::Box2i& window) {
+  if (window == channel.data_window) return channel;
+  const auto [x, y] = std::pair(channel.x_sampling, channel.y_sampling);
+  const size_t sample = size_bytes_of(channel.type), row = sample * size_t(width_of(window) / x);
+  const size_t full_row = sample * size_t(width_of(channel.data_window) / x);
+  const auto first = sample * size_t((window.min.x - channel.data_window.min.x) / x);
+  const auto first_row = size_t((window.min.y - channel.data_window.min.y) / y);
+  std::vector<char> bytes(row * size_t(height_of(window) / y));
+  for (size_t i = 0; i * row < bytes.size(); ++i)
+    std::copy_n(&channel.bytes[(first_row + i) * full_row + first], row, &bytes[i * row]);
+  channel.data_window = window;
+  channel.bytes = std::move(bytes);
+  return channel;
+}
+
 // What OpenEXR throws becomes an Error that names the file, and so does a change of the file meanwhile, which
 // OpenEXR may not notice.
 template <typename Work>
