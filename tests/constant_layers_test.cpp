@@ -9,6 +9,7 @@
 #include "error_of.h"
 #include "network.h"
 #include "subject.h"
+#include "within_bounds.h"
 
 namespace raymeld::test {
 namespace {
@@ -255,7 +256,11 @@ TEST(TakeConstantLayers, FindsWhatIsEncodedAsOneValue) {
 }
 
 TEST(TakeConstantLayers, KeepsTheOthersInOrder) {
-  const auto filled = [](float value) { return std::array<float, 4>{value, value, value, value + 1}; };
+  // Within [0, 1], where nothing is clamped.
+  const auto filled = [](int i) {
+    const float value = float(i) / 16;
+    return std::array<float, 4>{value, value, value, value + 0.03125f};
+  };
   constexpr std::array<float, 4> zero{};
   const Taken taken = take({"color", "albedo", "normal", "diffuse", "specular"},
                            {filled(1), filled(2), filled(3), filled(4), filled(5), filled(6), zero, zero,
