@@ -27,8 +27,4 @@ inline std::filesystem::path golden_model_path(int scale) {
 // The names there are.
 const std::vector<std::string>& golden_names();
 
-// Of any model file, for running the reference on it.
-reference::Architecture load_architecture(const std::filesystem::path& model);
-reference::Weights load_weights(const std::filesystem::path& model);
-
 }  // namespace raymeld::test

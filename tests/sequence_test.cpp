@@ -84,9 +84,10 @@ TEST_F(Sequence, FramesAreWhatEachWouldBeAlone) {
 TEST_F(Sequence, ModelsAndSamplingMayChangeBetweenFrames) {
   fs::create_directory(folder_ / "models");
   environment_["RAYMELD_MODELS"] = (folder_ / "models").string();
-  for (const char* scale : {"x2", "x4"}) {
-    fs::copy_file(source_path(fmt::format("tests/golden/guided-{}.safetensors", scale)),
-                  folder_ / fmt::format("models/{}-balanced.safetensors", scale));
+  for (const auto& [golden, name] :
+       {std::pair("guided-x2", "x2-fast"), std::pair("guided-x4", "x4-balanced")}) {
+    fs::copy_file(source_path(fmt::format("tests/golden/{}.safetensors", golden)),
+                  folder_ / fmt::format("models/{}.safetensors", name));
   }
   write_frames(1, 4);
   ASSERT_EQ(run({"degrade", high(2), "--scale", "2", "-o", low(2)}).exit_status, 0);

@@ -11,6 +11,7 @@ void add_compare(CLI::App& app);
 void add_degrade(CLI::App& app);
 void add_graph(CLI::App& app);
 void add_tune(CLI::App& app);
+void add_trade(CLI::App& app);
 void add_conform(CLI::App& app);
 
 }  // namespace raymeld::cli

@@ -1,16 +1,26 @@
 #include "cli/fuse.h"
 
+#include "cli/choice.h"
 #include "cli/interrupt.h"
 
 namespace raymeld::cli {
 
-void run_fuse(const FuseArguments& arguments) {
+void run_fuse(const FuseArguments& given) {
   const Stopwatch watch;
+  FuseArguments arguments = given;
   Console console(arguments.notes());
   LastModel models;
+  std::unique_ptr<Device> device;
+  const auto create_device = [&] {
+    if (!device) device = Device::create({.selector = arguments.device});
+  };
+  if (arguments.wish) {
+    create_device();
+    arguments.take(choose_model(arguments, *device, models, console));
+  }
   if (arguments.dry_run) {
     FuseFiles files = open_files(arguments, models);
-    const auto device = Device::create({.selector = arguments.device});
+    create_device();
     return print(arguments.json ? json_text(plan_json(arguments, files, *device, console))
                                 : plan_text(arguments, files, *device, console));
   }
@@ -19,13 +29,14 @@ void run_fuse(const FuseArguments& arguments) {
   load_frame(*frame);
   check_interrupted();
 
-  const auto device = Device::create({.selector = arguments.device});
+  create_device();
   {
     ProgressBar bar(console);
     FrameFuser(*device).fuse(*frame, [&](double share) {
       bar.update(share);
       return !interrupted();
     });
+    frame->drop_inputs();
   }
   const QualityTable quality = stage_outputs(*frame);
   print(arguments.json ? json_text(frame_json(*frame, device->info(), quality, watch.ms()))

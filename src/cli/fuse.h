@@ -19,6 +19,21 @@ namespace raymeld::cli {
 // What becomes of a frame with values that --precision fp16 cannot hold.
 enum class Overflow { kError, kWarn, kRedo };
 
+// What a model is to be chosen by: see choice.h.
+struct Wish {
+  enum class Kind { kLevel, kBudget, kTarget };
+  Kind kind = Kind::kLevel;
+  double value = 0;  // from 0 to 100; ms a frame; PSNR in dB
+};
+
+struct Choice {
+  std::string wish, model;
+  std::optional<double> time_ms;      // of a frame, where it was measured on the device
+  double loss_db = 0;                 // of PSNR, against the best model
+  std::optional<double> probability;  // that a target is reached
+  double estimate_db = 0, error_db = 0;
+};
+
 // Of one frame, or of a sequence: then some of the paths are patterns.
 struct FuseArguments {
   std::string lrhs, hrls, output, model, device, reference, preview, before_after, dump;
@@ -31,6 +46,8 @@ struct FuseArguments {
   std::optional<float> threshold = {};  // of --adaptive; 0: off, none: as the frame suggests
   float input_exposure = 0;             // 0: what the model asks for
   uint64_t max_memory_mib = 0;
+  std::optional<Wish> wish = {};
+  std::optional<Choice> choice = {};        // of `model`, where there was a wish
   std::optional<Imath::Box2i> window = {};  // what is fused, in HRLS's pixels; none: its data window
   bool keep_layers = false, profile = false, dry_run = false, json = false, quiet = false;
 
@@ -42,6 +59,11 @@ struct FuseArguments {
   // Whether what was fused is measured against, or shown beside, the images it was made of.
   bool compares() const { return !reference.empty() || !before_after.empty(); }
   bool notes() const { return !quiet && !json; }
+
+  void take(const Choice& chosen) {
+    model = chosen.model;
+    choice = chosen;
+  }
 };
 
 // The files, open, with all that can be known before their pixels are read.
@@ -84,6 +106,11 @@ struct FuseFrame {
   FuseImages images;
   FuseResult result;
   StagedFiles staged;
+
+  // Drops the inputs, often the largest part of a frame's memory, unless outputs show them.
+  void drop_inputs() {
+    if (!arguments.compares()) images.hrls = {};
+  }
 };
 
 // The command for one frame. Throws Error and Cancelled; then no output is left behind.

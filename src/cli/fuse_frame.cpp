@@ -153,7 +153,6 @@ void FrameFuser::fuse(FuseFrame& frame, const Progress& progress) try {
   report_overflow(arguments, result.report, result.tiling.count(), frame.console);
   if (!arguments.dump.empty()) dump_layers(arguments.dump_folder(), fuser.last(), fused, frame.staged);
   result.fused = seen_through(std::move(fused), frame.files.canvas.hrls, frame.files.window);
-  if (!arguments.compares()) frame.images.hrls = {};  // often the largest part of a frame's memory
 } catch (...) {
   made_.reset();  // in whatever state it is; the next frame's is made anew
   throw;

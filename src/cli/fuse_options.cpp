@@ -3,6 +3,7 @@
 #include <climits>
 #include <cmath>
 
+#include "cli/choice.h"
 #include "cli/commands.h"
 #include "cli/precisions.h"
 #include "cli/sequence.h"
@@ -106,10 +107,34 @@ void add_files(CLI::App& command, FuseArguments& a) {
   command.add_flag("--keep-layers", a.keep_layers, "Passes all other HRLS channels through, bit by bit");
 }
 
-void add_run(CLI::App& command, FuseArguments& a) {
-  command.add_option(
+// The model, by name or by what is expected of it.
+void add_model(CLI::App& command, FuseArguments& a) {
+  CLI::Option* model = command.add_option(
       "--model", a.model,
       "A model's name, a scale such as x4, or a file; without it the scale follows from the sizes");
+  CLI::Option* quality = add_parsed(command, "--quality", a.wish, parse_quality,
+                                    "Chooses the model: high, balanced (the default), fast, or from 0, the "
+                                    "fastest, to 100, the best; in "
+                                    "between, a doubling of the time must bring 0.1 dB times (100 - N) / N")
+                             ->type_name("high|balanced|fast|N")
+                             ->excludes(model);
+  CLI::Option* budget =
+      add_parsed(
+          command, "--budget", a.wish, parse_budget,
+          "Chooses the best model that takes no longer than this for a frame, files apart; measures them at "
+          "its size, once on each device")
+          ->type_name("TIME")
+          ->excludes(model)
+          ->excludes(quality);
+  add_parsed(command, "--target-psnr", a.wish, parse_target,
+             "Chooses the fastest model that is expected to reach it, as far as the inputs tell")
+      ->type_name("DB")
+      ->excludes(model)
+      ->excludes(quality)
+      ->excludes(budget);
+}
+
+void add_run(CLI::App& command, FuseArguments& a) {
   command.add_option("--device", a.device, "An index of raymeld devices, a UUID or part of a name");
   command
       .add_option_function<std::string>(
@@ -196,6 +221,7 @@ void add_fuse(CLI::App& app) {
   CLI::App* command = app.add_subcommand("fuse", "Fuses an LRHS and an HRLS render, or sequences of them");
   add_files(*command, *arguments);
   add_sequence(*command, *sequence);
+  add_model(*command, *arguments);
   add_run(*command, *arguments);
   add_reports(*command, *arguments);
   command->footer(

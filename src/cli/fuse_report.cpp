@@ -1,7 +1,7 @@
 // What the program says of a frame: notes, text and JSON.
 #include <fmt/ranges.h>
 
-#include "cli/fuse.h"
+#include "cli/choice.h"
 #include "io/exr_window.h"
 
 namespace raymeld::cli {
@@ -136,6 +136,7 @@ Json frame_json(const FuseFrame& frame, const DeviceInfo& device, const QualityT
                 double total_ms) {
   const FuseResult& result = frame.result;
   Json json = facts(frame.files, device, result.storage, result.tiling, result.report.exposure);
+  if (frame.arguments.choice) json["choice"] = to_json(*frame.arguments.choice);
   json["constant_layers"] = found_constants(frame);
   json["redone_tiles"] = result.report.redone_tiles;
   json["settled_share"] = result.report.settled_share;

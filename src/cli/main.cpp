@@ -32,6 +32,7 @@ void describe(CLI::App& app) {
   add_degrade(app);
   add_graph(app);
   add_tune(app);
+  add_trade(app);
   add_conform(app);
 }
 

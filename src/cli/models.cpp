@@ -3,6 +3,7 @@
 #include <fmt/ranges.h>
 
 #include <cstdlib>
+#include <optional>
 #include <set>
 #include <vector>
 
@@ -33,11 +34,12 @@ fs::path find_name(const std::string& name) {
   return {};
 }
 
-fs::path find_default(const std::string& scale) {
-  for (const char* size : {"balanced", "fast", "full"}) {
-    if (const fs::path file = find_name(scale + "-" + size); !file.empty()) return file;
+// "x4" is 4; none: not a scale.
+std::optional<int> scale_of(const std::string& text) {
+  for (const int scale : {2, 4, 8}) {
+    if (text == fmt::format("x{}", scale)) return scale;
   }
-  return {};
+  return std::nullopt;
 }
 
 std::set<std::string> names() {
@@ -51,10 +53,14 @@ std::set<std::string> names() {
   return result;
 }
 
+std::vector<std::string> folder_names() {
+  std::vector<std::string> result;
+  for (const fs::path& folder : folders()) result.push_back(folder.string());
+  return result;
+}
+
 std::string what_there_is() {
-  std::vector<std::string> searched;
-  for (const fs::path& folder : folders()) searched.push_back(folder.string());
-  return names().empty() ? fmt::format("there are none in {}", fmt::join(searched, ", "))
+  return names().empty() ? fmt::format("there are none in {}", fmt::join(folder_names(), ", "))
                          : fmt::format("there are {}", fmt::join(names(), ", "));
 }
 
@@ -62,17 +68,40 @@ std::string what_there_is() {
 
 fs::path find_model(const std::string& wanted) {
   if (wanted.find('/') != std::string::npos || wanted.ends_with(kExtension)) return wanted;
-  for (const fs::path& file : {find_name(wanted), find_default(wanted)}) {
-    if (!file.empty()) return file;
-  }
+  if (const fs::path file = find_name(wanted); !file.empty()) return file;
+  if (const auto scale = scale_of(wanted)) return default_model(*scale);
   if (std::error_code error; fs::is_regular_file(wanted, error)) return wanted;
   throw Error("there is no model '{}', neither by name nor as a file; {}", wanted, what_there_is());
 }
 
+std::vector<CurvePoint> models_of(int scale) {
+  std::vector<CurvePoint> points = stock_curve().points;
+  std::erase_if(points, [&](const CurvePoint& point) {
+    return int(point.scale) != scale || find_name(point.model).empty();
+  });
+  if (points.empty()) throw Error("there is no model for scale {}; {}", scale, what_there_is());
+  return points;
+}
+
 fs::path default_model(int scale) {
-  const fs::path file = find_default(fmt::format("x{}", scale));
-  if (file.empty()) throw Error("there is no model for scale {}; {}", scale, what_there_is());
-  return file;
+  std::vector<Candidate> candidates;
+  for (const CurvePoint& point : models_of(scale)) candidates.push_back({point, point.time_ms});
+  return find_name(at_level(front_of(std::move(candidates)), kBalanced).point.model);
+}
+
+Curve stock_curve() {
+  std::error_code error;
+  for (const fs::path& folder : folders()) {
+    const fs::path file = folder / "curve.json";
+    if (fs::is_regular_file(file, error)) return load_curve(file);
+  }
+  throw Error("there is no curve.json, which says what models cost and bring, in {}",
+              fmt::join(folder_names(), ", "));
+}
+
+std::vector<std::string> stock_models() {
+  const std::set<std::string> all = names();
+  return {all.begin(), all.end()};
 }
 
 std::shared_ptr<const Model> LastModel::load(const fs::path& file) {

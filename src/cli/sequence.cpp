@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <thread>
 
+#include "cli/choice.h"
 #include "cli/failure.h"
 #include "cli/handover.h"
 #include "cli/interrupt.h"
@@ -140,7 +141,11 @@ void Pipeline::fuse() {
       bar.update((double(job->outcome - outcomes_.data()) + share) / double(outcomes_.size()));
       return !interrupted();
     };
-    if (attempt(*job, [&] { fuser.fuse(*job->frame, progress); })) fused_.put(std::move(*job));
+    const auto fuse_frame = [&] {
+      fuser.fuse(*job->frame, progress);
+      job->frame->drop_inputs();
+    };
+    if (attempt(*job, fuse_frame)) fused_.put(std::move(*job));
   }
 }
 
@@ -197,15 +202,15 @@ void check_output_folders(const FuseArguments& frame) {
 }
 
 // Of the first frame that would be fused, how.
-void show_plan(const FuseArguments& patterns, std::span<const Outcome> outcomes, LastModel& models) {
+void show_plan(const FuseArguments& patterns, std::span<const Outcome> outcomes, LastModel& models,
+               const Device* device) {
   const std::vector<int> frames = frames_that(Status::kUnfinished, outcomes),
                          skipped = frames_that(Status::kSkipped, outcomes);
   Json json = {{"frames", frames}, {"skipped", skipped}};
   std::string text = fmt::format("{} frames to fuse ({}), {} to skip ({})\n", frames.size(),
                                  frames_text(frames), skipped.size(), frames_text(skipped));
-  if (!frames.empty()) {
+  if (device) {
     FuseFiles files = open_files(of_frame(patterns, frames.front()), models);
-    const auto device = Device::create({.selector = patterns.device});
     Console console(patterns.notes());
     if (patterns.json) {
       json["first"] = plan_json(patterns, files, *device, console);
@@ -218,21 +223,26 @@ void show_plan(const FuseArguments& patterns, std::span<const Outcome> outcomes,
 
 }  // namespace
 
-void run_sequence(const SequenceArguments& sequence, const FuseArguments& patterns) {
+void run_sequence(const SequenceArguments& sequence, const FuseArguments& given) {
   const Stopwatch watch;
+  FuseArguments patterns = given;
   check_patterns(patterns, sequence.frames);
   // What is wrong with all frames alike is said once, before the first.
   for (const auto& map : {patterns.map, patterns.lrhs_map}) parse_layer_choice(map);
   LastModel models;
   if (!patterns.model.empty()) models.load(find_model(patterns.model));
   std::vector<Outcome> outcomes = all_frames(sequence, patterns);
-  if (patterns.dry_run) return show_plan(patterns, outcomes, models);
+  const std::vector<int> unfinished = frames_that(Status::kUnfinished, outcomes);
+  const auto device = unfinished.empty() ? nullptr : Device::create({.selector = patterns.device});
+  if (patterns.wish && device) {
+    // One model for all, as the first frame asks for it.
+    Console console(patterns.notes());
+    patterns.take(choose_model(of_frame(patterns, unfinished.front()), *device, models, console));
+  }
+  if (patterns.dry_run) return show_plan(patterns, outcomes, models, device.get());
   check_output_folders(of_frame(patterns, sequence.frames.front()));
 
-  if (!frames_that(Status::kUnfinished, outcomes).empty()) {
-    const auto device = Device::create({.selector = patterns.device});
-    Pipeline(patterns, *device, models, outcomes).run();
-  }
+  if (device) Pipeline(patterns, *device, models, outcomes).run();
   if (patterns.json) print(json_text(summary_json(outcomes, watch.ms())));
   const std::string summary = summary_text(outcomes, watch.ms());
   const bool stopped = interrupted() && !frames_that(Status::kUnfinished, outcomes).empty();

@@ -5,6 +5,7 @@
 #include "cli/models.h"
 #include "cli/precisions.h"
 #include "cli/sizes.h"
+#include "frame_times.h"
 #include "network.h"
 #include "plan.h"
 #include "tuner.h"
@@ -69,6 +70,7 @@ void run(const TuneArguments& arguments) {
     check_interrupted();
   });
   cache.save();
+  FrameTimes::forget(*device, folder);
   console.note(
       fmt::format("activations {}; wrote {}", tuning.addressed ? "by address" : "in buffers", file.string()));
   if (!arguments.json) return;

@@ -3,14 +3,17 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <sstream>
+
 namespace raymeld::conform {
 namespace {
 
 using reference::Architecture;
+using reference::Base;
 using reference::LayerKind;
+using reference::Transfer;
 
 std::map<std::string, std::string> metadata_of(const Architecture& a) {
-  using reference::Base;
   // Layers are known by kind here; one name for each kind and place will do.
   std::vector<std::string> radiance{"color", "diffuse", "specular"}, layers;
   for (const LayerKind kind : a.hrls_layers) {
@@ -53,6 +56,22 @@ std::map<std::string, std::string> metadata_of(const Architecture& a) {
           {"lrhs_certainty", fmt::format("{}", a.lrhs_certainty)}};
 }
 
+std::vector<LayerKind> layer_kinds(const std::string& list) {
+  std::vector<LayerKind> kinds;
+  std::istringstream stream(list);
+  for (std::string name; std::getline(stream, name, ',');) {
+    kinds.push_back(name == "albedo"     ? LayerKind::kAlbedo
+                    : name == "normal"   ? LayerKind::kNormal
+                    : name == "variance" ? LayerKind::kVariance
+                                         : LayerKind::kRadiance);
+  }
+  return kinds;
+}
+
+Base base_of(const std::string& name) {
+  return name == "joint" ? Base::kJoint : name == "bilinear" ? Base::kBilinear : Base::kNone;
+}
+
 }  // namespace
 
 SafeTensors model_file(const Architecture& architecture, const reference::Weights& weights,
@@ -70,6 +89,50 @@ SafeTensors model_file(const Architecture& architecture, const reference::Weight
         TensorType::kF32, {out}, {conv.centered_bias.begin(), conv.centered_bias.end()}};
   }
   return content;
+}
+
+Architecture read_architecture(const std::filesystem::path& model) {
+  const std::map<std::string, std::string> metadata = read_safetensors(model).metadata;
+  const auto number = [&](const char* key) { return std::stoi(metadata.at(key)); };
+  return {.scale = number("scale"),
+          .features = number("features"),
+          .growth = number("growth"),
+          .dense_layers = number("dense_layers"),
+          .blocks = number("blocks"),
+          .groups = number("groups"),
+          .hrls_layers = layer_kinds(metadata.at("hrls_layers")),
+          .long_skip_fused = metadata.at("long_skip") == "fused",
+          .merge_relu = metadata.at("merge_relu") == "true",
+          .base = base_of(metadata.at("base")),
+          .transfer = metadata.at("transfer") == "log" ? Transfer::kLog : Transfer::kLinear,
+          .clip = std::stof(metadata.at("clip")),
+          .hrls_unshuffled = metadata.at("hrls_encoder") == "unshuffled",
+          .upscale_direct = metadata.at("upscale") == "direct",
+          .hrls_guide = metadata.at("guide") == "hrls",
+          .both_samplings = metadata.at("lrhs_sampling").find(',') != std::string::npos,
+          .upscaled_features = number("upscaled_features"),
+          .head_features = number("head_features"),
+          .head_layers = number("head_layers"),
+          .lrhs_certainty = std::stof(metadata.at("lrhs_certainty"))};
+}
+
+reference::Weights read_weights(const std::filesystem::path& model) {
+  const std::map<std::string, TensorData> tensors = read_safetensors(model).tensors;
+  reference::Weights weights;
+  for (const auto& [key, weight] : tensors) {
+    if (!key.ends_with(".weight")) continue;
+    const std::string name = key.substr(0, key.rfind('.'));
+    const std::vector<float>& bias = tensors.at(name + ".bias").values;
+    const auto centered = tensors.find(name + ".centered_bias");
+    weights[name] = {.out = int(weight.shape.at(0)),
+                     .in = int(weight.shape.at(1)),
+                     .kernel = int(weight.shape.at(2)),
+                     .weight = {weight.values.begin(), weight.values.end()},
+                     .bias = {bias.begin(), bias.end()}};
+    if (centered == tensors.end()) continue;
+    weights[name].centered_bias = {centered->second.values.begin(), centered->second.values.end()};
+  }
+  return weights;
 }
 
 }  // namespace raymeld::conform

@@ -81,7 +81,7 @@ void write_png(const std::filesystem::path& path, const Picture& picture) {
   file.commit();
 }
 
-void write_png(AtomicFile& file, const Picture& picture) {
+std::vector<char> png_bytes(const Picture& picture) {
   png_image image{};
   image.version = PNG_IMAGE_VERSION;
   image.width = png_uint_32(picture.width);
@@ -90,8 +90,16 @@ void write_png(AtomicFile& file, const Picture& picture) {
   png_alloc_size_t size_bytes = PNG_IMAGE_PNG_SIZE_MAX(image);
   std::vector<char> bytes(size_bytes);
   if (!png_image_write_to_memory(&image, bytes.data(), &size_bytes, 0, picture.rgb.data(), 0, nullptr))
-    throw Error("cannot write '{}': {}", file.path().string(), image.message);
-  file.write(bytes.data(), size_bytes);
+    throw Error("cannot make a PNG: {}", image.message);
+  bytes.resize(size_bytes);
+  return bytes;
+}
+
+void write_png(AtomicFile& file, const Picture& picture) try {
+  const std::vector<char> bytes = png_bytes(picture);
+  file.write(bytes.data(), bytes.size());
+} catch (const Error& error) {
+  throw Error("cannot write '{}': {}", file.path().string(), error.what());
 }
 
 }  // namespace raymeld

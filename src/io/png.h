@@ -27,6 +27,9 @@ Picture side_by_side(std::span<const Picture> pictures, int separator = 4);
 // through violet (1e-3), red (1e-2) and orange (1e-1) to pale yellow at 1 and above; NaN is cyan.
 Picture heat_map(const Image& errors);
 
+// What a PNG file of it holds. Throws Error.
+std::vector<char> png_bytes(const Picture& picture);
+
 // Whole or not at all. Throws Error, naming the file.
 void write_png(const std::filesystem::path& path, const Picture& picture);
 // The same, without commit().

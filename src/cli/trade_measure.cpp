@@ -1,0 +1,282 @@
+// How raymeld trade measures.
+#include <algorithm>
+#include <cmath>
+#include <deque>
+
+#include "cli/inputs.h"
+#include "cli/interrupt.h"
+#include "cli/trade.h"
+#include "conform/model_file.h"
+#include "io/exr_window.h"
+#include "metrics.h"
+
+namespace raymeld::cli {
+namespace {
+
+using reference::Planes;
+
+constexpr size_t kRounds = 3;
+constexpr int kTruthSide = 16;  // LRHS pixels of what the reference computes
+
+FuseArguments arguments_of(const TestPair& pair, const TradeSetting& setting) {
+  FuseArguments arguments;
+  arguments.lrhs = pair.lrhs->file;
+  arguments.hrls = pair.hrls->file;
+  arguments.model = setting.model;
+  arguments.precision = setting.precision;
+  arguments.kernels = setting.kernels;
+  arguments.threshold = setting.threshold;
+  arguments.overflow = Overflow::kRedo;
+  arguments.quiet = true;
+  return arguments;
+}
+
+// A pair of renders, read as a setting's model takes them.
+std::unique_ptr<FuseFrame> load(const TestPair& pair, const TradeSetting& setting, LastModel& models) {
+  const FuseArguments arguments = arguments_of(pair, setting);
+  auto frame = std::unique_ptr<FuseFrame>(
+      new FuseFrame{arguments, Console(false), open_files(arguments, models), {}, {}, {}});
+  load_frame(*frame);
+  return frame;
+}
+
+// A Fuser and what it was made for.
+class Bench {
+ public:
+  explicit Bench(const Device& device) : fuser_(device) {}
+
+  // The frame as `setting` fuses it; its model must be the one that the frame was loaded for.
+  TradeResult measure(const TestPair& pair, FuseFrame& frame, const TradeSetting& setting) {
+    frame.arguments = arguments_of(pair, setting);
+    frame.images.threshold = setting.threshold;
+    const auto go_on = [](double) { return !interrupted(); };
+    // Some drivers compile a kernel when it first runs.
+    if (!std::exchange(warm_, true)) fuser_.fuse(frame, go_on);
+    const Stopwatch watch;
+    fuser_.fuse(frame, go_on);
+    const FuseResult& result = frame.result;
+    return {.view = pair.view->name,
+            .time_ms = watch.ms(),
+            .memory_bytes = result.allocated_bytes,
+            .settled_share = result.report.settled_share,
+            .work_share = result.report.work_share};
+  }
+
+ private:
+  FrameFuser fuser_;
+  bool warm_ = false;
+};
+
+// The color of HRLS, as it is in the images that fuse() takes.
+Image color_of(const FuseFrame& frame) {
+  const Image& hrls = frame.images.hrls;
+  Image color(hrls.width, hrls.height, 3);
+  std::copy_n(hrls.data.begin(), color.data.size(), color.data.begin());
+  return color;
+}
+
+Planes planes_of(const Image& image) {
+  Planes planes(image.channels, image.height, image.width);
+  std::ranges::copy(image.data, planes.data.begin());
+  return planes;
+}
+
+// The middle of a frame, small enough for the reference, and what that makes of it.
+struct Truth {
+  Image lrhs, hrls;  // as FuseImages
+  Planes output;
+
+  Truth(const FuseFrame& frame) {
+    const FuseImages& images = frame.images;
+    const Architecture& a = frame.files.model->architecture();
+    const int scale = int(a.scale), width = std::min(kTruthSide, images.lrhs.width),
+              height = std::min(kTruthSide, images.lrhs.height);
+    const int x = (images.lrhs.width - width) / 2, y = (images.lrhs.height - height) / 2;
+    lrhs = part_of(images.lrhs, {x, y}, width, height);
+    hrls = part_of(images.hrls, {scale * x, scale * y}, scale * width, scale * height);
+    Image all(hrls.width, hrls.height, 3 * int(a.hrls_layers.size()));
+    int to = 0, from = 0;
+    for (const std::string& layer : a.hrls_layers) {
+      const auto constant = images.constants.find(layer);
+      for (int c = 0; c < 3; ++c, ++to) {
+        if (constant != images.constants.end()) {
+          std::fill_n(all.plane(to), all.plane_size(), constant->second[size_t(c)]);
+        } else {
+          std::copy_n(hrls.plane(from++), all.plane_size(), all.plane(to));
+        }
+      }
+    }
+    const std::string& file = frame.files.model->file();
+    output = reference::network(conform::read_architecture(file), conform::read_weights(file),
+                                planes_of(lrhs), planes_of(all), frame.files.phase,
+                                reference::Precision::kFp32, {}, images.exposure)
+                 .at("output")
+                 .value;
+  }
+
+  // The largest difference, in steps of an 8-bit sRGB display.
+  double error(const FuseFrame& frame, const TradeSetting& setting, const Device& device) const {
+    FuseArguments arguments = frame.arguments;
+    arguments.precision = setting.precision;
+    arguments.kernels = setting.kernels;
+    const FuserOptions options =
+        fuser_options(arguments, frame.files, device, setting.threshold, frame.images.constants);
+    Image fused;
+    Fuser(device, *frame.files.model, uint32_t(lrhs.height), uint32_t(lrhs.width), options)
+        .fuse(lrhs, hrls, fused, {}, frame.images.exposure);
+    double largest = 0;
+    for (size_t i = 0; i < fused.data.size(); ++i) {
+      const double difference =
+          double(linear_to_srgb(fused.data[i])) - double(linear_to_srgb(float(output.data[i])));
+      largest = std::max(largest, 255 * std::abs(difference));
+    }
+    return largest;
+  }
+};
+
+std::vector<std::string> models_in(const std::vector<TradeSetting>& settings) {
+  std::vector<std::string> models;
+  for (const TradeSetting& setting : settings) {
+    if (std::ranges::find(models, setting.model) == models.end()) models.push_back(setting.model);
+  }
+  return models;
+}
+
+}  // namespace
+
+std::vector<SettingResults> measure_settings(const std::vector<TestView>& views,
+                                             const std::vector<TradeSetting>& settings, const Device& device,
+                                             Console& console) {
+  std::vector<SettingResults> all;
+  for (const TradeSetting& setting : settings) all.push_back({.setting = setting});
+  LastModel models;
+  const size_t rounds = std::min(kRounds, views.size());
+  ProgressBar bar(console);
+  size_t done = 0;
+  for (size_t round = 0; round < rounds; ++round) {
+    for (const std::string& model : models_in(settings)) {
+      struct Loaded {
+        TestPair pair;
+        std::unique_ptr<FuseFrame> frame;
+        Image reference;
+        FrameTraits traits;
+      };
+      std::vector<Loaded> loaded;
+      for (SettingResults& of : all) {
+        if (of.setting.model != model) continue;
+        for (size_t v = round; loaded.size() < (views.size() - round + rounds - 1) / rounds; v += rounds) {
+          Loaded one{first_pair(views[v], of.setting.scale), nullptr, load_reference(views[v]), {}};
+          one.frame = load(one.pair, of.setting, models);
+          one.traits = traits_of(one.frame->images.lrhs, color_of(*one.frame), one.frame->files.phase);
+          loaded.push_back(std::move(one));
+        }
+        Bench bench(device);
+        of.lrhs_spp = loaded.front().pair.lrhs->spp, of.hrls_spp = loaded.front().pair.hrls->spp;
+        for (Loaded& one : loaded) {
+          check_interrupted();
+          TradeResult result = bench.measure(one.pair, *one.frame, of.setting);
+          result.quality = measure(one.frame->result.fused, one.reference);
+          result.traits = one.traits;
+          of.results.push_back(std::move(result));
+          bar.update(double(++done) / double(views.size() * settings.size()));
+        }
+      }
+      if (round > 0) continue;
+      const Truth truth(*loaded.front().frame);
+      for (SettingResults& of : all) {
+        if (of.setting.model == model) of.fp64_error = truth.error(*loaded.front().frame, of.setting, device);
+      }
+    }
+  }
+  return all;
+}
+
+std::vector<RenderResults> measure_renders(const std::vector<TestView>& views,
+                                           const std::vector<TradeSetting>& settings, const Device& device,
+                                           Console& console) {
+  // By model, scale and samples; sums until all are measured.
+  std::map<std::tuple<std::string, uint32_t, uint32_t, uint32_t>, std::pair<RenderResults, size_t>> sums;
+  const auto add = [&](const RenderResults& one) {
+    auto& [sum, count] =
+        sums.try_emplace({one.model, one.scale, one.hrls_spp, one.lrhs_spp}, one, 0).first->second;
+    if (count++ == 0) return;
+    sum.render_seconds += one.render_seconds, sum.fuse_seconds += one.fuse_seconds;
+    sum.psnr_db += one.psnr_db, sum.relmse += one.relmse;
+  };
+  std::deque<Bench> benches;
+  for (size_t i = 0; i < settings.size(); ++i) benches.emplace_back(device);
+  LastModel models;
+  ProgressBar bar(console);
+  for (size_t v = 0; v < views.size(); ++v) {
+    const TestView& view = views[v];
+    const Image truth = load_reference(view);
+    for (const TestRender& plain : view.plain) {
+      ExrFile file(plain.file);
+      Image image = load_layers(file, map_color(file, {}), kColor);
+      sanitize(image);
+      const Quality quality = measure(image, truth);
+      add({"", 1, 0, plain.spp, view.cost.of(plain.spp), 0, quality.psnr_db, quality.relmse_bcr});
+    }
+    for (size_t i = 0; i < settings.size(); ++i) {
+      for (const TestPair& pair : balanced_pairs(view, settings[i].scale)) {
+        check_interrupted();
+        const auto frame = load(pair, settings[i], models);
+        const TradeResult result = benches[i].measure(pair, *frame, settings[i]);
+        const Quality quality = measure(frame->result.fused, truth);
+        add({settings[i].model, settings[i].scale, pair.lrhs->spp, pair.hrls->spp, pair.render_seconds(),
+             result.time_ms / 1000, quality.psnr_db, quality.relmse_bcr});
+      }
+      bar.update((double(v) + double(i + 1) / double(settings.size())) / double(views.size()));
+    }
+  }
+  std::vector<RenderResults> all;
+  for (auto& [key, entry] : sums) {
+    auto& [sum, count] = entry;
+    if (count != views.size()) continue;  // not all views have it
+    const double share = 1.0 / double(count);
+    sum.render_seconds *= share, sum.fuse_seconds *= share, sum.psnr_db *= share, sum.relmse *= share;
+    all.push_back(sum);
+  }
+  return all;
+}
+
+std::vector<TradeStrip> make_strips(const std::vector<TestView>& views,
+                                    const std::vector<SettingResults>& settings, const Device& device) {
+  std::vector<TradeResult> results = settings.front().results;
+  std::ranges::sort(results, {}, [](const TradeResult& result) { return result.quality.psnr_db; });
+  std::vector<std::pair<size_t, std::string>> shown{{0, "the worst"}};
+  if (results.size() > 2) shown.push_back({results.size() / 2, "in the middle"});
+  if (results.size() > 1) shown.push_back({results.size() - 1, "the best"});
+
+  std::vector<TradeStrip> strips;
+  for (const auto& [rank, place] : shown) {
+    check_interrupted();
+    const TestView& view = *std::ranges::find(views, results[rank].view, &TestView::name);
+    const uint32_t scale = settings.front().setting.scale;
+    const TestPair pair = first_pair(view, scale);
+    const Image truth = load_reference(view);
+    TradeStrip strip{
+        fmt::format("{}, {}: {} of {}", view.name, settings.front().setting.model, place, results.size()),
+        {"LRHS, bicubic", "HRLS"},
+        {}};
+    std::vector<Image> images;
+    LastModel models;
+    for (const SettingResults& of : settings) {
+      const auto frame = load(pair, of.setting, models);
+      if (images.empty()) {
+        images.push_back(upsample_bicubic(frame->images.lrhs, int(scale), frame->files.phase));
+        images.push_back(color_of(*frame));
+      }
+      Bench(device).measure(pair, *frame, of.setting);
+      images.push_back(std::move(frame->result.fused));
+      strip.images.push_back(of.setting.model);
+    }
+    images.push_back(truth);
+    strip.images.push_back("reference");
+    strip.picture = strip_of(images, truth, images[2]);
+    strips.push_back(std::move(strip));
+  }
+  return strips;
+}
+
+}  // namespace raymeld::cli

@@ -1,0 +1,40 @@
+// How long a frame takes on a device: measured once for each model and size, and kept in a file.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+
+#include "engine/pipeline_cache.h"
+#include "plan.h"
+
+namespace raymeld {
+
+// What is known of a device: the file lies in `folder`, or nothing is kept where that is empty.
+class FrameTimes {
+ public:
+  // A file that is absent, truncated or foreign is as if nothing was measured.
+  explicit FrameTimes(const Device& device,
+                      const std::filesystem::path& folder = PipelineCache::default_folder());
+
+  // Milliseconds that Fuser::fuse() takes for a frame of (height, width) LRHS pixels in which everything is
+  // computed: what was measured before, if it was.
+  std::optional<double> known(const Model& model, uint32_t height, uint32_t width,
+                              const FuserOptions& options) const;
+
+  // Otherwise measures it, as the median of three frames of noise, and keeps it. Frames of more than 2^21
+  // pixels are measured as smaller ones, and their time scaled by their arithmetic. Throws Error.
+  double measure(const Model& model, uint32_t height, uint32_t width, FuserOptions options);
+
+  // Of kernels that are no longer those.
+  static void forget(const Device& device,
+                     const std::filesystem::path& folder = PipelineCache::default_folder());
+
+ private:
+  void save() const;
+
+  const Device& device_;
+  std::filesystem::path folder_, file_;
+  std::map<std::string, double> times_ms_;
+};
+
+}  // namespace raymeld

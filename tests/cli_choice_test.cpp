@@ -1,0 +1,157 @@
+// Models that are chosen by what is expected of them.
+#include <fmt/format.h>
+
+#include "cli_fixture.h"
+#include "curve.h"
+
+namespace raymeld::test {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+constexpr double kHour = 3.6e6;
+
+// Three models that are one in truth; the curve says how they differ.
+class CliChoice : public Cli {
+ protected:
+  void SetUp() override {
+    Cli::SetUp();
+    fs::create_directory(folder_ / "models");
+    environment_["RAYMELD_MODELS"] = (folder_ / "models").string();
+    for (const char* name : {"x4-a", "x4-b", "x4-c"})
+      fs::copy_file(tiny_model(), folder_ / fmt::format("models/{}.safetensors", name));
+    // Of the frame at hand nothing is expected but these constants.
+    const auto point = [](const char* model, double time_ms, double psnr_db) {
+      return CurvePoint{model, 4, time_ms, psnr_db, {psnr_db, 0, 0, 2}};
+    };
+    save_curve(folder_ / "models/curve.json",
+               {"device", "set", {point("x4-c", 80, 30.21), point("x4-a", 10, 30), point("x4-b", 20, 30.2)}});
+  }
+
+  static std::vector<std::string> wish(const std::vector<std::string>& more) {
+    std::vector<std::string> arguments = {"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "-o", "out.exr"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return arguments;
+  }
+  Json chosen(const std::string& option, const std::string& value) const {
+    return run_json(wish({option, value, "--json"})).at("choice");
+  }
+};
+
+TEST_F(CliChoice, ByQuality) {
+  EXPECT_EQ(chosen("--quality", "fast").at("model"), "x4-a");
+  EXPECT_EQ(chosen("--quality", "0").at("model"), "x4-a");
+  EXPECT_EQ(chosen("--quality", "balanced").at("model"), "x4-b");
+  EXPECT_EQ(chosen("--quality", "33").at("model"), "x4-a");
+  EXPECT_EQ(chosen("--quality", "96.5").at("model"), "x4-c");
+  const Json high = chosen("--quality", "high");
+  EXPECT_EQ(high.at("model"), "x4-c");
+  EXPECT_EQ(high.at("loss_db"), 0);
+  EXPECT_FALSE(high.contains("time_ms"));  // nothing was measured here
+  EXPECT_NEAR(chosen("--quality", "fast").at("loss_db"), 0.21, 1e-9);
+}
+
+TEST_F(CliChoice, WithoutAWishItIsTheBalancedOne) {
+  fs::remove(folder_ / "models/x4-a.safetensors");
+  write_file(folder_ / "models/x4-b.safetensors", "");  // so that it shows which one is opened
+  const ProcessResult result = run(wish({}));
+  EXPECT_EQ(result.exit_status, 2);
+  EXPECT_NE(result.err.find("x4-b.safetensors"), std::string::npos) << result.err;
+  EXPECT_NE(run(wish({"--model", "x4"})).err.find("x4-b.safetensors"), std::string::npos);
+}
+
+TEST_F(CliChoice, FusesWithTheChosenModelAndSaysSo) {
+  const ProcessResult result = run(wish({"--quality", "fast"}));
+  ASSERT_EQ(result.exit_status, 0) << result.err;
+  EXPECT_NE(result.err.find("--quality 0: x4-a, 0.21 dB below x4-c, the best of 3"), std::string::npos)
+      << result.err;
+  ASSERT_EQ(run({"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "-o", "plain.exr", "--model", "x4-a"})
+                .exit_status,
+            0);
+  EXPECT_EQ(read_file(folder_ / "out.exr"), read_file(folder_ / "plain.exr"));
+}
+
+TEST_F(CliChoice, BudgetIsMeasuredOnceAndKept) {
+  const ProcessResult first = run(wish({"--budget", "3600s"}));
+  ASSERT_EQ(first.exit_status, 0) << first.err;
+  EXPECT_NE(first.err.find("measuring x4-c at 32 x 24"), std::string::npos) << first.err;
+  EXPECT_EQ(first.err.find("measuring x4-a"), std::string::npos) << first.err;  // which takes the same time
+  EXPECT_EQ(first.err.find("warning"), std::string::npos) << first.err;
+  const ProcessResult second = run(wish({"--budget", "3600s"}));
+  EXPECT_EQ(second.err.find("measuring"), std::string::npos) << second.err;
+  const Json enough = chosen("--budget", "3600s");
+  EXPECT_EQ(enough.at("model"), "x4-c");
+  EXPECT_GT(enough.at("time_ms"), 0);
+  EXPECT_LT(enough.at("time_ms"), kHour);
+  // What was measured serves the other wishes too.
+  EXPECT_TRUE(chosen("--quality", "high").contains("time_ms"));
+}
+
+TEST_F(CliChoice, BudgetChoosesByTheTimesOfThisDevice) {
+  ASSERT_EQ(run(wish({"--budget", "1s"})).exit_status, 0);
+  // As if the best were the fastest here, and the others slow.
+  fs::path file;
+  for (const auto& entry : fs::directory_iterator(folder_ / "cache/raymeld")) {
+    if (entry.path().filename().string().starts_with("times-")) file = entry.path();
+  }
+  Json times = Json::parse(read_file(file));
+  ASSERT_EQ(times.at("times_ms").size(), 1u);  // three names of one model
+  for (auto& [key, time_ms] : times.at("times_ms").items()) time_ms = 250;
+  write_file(file, times.dump());
+  const Json fits = chosen("--budget", "0.25s");
+  EXPECT_EQ(fits.at("time_ms"), 250);
+  EXPECT_EQ(fits.at("model"), "x4-c");
+  const ProcessResult result = run(wish({"--budget", "249ms"}));
+  EXPECT_EQ(result.exit_status, 0);
+  EXPECT_NE(result.err.find("--budget 249 ms is not enough: the fastest takes 250 ms"), std::string::npos)
+      << result.err;
+  // A file that is none is as if there was none.
+  write_file(file, "{");
+  EXPECT_NE(run(wish({"--budget", "1s"})).err.find("measuring"), std::string::npos);
+}
+
+TEST_F(CliChoice, TargetSaysHowSureItIs) {
+  EXPECT_EQ(chosen("--target-psnr", "29").at("model"), "x4-a");
+  const Json likely = chosen("--target-psnr", "30.1");
+  EXPECT_EQ(likely.at("model"), "x4-b");
+  EXPECT_NEAR(likely.at("expected_psnr_db"), 30.2, 1e-9);
+  EXPECT_NEAR(likely.at("expected_error_db"), 2, 1e-9);
+  EXPECT_NEAR(likely.at("probability"), 0.5199, 1e-4);
+  const ProcessResult result = run(wish({"--target-psnr", "34.21"}));
+  EXPECT_EQ(result.exit_status, 0);
+  EXPECT_NE(result.err.find("x4-c"), std::string::npos);
+  EXPECT_NE(result.err.find("with a probability of 2 %"), std::string::npos) << result.err;
+  EXPECT_NE(result.err.find("warning: --target-psnr 34.21 is not to be expected: 30.2 dB are"),
+            std::string::npos);
+}
+
+TEST_F(CliChoice, SequencesTakeOneModel) {
+  fs::copy_file(folder_ / "high.exr", folder_ / "high.1.exr");
+  fs::copy_file(folder_ / "high.exr", folder_ / "high.2.exr");
+  const Json json = run_json({"fuse", "--lrhs", "low.exr", "--hrls", "high.#.exr", "-o", "out.#.exr",
+                              "--frames", "1-2", "--quality", "fast", "--json"});
+  for (const Json& frame : json.at("frames")) EXPECT_EQ(frame.at("choice").at("model"), "x4-a");
+  EXPECT_EQ(json.at("frames").size(), 2u);
+}
+
+TEST_F(CliChoice, WishesThatCannotBe) {
+  const auto expect_usage = [&](const std::vector<std::string>& arguments, const char* text) {
+    const ProcessResult result = run(wish(arguments));
+    EXPECT_EQ(result.exit_status, 2);
+    EXPECT_NE(result.err.find(text), std::string::npos) << result.err;
+    EXPECT_FALSE(fs::exists(folder_ / "out.exr"));
+  };
+  for (const char* level : {"best", "-1", "101", "50 ", "nan", ""})
+    expect_usage({"--quality", level}, "expected high, balanced, fast or a number from 0 to 100");
+  for (const char* time : {"16", "0ms", "-1s", "2m", "ms", "infs"})
+    expect_usage({"--budget", time}, "expected a time such as 16ms or 2s");
+  for (const char* db : {"33dB", "inf", "x"}) expect_usage({"--target-psnr", db}, "expected a number of dB");
+  expect_usage({"--quality", "fast", "--budget", "1s"}, "excludes");
+  expect_usage({"--quality", "fast", "--model", "x4-a"}, "excludes");
+  write_file(folder_ / "models/curve.json", "[]");
+  expect_usage({"--quality", "fast"}, "models/curve.json");
+}
+
+}  // namespace
+}  // namespace raymeld::test

@@ -1,0 +1,210 @@
+// The measured trade of speed for quality: what it writes is what fuse does.
+#include <fmt/format.h>
+
+#include <cmath>
+#include <fstream>
+
+#include "cli_fixture.h"
+
+namespace raymeld::test {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+class CliTrade : public Cli {
+ protected:
+  void SetUp() override {
+    Cli::SetUp();
+    fs::create_directory(folder_ / "models");
+    environment_["RAYMELD_MODELS"] = (folder_ / "models").string();
+    fs::copy_file(tiny_model(), folder_ / "models/x4-tiny.safetensors");
+  }
+
+  // Two LRHS and two HRLS renders of 32 x 24 pixels.
+  void write_view(const std::string& name, uint64_t seed) const {
+    const fs::path view = folder_ / name;
+    fs::create_directories(view);
+    const Image reference = random_image(kLayeredNames, 32, 24, seed);
+    Image noisy = random_image(kLayeredNames, 32, 24, seed + 1), cleaner = noisy;
+    for (size_t i = 0; i < noisy.data.size(); ++i) {
+      noisy.data[i] = std::lerp(reference.data[i], noisy.data[i], 0.25f);
+      cleaner.data[i] = std::lerp(reference.data[i], cleaner.data[i], 0.125f);
+    }
+    write_image(view / "reference-a.exr", kLayeredNames, reference);
+    write_image(view / "reference-b.exr", kLayeredNames, reference);
+    write_image(view / "0001.exr", kLayeredNames, noisy);
+    write_image(view / "0002.exr", kLayeredNames, cleaner);
+    for (const char* spp : {"0016", "0032"})
+      write_image(view / fmt::format("lrhs-x4-{}.exr", spp), kColorNames, degrade_nearest(reference, 4));
+    write_file(view / "view.json", R"({"files": {
+      "reference-a.exr": {"spp": 256, "seconds": 256.5}, "reference-b.exr": {"spp": 256, "seconds": 256.5},
+      "0001.exr": {"spp": 1, "seconds": 1.5, "layers": "fusion"}, "0002.exr": {"spp": 2, "seconds": 2.5, "layers": "fusion"},
+      "lrhs-x4-0016.exr": {"spp": 16, "scale": 4, "seconds": 1.03125}, "lrhs-x4-0032.exr": {"spp": 32, "scale": 4, "seconds": 2.03125}
+    }})");
+  }
+
+  Json read_json(const std::string& name) const { return Json::parse(read_file(folder_ / name)); }
+
+  // Those that no other beats.
+  template <typename Cost>
+  static void expect_front(const Json& points, const Cost& cost, const char* key) {
+    for (const Json& point : points) {
+      const bool beaten = std::ranges::any_of(points, [&](const Json& other) {
+        const double less = cost(point) - cost(other);
+        const double more = other.at("psnr_db").get<double>() - point.at("psnr_db").get<double>();
+        return less >= 0 && more >= 0 && (less > 0 || more > 0);
+      });
+      EXPECT_EQ(point.at(key), !beaten) << point;
+    }
+  }
+
+  ProcessResult trade(const std::vector<std::string>& more = {}) const {
+    std::vector<std::string> arguments = {"trade", "--data", "set", "--model", "x4-tiny", "-o", "report"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return run(arguments);
+  }
+};
+
+TEST_F(CliTrade, WritesWhatFuseGives) {
+  write_view("set/one", 5);
+  write_view("set/two", 9);
+  const ProcessResult result = trade();
+  ASSERT_EQ(result.exit_status, 0) << result.err;
+  const Json report = read_json("report/trade.json");
+  EXPECT_EQ(report.at("data"), "set");
+  EXPECT_EQ(report.at("views").size(), 2u);
+  const Json& settings = report.at("settings");
+  ASSERT_GE(settings.size(), 5u);  // with fp16, where the device has it, 7
+  EXPECT_EQ(report.at("measurements").size(), 2 * settings.size());
+  std::string row;
+  size_t rows = 0;
+  for (std::ifstream csv(folder_ / "report/trade.csv"); std::getline(csv, row);) ++rows;
+  EXPECT_EQ(rows, 1 + 2 * settings.size());
+
+  for (const Json& setting : settings) {
+    EXPECT_EQ(setting.at("scale"), 4);
+    EXPECT_EQ(setting.at("lrhs_spp"), 16);
+    EXPECT_EQ(setting.at("hrls_spp"), 1);
+    const Json& time = setting.at("time_ms");
+    EXPECT_GT(time.at("lower"), 0);
+    EXPECT_LE(time.at("lower"), time.at("median"));
+    EXPECT_LE(time.at("median"), time.at("upper"));
+    const bool half = setting.at("precision") == "fp16";
+    EXPECT_LT(setting.at("fp64_error"), half ? 10 : 0.01) << setting;
+    EXPECT_GT(setting.at("fp64_error"), 0) << setting;
+  }
+  expect_front(
+      report.at("settings"), [](const Json& p) { return p.at("time_ms").at("median").get<double>(); },
+      "time_front");
+  expect_front(
+      report.at("settings"), [](const Json& p) { return p.at("memory_bytes").get<double>(); },
+      "memory_front");
+  expect_front(
+      report.at("renders"),
+      [](const Json& p) { return p.at("render_s").get<double>() + p.at("fuse_s").get<double>(); }, "front");
+  // Of each view and setting, fuse gives the same image.
+  for (const Json& measured : report.at("measurements")) {
+    const Json& setting = settings.at(measured.at("setting").get<size_t>());
+    const std::string view = "set/" + measured.at("view").get<std::string>() + "/";
+    const double threshold = setting.at("adaptive");
+    const Json fused = run_json({"fuse",
+                                 "--lrhs",
+                                 view + "lrhs-x4-0016.exr",
+                                 "--hrls",
+                                 view + "0001.exr",
+                                 "-o",
+                                 "out.exr",
+                                 "--model",
+                                 "x4-tiny",
+                                 "--reference",
+                                 view + "reference-a.exr",
+                                 "--json",
+                                 "--output-type",
+                                 "float",
+                                 "--precision",
+                                 setting.at("precision"),
+                                 "--overflow",
+                                 "redo",
+                                 "--kernels",
+                                 setting.at("kernels"),
+                                 "--adaptive",
+                                 threshold == 0 ? "off" : fmt::format("{}", threshold)});
+    EXPECT_NEAR(fused.at("metrics").at("fused").at("psnr_db").get<double>(),
+                measured.at("psnr_db").get<double>(), 1e-4)
+        << setting;
+  }
+}
+
+// The times of the renders lie on the line 0.5 + spp.
+TEST_F(CliTrade, RendersCostWhatTheLineThroughTheirTimesSays) {
+  write_view("set", 3);
+  ASSERT_EQ(trade({"--quick"}).exit_status, 0);
+  const Json report = read_json("report/trade.json");
+  EXPECT_EQ(report.at("settings").size(), 1u);
+  std::map<std::string, double> seconds;
+  for (const Json& render : report.at("renders")) {
+    seconds[fmt::format("{} {}-{}", render.at("model").get<std::string>(), render.at("lrhs_spp").get<int>(),
+                        render.at("hrls_spp").get<int>())] = render.at("render_s");
+    EXPECT_EQ(render.at("fuse_s") == 0, render.at("model") == "");
+  }
+  // LRHS of 16 and 32 samples have as many in all as HRLS of 1 and 2, or half or twice as many.
+  ASSERT_EQ(seconds.size(), 6u);
+  EXPECT_NEAR(seconds.at(" 0-1"), 1.5, 1e-3);
+  EXPECT_NEAR(seconds.at(" 0-2"), 2.5, 1e-3);
+  EXPECT_NEAR(seconds.at("x4-tiny 16-1"), 1.5 + 16.5 / 16, 1e-3);
+  EXPECT_NEAR(seconds.at("x4-tiny 32-1"), 1.5 + 32.5 / 16, 1e-3);
+  EXPECT_NEAR(seconds.at("x4-tiny 16-2"), 2.5 + 16.5 / 16, 1e-3);
+  EXPECT_NEAR(seconds.at("x4-tiny 32-2"), 2.5 + 32.5 / 16, 1e-3);
+}
+
+TEST_F(CliTrade, ThePageHoldsTheMeasurementsAndNothingFromElsewhere) {
+  write_view("set", 3);
+  ASSERT_EQ(trade({"--quick"}).exit_status, 0);
+  const std::string page = read_file(folder_ / "report/trade.html");
+  const std::string begin = "<script type=\"application/json\" id=\"data\">";
+  const size_t at = page.find(begin) + begin.size();
+  Json data = Json::parse(page.substr(at, page.find("</script>", at) - at));
+  const Json strips = data.at("strips");
+  data.erase("strips");
+  EXPECT_EQ(data, read_json("report/trade.json"));
+  ASSERT_EQ(strips.size(), 1u);
+  EXPECT_EQ(strips[0].at("images"), Json({"LRHS, bicubic", "HRLS", "x4-tiny", "reference"}));
+  EXPECT_EQ(strips[0].at("width"), 4 * 32 + 3 * 4);
+  EXPECT_EQ(strips[0].at("height"), 2 * 24);
+  EXPECT_TRUE(strips[0].at("png").get<std::string>().starts_with("iVBORw0KGgo"));  // a PNG's first bytes
+}
+
+TEST_F(CliTrade, CurveIsWrittenForFuseToChooseBy) {
+  for (uint64_t view = 0; view < 8; ++view) write_view(fmt::format("set/{}", view), 10 * view);
+  ASSERT_EQ(trade({"--quick", "--curve", "models/curve.json"}).exit_status, 0);
+  const Json curve = read_json("models/curve.json"), report = read_json("report/trade.json");
+  ASSERT_EQ(curve.at("points").size(), 1u);
+  EXPECT_EQ(curve.at("points")[0].at("model"), "x4-tiny");
+  EXPECT_EQ(curve.at("points")[0].at("psnr_db"), report.at("settings")[0].at("psnr_db"));
+  EXPECT_EQ(curve.at("points")[0].at("time_ms"), report.at("settings")[0].at("time_ms").at("median"));
+  const Json fused = run_json(
+      {"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "-o", "out.exr", "--target-psnr", "1", "--json"});
+  EXPECT_EQ(fused.at("choice").at("model"), "x4-tiny");
+}
+
+TEST_F(CliTrade, BadSetsAreErrorsThatNameThem) {
+  const auto expect_error = [&](const std::vector<std::string>& more, const char* text) {
+    const ProcessResult result = trade(more);
+    EXPECT_EQ(result.exit_status, 2);
+    EXPECT_NE(result.err.find(text), std::string::npos) << result.err;
+    EXPECT_FALSE(fs::exists(folder_ / "report/trade.html"));
+  };
+  expect_error({}, "test set 'set': there is no view.json in it");
+  write_view("set", 3);
+  expect_error({"--curve", "curve.json"}, "--curve takes 8 views at least, and test set 'set' has 1");
+  write_file(folder_ / "set/view.json", "{");
+  expect_error({}, "test set 'set/view.json': ");
+  write_file(folder_ / "set/view.json", R"({"files": {"0003.exr": {"spp": 3}}})");
+  expect_error({}, "there is no file 0003.exr");
+  write_file(folder_ / "set/view.json", R"({"files": {"0001.exr": {"spp": 1, "layers": "fusion"}}})");
+  expect_error({}, "there are 1 HRLS, 0 LRHS and 0 references");
+}
+
+}  // namespace
+}  // namespace raymeld::test
