@@ -19,6 +19,7 @@ using Json = nlohmann::ordered_json;
 constexpr int kFormatVersion = 1;
 constexpr double kMostPixels = 1 << 21;
 constexpr size_t kFrames = 3;
+constexpr uintmax_t kMostFileBytes = 1 << 20;
 
 std::filesystem::path file_of(const Device& device, const std::filesystem::path& folder) {
   if (folder.empty()) return {};
@@ -27,6 +28,9 @@ std::filesystem::path file_of(const Device& device, const std::filesystem::path&
 }
 
 std::map<std::string, double> load(const std::filesystem::path& file) try {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(file, error) || std::filesystem::file_size(file) > kMostFileBytes)
+    return {};
   std::ifstream stream(file);
   const Json json = Json::parse(stream);
   if (json.at("format_version") != kFormatVersion) return {};

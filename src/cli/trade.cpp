@@ -121,8 +121,10 @@ void run(const TradeArguments& arguments) {
   console.note(
       fmt::format("{} settings, {} views, on {}", settings.size(), trade.views.size(), trade.device.name));
   trade.settings = measure_settings(trade.views, settings, *device, console);
-  console.note("pairs of renders");
-  trade.renders = measure_renders(trade.views, plain_ones(settings), *device, console);
+  if (!arguments.quick) {
+    console.note("pairs of renders");
+    trade.pairs = measure_pairs(trade.views, plain_ones(settings), *device, console);
+  }
   trade.strips = strips_of(trade, *device);
 
   StagedFiles files;
@@ -157,13 +159,15 @@ void add_trade(CLI::App& app) {
                    "Names, scales such as x4, or files; without it all stock models")
       ->delimiter(',');
   command->add_option("--views", arguments->views, "Only the first of them")->type_name("N");
-  command->add_flag("--quick", arguments->quick,
-                    "Only models, each in fp32, with the fastest kernels, not adaptive");
+  CLI::Option* quick =
+      command->add_flag("--quick", arguments->quick,
+                        "Only one setting of each model, in fp32, and one pair of renders of each view");
   command
       ->add_option(
           "--curve", arguments->curve,
           "Writes what fuse --quality, --budget and --target-psnr choose by, as models/curve.json is")
-      ->type_name("FILE");
+      ->type_name("FILE")
+      ->excludes(quick);
   command->footer("Example:\n  raymeld trade --data TEST -o report");
   command->callback([arguments] { run(*arguments); });
 }

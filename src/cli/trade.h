@@ -31,7 +31,6 @@ struct TradeResult {
   uint64_t memory_bytes = 0;
   Quality quality = {};
   double settled_share = 0, work_share = 1;
-  FrameTraits traits = {};
 };
 
 struct SettingResults {
@@ -49,6 +48,11 @@ struct RenderResults {
   double psnr_db = 0, relmse = 0;
 };
 
+struct PairResults {
+  std::vector<RenderResults> renders;
+  std::map<std::string, std::vector<Observation>> observations;  // by model: of each view and pair
+};
+
 struct TradeStrip {
   std::string title;
   std::vector<std::string> images = {};
@@ -61,7 +65,7 @@ struct Trade {
   std::vector<TestView> views;
   int width = 0, height = 0;  // of the first view
   std::vector<SettingResults> settings;
-  std::vector<RenderResults> renders;
+  PairResults pairs;
   std::vector<TradeStrip> strips;
 };
 
@@ -72,9 +76,8 @@ std::vector<SettingResults> measure_settings(const std::vector<TestView>& views,
                                              Console& console);
 
 // The settings over all balanced_pairs(), and what plain renders give.
-std::vector<RenderResults> measure_renders(const std::vector<TestView>& views,
-                                           const std::vector<TradeSetting>& settings, const Device& device,
-                                           Console& console);
+PairResults measure_pairs(const std::vector<TestView>& views, const std::vector<TradeSetting>& settings,
+                          const Device& device, Console& console);
 
 // Of the views that the first of the settings, all of one scale, fuses worst, in the middle and best: LRHS,
 // HRLS, what each setting makes of them, the reference; below each its error. A window of at most 256 pixels
@@ -102,7 +105,8 @@ nlohmann::ordered_json to_json(const Trade& trade);
 std::string trade_csv(const Trade& trade);
 // One page that needs no other file.
 std::string trade_html(const Trade& trade);
-// Of the settings that are is_plain(). Throws Error when there are too few scenes.
+// Of the settings that are is_plain(), whose pairs must be measured. Throws Error when there are too few
+// scenes.
 Curve curve_of(const Trade& trade);
 
 }  // namespace raymeld::cli

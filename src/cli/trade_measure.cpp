@@ -159,15 +159,13 @@ std::vector<SettingResults> measure_settings(const std::vector<TestView>& views,
         TestPair pair;
         std::unique_ptr<FuseFrame> frame;
         Image reference;
-        FrameTraits traits;
       };
       std::vector<Loaded> loaded;
       for (SettingResults& of : all) {
         if (of.setting.model != model) continue;
         for (size_t v = round; loaded.size() < (views.size() - round + rounds - 1) / rounds; v += rounds) {
-          Loaded one{first_pair(views[v], of.setting.scale), nullptr, load_reference(views[v]), {}};
+          Loaded one{first_pair(views[v], of.setting.scale), nullptr, load_reference(views[v])};
           one.frame = load(one.pair, of.setting, models);
-          one.traits = traits_of(one.frame->images.lrhs, color_of(*one.frame), one.frame->files.phase);
           loaded.push_back(std::move(one));
         }
         Bench bench(device);
@@ -176,7 +174,6 @@ std::vector<SettingResults> measure_settings(const std::vector<TestView>& views,
           check_interrupted();
           TradeResult result = bench.measure(one.pair, *one.frame, of.setting);
           result.quality = measure(one.frame->result.fused, one.reference);
-          result.traits = one.traits;
           of.results.push_back(std::move(result));
           bar.update(double(++done) / double(views.size() * settings.size()));
         }
@@ -191,9 +188,9 @@ std::vector<SettingResults> measure_settings(const std::vector<TestView>& views,
   return all;
 }
 
-std::vector<RenderResults> measure_renders(const std::vector<TestView>& views,
-                                           const std::vector<TradeSetting>& settings, const Device& device,
-                                           Console& console) {
+PairResults measure_pairs(const std::vector<TestView>& views, const std::vector<TradeSetting>& settings,
+                          const Device& device, Console& console) {
+  PairResults results;
   // By model, scale and samples; sums until all are measured.
   std::map<std::tuple<std::string, uint32_t, uint32_t, uint32_t>, std::pair<RenderResults, size_t>> sums;
   const auto add = [&](const RenderResults& one) {
@@ -221,23 +218,24 @@ std::vector<RenderResults> measure_renders(const std::vector<TestView>& views,
       for (const TestPair& pair : balanced_pairs(view, settings[i].scale)) {
         check_interrupted();
         const auto frame = load(pair, settings[i], models);
+        const FrameTraits traits = traits_of(frame->images.lrhs, color_of(*frame), frame->files.phase);
         const TradeResult result = benches[i].measure(pair, *frame, settings[i]);
         const Quality quality = measure(frame->result.fused, truth);
+        results.observations[settings[i].model].push_back({view.name, traits, quality.psnr_db});
         add({settings[i].model, settings[i].scale, pair.lrhs->spp, pair.hrls->spp, pair.render_seconds(),
              result.time_ms / 1000, quality.psnr_db, quality.relmse_bcr});
       }
       bar.update((double(v) + double(i + 1) / double(settings.size())) / double(views.size()));
     }
   }
-  std::vector<RenderResults> all;
   for (auto& [key, entry] : sums) {
     auto& [sum, count] = entry;
     if (count != views.size()) continue;  // not all views have it
     const double share = 1.0 / double(count);
     sum.render_seconds *= share, sum.fuse_seconds *= share, sum.psnr_db *= share, sum.relmse *= share;
-    all.push_back(sum);
+    results.renders.push_back(sum);
   }
-  return all;
+  return results;
 }
 
 std::vector<TradeStrip> make_strips(const std::vector<TestView>& views,
