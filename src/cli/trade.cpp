@@ -36,7 +36,7 @@ std::vector<TradeSetting> settings_of(const std::vector<std::string>& models, co
     };
     settings.push_back(plain);
     if (quick) continue;
-    for (const float threshold : {0.003f, kDefaultThreshold, 0.03f})
+    for (const float threshold : {kDefaultThreshold, 0.03f, 0.1f})
       add(Precision::kFp32, KernelChoice::kAuto, threshold);
     add(Precision::kFp32, KernelChoice::kDirect, 0);
     if (!device.storage_16bit) continue;

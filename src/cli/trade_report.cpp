@@ -101,7 +101,7 @@ Json settings_json(const Trade& trade) {
                     {"model", of.setting.model},
                     {"precision", precision_of(of.setting)},
                     {"kernels", kernels_of(of.setting)},
-                    {"adaptive", double(of.setting.threshold)},
+                    {"adaptive", std::round(double(of.setting.threshold) * 1e6) / 1e6},
                     {"lrhs_spp", of.lrhs_spp},
                     {"hrls_spp", of.hrls_spp},
                     {"time_ms",

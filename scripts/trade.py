@@ -1,0 +1,58 @@
+#!/usr/bin/env python3
+"""Writes the tables of docs/trade.md from the trade.json that raymeld trade made: trade.py TRADE.json PAGE.md"""
+import json
+import re
+import sys
+from pathlib import Path
+
+
+def markdown(head, rows):
+    return "\n".join("| " + " | ".join(row) + " |" for row in [head, ["---"] * len(head), *rows])
+
+
+def setting_name(setting):
+    return ", ".join([setting["precision"]] + (["direct kernels"] if setting["kernels"] == "direct" else [])
+                     + ([f"adaptive {setting['adaptive']:g}"] if setting["adaptive"] else []))
+
+
+def settings(trade):
+    rows = []
+    plain = {}
+    for s in trade["settings"]:
+        time = s["time_ms"]["median"]
+        plain.setdefault(s["model"], (time, s["psnr_db"]))
+        own_time, own_psnr = plain[s["model"]]
+        rows.append([s["model"], setting_name(s), f"{time:.0f}", f"{time / own_time:.2f}", f"{s['memory_bytes'] / 2**20:.0f}",
+                     f"{s['psnr_db']:.3f}", f"{s['psnr_db'] - own_psnr:+.3f}", f"{s['relmse']:.5f}",
+                     f"{s['fp64_error']:.2g}", f"{100 * s['settled_share']:.0f} %",
+                     " ".join(name for name in ("time", "memory") if s[name + "_front"])])
+    return markdown(["model", "setting", "ms", "to the first", "MiB", "PSNR", "to the first", "RelMSE",
+                     "error, steps", "settled", "on the front of"], rows)
+
+
+def renders(trade):
+    rows = []
+    for r in sorted(trade["renders"], key=lambda r: r["render_s"] + r["fuse_s"]):
+        samples = f"{r['lrhs_spp']}-{r['hrls_spp']}" if r["model"] else f"{r['hrls_spp']}"
+        rows.append([r["model"] or "plain render", samples, f"{r['render_s']:.2f}", f"{r['fuse_s']:.2f}",
+                     f"{r['render_s'] + r['fuse_s']:.2f}", f"{r['psnr_db']:.2f}", f"{r['relmse']:.4f}",
+                     "yes" if r["front"] else ""])
+    return markdown(["", "samples", "render s", "fuse s", "together", "PSNR", "RelMSE", "on the front"], rows)
+
+
+def main():
+    trade, page = json.loads(Path(sys.argv[1]).read_text()), Path(sys.argv[2])
+    text = page.read_text()
+    tables = {"settings": settings, "renders": renders}
+    for name, table in tables.items():
+        text, count = re.subn(rf"(<!-- begin {name} -->\n).*?(<!-- end -->)",
+                              lambda match: match[1] + table(trade) + "\n" + match[2], text, flags=re.DOTALL)
+        if count != 1:
+            sys.exit(f"{page}: no table {name}")
+    where = f"{trade['device']}, {trade['driver'].strip()}"
+    text = re.sub(r"(<!-- begin device -->).*?(<!-- end -->)", lambda match: match[1] + where + match[2], text)
+    page.write_text(text)
+
+
+if __name__ == "__main__":
+    main()
