@@ -242,9 +242,10 @@ std::vector<TradeStrip> make_strips(const std::vector<TestView>& views,
                                     const std::vector<SettingResults>& settings, const Device& device) {
   std::vector<TradeResult> results = settings.front().results;
   std::ranges::sort(results, {}, [](const TradeResult& result) { return result.quality.psnr_db; });
-  std::vector<std::pair<size_t, std::string>> shown{{0, "the worst"}};
-  if (results.size() > 2) shown.push_back({results.size() / 2, "in the middle"});
-  if (results.size() > 1) shown.push_back({results.size() - 1, "the best"});
+  const size_t last = results.size() - 1;
+  std::vector<std::pair<size_t, std::string>> shown{{0, last > 0 ? ": the worst" : ""}};
+  if (last > 1) shown.push_back({results.size() / 2, ": the middle one"});
+  if (last > 0) shown.push_back({last, ": the best"});
 
   std::vector<TradeStrip> strips;
   for (const auto& [rank, place] : shown) {
@@ -253,10 +254,9 @@ std::vector<TradeStrip> make_strips(const std::vector<TestView>& views,
     const uint32_t scale = settings.front().setting.scale;
     const TestPair pair = first_pair(view, scale);
     const Image truth = load_reference(view);
-    TradeStrip strip{
-        fmt::format("{}, {}: {} of {}", view.name, settings.front().setting.model, place, results.size()),
-        {"LRHS, bicubic", "HRLS"},
-        {}};
+    TradeStrip strip{fmt::format("{}, {}{}", view.name, settings.front().setting.model, place),
+                     {"LRHS, bicubic", "HRLS"},
+                     {}};
     std::vector<Image> images;
     LastModel models;
     for (const SettingResults& of : settings) {
