@@ -9,6 +9,7 @@
 
 const uint kInvocations = 64;
 layout(local_size_x = kInvocations) in;
+layout(constant_id = 0) const uint kTold = 0;  // among those that the host says are needed
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Values color, lrhs;
@@ -25,6 +26,8 @@ shared uint differ[kInvocations];
 
 void main() {
   uint scale = p.width / p.lrhs_width, side = RAYMELD_SPARSE_SIDE * scale, self = gl_LocalInvocationIndex;
+  uint block = RAYMELD_SPARSE_DISTANCES + gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
+  if (kTold != 0 && status.words[block] != 0) return;
   float threshold = uintBitsToFloat(status.words[RAYMELD_SPARSE_THRESHOLD]), largest = 0.0;
   for (uint i = self; i < side * side; i += kInvocations) {
     uvec2 at = min(gl_WorkGroupID.xy * side + uvec2(i % side, i / side), uvec2(p.width, p.height) - 1);
@@ -36,5 +39,5 @@ void main() {
   if (self != 0) return;
   uint any = 0;
   for (uint i = 0; i < kInvocations; ++i) any |= differ[i];
-  status.words[RAYMELD_SPARSE_DISTANCES + gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x] = any != 0 ? 0 : ~0u;
+  status.words[block] = any != 0 ? 0 : ~0u;
 }

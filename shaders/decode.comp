@@ -17,14 +17,20 @@ layout(push_constant) uniform Push {
   Floats exposure;  // and its inverse
   Values source, lrhs, highlights;
   Decode p;
+  Place place;
 };
 #else
-layout(push_constant) uniform Push { Decode p; };
+layout(push_constant) uniform Push {
+  Decode p;
+  Place place;
+};
 layout(std430, binding = 2) readonly buffer Exposure { float v[2]; } exposure;
 layout(std430, binding = 3) readonly buffer Source { STORAGE v[]; } source;
 layout(std430, binding = 4) readonly buffer Lrhs { STORAGE v[]; } lrhs;
 layout(std430, binding = 5) readonly buffer Bright { STORAGE v[]; } highlights;
 #endif
+
+#include "place.glsl"
 
 float lrhs_at(uint c, uint y, uint x) { return float(lrhs.v[address(c, y, x, p.of.lrhs_plane, p.of.lrhs_width)]); }
 
@@ -47,7 +53,7 @@ float highlight(uint c, Bilinear at) {
 }
 
 void main() {
-  uvec3 id = gl_GlobalInvocationID;
+  uvec3 id = uvec3(item(), gl_GlobalInvocationID.z);
   // The last pixel again, rather than a branch, in which drivers for CPUs load lane by lane.
   bool inside = id.x < p.of.width && id.y < p.of.height;
   id.xy = min(id.xy, uvec2(p.of.width, p.of.height) - 1);

@@ -9,6 +9,7 @@
 #include "engine/commands.h"
 #include "engine/program.h"
 #include "io/image.h"
+#include "last_frame.h"
 #include "plan.h"
 
 namespace raymeld {
@@ -25,9 +26,9 @@ struct FuseReport {
   float exposure = 1;    // what radiance was multiplied by for the network
   double device_ms = 0;  // from the first submit of a tile to its end, summed over the tiles
   Status status;         // of what the image was made of
-  // With FuserOptions::threshold: the share of the frame that was not computed by the network, and of the
-  // work that was done all the same, with what the rest reads around itself.
-  double settled_share = 0, work_share = 1;
+  // With FuserOptions::threshold and changed_only: the shares of the frame that needed no network and that
+  // are the last frame's, and of the work that was done all the same, with what the rest reads around itself.
+  double settled_share = 0, kept_share = 0, work_share = 1;
   uint32_t redone_tiles = 0;  // computed again in 32 bits; see FuserOptions::fp32_kernels
   // With FuserOptions::profile, each in the order of the first pass.
   std::vector<PassTime> layers;
@@ -68,7 +69,8 @@ class Fuser {
   // VK_ACCESS_SHADER_READ_BIT; the output is written by that stage with VK_ACCESS_SHADER_WRITE_BIT. At most
   // kFramesInFlight recordings may be pending, each submitted at most once, to one queue. program().status()
   // counts what went wrong. `exposure`: what radiance is multiplied by for the network;
-  // FuserOptions::exposure has no say here. Throws Error when a view passes the device's limits.
+  // FuserOptions::exposure has no say here. Throws Error when a view passes the device's limits, and with
+  // FuserOptions::changed_only, as the inputs are not looked at.
   void record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
               const FrameBuffer& fused, float exposure = 1);
 
@@ -80,7 +82,8 @@ class Fuser {
   // ones only submit. No frame of record() may be pending. When the device runs out of memory, the frame
   // starts again with smaller tiles, unless record() was called before: recordings may still be submitted.
   // Throws Error, also when the network's output is not finite, and Cancelled; `fused` may then hold some
-  // tiles, and the next call works if the device does.
+  // tiles, and the next call works if the device does. With FuserOptions::changed_only the inputs and the
+  // output are kept for the next call, and the bits are those of a first call.
   // `exposure`: what radiance is multiplied by for the network, for parts of a larger frame; 0: exposure().
   FuseReport fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress = {},
                   float exposure = 0);
@@ -89,6 +92,8 @@ class Fuser {
                   float exposure = 0);
 
  private:
+  static constexpr uint32_t kHostSet = kFramesInFlight;  // the descriptor set of fuse()'s own recordings
+
   // Buffers and recordings of fuse(), made once.
   struct Host {
     Buffer lrhs, hrls, fused;
@@ -111,12 +116,16 @@ class Fuser {
                                const Progress& progress);
   FuseReport run(const float* lrhs, const float* hrls, float* fused, float exposure,
                  const Progress& progress);
-  void run_tile(const Progress& progress, FuseReport& report);
+  std::vector<bool> needed_blocks(const Tile& at) const;
+  Status run_tile(const std::vector<bool>& needed, const Progress& progress, FuseReport& report);
   Image redo_tile(const Progress& progress, FuseReport& report);
   void prepare_host();
   void record_chunks(Host& host) const;
   void upload(const float* lrhs, const float* hrls, const Tile& at);
-  // From the planar, dense image of a tile.
+  // Both from the planar, dense image of a tile; those of the blocks of needed_blocks() that are of the core.
+  // Returns how many LRHS pixels these are.
+  uint64_t copy_blocks(const float* tile_image, const std::vector<bool>& blocks, float* fused,
+                       const Tile& at) const;
   void copy_core(const float* tile_image, float* fused, const Tile& at) const;
   void add_pass_times(FuseReport& report) const;
 
@@ -133,6 +142,7 @@ class Fuser {
   std::unique_ptr<Host> host_;
   std::unique_ptr<Fuser> wide_;  // of one tile, in 32 bits; made when first needed
   bool last_redone_ = false;
+  std::optional<LastFrame> last_frame_;  // with FuserOptions::changed_only, from the first fuse() on
 };
 
 }  // namespace raymeld

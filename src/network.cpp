@@ -194,7 +194,9 @@ void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
   const Tensor bright = build.tensor("highlights", height, width, 3);
   highlights(graph, "highlights", bright, a.clip);
   const Tensor color = build.layer(hrls, "color"), low_color = lrhs.slice(0, 3);
-  if (graph.sparse()) classify(graph, "classify", color, low_color, phase);
+  const bool settles = graph.sparse() && graph.sparse()->by_device;
+  if (settles) classify(graph, "classify", color, low_color, phase);
+  if (graph.sparse()) schedule(graph, "schedule");
   if (joint) build.joint_candidates(lrhs, hrls, filtered, joint_options);
 
   const Tensor convolved = hrls.slice(hrls_channels.unread, k - hrls_channels.unread);
@@ -211,13 +213,13 @@ void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
   const Tensor fused = build.reconstruct(links, full, a.hrls_guide ? std::optional(convolved) : std::nullopt);
   conv2d_chain(graph, links);
   if (!joint) {
-    if (graph.sparse()) settle(graph, "settle", color, low_color, phase, a.base == Base::kBilinear, fused);
+    if (settles) settle(graph, "settle", color, low_color, phase, a.base == Base::kBilinear, fused);
     const Tensor* base = a.base == Base::kBilinear ? &lrhs : nullptr;
     return decode(graph, "decode", fused, {a.transfer, base, a.scale, phase, &bright, a.clip});
   }
   const Tensor mixed = build.tensor("mix", full_height, full_width, 3);
   mix(graph, "mix", fused, lrhs, build.layer(hrls, "albedo"), filtered, mixed, joint_options);
-  if (graph.sparse()) settle(graph, "settle", color, low_color, phase, false, mixed);
+  if (settles) settle(graph, "settle", color, low_color, phase, false, mixed);
   decode(graph, "decode", mixed, {a.transfer, nullptr, a.scale, phase, &bright, a.clip});
 }
 

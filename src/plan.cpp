@@ -15,7 +15,8 @@ namespace {
 FusePlan describe(const Model& model, TileSize tile, const DeviceInfo& device, const FuserOptions& options,
                   const StorageExponents& exponents) {
   std::optional<SparseGrid> sparse;
-  if (options.threshold > 0) sparse = {tile.height, tile.width};
+  if (options.threshold > 0 || options.changed_only)
+    sparse = {tile.height, tile.width, options.threshold > 0, options.changed_only};
   Graph graph(options.storage, options.kernels.addressed, options.keep_activations, sparse);
   network(graph, model, tile.height, tile.width, options.phase, options.kernels.conv2d, exponents,
           options.constants);
@@ -124,6 +125,7 @@ FuserOptions wide_options(const DeviceInfo& device, FuserOptions options, uint64
   options.storage = Storage::kFloat32;
   options.kernels = *options.fp32_kernels;
   options.fp32_kernels.reset();
+  options.changed_only = false;  // tiles are computed again as a whole
   return options;
 }
 

@@ -35,6 +35,9 @@ struct FuserOptions {
   // Blocks of 8 x 8 LRHS pixels are not computed by the network where HRLS and LRHS agree to within this,
   // encoded, but get the mean of both: see classify() and settle() in layers.h. 0: all are computed.
   float threshold = 0;
+  // Of fuse(): computes only what depends on pixels that changed since the last frame, and takes the rest of
+  // that one's output: see LastFrame.
+  bool changed_only = false;
   ConstantLayers constants = {};  // of HRLS; no image holds them
   float phase = 0;                // see lrhs_phase()
   float exposure = 0;             // of fuse(): see exposure.h; 0: what the model's exposure_key asks for

@@ -33,6 +33,7 @@ FuserOptions fuser_options(const FusionOptions& options, const Device& device, c
                             : options.lrhs_sampling == LrhsSampling::kCentered;
   result.exposure = options.exposure;
   result.threshold = options.adaptive_threshold;
+  result.changed_only = options.changed_only;
   result.constants = absent_layers(options, model);
   const auto kernels = [&](Storage storage) {
     return options.kernels == KernelChoice::kAuto ? kernels_for(device, storage) : Kernels{};
@@ -42,10 +43,6 @@ FuserOptions fuser_options(const FusionOptions& options, const Device& device, c
     result.fp32_kernels = kernels(Storage::kFloat32);
   result.phase = lrhs_phase(centered, model.architecture().scale);
   return result;
-}
-
-FusionStatus to_public(const Status& status, double settled_share, uint32_t redone_tiles) {
-  return {status.saturated, status.not_finite, static_cast<float>(settled_share), redone_tiles};
 }
 
 }  // namespace
@@ -97,16 +94,17 @@ float Fusion::exposure(const float* lrhs) const { return state_->fuser.exposure(
 
 FusionStatus Fusion::fuse(const float* lrhs, const float* hrls, float* fused) {
   const FuseReport report = state_->fuser.fuse(lrhs, hrls, fused);
-  const FusionStatus status = to_public(report.status, report.settled_share, report.redone_tiles);
   state_->fuser.program().reset_status();
-  return status;
+  return {report.status.saturated, report.status.not_finite, float(report.settled_share), report.redone_tiles,
+          float(report.kept_share)};
 }
 
 FusionStatus Fusion::take_status() {
   Program& program = state_->fuser.program();
-  const FusionStatus status = to_public(program.status(), 1 - program.needed_share(), 0);
+  const Status status = program.status();
+  const float settled_share = float(program.settled_share());
   program.reset_status();
-  return status;
+  return {status.saturated, status.not_finite, settled_share};
 }
 
 }  // namespace raymeld

@@ -16,6 +16,9 @@ struct Tile {
   uint32_t y = 0, x = 0;            // where the computed part starts in the frame
   uint32_t core_y = 0, core_x = 0;  // where the kept part starts in the frame
   TileSize core;
+
+  // The tile of which nothing is kept but what lies in a block that starts at (y, x) of it; maybe nothing.
+  Tile keeping(uint32_t block_y, uint32_t block_x, TileSize block) const;
 };
 
 // All tiles compute the same size, so that one recording serves them all; those at an edge move inwards.

@@ -273,6 +273,22 @@ TEST_F(FaultsTest, TilesBecomeSmallerInAFrame) {
   EXPECT_EQ(recorded.plan().tiling.count(), 1u);
 }
 
+// By minimal filtering, what other tiles gave has other bits.
+TEST_F(FaultsTest, SmallerTilesTakeNothingOfTheLastFrame) {
+  CallerDevice caller;
+  const std::unique_ptr<Device> device = Device::wrap(caller.external());
+  Fuser fuser(*device, model_, 12, 40, {.changed_only = true}, cache());
+  fuse(fuser);
+  subject_.lrhs.at(0, 0, 0) += 1;
+  interposed().fault = {.function = "vkWaitForFences", .call = 1, .code = VK_ERROR_OUT_OF_DEVICE_MEMORY};
+  Image fused;
+  const FuseReport report = fuser.fuse(image_of(subject_.lrhs), image_of(subject_.hrls), fused);
+  interposed().fault = {};
+  EXPECT_GT(fuser.plan().tiling.count(), 1u);
+  EXPECT_EQ(report.kept_share, 0);
+  EXPECT_TRUE(same_bits(fused.data, run(caller, {}).values));
+}
+
 TEST_F(FaultsTest, NoMemoryAtAllIsAnErrorThatSaysHowMuchWasAsked) {
   CallerDevice caller;
   const std::unique_ptr<Device> device = Device::wrap(caller.external());

@@ -71,6 +71,17 @@ TEST_F(FusionTest, WhatAgreesNeedsNoNetwork) {
   EXPECT_ERROR(Fusion(model_of(subject_), 5, 6, {.adaptive_threshold = -1}), "a threshold of -1");
 }
 
+TEST_F(FusionTest, WhatDidNotChangeIsKept) {
+  Fusion fusion(model_of(subject_), 5, 6, {.precision = Precision::kFp32, .changed_only = true});
+  const Fused first = fuse(fusion, subject_);
+  EXPECT_EQ(first.status.kept_share, 0);
+  const Fused second = fuse(fusion, subject_);
+  EXPECT_EQ(second.status.kept_share, 1);
+  EXPECT_EQ(second.status.settled_share, 0);
+  EXPECT_EQ(second.values, first.values);
+  EXPECT_ERROR(fusion.record(VK_NULL_HANDLE, {}, {}, {}), "record()", "changed_only");
+}
+
 TEST_F(FusionTest, SaturationIsToldOnce) {
   Fusion sound(model_of(subject_), 5, 6, {.precision = Precision::kFp16});
   EXPECT_EQ(fuse(sound, subject_).status.saturated, 0u);

@@ -5,10 +5,10 @@
 
 #include "error_of.h"
 #include "fuser.h"
+#include "fuser_options.h"
 #include "network.h"
 #include "settled.h"
 #include "subject.h"
-#include "tuner.h"
 
 namespace raymeld::test {
 namespace {
@@ -33,29 +33,6 @@ Scene make_scene(const Architecture& a, int first, int last, uint32_t seed) {
         for (int x = first * scale; x < last * scale; ++x) image->at(c, y, x) = 0.25f * float(c + 1);
   }
   return scene;
-}
-
-std::vector<FuserOptions> all_options() {
-  std::vector<FuserOptions> all;
-  Kernels addressed = default_kernels(gpu().info()), buffers = addressed;
-  buffers.addressed = false;
-  Kernels small = addressed;
-  small.conv2d = [](const Conv2dShape& shape) {
-    return Conv2dKernel{
-        .tile = shape.kernel == 1 ? 1u : 2u, .outputs = 5, .channels = 4, .order = 2, .band = 12};
-  };
-  for (const auto precision : kPrecisions) {
-    all.push_back({.storage = storage_of(precision)});
-    if (!gpu().info().buffer_device_address) continue;
-    for (const Kernels& kernels : {addressed, buffers, small})
-      all.push_back({.storage = storage_of(precision), .kernels = kernels});
-  }
-  return all;
-}
-
-std::string describe(const FuserOptions& options) {
-  return fmt::format("{} bytes, tile {}, addressed {}", element_bytes(options.storage),
-                     options.kernels.conv2d({8, 8, 4, 4, 3}).tile, options.kernels.addressed);
 }
 
 class SparseTest : public GpuTest {

@@ -33,6 +33,7 @@ struct FusionStatus {
   uint32_t not_finite = 0;    // output values that were NaN or infinite, written as 0
   float settled_share = 0;    // of the last frame: FusionOptions::adaptive_threshold
   uint32_t redone_tiles = 0;  // of fuse() with kAuto: which fp16 could not hold, computed again in fp32
+  float kept_share = 0;       // of fuse(): FusionOptions::changed_only
 };
 
 // How convolutions are computed.
@@ -55,6 +56,11 @@ struct FusionOptions {
   // of both; what is computed has the same bits. Found on the device, by record() as well. 0: everything is
   // computed, which takes less memory.
   float adaptive_threshold = 0;
+  // For the frames of an interactive viewport or of a sequence: fuse() keeps its inputs, in host memory, and
+  // its output, and computes only what depends on pixels of which a bit has changed since; the rest is the
+  // last output. The bits are those of a first fuse(). Everything is computed after a throw, and where the
+  // exposure differs: give one. record() throws. Takes more memory of the device.
+  bool changed_only = false;
   // Those of the model's optional layers that HRLS does not have: nothing is read or computed for them.
   std::vector<std::string> absent_layers = {};
   std::string device = {};  // index, UUID or part of the name; empty: the first GPU, else a CPU driver

@@ -49,6 +49,7 @@ struct FuseArguments {
   std::optional<Wish> wish = {};
   std::optional<Choice> choice = {};        // of `model`, where there was a wish
   std::optional<Imath::Box2i> window = {};  // what is fused, in HRLS's pixels; none: its data window
+  bool changed_only = false;                // since the last frame of a sequence
   bool keep_layers = false, profile = false, dry_run = false, json = false, quiet = false;
 
   std::vector<std::filesystem::path> inputs() const;

@@ -71,6 +71,7 @@ FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& file
                        .max_memory_bytes = arguments.max_memory_mib << 20,
                        .kernels = kernels(storage),
                        .threshold = threshold,
+                       .changed_only = arguments.changed_only,
                        .constants = constants,
                        .phase = files.phase,
                        .keep_activations = !arguments.dump.empty(),

@@ -188,15 +188,18 @@ void add_reports(CLI::App& command, FuseArguments& a) {
                      "Writes a PNG: bicubic LRHS, HRLS, fused and, if given, the reference side by side");
   command.add_option("--exposure", a.exposure_stops, "Of the previews")->type_name("STOPS")->check(finite);
   command.add_option("--reference", a.reference, "Measures against this OpenEXR file");
-  command.add_flag("--profile", a.profile,
-                   "Shows the time of each layer; the frame runs twice, and the second run is measured");
+  command
+      .add_flag("--profile", a.profile,
+                "Shows the time of each layer; the frame runs twice, and the second run is measured")
+      ->excludes("--changed-only");
   command.add_option("--dump", a.dump, "Writes each layer's output as NumPy file to this folder")
-      ->type_name("DIR");
+      ->type_name("DIR")
+      ->excludes("--changed-only");
   command.add_flag("--json", a.json, "One JSON object on stdout");
   command.add_flag("--quiet", a.quiet, "No notes and no progress, only warnings and errors");
 }
 
-void add_sequence(CLI::App& command, SequenceArguments& a) {
+void add_sequence(CLI::App& command, SequenceArguments& a, FuseArguments& frame) {
   CLI::Option* frames =
       add_parsed(
           command, "--frames", a.frames, parse_frames,
@@ -211,6 +214,12 @@ void add_sequence(CLI::App& command, SequenceArguments& a) {
       .add_flag("--resume", a.resume,
                 "Skips frames whose outputs are all there, none older than an input or the file of --model")
       ->needs(frames);
+  command
+      .add_flag("--changed-only", frame.changed_only,
+                "Computes only what depends on pixels that changed since the frame before, and takes the "
+                "rest of its output; where exposures differ everything is computed, so give --input-exposure "
+                "a factor or off")
+      ->needs(frames);
 }
 
 }  // namespace
@@ -220,7 +229,7 @@ void add_fuse(CLI::App& app) {
   auto sequence = std::make_shared<SequenceArguments>();
   CLI::App* command = app.add_subcommand("fuse", "Fuses an LRHS and an HRLS render, or sequences of them");
   add_files(*command, *arguments);
-  add_sequence(*command, *sequence);
+  add_sequence(*command, *sequence, *arguments);
   add_model(*command, *arguments);
   add_run(*command, *arguments);
   add_reports(*command, *arguments);

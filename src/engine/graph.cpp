@@ -179,6 +179,7 @@ void Graph::find_radii() {
       const uint32_t pixel = kUnit / pass.items->scale, tile = pass.items->tile * pixel;
       pass.radius = divide_up(distance, kUnit * SparseGrid::kSide);
       const uint32_t reach = divide_up(distance, tile) * tile + pass.items->reach * pixel;
+      reach_ = std::max(reach_, divide_up(reach, kUnit));
       for (const Binding& binding : pass.bindings) {
         if (binding.kind == Binding::Kind::kTensor && binding.access == Access::kRead &&
             !tensors_[binding.tensor.id].scratch)

@@ -47,12 +47,14 @@ struct Binding {
   bool by_address = false;
 };
 
-// A sparse graph computes only what the blocks that a frame needs take: the device finds these, and
-// dispatches are as large as their number. A block is kSide x kSide pixels of LRHS, the smallest size that
-// tensors have.
+// A sparse graph computes only what the blocks that a frame needs take: the device or the host finds these,
+// and dispatches are as large as their number. A block is kSide x kSide pixels of LRHS, the smallest size
+// that tensors have.
 struct SparseGrid {
   static constexpr uint32_t kSide = 8;
   uint32_t height = 0, width = 0;  // of LRHS
+  // Who says which blocks are needed: classify() in layers.h, Program::set_needed(). If both, what both say.
+  bool by_device = true, by_host = false;
 
   uint32_t rows() const { return divide_up(height, kSide); }
   uint32_t columns() const { return divide_up(width, kSide); }
@@ -157,6 +159,8 @@ class Graph {
   bool starts_clear() const { return sparse_ && storage_ == Storage::kFloat16; }
   // The largest radius of a pass, after plan().
   uint32_t most_radius() const;
+  // How many LRHS pixels around a block of a sparse graph the bits of its values depend on, after plan().
+  uint32_t reach() const { return reach_; }
 
   // A new activation; its memory lives from the first pass that touches it to the last.
   Tensor tensor(const std::string& name, Shape shape, int exponent = 0);
@@ -214,6 +218,7 @@ class Graph {
   bool addressed_;
   bool keep_;
   std::optional<SparseGrid> sparse_;
+  uint32_t reach_ = 0;
   std::vector<Pass> passes_;
   std::vector<TensorRecord> tensors_;
   std::vector<ConstantRecord> constants_;

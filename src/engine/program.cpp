@@ -134,6 +134,7 @@ std::vector<std::vector<Program::SparseDispatch>> Program::cut(const Graph& grap
 // Writes what schedule.comp reads behind the status.
 void Program::prepare_sparse() {
   const SparseGrid& grid = *graph_.sparse();
+  told_ = grid.blocks();
   sparse_ = cut(graph_, limits_);
   uint32_t dispatches = 0;
   for (const auto& own : sparse_) {
@@ -167,8 +168,18 @@ void Program::set_threshold(float threshold) {
   if (graph_.sparse()) std::memcpy(words() + RAYMELD_SPARSE_THRESHOLD, &threshold, sizeof(threshold));
 }
 
-double Program::needed_share() const {
-  return graph_.sparse() ? double(words()[RAYMELD_SPARSE_COUNTS]) / graph_.sparse()->blocks() : 1;
+void Program::set_needed(const std::vector<bool>& blocks) {
+  const std::optional<SparseGrid>& grid = graph_.sparse();
+  if (!grid || !grid->by_host) throw Error("the blocks of this graph are not for the host to tell");
+  if (blocks.size() != grid->blocks())
+    throw Error("{} blocks are told of a graph of {}", blocks.size(), grid->blocks());
+  std::ranges::transform(blocks, words() + RAYMELD_SPARSE_DISTANCES,
+                         [](bool needed) { return needed ? 0 : ~0u; });
+  told_ = static_cast<uint32_t>(std::ranges::count(blocks, true));
+}
+
+double Program::settled_share() const {
+  return graph_.sparse() ? double(told_ - words()[RAYMELD_SPARSE_COUNTS]) / graph_.sparse()->blocks() : 0;
 }
 
 double Program::work_share() const {

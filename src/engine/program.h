@@ -58,8 +58,11 @@ class Program {
 
   // Of a sparse graph: see classify(). What recordings count as the same from their next submit on.
   void set_threshold(float threshold);
-  // The share of a sparse graph's blocks that the last frame needed; read when the device is idle.
-  double needed_share() const;
+  // Of a sparse graph whose blocks the host tells, row by row: what recordings compute from their next submit
+  // on. Before each submit, as a frame leaves its own notes there. None may be pending.
+  void set_needed(const std::vector<bool>& blocks);
+  // The share of a sparse graph's blocks that the last frame found settled; read when the device is idle.
+  double settled_share() const;
   // How much of all passes' work it was.
   double work_share() const;
 
@@ -108,6 +111,7 @@ class Program {
   static std::vector<std::vector<SparseDispatch>> cut(const Graph& graph, const WorkLimits& limits);
   std::vector<std::vector<SparseDispatch>> sparse_;  // [pass]
   std::vector<uint32_t> first_row_;                  // [pass], in the table that schedule.comp reads
+  uint32_t told_ = 0;                                // blocks, by the host or, where it tells none, all
 };
 
 }  // namespace raymeld

@@ -91,6 +91,9 @@ void decode(Graph& graph, const std::string& name, const Tensor& in, const Decod
                      upsampled(graph, in, highlights, options.transfer, options.scale, options.phase),
                      options.base != nullptr,
                      options.highlights ? options.clip : 0});
+  pass.set_place();
+  // What classify() found settled is decoded as well.
+  if (graph.sparse() && !graph.sparse()->by_device) pass.items = pixel_items(graph, in.shape);
   pass.groups = element_groups(in.shape);
   pass.bytes = elements(in) * static_cast<double>(4 + element_bytes(graph.storage())) +
                low_elements * static_cast<double>(element_bytes(graph.storage()));

@@ -139,8 +139,12 @@ void highlights(Graph& graph, const std::string& name, const Tensor& out, float 
 
 // Of a sparse graph, which blocks are needed: not those whose every pixel has the same color in HRLS (H, W,
 // 3) and in LRHS (h, w, 3) upsampled, both encoded, but for Program::set_threshold(); NaN is never the same.
-// What is added to the graph after that is computed where it is needed; `settle` is what the others get.
+// `settle` is what they get.
 void classify(Graph& graph, const std::string& name, const Tensor& color, const Tensor& lrhs, float phase);
+
+// Of a sparse graph, from the blocks that are needed to what each pass has to compute for them. What is added
+// to the graph after that is computed there only.
+void schedule(Graph& graph, const std::string& name);
 
 // Writes the mean of both to `out` (H, W, 3) where classify() found them to agree; `residual`: less LRHS
 // upsampled. It is within half the threshold of both.
@@ -160,6 +164,7 @@ struct DecodeOptions {
 // divides by the recording's exposure, adds the highlights, clamps to [0, 65504]. The highlight of a pixel is
 // the mean of the four LRHS samples around it, weighted bilinearly and each by itself; what is added of it
 // rises from nothing where the output, still exposed, is an eighth of the clip to all of it at a quarter.
+// Where nothing settles the blocks that a sparse graph does not need, they are not written.
 void decode(Graph& graph, const std::string& name, const Tensor& in, const DecodeOptions& options);
 
 // The joint base: the output is mixed, pixel by pixel, of LRHS, of LRHS with the albedo of HRLS and of both

@@ -34,14 +34,18 @@ params::Upsampled push_of(const Graph& graph, const std::string& name, const Ten
 
 void classify(Graph& graph, const std::string& name, const Tensor& color, const Tensor& lrhs, float phase) {
   Pass pass = pass_of(graph, name, shaders::kClassify, {read_binding(color), read_binding(lrhs)});
+  pass.constants = {graph.sparse()->by_host};
   pass.set_push(push_of(graph, name, color, lrhs, phase));
   pass.groups = {graph.sparse()->columns(), graph.sparse()->rows(), 1};
   graph.add(std::move(pass));
-  Pass schedule;
-  schedule.name = name + ".schedule";
-  schedule.shader = &shaders::kSchedule;
-  schedule.schedules = true;
-  graph.add(std::move(schedule));
+}
+
+void schedule(Graph& graph, const std::string& name) {
+  Pass pass;
+  pass.name = name;
+  pass.shader = &shaders::kSchedule;
+  pass.schedules = true;
+  graph.add(std::move(pass));
 }
 
 void settle(Graph& graph, const std::string& name, const Tensor& color, const Tensor& lrhs, float phase,

@@ -1,0 +1,31 @@
+#include "fuser_options.h"
+
+#include "gpu.h"
+#include "tuner.h"
+
+namespace raymeld::test {
+
+std::vector<FuserOptions> all_options() {
+  std::vector<FuserOptions> all;
+  Kernels addressed = default_kernels(gpu().info()), buffers = addressed;
+  buffers.addressed = false;
+  Kernels small = addressed;
+  small.conv2d = [](const Conv2dShape& shape) {
+    return Conv2dKernel{
+        .tile = shape.kernel == 1 ? 1u : 2u, .outputs = 5, .channels = 4, .order = 2, .band = 12};
+  };
+  for (const auto precision : kPrecisions) {
+    all.push_back({.storage = storage_of(precision)});
+    if (!gpu().info().buffer_device_address) continue;
+    for (const Kernels& kernels : {addressed, buffers, small})
+      all.push_back({.storage = storage_of(precision), .kernels = kernels});
+  }
+  return all;
+}
+
+std::string describe(const FuserOptions& options) {
+  return fmt::format("{} bytes, tile {}, addressed {}", element_bytes(options.storage),
+                     options.kernels.conv2d({8, 8, 4, 4, 3}).tile, options.kernels.addressed);
+}
+
+}  // namespace raymeld::test

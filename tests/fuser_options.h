@@ -1,0 +1,11 @@
+#pragma once
+
+#include "plan.h"
+
+namespace raymeld::test {
+
+// All ways of computing convolutions that the device has but matrices, in both precisions.
+std::vector<FuserOptions> all_options();
+std::string describe(const FuserOptions& options);
+
+}  // namespace raymeld::test

@@ -1,0 +1,75 @@
+// Sequences of which only what changed is computed: every frame comes out as it would alone.
+#include "sequence_fixture.h"
+
+namespace raymeld::test {
+namespace {
+
+using Json = nlohmann::json;
+
+class SequenceChanged : public SequenceTest {
+ protected:
+  static constexpr int kWidth = 72, kHeight = 24;
+
+  void write(int frame) const {
+    write_image(folder_ / low(frame), kColorNames, low_);
+    write_image(folder_ / high(frame), kLayeredNames, high_);
+  }
+
+  Image low_ = random_image(kColorNames, kWidth, kHeight, 1),
+        high_ = random_image(kLayeredNames, 4 * kWidth, 4 * kHeight, 2);
+};
+
+TEST_F(SequenceChanged, FramesAreWhatEachWouldBeAlone) {
+  write(1);
+  low_.at(1, 3, 3) = 0.25f;
+  write(2);
+  high_.at(9, 0, 0) = 0;  // alpha, which the model does not read
+  write(3);
+  const Image layers = high_;
+  for (int c = 6; c < 9; ++c) std::fill_n(high_.plane(c), high_.plane_size(), 0.5f);
+  write(4);  // the albedo is constant
+  high_ = layers;
+  high_.at(4, 90, 280) = -1;
+  write(5);
+  write_frame(6);  // of another size
+  write(7);
+  low_.at(0, kHeight - 1, 40) = 2;
+  write(9);  // there is no frame 8
+  const ProcessResult result = run(fuse_frames("1-9", {"--changed-only", "--json"}));
+  EXPECT_EQ(result.exit_status, 2);
+  const Json frames = Json::parse(result.out).at("frames");
+  const auto kept = [&](int frame) { return frames.at(size_t(frame) - 1).at("kept_share").get<double>(); };
+  for (const int frame : {1, 4, 5, 6, 7}) EXPECT_EQ(kept(frame), 0) << frame;
+  for (const int frame : {2, 9}) {
+    EXPECT_GT(kept(frame), 0) << frame;
+    EXPECT_LT(kept(frame), 1) << frame;
+  }
+  EXPECT_EQ(kept(3), 1);
+  EXPECT_EQ(frames.at(2).at("work_share"), 0);
+  EXPECT_EQ(frames.at(7).at("status"), "failed");
+  for (const int frame : {1, 2, 3, 4, 5, 6, 7, 9})
+    EXPECT_EQ(read_file(folder_ / out(frame)), fused_alone(frame)) << frame;
+}
+
+TEST_F(SequenceChanged, ItIsSaidAndMustFitTheOtherOptions) {
+  for (const int frame : {1, 2}) write(frame);
+  const ProcessResult result = run(fuse_frames("1-2", {"--changed-only"}));
+  EXPECT_EQ(result.exit_status, 0) << result.err;
+  EXPECT_NE(
+      result.err.find("frame 2: 100 % of the frame is the last one's, as nothing changed there; 0 % of the"),
+      std::string::npos)
+      << result.err;
+  EXPECT_EQ(result.err.find("frame 1: 100 %"), std::string::npos) << result.err;
+  const auto expect_error = [&](const std::vector<std::string>& arguments, const std::string& other) {
+    const ProcessResult refused = run(arguments);
+    EXPECT_NE(refused.exit_status, 0);
+    EXPECT_NE(refused.err.find("--changed-only"), std::string::npos) << refused.err;
+    EXPECT_NE(refused.err.find(other), std::string::npos) << refused.err;
+  };
+  expect_error(fuse({"--changed-only"}), "--frames");
+  expect_error(fuse_frames("1-2", {"--changed-only", "--profile"}), "--profile");
+  expect_error(fuse_frames("1-2", {"--changed-only", "--dump", "layers.####"}), "--dump");
+}
+
+}  // namespace
+}  // namespace raymeld::test
