@@ -8,7 +8,9 @@
 #include "error_of.h"
 #include "fuser.h"
 #include "fuser_options.h"
+#include "network.h"
 #include "subject.h"
+#include "tuner.h"
 
 namespace raymeld::test {
 namespace {
@@ -119,6 +121,30 @@ TEST_F(ChangedTest, FramesHaveTheBitsOfWholeOnes) {
       scene = make_scene(a, 9);
       expect_all_computed(fuse(fuser, scene));
     }
+  }
+}
+
+// By F(4, 3) a bright pixel changes how all of a tile is rounded, and that the tiles of the next layer. A
+// change at each place of a block, so that one of them lies just within reach of another block.
+TEST_F(ChangedTest, TheRoundingOfTilesIsWithinReach) {
+  if (!gpu().info().buffer_device_address) GTEST_SKIP() << "direct kernels only";
+  Architecture a = small_architecture(2);
+  a.transfer = reference::Transfer::kLog;
+  a.dense_layers = 3;
+  const Model model = model_of(a);
+  const FuserOptions options{.kernels = default_kernels(gpu().info())};
+  Fuser fuser = make(model, options), whole = make(model, options, false);
+  EXPECT_GT(fuser.graph().reach(), receptive_halo(model.architecture()));
+  for (int x = 80; x < 80 + int(SparseGrid::kSide); ++x) {
+    Scene scene = make_scene(a, 8);
+    fuse_whole(fuser, scene);
+    for (int c = 0; c < 3; ++c) {
+      for (int y = 0; y < kHeight; ++y) scene.lrhs.at(c, y, x) = 90;
+      for (int y = 0; y < 2 * kHeight; ++y) std::fill_n(&scene.hrls.at(c, y, 2 * x), 2, 90.0f);
+    }
+    const Fused fused = fuse(fuser, scene);
+    EXPECT_GT(fused.report.kept_share, 0.2);
+    EXPECT_TRUE(same_bits(fused.image.data, fuse(whole, scene).image.data)) << x;
   }
 }
 
