@@ -119,16 +119,16 @@ TEST_F(LastFrameTest, TilesHaveTheirOwnBlocks) {
   lrhs(0, 10, 20) = 0;
   begin();
   const TileSize tile{16, 20};
-  EXPECT_EQ(changed(0, {.y = 3, .x = 5}, tile), (Blocks{{1}, {}}));
-  EXPECT_EQ(changed(1, {.y = 3, .x = 5}, tile), (Blocks{{1, 2}, {1, 2}}));
-  EXPECT_EQ(changed(1000, {.y = 0, .x = 0}, tile), (Blocks{{}, {}}));
-  EXPECT_EQ(changed(1000, {.y = 0, .x = 0}, {16, 21}), (Blocks{{0, 1, 2}, {0, 1, 2}}));
+  EXPECT_EQ(changed(0, {.y = 3, .x = 5, .core = {}}, tile), (Blocks{{1}, {}}));
+  EXPECT_EQ(changed(1, {.y = 3, .x = 5, .core = {}}, tile), (Blocks{{1, 2}, {1, 2}}));
+  EXPECT_EQ(changed(1000, {.y = 0, .x = 0, .core = {}}, tile), (Blocks{{}, {}}));
+  EXPECT_EQ(changed(1000, {.y = 0, .x = 0, .core = {}}, {16, 21}), (Blocks{{0, 1, 2}, {0, 1, 2}}));
 }
 
 TEST_F(LastFrameTest, ADistrustedTileChangesInTheNextFrameOnly) {
   change_nothing();
   begin();
-  last_.distrust({.y = 8, .x = 16}, {8, 8});
+  last_.distrust({.y = 8, .x = 16, .core = {}}, {8, 8});
   EXPECT_EQ(changed(0), none_);
   last_.end();
   begin();
