@@ -180,8 +180,9 @@ TEST_F(ChangedTest, TilesThatDoNotChangeAreLeftOut) {
       scene.lrhs.at(1, 10, x) += 1;
       const Fused fused = fuse(fuser, scene);
       EXPECT_TRUE(same_bits(fused.image.data, fuse_whole(whole, scene).image.data));
-      if (any.kernels.conv2d({8, 8, 4, 4, 3}).tile == 0)
+      if (any.kernels.conv2d({8, 8, 4, 4, 3}).tile == 0) {
         EXPECT_TRUE(same_bits(fused.image.data, fuse(untiled, scene).image.data));
+      }
       EXPECT_GT(fused.report.kept_share, 0);
       uint32_t reading = 0;
       for (uint32_t i = 0; i < tiling.count(); ++i) {
