@@ -94,6 +94,7 @@ struct FuseImages {
 struct FuseResult {
   Image fused;  // (3, H, W) of the window
   FuseReport report;
+  double time_ms = 0;  // of Fuser::fuse(), which a budget is for
   Tiling tiling;
   uint64_t allocated_bytes = 0;
   Storage storage = Storage::kFloat32;  // 32 bits too where every tile was computed again in them

@@ -141,7 +141,9 @@ void FrameFuser::fuse(FuseFrame& frame, const Progress& progress) try {
   Image fused;
   // Some drivers compile a kernel when it first runs, so times are taken of a second run.
   if (arguments.profile) fuser.fuse(images.lrhs, images.hrls, fused, progress, images.exposure);
+  const Stopwatch watch;
   result.report = fuser.fuse(images.lrhs, images.hrls, fused, progress, images.exposure);
+  result.time_ms = watch.ms();
   result.tiling = fuser.plan().tiling;
   if (result.report.redone_tiles == result.tiling.count()) result.storage = Storage::kFloat32;
   if (!fuser.shortage().empty()) {

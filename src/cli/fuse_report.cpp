@@ -143,6 +143,7 @@ Json frame_json(const FuseFrame& frame, const DeviceInfo& device, const QualityT
   json["kept_share"] = result.report.kept_share;
   json["work_share"] = result.report.work_share;
   json["device_ms"] = result.report.device_ms;
+  json["fuse_ms"] = result.time_ms;
   json["total_ms"] = total_ms;
   json["peak_bytes"] = result.allocated_bytes;
   json["metrics"] = to_json(quality);
