@@ -200,7 +200,8 @@ TEST_F(ConstantLayersTest, WithoutThemTheGraphHasNoTablesOfBiases) {
 TEST_F(ConstantLayersTest, WhatCannotBeIsNamed) {
   const Model model = model_of(make_subject(with_all_kinds(small_architecture(2)), 1, 1, 8));
   const auto plan = [&](const ConstantLayers& constants) {
-    plan_fusion(model, 3, 4, gpu().info(), {.constants = constants});
+    const FuserOptions options{.constants = constants};
+    plan_fusion(model, 3, 4, gpu().info(), options);
   };
   EXPECT_ERROR(plan({{"specular", {}}}), "specular", "color, albedo, normal, diffuse, variance");
   EXPECT_ERROR(plan({{"color", {}}}), "'color'");
