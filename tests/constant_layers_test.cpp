@@ -56,6 +56,13 @@ Constants feed(const Architecture& a, Planes hrls, const ConstantLayers& constan
   return {std::move(hrls), std::move(without)};
 }
 
+FuserOptions options_without(const ConstantLayers& constants, Storage storage = Storage::kFloat32) {
+  FuserOptions options;
+  options.storage = storage;
+  options.constants = constants;
+  return options;
+}
+
 class ConstantLayersTest : public GpuTest {
  protected:
   Model model_of(const Subject& subject) {
@@ -97,10 +104,9 @@ TEST_F(ConstantLayersTest, AreWithinTheBoundsOfFeedingThem) {
         if (way.kernel.matrix && !gpu().info().cooperative_matrix) return;
         SCOPED_TRACE(
             fmt::format("x{} {} {}, {} constant", a.scale, way.name, name_of(precision), constants.size()));
-        const FuserOptions options{.storage = storage_of(precision),
-                                   .kernels = kernels_of(way),
-                                   .constants = constants,
-                                   .exposure = 1.7f};
+        FuserOptions options = options_without(constants, storage_of(precision));
+        options.kernels = kernels_of(way);
+        options.exposure = 1.7f;
         Subject pruned = subject;
         pruned.hrls = without;
         conform::NetworkRun run = conform::run_network(target(), model, pruned, options);
@@ -125,7 +131,7 @@ TEST_F(ConstantLayersTest, TiledAndUntiledGiveTheSameBits) {
     const Model model = model_of(subject);
     const Planes hrls = feed(a, subject.hrls, kConstant).without;
     for (const Precision precision : kPrecisions) {
-      FuserOptions options{.storage = storage_of(precision), .constants = kConstant};
+      FuserOptions options = options_without(kConstant, storage_of(precision));
       const std::vector<float> whole = fuse(model, subject.lrhs, hrls, options);
       const FusePlan plan = plan_fusion(model, uint32_t(size.h), uint32_t(size.w), gpu().info(), options);
       options.max_memory_bytes =
@@ -148,7 +154,7 @@ TEST_F(ConstantLayersTest, FollowTheExponentsOfStorage) {
   const auto [fed, without] = feed(a, subject.hrls, kConstant);
   const std::vector<float> expected = fuse(model, subject.lrhs, fed, {.storage = Storage::kFloat16});
   const std::vector<float> pruned =
-      fuse(model, subject.lrhs, without, {.storage = Storage::kFloat16, .constants = kConstant});
+      fuse(model, subject.lrhs, without, options_without(kConstant, Storage::kFloat16));
   const float most = *std::ranges::max_element(expected);
   for (size_t i = 0; i < expected.size(); ++i) ASSERT_NEAR(pruned[i], expected[i], most * 0x1p-8) << i;
 }
@@ -158,7 +164,7 @@ TEST_F(ConstantLayersTest, TakeNoWork) {
   for (const Architecture& a : architectures()) {
     const Model model = model_of(make_subject(a, 1, 1, 6));
     const FusePlan whole = plan_fusion(model, 20, 30, gpu().info(), {});
-    const FusePlan pruned = plan_fusion(model, 20, 30, gpu().info(), {.constants = kConstant});
+    const FusePlan pruned = plan_fusion(model, 20, 30, gpu().info(), options_without(kConstant));
     const double s = a.scale, pixels = 20 * 30, full = s * s * pixels, dropped = 9;
     double expected = 2 * 9 * dropped * a.features * full;  // hrls: at full size, or as many channels more
     if (a.hrls_guide) expected += 2 * 9 * dropped * a.head_features * full;
@@ -188,7 +194,7 @@ TEST_F(ConstantLayersTest, WithoutThemTheGraphHasNoTablesOfBiases) {
     const Model model = model_of(make_subject(a, 1, 1, 7));
     for (const auto& [constants, has_tables] :
          {std::pair(ConstantLayers{}, false), {kAbsent, false}, {kConstant, true}}) {
-      const FusePlan plan = plan_fusion(model, 3, 4, gpu().info(), {.constants = constants});
+      const FusePlan plan = plan_fusion(model, 3, 4, gpu().info(), options_without(constants));
       bool found = false;
       for (const ConstantRecord& constant : plan.graph.constants())
         found |= constant.name == "hrls.bias" && constant.size_bytes > 8 * sizeof(float);
@@ -200,8 +206,7 @@ TEST_F(ConstantLayersTest, WithoutThemTheGraphHasNoTablesOfBiases) {
 TEST_F(ConstantLayersTest, WhatCannotBeIsNamed) {
   const Model model = model_of(make_subject(with_all_kinds(small_architecture(2)), 1, 1, 8));
   const auto plan = [&](const ConstantLayers& constants) {
-    const FuserOptions options{.constants = constants};
-    plan_fusion(model, 3, 4, gpu().info(), options);
+    plan_fusion(model, 3, 4, gpu().info(), options_without(constants));
   };
   EXPECT_ERROR(plan({{"specular", {}}}), "specular", "color, albedo, normal, diffuse, variance");
   EXPECT_ERROR(plan({{"color", {}}}), "'color'");
@@ -212,7 +217,7 @@ TEST_F(ConstantLayersTest, WhatCannotBeIsNamed) {
 
 TEST_F(ConstantLayersTest, ImagesMustBeWithoutThem) {
   const Subject subject = make_subject(with_all_kinds(small_architecture(2)), 3, 4, 9);
-  EXPECT_ERROR(fuse(model_of(subject), subject.lrhs, subject.hrls, {.constants = kAbsent}),
+  EXPECT_ERROR(fuse(model_of(subject), subject.lrhs, subject.hrls, options_without(kAbsent)),
                "HRLS is 8x6 with 15", "8x6 with 9");
 }
 
