@@ -17,20 +17,15 @@ layout(push_constant) uniform Push {
   Floats exposure;  // and its inverse
   Values source, lrhs, highlights;
   Decode p;
-  Place place;
 };
 #else
-layout(push_constant) uniform Push {
-  Decode p;
-  Place place;
-};
+layout(push_constant) uniform Push { Decode p; };
 layout(std430, binding = 2) readonly buffer Exposure { float v[2]; } exposure;
 layout(std430, binding = 3) readonly buffer Source { STORAGE v[]; } source;
 layout(std430, binding = 4) readonly buffer Lrhs { STORAGE v[]; } lrhs;
 layout(std430, binding = 5) readonly buffer Bright { STORAGE v[]; } highlights;
 #endif
-
-#include "place.glsl"
+#include "left_out.glsl"
 
 float lrhs_at(uint c, uint y, uint x) { return float(lrhs.v[address(c, y, x, p.of.lrhs_plane, p.of.lrhs_width)]); }
 
@@ -53,10 +48,11 @@ float highlight(uint c, Bilinear at) {
 }
 
 void main() {
-  uvec3 id = uvec3(item(), gl_GlobalInvocationID.z);
+  uvec3 id = gl_GlobalInvocationID;
   // The last pixel again, rather than a branch, in which drivers for CPUs load lane by lane.
   bool inside = id.x < p.of.width && id.y < p.of.height;
   id.xy = min(id.xy, uvec2(p.of.width, p.of.height) - 1);
+  if (is_left_out(id.xy)) return;
   // precise: a compiler that moved the sum into the interpolation would round in it at the sum's magnitude.
   precise float value = float(source.v[address(id.z, id.y, id.x, p.of.plane, p.of.width)]);
   Bilinear at = bilinear_at(id.xy, p.of.phase, p.of.inverse_scale, uvec2(p.of.lrhs_width, p.of.lrhs_height));

@@ -21,11 +21,13 @@ layout(push_constant) uniform Push { Encode p; };
 layout(std430, binding = 2) readonly buffer Exposure { float v[2]; } exposure;
 layout(std430, binding = 3) writeonly buffer Target { STORAGE v[]; } target;
 #endif
+#include "left_out.glsl"
 
 void main() {
   uvec3 id = gl_GlobalInvocationID;
   // Selections rather than branches, in which drivers for CPUs load lane by lane.
   bool inside = id.x < p.width && id.y < p.height;
+  if (is_left_out(min(id.xy, uvec2(p.width, p.height) - 1))) return;
   uint channel = p.channels[id.z / 4] >> id.z % 4 * 8 & 255, kind = channel & 3, source = channel >> 2;
   bool constant = source >= RAYMELD_FIRST_CONSTANT;
   uint at = p.frame.offset + (constant ? 0 : source) * p.frame.channel_stride + min(id.y, p.height - 1) * p.frame.row_stride +

@@ -12,19 +12,15 @@ layout(local_size_x = 64, local_size_y = 2) in;
 layout(push_constant) uniform Push {
   Values lrhs, albedo, normal, target;
   Irradiance p;
-  Place place;
 };
 #else
-layout(push_constant) uniform Push {
-  Irradiance p;
-  Place place;
-};
+layout(push_constant) uniform Push { Irradiance p; };
 layout(std430, binding = 1) readonly buffer Lrhs { STORAGE v[]; } lrhs;
 layout(std430, binding = 2) readonly buffer Albedo { STORAGE v[]; } albedo;
 layout(std430, binding = 3) readonly buffer Normal { STORAGE v[]; } normal;
 layout(std430, binding = 4) writeonly buffer Target { STORAGE v[]; } target;
 #endif
-#include "place.glsl"
+#include "left_out.glsl"
 #include "guides.glsl"
 
 Surface surface_of(uvec2 pixel) {
@@ -53,8 +49,8 @@ float light_at(uint c, uvec2 at, float own) {
 }
 
 void main() {
-  uvec2 id = item();
-  if (id.x >= p.width || id.y >= p.height) return;
+  uvec2 id = gl_GlobalInvocationID.xy;
+  if (id.x >= p.width || id.y >= p.height || is_left_out(id.xy)) return;
   Surface own = surface_at(id);
   vec3 sum = vec3(0.0);
   float weights = 0.0;

@@ -12,25 +12,21 @@ layout(local_size_x = 64, local_size_y = 2) in;
 layout(push_constant) uniform Push {
   Values source, albedo, normal, brightness, target;
   JointFilter p;
-  Place place;
 };
 #else
-layout(push_constant) uniform Push {
-  JointFilter p;
-  Place place;
-};
+layout(push_constant) uniform Push { JointFilter p; };
 layout(std430, binding = 1) readonly buffer Source { STORAGE v[]; } source;
 layout(std430, binding = 2) readonly buffer Albedo { STORAGE v[]; } albedo;
 layout(std430, binding = 3) readonly buffer Normal { STORAGE v[]; } normal;
 layout(std430, binding = 4) readonly buffer Brightness { STORAGE v[]; } brightness;
 layout(std430, binding = 5) writeonly buffer Target { STORAGE v[]; } target;
 #endif
-#include "place.glsl"
+#include "left_out.glsl"
 #include "guides.glsl"
 
 void main() {
-  uvec2 id = item();
-  if (id.x >= p.width || id.y >= p.height) return;
+  uvec2 id = gl_GlobalInvocationID.xy;
+  if (id.x >= p.width || id.y >= p.height || is_left_out(id.xy)) return;
   uint own = address(0, id.y, id.x, p.plane, p.width);
   Surface own_surface = surface_of(own, p.plane);
   float own_brightness = float(brightness.v[own]);

@@ -14,19 +14,15 @@ layout(local_size_x = 64, local_size_y = 2) in;
 layout(push_constant) uniform Push {
   Values color, albedo, lrhs, target;
   JointLight p;
-  Place place;
 };
 #else
-layout(push_constant) uniform Push {
-  JointLight p;
-  Place place;
-};
+layout(push_constant) uniform Push { JointLight p; };
 layout(std430, binding = 1) readonly buffer Color { STORAGE v[]; } color;
 layout(std430, binding = 2) readonly buffer Albedo { STORAGE v[]; } albedo;
 layout(std430, binding = 3) readonly buffer Lrhs { STORAGE v[]; } lrhs;
 layout(std430, binding = 4) writeonly buffer Target { STORAGE v[]; } target;
 #endif
-#include "place.glsl"
+#include "left_out.glsl"
 
 const vec3 kLuminance = vec3(0.2126, 0.7152, 0.0722);
 
@@ -61,8 +57,8 @@ float lrhs_at(uint c, uint y, uint x) { return float(lrhs.v[address(c, y, x, p.o
 vec3 irradiance_at(uint y, uint x) { return vec3(lrhs_at(3, y, x), lrhs_at(4, y, x), lrhs_at(5, y, x)); }
 
 void main() {
-  uvec2 id = item();
-  if (id.x >= p.of.width || id.y >= p.of.height) return;
+  uvec2 id = gl_GlobalInvocationID.xy;
+  if (id.x >= p.of.width || id.y >= p.of.height || is_left_out(id.xy)) return;
   Bilinear at = bilinear_at(id, p.of.phase, p.of.inverse_scale, uvec2(p.of.lrhs_width, p.of.lrhs_height));
   vec3 corners[4] = {irradiance_at(at.low.y, at.low.x), irradiance_at(at.low.y, at.high.x),
                      irradiance_at(at.high.y, at.low.x), irradiance_at(at.high.y, at.high.x)};

@@ -14,20 +14,16 @@ layout(local_size_x = 64, local_size_y = 2) in;
 layout(push_constant) uniform Push {
   Values rec, lrhs, albedo, filtered, target;
   Upsampled p;
-  Place place;
 };
 #else
-layout(push_constant) uniform Push {
-  Upsampled p;
-  Place place;
-};
+layout(push_constant) uniform Push { Upsampled p; };
 layout(std430, binding = 1) readonly buffer Rec { STORAGE v[]; } rec;
 layout(std430, binding = 2) readonly buffer Lrhs { STORAGE v[]; } lrhs;
 layout(std430, binding = 3) readonly buffer Albedo { STORAGE v[]; } albedo;
 layout(std430, binding = 4) readonly buffer Filtered { STORAGE v[]; } filtered;
 layout(std430, binding = 5) writeonly buffer Target { STORAGE v[]; } target;
 #endif
-#include "place.glsl"
+#include "left_out.glsl"
 
 const uint kCandidates = 5;
 
@@ -39,8 +35,8 @@ float upsampled(uint c, Bilinear at) {
 }
 
 void main() {
-  uvec2 id = item();
-  if (id.x >= p.width || id.y >= p.height) return;
+  uvec2 id = gl_GlobalInvocationID.xy;
+  if (id.x >= p.width || id.y >= p.height || is_left_out(id.xy)) return;
   uint pixel = address(0, id.y, id.x, p.plane, p.width);
   float weights[kCandidates], largest = float(rec.v[pixel + 3 * p.plane]), total = 0.0;
   for (uint i = 1; i < kCandidates; ++i) largest = max(largest, float(rec.v[pixel + (3 + i) * p.plane]));

@@ -60,7 +60,7 @@ void store(uint at, float value, bool inside) {
 void main() {
   uint block = uniform_number(gl_WorkGroupID.y), in_band = gl_GlobalInvocationID.x;
   uint pixel = place.first + in_band;
-  bool inside = pixel < place.list;
+  bool inside = pixel < place.begin;
   if (kItemColumns != 0) {
     uvec2 at = item(), size = sparse_size();
     inside = all(lessThan(at, size));

@@ -11,22 +11,18 @@ layout(local_size_x = 64, local_size_y = 2) in;
 layout(push_constant) uniform Push {
   Values light, albedo, target;
   Relight p;
-  Place place;
 };
 #else
-layout(push_constant) uniform Push {
-  Relight p;
-  Place place;
-};
+layout(push_constant) uniform Push { Relight p; };
 layout(std430, binding = 1) readonly buffer Light { STORAGE v[]; } light;
 layout(std430, binding = 2) readonly buffer Albedo { STORAGE v[]; } albedo;
 layout(std430, binding = 3) writeonly buffer Target { STORAGE v[]; } target;
 #endif
-#include "place.glsl"
+#include "left_out.glsl"
 
 void main() {
-  uvec3 id = uvec3(item(), gl_GlobalInvocationID.z);
-  if (id.x >= p.width || id.y >= p.height) return;
+  uvec3 id = gl_GlobalInvocationID;
+  if (id.x >= p.width || id.y >= p.height || is_left_out(id.xy)) return;
   uint at = address(id.z, id.y, id.x, p.plane, p.width);
   float linear = (exp(RAYMELD_COMPRESS * float(light.v[at])) - 1.0) / RAYMELD_COMPRESS;
   float value = to_network(linear * (float(albedo.v[at]) + RAYMELD_ALBEDO_FLOOR), p.log_transfer);

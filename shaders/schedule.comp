@@ -33,17 +33,21 @@ void make_list(uint list, uint columns, uint blocks) {
     own += uint(status.words[RAYMELD_SPARSE_DISTANCES + block] <= list);
   counts[self] = own;
   barrier();
-  uint at = RAYMELD_SPARSE_DISTANCES + blocks + list * (blocks + RAYMELD_SPARSE_PADDING), total = 0;
+  uint rows = blocks / columns, begins = RAYMELD_SPARSE_DISTANCES + blocks + list * (rows + 1 + blocks), total = 0;
+  uint next = begins + rows + 1;
   for (uint i = 0; i < kInvocations; ++i) {
-    if (i == self) own = total;
+    next += i < self ? counts[i] : 0;
     total += counts[i];
   }
   for (uint block = first; block < last; ++block) {
+    if (block % columns == 0) status.words[begins + block / columns] = next;
     if (status.words[RAYMELD_SPARSE_DISTANCES + block] > list) continue;
-    status.words[at + own++] = block % columns | block / columns << 16;
+    status.words[next++] = block % columns | block / columns << 16;
   }
-  for (uint i = self; i < RAYMELD_SPARSE_PADDING; i += kInvocations) status.words[at + total + i] = ~0u;
-  if (self == 0) status.words[RAYMELD_SPARSE_COUNTS + list] = total;
+  if (self == 0) {
+    status.words[begins + rows] = begins + rows + 1 + total;
+    status.words[RAYMELD_SPARSE_COUNTS + list] = total;
+  }
   barrier();
 }
 
@@ -63,11 +67,11 @@ void main() {
   uint table = status.words[RAYMELD_SPARSE_TABLE], groups = status.words[RAYMELD_SPARSE_GROUPS];
   for (uint i = self; i < status.words[RAYMELD_SPARSE_DISPATCHES]; i += kInvocations) {
     uint row = table + i * RAYMELD_SPARSE_COLUMNS;
-    uint items = status.words[RAYMELD_SPARSE_COUNTS + status.words[row]] * status.words[row + 1];
-    uint first = status.words[row + 2], local = status.words[row + 4];
-    uint own = min(items - min(items, first), status.words[row + 3]);
+    uint blocks = status.words[status.words[row + 1]] - status.words[status.words[row]];
+    uint items = blocks * status.words[row + 2], first = status.words[row + 3], local = status.words[row + 5];
+    uint own = min(items - min(items, first), status.words[row + 4]);
     status.words[groups + 3 * i] = (own + local - 1) / local;
-    status.words[groups + 3 * i + 1] = status.words[row + 5];
-    status.words[groups + 3 * i + 2] = status.words[row + 6];
+    status.words[groups + 3 * i + 1] = status.words[row + 6];
+    status.words[groups + 3 * i + 2] = status.words[row + 7];
   }
 }

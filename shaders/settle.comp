@@ -21,12 +21,13 @@ layout(std430, binding = 2) readonly buffer Lrhs { STORAGE v[]; } lrhs;
 layout(std430, binding = 3) writeonly buffer Target { STORAGE v[]; } target;
 #endif
 #include "settled.glsl"
+#include "sparse.glsl"
 
 void main() {
   uvec2 id = gl_GlobalInvocationID.xy;
   if (id.x >= p.width || id.y >= p.height) return;
   uint side = RAYMELD_SPARSE_SIDE * (p.width / p.lrhs_width), columns = (p.width + side - 1) / side;
-  if (status.words[RAYMELD_SPARSE_DISTANCES + id.y / side * columns + id.x / side] == 0) return;
+  if (sparse_word(RAYMELD_SPARSE_DISTANCES + id.y / side * columns + id.x / side) == 0) return;
   Bilinear low = bilinear_at(id, p.phase, p.inverse_scale, uvec2(p.lrhs_width, p.lrhs_height));
   for (uint c = 0; c < 3; ++c) {
     float own = color_at(c, id), base = upsampled(c, low);

@@ -189,14 +189,23 @@ void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
   const Tensor hrls = build.tensor("encode.hrls", full_height, full_width, k);
   const Tensor filtered = hrls.slice(layers, k - layers);
   encode(graph, "encode.lrhs", FrameSlot::kLrhs, lrhs.slice(0, 3), lrhs_channels, a.transfer, a.clip);
-  encode(graph, "encode.hrls", FrameSlot::kHrls, hrls.slice(0, layers), hrls_channels.encoded, a.transfer,
-         a.clip);
+  // A sparse graph sees the color first, if it settles blocks by it, and other layers where they are needed.
+  const bool settles = graph.sparse() && graph.sparse()->by_device;
+  const uint32_t seen = !graph.sparse() ? layers : settles ? hrls_channels.first.at("color") + 3 : 0;
+  const std::span<const EncodedChannel> channels = hrls_channels.encoded;
+  if (seen > 0) {
+    encode(graph, settles ? "encode.color" : "encode.hrls", FrameSlot::kHrls, hrls.slice(0, seen),
+           channels.first(seen), a.transfer, a.clip);
+  }
   const Tensor bright = build.tensor("highlights", height, width, 3);
   highlights(graph, "highlights", bright, a.clip);
   const Tensor color = build.layer(hrls, "color"), low_color = lrhs.slice(0, 3);
-  const bool settles = graph.sparse() && graph.sparse()->by_device;
   if (settles) classify(graph, "classify", color, low_color, phase);
   if (graph.sparse()) schedule(graph, "schedule");
+  if (seen < layers) {
+    encode(graph, "encode.hrls", FrameSlot::kHrls, hrls.slice(seen, layers - seen), channels.subspan(seen),
+           a.transfer, a.clip, true);
+  }
   if (joint) build.joint_candidates(lrhs, hrls, filtered, joint_options);
 
   const Tensor convolved = hrls.slice(hrls_channels.unread, k - hrls_channels.unread);

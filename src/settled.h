@@ -8,7 +8,7 @@ namespace raymeld {
 
 // What agreement of HRLS and LRHS counts as: see FuserOptions::threshold.
 inline constexpr float kDefaultThreshold = 0.01f;
-// Sparse graphs take more memory, and what is needed takes a bit longer: below this share they do not pay.
+// What is needed takes a bit longer in a sparse graph: below this share it does not pay.
 inline constexpr double kLeastSettledShare = 0.15;
 
 // The share of blocks of a frame, lrhs (3, h, w) and hrls (3 or more, s h, s w), planar and dense, that are

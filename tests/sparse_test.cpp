@@ -1,7 +1,9 @@
 // What a frame does not need is not computed, and what it needs is the same bits as ever.
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
+#include <functional>
 
 #include "error_of.h"
 #include "fuser.h"
@@ -9,6 +11,7 @@
 #include "network.h"
 #include "settled.h"
 #include "subject.h"
+#include "tuner.h"
 
 namespace raymeld::test {
 namespace {
@@ -18,19 +21,28 @@ using reference::Planes;
 
 constexpr int kHeight = 21, kWidth = 132, kSide = int(SparseGrid::kSide);
 
-// Noise, but where both renders have one color: from `first` to `last` of LRHS's columns.
+// Whether both renders have one color at a pixel of LRHS.
+using Region = std::function<bool(int y, int x)>;
+
+Region columns(int first, int last) {
+  return [=](int, int x) { return x >= first && x < last; };
+}
+
+// Noise, but in a region.
 struct Scene {
   Image lrhs, hrls;
 };
 
-Scene make_scene(const Architecture& a, int first, int last, uint32_t seed) {
-  const Subject subject = make_subject(a, kHeight, kWidth, seed);
+Scene make_scene(const Architecture& a, const Region& agrees, uint32_t seed, int height = kHeight,
+                 int width = kWidth) {
+  const Subject subject = make_subject(a, height, width, seed);
   Scene scene{image_of(subject.lrhs), image_of(subject.hrls)};
   for (Image* image : {&scene.lrhs, &scene.hrls}) {
     const int scale = image == &scene.hrls ? a.scale : 1;
     for (int c = 0; c < 3; ++c)
       for (int y = 0; y < image->height; ++y)
-        for (int x = first * scale; x < last * scale; ++x) image->at(c, y, x) = 0.25f * float(c + 1);
+        for (int x = 0; x < image->width; ++x)
+          if (agrees(y / scale, x / scale)) image->at(c, y, x) = 0.25f * float(c + 1);
   }
   return scene;
 }
@@ -66,27 +78,30 @@ class SparseTest : public GpuTest {
   TemporaryDirectory folder_;
 };
 
-// LRHS columns of blocks that are settled, where those of [first, last) agree: a block reads one more column
-// on each side.
-bool is_settled(int x, int first, int last) {
-  const int block = x / kSide * kSide;
-  return block >= first && std::min(block + kSide, kWidth) + 1 <= last;
+// Of the block in which a pixel of LRHS lies. Upsampling it reads one more pixel to the right and below.
+bool is_settled(int y, int x, const Region& agrees, const Image& lrhs) {
+  const int top = y / kSide * kSide, left = x / kSide * kSide;
+  for (int v = top; v <= std::min(top + kSide, lrhs.height - 1); ++v)
+    for (int u = left; u <= std::min(left + kSide, lrhs.width - 1); ++u)
+      if (!agrees(v, u)) return false;
+  return true;
 }
 
-// The values of blocks that are needed, or of those that are not.
-std::vector<float> values_of(const Image& image, int scale, int first, int last, bool settled) {
+// The values of blocks that are needed.
+std::vector<float> needed_values(const Image& image, int scale, const Region& agrees, const Image& lrhs) {
   std::vector<float> values;
   for (int c = 0; c < 3; ++c)
     for (int y = 0; y < image.height; ++y)
       for (int x = 0; x < image.width; ++x)
-        if (is_settled(x / scale, first, last) == settled) values.push_back(image.at(c, y, x));
+        if (!is_settled(y / scale, x / scale, agrees, lrhs)) values.push_back(image.at(c, y, x));
   return values;
 }
 
 TEST_F(SparseTest, NeededBlocksHaveTheSameBits) {
   for (const Architecture& a : {joint_architecture(2), small_architecture(4)}) {
     const Model model = model_of(a);
-    const Scene other = make_scene(a, 0, 0, 7), scene = make_scene(a, 8, 110, 8);
+    const Region agrees = columns(8, 110);
+    const Scene other = make_scene(a, columns(0, 0), 7), scene = make_scene(a, agrees, 8);
     for (FuserOptions options : all_options()) {
       SCOPED_TRACE(fmt::format("x{}, {}", a.scale, describe(options)));
       const Image dense = fuse_once(model, scene, options).image;
@@ -94,8 +109,8 @@ TEST_F(SparseTest, NeededBlocksHaveTheSameBits) {
       Fuser fuser = make(model, options);
       fuse(fuser, other);  // leaves its values where the next frame computes nothing
       const Fused sparse = fuse(fuser, scene);
-      EXPECT_TRUE(same_bits(values_of(sparse.image, a.scale, 8, 110, false),
-                            values_of(dense, a.scale, 8, 110, false)));
+      EXPECT_TRUE(same_bits(needed_values(sparse.image, a.scale, agrees, scene.lrhs),
+                            needed_values(dense, a.scale, agrees, scene.lrhs)));
       EXPECT_FALSE(same_bits(sparse.image.data, dense.data));
       EXPECT_DOUBLE_EQ(sparse.report.settled_share, 12.0 / 17);
       EXPECT_DOUBLE_EQ(settled_share(model.architecture(), scene.lrhs.data.data(), scene.hrls.data.data(),
@@ -107,7 +122,7 @@ TEST_F(SparseTest, NeededBlocksHaveTheSameBits) {
       for (int c = 0; c < 3; ++c) {
         for (int y = 0; y < image.height; ++y) {
           for (int x = 0; x < image.width; ++x) {
-            if (!is_settled(x / a.scale, 8, 110)) continue;
+            if (!is_settled(y / a.scale, x / a.scale, agrees, scene.lrhs)) continue;
             ASSERT_NEAR(image.at(c, y, x), 0.25 * (c + 1), 2e-3) << c << " " << y << " " << x;
           }
         }
@@ -116,10 +131,53 @@ TEST_F(SparseTest, NeededBlocksHaveTheSameBits) {
   }
 }
 
+// Rows of blocks have lists of any length, none among them; convolutions take turns by such rows.
+TEST_F(SparseTest, RowsOfBlocksDiffer) {
+  constexpr int kTall = 77, kWide = 61;
+  const Architecture a = joint_architecture(2);
+  const Model model = model_of(a);
+  const std::array<Region, 4> regions{
+      [](int y, int) { return y < 50; },
+      [](int y, int) { return y >= 15 && y < 62; },
+      [](int y, int x) { return x + y > 40 && x + y < 120; },
+      [](int y, int x) { return y < 8 || y >= 16 || x >= 8; },
+  };
+  for (FuserOptions options : all_options()) {
+    SCOPED_TRACE(describe(options));
+    Fuser dense(gpu(), model, kTall, kWide, options, shared_cache_folder());
+    options.threshold = 1e-3f;
+    Fuser sparse(gpu(), model, kTall, kWide, options, shared_cache_folder());
+    for (const Region& agrees : regions) {
+      SCOPED_TRACE(&agrees - regions.data());
+      const Scene scene = make_scene(a, agrees, 13, kTall, kWide);
+      const Fused fused = fuse(sparse, scene);
+      EXPECT_GT(fused.report.settled_share, 0.3);
+      EXPECT_LT(fused.report.work_share, 1);
+      EXPECT_TRUE(same_bits(needed_values(fused.image, a.scale, agrees, scene.lrhs),
+                            needed_values(fuse(dense, scene).image, a.scale, agrees, scene.lrhs)));
+    }
+  }
+}
+
+// Rows of a chain of convolutions are kept as in a dense graph, not whole images.
+TEST_F(SparseTest, TakesLittleMoreMemory) {
+  if (!gpu().info().buffer_device_address) GTEST_SKIP() << "the device has direct kernels only";
+  Architecture a = small_architecture(4);
+  a.features = 16;
+  const Model model = model_of(a);
+  FuserOptions options{.kernels = default_kernels(gpu().info())};
+  const auto bytes = [&] {
+    return plan_fusion(model, 256, 256, gpu().info(), options).graph.activation_bytes();
+  };
+  const uint64_t dense = bytes();
+  options.threshold = 1e-3f;
+  EXPECT_LE(double(bytes()), 1.5 * double(dense));  // whole images would be 2.7
+}
+
 TEST_F(SparseTest, WhereNothingAgreesAllIsComputed) {
   const Architecture a = joint_architecture(2);
   const Model model = model_of(a);
-  const Scene scene = make_scene(a, 0, 0, 9);
+  const Scene scene = make_scene(a, columns(0, 0), 9);
   for (FuserOptions options : all_options()) {
     SCOPED_TRACE(describe(options));
     const Image dense = fuse_once(model, scene, options).image;
@@ -134,7 +192,7 @@ TEST_F(SparseTest, WhereNothingAgreesAllIsComputed) {
 TEST_F(SparseTest, WhereAllAgreesNothingIsComputed) {
   const Architecture a = joint_architecture(2);
   const Model model = model_of(a);
-  const Fused sparse = fuse_once(model, make_scene(a, 0, kWidth, 9), {.threshold = 1e-3f});
+  const Fused sparse = fuse_once(model, make_scene(a, columns(0, kWidth), 9), {.threshold = 1e-3f});
   EXPECT_EQ(sparse.report.settled_share, 1);
   EXPECT_LT(sparse.report.work_share, 0.1);
   for (int x = 0; x < sparse.image.width; ++x) EXPECT_NEAR(sparse.image.at(1, 3, x), 0.5, 1e-6);
@@ -146,7 +204,7 @@ TEST_F(SparseTest, SettledPixelsAreWithinHalfTheThreshold) {
   a.transfer = reference::Transfer::kLinear;
   const Model model = model_of(a);
   const float threshold = 0.125f;
-  Scene scene = make_scene(a, 0, kWidth, 9);
+  Scene scene = make_scene(a, columns(0, kWidth), 9);
   const Planes noise =
       reference::random_planes(3, scene.hrls.height, scene.hrls.width, reference::Fill::kUniform, 10);
   for (int c = 0; c < 3; ++c)
@@ -167,7 +225,7 @@ TEST_F(SparseTest, SettledPixelsAreWithinHalfTheThreshold) {
 TEST_F(SparseTest, TilesAndSplitsDecideForThemselves) {
   const Architecture a = small_architecture(2);
   const Model model = model_of(a);
-  const Scene scene = make_scene(a, 8, 110, 11);
+  const Scene scene = make_scene(a, columns(8, 110), 11);
   FuserOptions options{.threshold = 1e-3f};
   const Fused whole = fuse_once(model, scene, options);
   for (const WorkLimits& limits : {WorkLimits{1e12, 1e12}, {1e5, 1e6}, {1e3, 1e12}}) {
@@ -194,7 +252,7 @@ TEST_F(SparseTest, ARecordedFrameDecidesOnTheDevice) {
   const FuserOptions options{.threshold = 1e-3f};
   Fuser fuser = make(model, options);
   for (const int last : {0, 110, 40}) {
-    const Scene scene = make_scene(a, 8, last, 12);
+    const Scene scene = make_scene(a, columns(8, last), 12);
     const FrameImage lrhs(gpu(), planes_of(scene.lrhs)), hrls(gpu(), planes_of(scene.hrls));
     FrameImage fused(gpu(), Shape{uint32_t(a.scale * kHeight), uint32_t(a.scale * kWidth), 3},
                      FrameImage::Layout{});

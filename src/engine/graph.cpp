@@ -23,8 +23,8 @@ bool meets(const std::vector<Range>& ranges, const Range& range) {
 
 }  // namespace
 
-void Pass::set_place(uint32_t first, uint32_t list) {
-  const std::array<uint32_t, 2> place{first, list};
+void Pass::set_place(uint32_t first, uint32_t count) {
+  const std::array<uint32_t, 3> place{first, count};
   if (push_bytes + sizeof(place) > kMaxPushBytes) throw Error("layer {}: too many push constants", name);
   std::memcpy(push.data() + push_bytes, place.data(), sizeof(place));
   push_bytes += sizeof(place);
@@ -167,7 +167,7 @@ void Graph::find_radii() {
   for (const Pass* last : last_first) {
     uint32_t distance = 0;
     for (const Pass& pass : passes_) {
-      if (pass.name != last->name || !pass.items) continue;
+      if (pass.name != last->name || !pass.footprint) continue;
       for (const Binding& binding : pass.bindings) {
         if (binding.kind == Binding::Kind::kTensor && binding.access == Access::kWrite &&
             !tensors_[binding.tensor.id].scratch)
@@ -175,10 +175,10 @@ void Graph::find_radii() {
       }
     }
     for (Pass& pass : passes_) {
-      if (pass.name != last->name || !pass.items) continue;
-      const uint32_t pixel = kUnit / pass.items->scale, tile = pass.items->tile * pixel;
+      if (pass.name != last->name || !pass.footprint) continue;
+      const uint32_t pixel = kUnit / pass.footprint->scale, tile = pass.footprint->tile * pixel;
       pass.radius = divide_up(distance, kUnit * SparseGrid::kSide);
-      const uint32_t reach = divide_up(distance, tile) * tile + pass.items->reach * pixel;
+      const uint32_t reach = divide_up(distance, tile) * tile + pass.footprint->reach * pixel;
       reach_ = std::max(reach_, divide_up(reach, kUnit));
       for (const Binding& binding : pass.bindings) {
         if (binding.kind == Binding::Kind::kTensor && binding.access == Access::kRead &&

@@ -61,17 +61,25 @@ struct SparseGrid {
   uint32_t blocks() const { return rows() * columns(); }
 };
 
-// What a pass of a sparse graph computes of each block. Its dispatch has x = items, by workgroups of `local`.
-struct Items {
-  uint32_t columns = 0, rows = 0;  // of a block
-  uint32_t local = 0;
-  uint32_t y = 1;      // workgroups; those along z are Pass::groups[2]
+// Which pixels a pass of a sparse graph computes, and what it reads for them.
+struct Footprint {
   uint32_t scale = 1;  // pixels of its output by pixel of LRHS, in each direction
   uint32_t tile = 1;   // pixels of its output that are one computation, in each direction
   uint32_t reach = 0;  // how many pixels around a tile it reads
-  uint32_t first = 0;  // of all items, in the order of the list of blocks: a band
-  uint32_t most = UINT32_MAX;
+};
+
+// What a pass of a sparse graph computes of each block in a list. Its dispatch has x = items, by workgroups
+// of `local`.
+struct Items {
+  uint32_t columns = 0, rows = 0;  // of a block, as far as it is computed
+  uint32_t local = 0;
+  uint32_t y = 1;  // workgroups; those along z are Pass::groups[2]
+  // A band: rows of blocks [first_row, last_row) or, of all items in the order of the list, those from
+  // `first` on.
+  uint32_t first_row = 0, last_row = UINT32_MAX;
+  uint32_t first = 0, most = UINT32_MAX;
   uint32_t of_block() const { return columns * rows; }
+  bool is_band() const { return last_row != UINT32_MAX || most != UINT32_MAX; }
 };
 
 // One dispatch.
@@ -88,10 +96,11 @@ struct Pass {
   uint32_t push_bytes = 0;
   std::array<uint32_t, 3> groups{1, 1, 1};
   std::optional<CooperativeMatrix> matrix =
-      {};                           // the shader multiplies these: only for a device that has them
-  std::optional<Items> items = {};  // of a sparse graph; none: all of the image is computed
+      {};                                   // the shader multiplies these: only for a device that has them
+  std::optional<Footprint> footprint = {};  // of a sparse graph; none: all of the image is computed
+  std::optional<Items> items = {};  // with a footprint; none: an invocation for each pixel, left_out.glsl
   uint32_t radius =
-      0;  // of these passes, after plan(): how far from needed blocks, in blocks, blocks are computed
+      0;  // with a footprint, after plan(): how far from needed blocks, in blocks, blocks are computed
   bool schedules = false;  // what it writes to the status decides how large later dispatches are
   double flop = 0;         // multiply-adds count as two
   double bytes = 0;        // every operand once: the least traffic
@@ -109,7 +118,7 @@ struct Pass {
     push_bytes = static_cast<uint32_t>(addresses_bytes + sizeof(Params));
   }
   // The last push constants of shaders that include place.glsl: after set_push().
-  void set_place(uint32_t first = 0, uint32_t list = 0);
+  void set_place(uint32_t first = 0, uint32_t count = 0);
   bool placed = false;  // it has them; in a sparse graph Program sets them
   size_t address_count() const;
   // The frame image this pass reads or writes, if any.

@@ -8,7 +8,7 @@
 namespace raymeld {
 
 Kernel::Kernel(const Device& device, VkPipelineCache cache, std::span<const uint32_t> spirv,
-               const std::string& name, std::span<const uint32_t> constants, std::array<uint32_t, 2> items,
+               const std::string& name, std::span<const uint32_t> constants, std::array<uint32_t, 2> blocks,
                uint32_t binding_count, uint32_t push_bytes, VkPipelineShaderStageCreateFlags stage_flags)
     : Kernel() {
   device_ = &device;
@@ -25,9 +25,9 @@ Kernel::Kernel(const Device& device, VkPipelineCache cache, std::span<const uint
   std::vector<VkSpecializationMapEntry> entries;
   for (uint32_t id = 0; id < constants.size(); ++id) entries.push_back({id, id * 4, 4});
   std::vector<uint32_t> values(constants.begin(), constants.end());
-  for (uint32_t i = 0; i < items.size(); ++i) {
-    entries.push_back({kItemsId + i, static_cast<uint32_t>(values.size()) * 4, 4});
-    values.push_back(items[i]);
+  for (uint32_t i = 0; i < blocks.size(); ++i) {
+    entries.push_back({kBlocksId + i, static_cast<uint32_t>(values.size()) * 4, 4});
+    values.push_back(blocks[i]);
   }
   const VkSpecializationInfo specialization{static_cast<uint32_t>(entries.size()), entries.data(),
                                             values.size() * sizeof(uint32_t), values.data()};

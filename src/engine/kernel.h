@@ -17,14 +17,14 @@ struct Shader {
   std::span<const uint32_t> f16;
 };
 
-// A compute pipeline: a shader with its specialization constants (ids 0, 1, 2, ...; kItemsId and the next of
-// a sparse graph's items, columns and rows of a block). Bindings 0 to binding_count - 1 are storage buffers;
+// A compute pipeline: a shader with its specialization constants (ids 0, 1, 2, ...; kBlocksId and the next
+// what passes of a sparse graph know of its blocks). Bindings 0 to binding_count - 1 are storage buffers;
 // push constants fill push_bytes. Move-only.
 class Kernel {
  public:
-  static constexpr uint32_t kItemsId = 30;  // place.glsl
+  static constexpr uint32_t kBlocksId = 30;  // place.glsl, left_out.glsl
   Kernel(const Device& device, VkPipelineCache cache, std::span<const uint32_t> spirv,
-         const std::string& name, std::span<const uint32_t> constants, std::array<uint32_t, 2> items,
+         const std::string& name, std::span<const uint32_t> constants, std::array<uint32_t, 2> blocks,
          uint32_t binding_count, uint32_t push_bytes, VkPipelineShaderStageCreateFlags stage_flags = 0);
   ~Kernel();
   Kernel(Kernel&& other) noexcept { *this = std::move(other); }

@@ -34,13 +34,17 @@ struct SparseLayout {
   SparseLayout(const SparseGrid& grid, uint32_t most_radius, uint32_t dispatches)
       : blocks(grid.blocks()),
         lists(most_radius + 1),
-        table(RAYMELD_SPARSE_DISTANCES + blocks + lists * (blocks + RAYMELD_SPARSE_PADDING)),
+        table(RAYMELD_SPARSE_DISTANCES + blocks + lists * (grid.rows() + 1 + blocks)),
         groups(table + dispatches * RAYMELD_SPARSE_COLUMNS),
         end(groups + 3 * dispatches) {}
-  uint32_t list(uint32_t radius) const {
-    return RAYMELD_SPARSE_DISTANCES + blocks + radius * (blocks + RAYMELD_SPARSE_PADDING);
-  }
 };
+
+// The words of Place::begin and end.
+std::array<uint32_t, 2> list_of(const SparseGrid& grid, const Pass& pass) {
+  const uint32_t list =
+      RAYMELD_SPARSE_DISTANCES + grid.blocks() + pass.radius * (grid.rows() + 1 + grid.blocks());
+  return {list + pass.items->first_row, list + std::min(pass.items->last_row, grid.rows())};
+}
 
 // One-time copy between two buffers of which the host fills or reads one.
 void copy_now(const Device& device, VkBuffer from, VkBuffer to, const VkBufferCopy& region,
@@ -118,11 +122,11 @@ std::vector<std::vector<Program::SparseDispatch>> Program::cut(const Graph& grap
     std::vector<SparseDispatch>& own = all.emplace_back();
     if (!pass.items) continue;
     const Items& items = *pass.items;
-    const uint32_t count = graph.sparse()->blocks() * items.of_block();
+    const uint32_t rows = std::min(items.last_row, graph.sparse()->rows()) - items.first_row;
+    const uint32_t count = rows * graph.sparse()->columns() * items.of_block();
     const uint32_t most = std::min(items.most, count - std::min(count, items.first));
     // Passes hand each other the values of a band: it is one dispatch.
-    const bool banded = items.most != UINT32_MAX;
-    const double pieces = banded ? 1 : std::max(1.0, std::ceil(pass.work() / limits.dispatch_work));
+    const double pieces = items.is_band() ? 1 : std::max(1.0, std::ceil(pass.work() / limits.dispatch_work));
     const uint32_t step =
         divide_up(static_cast<uint32_t>(std::ceil(most / pieces)), items.local) * items.local;
     for (uint32_t first = 0; first < most; first += step)
@@ -153,12 +157,16 @@ void Program::prepare_sparse() {
   words[RAYMELD_SPARSE_TABLE] = layout.table;
   words[RAYMELD_SPARSE_DISPATCHES] = dispatches;
   words[RAYMELD_SPARSE_GROUPS] = layout.groups;
+  const VkDeviceAddress address = status_.address() + sizeof(Status);
+  std::memcpy(words + RAYMELD_SPARSE_ADDRESS, &address, sizeof(address));
   uint32_t* row = words + layout.table;
   for (size_t i = 0; i < graph_.passes().size(); ++i) {
     const Pass& pass = graph_.passes()[i];
+    if (!pass.items) continue;
+    const auto [begin, end] = list_of(grid, pass);
     for (const auto& [first, most] : sparse_[i]) {
       const std::array<uint32_t, RAYMELD_SPARSE_COLUMNS> columns{
-          pass.radius, pass.items->of_block(), first, most, pass.items->local, pass.items->y, pass.groups[2]};
+          begin, end, pass.items->of_block(), first, most, pass.items->local, pass.items->y, pass.groups[2]};
       row = std::ranges::copy(columns, row).out;
     }
   }
@@ -187,7 +195,7 @@ double Program::work_share() const {
   for (size_t i = 0; i < graph_.passes().size(); ++i) {
     const Pass& pass = graph_.passes()[i];
     const double share =
-        pass.items ? double(words()[RAYMELD_SPARSE_COUNTS + pass.radius]) / graph_.sparse()->blocks() : 1;
+        pass.footprint ? double(words()[RAYMELD_SPARSE_COUNTS + pass.radius]) / graph_.sparse()->blocks() : 1;
     done += share * pass.work();
     all += pass.work();
   }
@@ -214,9 +222,13 @@ void Program::create_kernels(PipelineCache& cache) {
   for (const Pass& pass : graph_.passes()) {
     const auto id = shader_ids.try_emplace(pass.shader->name, static_cast<uint32_t>(shader_ids.size()));
     const auto descriptors = static_cast<uint32_t>(pass.bindings.size() - pass.address_count()) + 1;
-    const std::array<uint32_t, 2> items =
-        pass.items ? std::array{pass.items->columns, pass.items->rows} : std::array<uint32_t, 2>{};
-    std::vector<uint32_t> key{id.first->second, descriptors, pass.push_bytes, items[0], items[1]};
+    std::array<uint32_t, 2> blocks{};
+    if (pass.items) {
+      blocks = {pass.items->columns, pass.items->rows};
+    } else if (pass.footprint) {
+      blocks = {SparseGrid::kSide * pass.footprint->scale, pass.radius};
+    }
+    std::vector<uint32_t> key{id.first->second, descriptors, pass.push_bytes, blocks[0], blocks[1]};
     key.insert(key.end(), pass.constants.begin(), pass.constants.end());
     auto found = kernels_.find(key);
     if (found == kernels_.end()) {
@@ -226,7 +238,7 @@ void Program::create_kernels(PipelineCache& cache) {
           pass.matrix ? VK_PIPELINE_SHADER_STAGE_CREATE_REQUIRE_FULL_SUBGROUPS_BIT_EXT : 0;
       found = kernels_
                   .emplace(key, Kernel(device_, cache.handle(), spirv, pass.shader->name, pass.constants,
-                                       items, descriptors, pass.push_bytes, flags))
+                                       blocks, descriptors, pass.push_bytes, flags))
                   .first;
     }
     pass_kernels_.push_back(&found->second);
@@ -414,15 +426,14 @@ void Program::record(VkCommandBuffer commands, uint32_t set, size_t first, size_
 // By the numbers of workgroups that schedule.comp wrote.
 void Program::dispatch_sparse(VkCommandBuffer commands, size_t index, VkPipelineLayout layout) const {
   const Pass& pass = graph_.passes()[index];
-  const uint32_t* const words = this->words();
-  const SparseLayout places(*graph_.sparse(), graph_.most_radius(), words[RAYMELD_SPARSE_DISPATCHES]);
+  const auto [begin, end] = list_of(*graph_.sparse(), pass);
   for (size_t n = 0; n < sparse_[index].size(); ++n) {
     if (pass.placed) {
-      const std::array<uint32_t, 2> place{sparse_[index][n].first, places.list(pass.radius)};
+      const std::array<uint32_t, 3> place{sparse_[index][n].first, begin, end};
       device_.vk().CmdPushConstants(commands, layout, VK_SHADER_STAGE_COMPUTE_BIT,
                                     pass.push_bytes - sizeof(place), sizeof(place), place.data());
     }
-    const uint64_t groups = places.groups + 3 * (first_row_[index] + n);
+    const uint64_t groups = words()[RAYMELD_SPARSE_GROUPS] + 3 * (first_row_[index] + n);
     device_.vk().CmdDispatchIndirect(commands, status_.handle(), sizeof(Status) + groups * 4);
   }
 }
@@ -442,15 +453,17 @@ void Program::clear_activations(VkCommandBuffer commands) const {
        VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT);
 }
 
-// Splits along z (channels), then along y (rows).
+// Splits along z (channels), then along y (rows). The piece without a base is the last, as Mesa's driver for
+// CPUs (25.0) keeps a base for the indirect dispatches that follow.
 void Program::dispatch(VkCommandBuffer commands, const Pass& pass) const {
   const auto [x, y, z] = pass.groups;
   const double pieces = std::max(1.0, std::ceil(pass.work() / limits_.dispatch_work));
   const auto z_step = static_cast<uint32_t>(std::max(1.0, std::floor(z / pieces)));
   const double y_pieces = std::max(1.0, std::ceil(pieces / z));
   const auto y_step = static_cast<uint32_t>(std::max(1.0, std::ceil(y / y_pieces)));
-  for (uint32_t z0 = 0; z0 < z; z0 += z_step) {
-    for (uint32_t y0 = 0; y0 < y; y0 += y_step) {
+  for (uint32_t z_left = divide_up(z, z_step); z_left-- > 0;) {
+    for (uint32_t y_left = divide_up(y, y_step); y_left-- > 0;) {
+      const uint32_t z0 = z_left * z_step, y0 = y_left * y_step;
       const uint32_t y_count = std::min(y_step, y - y0), z_count = std::min(z_step, z - z0);
       // Synchronization validation (up to 1.3.239 at least) sees the plain dispatch only.
       if (y0 == 0 && z0 == 0) {

@@ -20,7 +20,7 @@ void check_clip(const std::string& name, float clip) {
 }  // namespace
 
 void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor& out,
-            std::span<const EncodedChannel> channels, Transfer transfer, float clip) {
+            std::span<const EncodedChannel> channels, Transfer transfer, float clip, bool needed) {
   if (channels.size() != out.shape.channels) {
     throw Error("layer {}: {} channels to encode, expected {}", name, channels.size(), out.shape.channels);
   }
@@ -46,6 +46,7 @@ void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor&
   pass.bindings[1].by_address = pass.bindings[2].by_address = graph.addressed();
   pass.set_push(params);
   pass.groups = element_groups(out.shape);
+  if (needed) pass.footprint = pixel_footprint(graph, out.shape);
   pass.bytes = elements(out) * static_cast<double>(element_bytes(graph.storage())) +
                static_cast<double>(4 * (channels.size() - constants) * out.shape.pixels());
   graph.add(std::move(pass));
@@ -91,9 +92,8 @@ void decode(Graph& graph, const std::string& name, const Tensor& in, const Decod
                      upsampled(graph, in, highlights, options.transfer, options.scale, options.phase),
                      options.base != nullptr,
                      options.highlights ? options.clip : 0});
-  pass.set_place();
   // What classify() found settled is decoded as well.
-  if (graph.sparse() && !graph.sparse()->by_device) pass.items = pixel_items(graph, in.shape);
+  if (graph.sparse() && !graph.sparse()->by_device) pass.footprint = pixel_footprint(graph, in.shape);
   pass.groups = element_groups(in.shape);
   pass.bytes = elements(in) * static_cast<double>(4 + element_bytes(graph.storage())) +
                low_elements * static_cast<double>(element_bytes(graph.storage()));

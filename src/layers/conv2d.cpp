@@ -146,11 +146,8 @@ void direct(Graph& graph, Convolution conv) {
   pass.set_place();
   if (graph.sparse()) {
     const uint32_t scale = graph.scale_of({conv.height, conv.width, 1}), side = SparseGrid::kSide * scale;
-    pass.items = {.columns = side,
-                  .rows = side / kRows,
-                  .local = kLocalX * kLocalY,
-                  .scale = scale,
-                  .reach = kernel / 2};
+    pass.footprint = {.scale = scale, .reach = kernel / 2};
+    pass.items = {.columns = side, .rows = side / kRows, .local = kLocalX * kLocalY};
   }
   pass.groups = {divide_up(conv.width, kLocalX), divide_up(conv.height, kLocalY * kRows), blocks};
   pass.flop = conv.flop();
@@ -252,8 +249,7 @@ void conv2d_chain(Graph& graph, std::span<const Conv2dLink> links) {
       throw Error("layer {}: no F({}, {})", name, tile, options.kernel);
     }
     const bool filtered = !options.how.matrix && tile > 1;
-    // Bands of a sparse graph are runs of blocks, not of rows.
-    if (!filtered || graph.keep() || graph.sparse()) end_run();
+    if (!filtered || graph.keep()) end_run();
     if (filtered) {
       run.push_back(conv);
     } else if (options.how.matrix) {

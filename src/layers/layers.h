@@ -129,9 +129,10 @@ struct EncodedChannel {
 
 // From channels of the image in `slot`, scene linear, to (h, w, c). NaN becomes 0, infinities are clamped
 // like any value: radiance times the recording's exposure, and variance times its square, to [0, clip], then
-// y = x or y = log(1 + 8 x) / 3; albedo to [0, 1]; normals to [-1, 1].
+// y = x or y = log(1 + 8 x) / 3; albedo to [0, 1]; normals to [-1, 1]. `needed`: of HRLS in a sparse graph,
+// only what classify() left.
 void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor& out,
-            std::span<const EncodedChannel> channels, Transfer transfer, float clip);
+            std::span<const EncodedChannel> channels, Transfer transfer, float clip, bool needed = false);
 
 // What LRHS has beyond the clip, scene linear (h, w, c): max(0, x - clip / exposure), at most 65504; of NaN
 // 0.

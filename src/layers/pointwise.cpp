@@ -48,9 +48,10 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
   const Conv2dKernel& how = conv.options.how;
   if (conv.options.unshuffle > 1 || conv.options.shuffle > 1)
     throw Error("layer {}: a shuffled 1x1", conv.name);
-  const std::optional<Items> items = pixel_items(graph, conv.out.shape);
+  const std::optional<Footprint> footprint = pixel_footprint(graph, conv.out.shape);
+  const uint32_t side = footprint ? SparseGrid::kSide * footprint->scale : 0;  // of a block
   const auto pixels =
-      items ? graph.sparse()->blocks() * items->of_block() : static_cast<uint32_t>(conv.out.shape.pixels());
+      footprint ? graph.sparse()->blocks() * side * side : static_cast<uint32_t>(conv.out.shape.pixels());
   const uint32_t band = std::clamp(how.band / kLocal, 1u, divide_up(pixels, kLocal)) * kLocal;
   const uint32_t blocks = blocks_of(conv), outputs = divide_up(conv.channels_out, blocks);
   const std::vector<Part> parts = parts_by_input(conv);
@@ -82,11 +83,9 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
       std::iota(std::begin(push.digits), std::end(push.digits), 0u);
       pass.set_push(push);
       pass.set_place(first, pixels);
-      if (pass.items = items; items) {
-        pass.items->local = kLocal;
-        pass.items->y = blocks;
-        pass.items->first = first;
-        pass.items->most = band;
+      if (pass.footprint = footprint; footprint) {
+        pass.items = {
+            .columns = side, .rows = side, .local = kLocal, .y = blocks, .first = first, .most = band};
       }
       pass.groups = {std::min(band, divide_up(pixels - first, kLocal) * kLocal) / kLocal, blocks, 1};
       pass.flop = share * conv.flop();

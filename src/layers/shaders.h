@@ -59,11 +59,10 @@ constexpr std::array<uint32_t, 3> pixel_groups(const Shape& shape) {
   return {divide_up(shape.width, 64), divide_up(shape.height, 2), 1};
 }
 
-// Of a pass with one invocation for each pixel of `shape`, which reads `reach` pixels around.
-inline std::optional<Items> pixel_items(const Graph& graph, const Shape& shape, uint32_t reach = 0) {
+// Of a pass that computes pixels of `shape` one by one, and reads `reach` pixels around each.
+inline std::optional<Footprint> pixel_footprint(const Graph& graph, const Shape& shape, uint32_t reach = 0) {
   if (!graph.sparse()) return std::nullopt;
-  const uint32_t scale = graph.scale_of(shape), side = SparseGrid::kSide * scale;
-  return Items{.columns = side, .rows = side, .local = 128, .scale = scale, .reach = reach};
+  return Footprint{.scale = graph.scale_of(shape), .reach = reach};
 }
 
 // Of a tensor read or written once.

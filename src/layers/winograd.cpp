@@ -22,6 +22,7 @@ constexpr uint32_t kPaddingElements = 16;  // keeps positions from falling into 
 struct Sizes {
   uint32_t tile, side, positions;
   uint32_t tiles_x, tile_rows;             // tiles_x even
+  uint32_t block_rows;                     // tile rows of a sparse graph's block; else 0
   uint32_t band_rows, band_tiles;          // band_tiles a multiple of all workgroups
   uint32_t parts;                          // of the input channels
   uint32_t outputs, blocks, channels_out;  // channels_out = outputs * blocks
@@ -36,15 +37,20 @@ Sizes sizes_of(const Convolution& conv, const std::optional<SparseGrid>& grid) {
   s.positions = s.side * s.side;
   s.tiles_x = divide_up(conv.width, 2 * s.tile) * 2;
   s.tile_rows = divide_up(conv.height, s.tile);
+  s.block_rows = 0;
   if (grid) {  // whole blocks
-    const uint32_t tiles = SparseGrid::kSide * (conv.width / grid->width) / s.tile;
-    s.tiles_x = grid->columns() * tiles;
-    s.tile_rows = grid->rows() * tiles;
+    s.block_rows = SparseGrid::kSide * (conv.width / grid->width) / s.tile;
+    s.tiles_x = grid->columns() * s.block_rows;
+    s.tile_rows = grid->rows() * s.block_rows;
   }
   const uint64_t row_elements = uint64_t{s.positions} * s.tiles_x * (conv.channels_in + conv.channels_out);
   const auto most_rows =
       static_cast<uint32_t>(std::clamp<uint64_t>(kMostScratchElements / row_elements, 1, s.tile_rows));
   s.band_rows = std::clamp(how.band / s.tiles_x, 1u, most_rows);
+  // Of a sparse graph: whole rows of blocks, or a part of one.
+  if (grid)
+    s.band_rows =
+        s.band_rows < s.block_rows ? std::bit_floor(s.band_rows) : s.band_rows / s.block_rows * s.block_rows;
   s.band_tiles = divide_up(s.band_rows * s.tiles_x, kMultiplyLocal) * kMultiplyLocal;
   s.parts = parts_of(conv.channels_in, how.channels);
   s.blocks = blocks_of(conv);
@@ -91,18 +97,23 @@ struct Steps {
     return result;
   }
 
-  // Of a band: as many of a sparse graph's tiles as it has rows of them, one or two to an item.
-  std::optional<Items> items(uint32_t first_tile_row, uint32_t tiles_of_item, uint32_t local) const {
-    if (!graph.sparse()) return std::nullopt;
-    const uint32_t scale = conv.width / graph.sparse()->width, tiles = SparseGrid::kSide * scale / s.tile;
-    return Items{.columns = tiles / tiles_of_item,
-                 .rows = tiles,
-                 .local = local,
-                 .scale = scale,
-                 .tile = s.tile,
-                 .reach = 1,
-                 .first = first_tile_row * s.tiles_x / tiles_of_item,
-                 .most = std::min(s.band_rows, s.tile_rows - first_tile_row) * s.tiles_x / tiles_of_item};
+  // Of a sparse graph's band, with one or two tiles to an item; y: blocks of output channels.
+  void set_items(Pass& pass, uint32_t first_tile_row, uint32_t tiles_of_item, uint32_t local,
+                 uint32_t y = 1) const {
+    if (!graph.sparse()) return;
+    const uint32_t last_tile_row = std::min(first_tile_row + s.band_rows, s.tile_rows);
+    pass.footprint = {.scale = conv.width / graph.sparse()->width, .tile = s.tile, .reach = 1};
+    pass.items = {.columns = s.block_rows / tiles_of_item,
+                  .rows = std::min(s.band_rows, s.block_rows),
+                  .local = local,
+                  .y = y,
+                  .first_row = first_tile_row / s.block_rows,
+                  .last_row = divide_up(last_tile_row, s.block_rows)};
+  }
+
+  // In the image or, in a sparse graph, in a block.
+  uint32_t row_of(uint32_t first_tile_row) const {
+    return graph.sparse() ? first_tile_row % s.block_rows : first_tile_row;
   }
 
   // Share of the whole convolution that a band is.
@@ -136,10 +147,10 @@ struct Steps {
       Pass p = pass(shaders::kWinogradInput, {read_binding(in), write_binding(scratch.transformed)});
       p.constants = {s.tile, u, by_pairs(u)};
       p.set_push(params::WinogradInput{conv.height, conv.width, graph.plane(in), graph.rows_mask(in),
-                                       s.tiles_x, first_tile_row, conv.channels_in, channel,
+                                       s.tiles_x, row_of(first_tile_row), conv.channels_in, channel,
                                        s.transformed_stride});
       p.set_place();
-      p.items = items(first_tile_row, 2, kTransformLocal / 2);
+      set_items(p, first_tile_row, 2, kTransformLocal / 2);
       p.groups = {s.band_tiles / kTransformLocal, 1, channels};
       p.bytes = share(first_tile_row) * traffic(graph, in);
       graph.add(std::move(p));
@@ -158,8 +169,7 @@ struct Steps {
                                   s.products_stride, {}};
     std::iota(std::begin(push.digits), std::end(push.digits), 0u);
     p.set_push(push);
-    p.items = items(first_tile_row, 1, kMultiplyLocal);
-    if (p.items) p.items->y = s.blocks;
+    set_items(p, first_tile_row, 1, kMultiplyLocal, s.blocks);
     p.groups = {s.band_tiles / kMultiplyLocal, s.blocks, s.positions};
     p.flop = share(first_tile_row) * conv.flop() / s.parts;
     p.bytes = share(first_tile_row) * double(s.weights_stride) * s.positions * sizeof(float) / s.parts;
@@ -189,9 +199,9 @@ struct Steps {
         graph.sparse() ? conv.height : std::min(conv.height, (first_tile_row + s.band_rows) * s.tile);
     p.set_push(params::WinogradOutput{
         end, conv.height, conv.width, graph.plane(conv.out), graph.rows_mask(conv.out), graph.plane(residual),
-        graph.rows_mask(residual), s.tiles_x, first_tile_row, s.channels_out, s.products_stride});
+        graph.rows_mask(residual), s.tiles_x, row_of(first_tile_row), s.channels_out, s.products_stride});
     p.set_place();
-    p.items = items(first_tile_row, 2, kTransformLocal / 2);
+    set_items(p, first_tile_row, 2, kTransformLocal / 2);
     p.groups = {s.band_tiles / kTransformLocal, 1, conv.channels_out};
     p.bytes = share(first_tile_row) * traffic(graph, conv.out) * (1.0 + double(residuals.size()));
     graph.add(std::move(p));
@@ -292,12 +302,7 @@ void conv2d_winograd(Graph& graph, std::span<const Convolution> convs) {
   std::vector<Sizes> sizes;
   for (const Convolution& conv : convs) sizes.push_back(sizes_of(conv, graph.sparse()));
   Schedule schedule{convs, sizes};
-  if (graph.sparse()) {
-    for (uint32_t row = 0; row < sizes[0].tile_rows; row += sizes[0].band_rows)
-      schedule.bands.push_back({0, row});
-  } else {
-    schedule.require(convs.size() - 1, convs.back().out.shape.height);
-  }
+  schedule.require(convs.size() - 1, convs.back().out.shape.height);
   for (size_t i = 0; i + 1 < convs.size(); ++i)
     graph.keep_rows(convs[i].out, std::bit_ceil(schedule.kept[i]));
   const Scratch scratch = scratch_for(graph, convs.front().name, sizes);
