@@ -91,7 +91,9 @@ HrlsChannels hrls_channels(const Architecture& a, const ConstantLayers& constant
   };
   for (const auto& [layer, values] : constants) {
     if (!is_read_by_joint_base(a, layer)) continue;
-    append(layer, [&](uint32_t c) { return EncodedChannel{kind_of(layer), 0, values[c]}; });
+    append(layer, [kind = kind_of(layer), &encoded = values](uint32_t c) {
+      return EncodedChannel{kind, 0, encoded[c]};
+    });
   }
   result.unread = static_cast<uint32_t>(result.encoded.size());
   uint32_t next = 0;
