@@ -86,6 +86,20 @@ FrameTraits read_traits(const FuseArguments& arguments, LastModel& models) {
                    files.phase);
 }
 
+std::string text_of(const Choice& choice, const std::string& best, size_t models) {
+  std::string text = fmt::format("{}: {}", choice.wish, choice.model);
+  if (choice.time_ms) text += fmt::format(", {} a frame on this device", duration_text(*choice.time_ms));
+  text += choice.loss_db > 0
+              ? fmt::format(", {:.2f} dB below {}, the best of {}", choice.loss_db, best, models)
+              : fmt::format(", the best of {}", models);
+  if (choice.probability) {
+    text +=
+        fmt::format("; {:.1f} dB expected, give or take {:.1f}: reaches it with a probability of {:.0f} %",
+                    choice.estimate_db, choice.error_db, 100 * *choice.probability);
+  }
+  return text;
+}
+
 double checked(double value, bool holds, const char* expected) {
   if (!holds || !std::isfinite(value)) throw Error("expected {}", expected);
   return value;
@@ -141,17 +155,7 @@ Choice choose_model(const FuseArguments& arguments, const Device& device, LastMo
   if (candidates.measured) choice.time_ms = chosen->time_ms;
   choice.loss_db = front.back().point.psnr_db - chosen->point.psnr_db;
 
-  std::string text = fmt::format("{}: {}", choice.wish, choice.model);
-  if (choice.time_ms) text += fmt::format(", {} a frame on this device", duration_text(*choice.time_ms));
-  text += choice.loss_db > 0 ? fmt::format(", {:.2f} dB below {}, the best of {}", choice.loss_db,
-                                           front.back().point.model, points.size())
-                             : fmt::format(", the best of {}", points.size());
-  if (choice.probability) {
-    text +=
-        fmt::format("; {:.1f} dB expected, give or take {:.1f}: reaches it with a probability of {:.0f} %",
-                    choice.estimate_db, choice.error_db, 100 * *choice.probability);
-  }
-  console.note(text);
+  console.note(text_of(choice, front.back().point.model, points.size()));
   if (wish.kind == Wish::Kind::kBudget && chosen->time_ms > wish.value)
     console.warn(
         fmt::format("{} is not enough: the fastest takes {}", choice.wish, duration_text(chosen->time_ms)),

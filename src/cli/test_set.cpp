@@ -63,7 +63,7 @@ RenderCost fit_cost(const std::vector<TestRender>& renders) {
   for (int step = 0; step < 100; ++step) {
     double n = 0, x = 0, y = 0, xx = 0, xy = 0;
     for (size_t i = 0; i < renders.size(); ++i) {
-      const double full = renders[i].seconds * renders[i].scale * renders[i].scale;
+      const double full = renders[i].full_seconds();
       if (full <= 0) continue;
       const double w = weights[i] / (full * full), spp = renders[i].spp;
       n += w, x += w * spp, y += w * full, xx += w * spp * spp, xy += w * spp * full;
@@ -72,7 +72,7 @@ RenderCost fit_cost(const std::vector<TestRender>& renders) {
     if (!(determinant > 1e-12 * n * xx)) return n > 0 ? RenderCost{0, xy / xx} : RenderCost{};
     cost = {(y * xx - x * xy) / determinant, (n * xy - x * y) / determinant};
     for (size_t i = 0; i < renders.size(); ++i) {
-      const double full = renders[i].seconds * renders[i].scale * renders[i].scale;
+      const double full = renders[i].full_seconds();
       if (full <= 0) continue;
       const double late = 1 - cost.of(renders[i].spp) / full;
       weights[i] = (late > 0 ? kQuartile : 1 - kQuartile) / (std::abs(late) + 1e-3);

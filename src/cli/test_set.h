@@ -15,6 +15,8 @@ struct TestRender {
   uint32_t spp = 0;
   uint32_t scale = 1;  // of LRHS: one of scale x scale pixels
   double seconds = 0;  // that the render took
+
+  double full_seconds() const { return seconds * scale * scale; }  // of as many samples for all pixels
 };
 
 // What a render of a scene takes, by the samples of each pixel: a line through the times of all its renders.

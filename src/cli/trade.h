@@ -89,9 +89,6 @@ std::vector<TradeStrip> make_strips(const std::vector<TestView>& views,
 // is off most; below it its error, as heat_map() shows it.
 Picture strip_of(const std::vector<Image>& images, const Image& reference, const Image& judged);
 
-// The part of an image at `corner`, which must be within it.
-Image part_of(const Image& image, Imath::V2i corner, int width, int height);
-
 // Where a smaller first and a larger second value are better: whether no other is as good in both and better
 // in one.
 std::vector<bool> on_front(const std::vector<std::pair<double, double>>& points);

@@ -90,9 +90,14 @@ struct Truth {
     const Architecture& a = frame.files.model->architecture();
     const int scale = int(a.scale), width = std::min(kTruthSide, images.lrhs.width),
               height = std::min(kTruthSide, images.lrhs.height);
-    const int x = (images.lrhs.width - width) / 2, y = (images.lrhs.height - height) / 2;
-    lrhs = part_of(images.lrhs, {x, y}, width, height);
-    hrls = part_of(images.hrls, {scale * x, scale * y}, scale * width, scale * height);
+    const Imath::V2i corner((images.lrhs.width - width) / 2, (images.lrhs.height - height) / 2);
+    const auto middle = [&](const Image& image, int s) {
+      const Imath::Box2i whole({0, 0}, {image.width - 1, image.height - 1});
+      return seen_through(image, whole,
+                          {corner * s, (corner + Imath::V2i(width, height)) * s - Imath::V2i(1)});
+    };
+    lrhs = middle(images.lrhs, 1);
+    hrls = middle(images.hrls, scale);
     Image all(hrls.width, hrls.height, 3 * int(a.hrls_layers.size()));
     int to = 0, from = 0;
     for (const std::string& layer : a.hrls_layers) {

@@ -9,6 +9,8 @@ namespace {
 
 constexpr int kMostSide = 256, kStep = 32;
 
+Imath::Box2i window_of(const Image& image) { return {{0, 0}, {image.width - 1, image.height - 1}}; }
+
 // The window of that size with the largest sum of a (1, H, W).
 Imath::V2i worst_window(const Image& errors, int width, int height) {
   Imath::V2i worst(0, 0);
@@ -26,22 +28,14 @@ Imath::V2i worst_window(const Image& errors, int width, int height) {
 
 }  // namespace
 
-Image part_of(const Image& image, Imath::V2i corner, int width, int height) {
-  Image part(width, height, image.channels);
-  for (int c = 0; c < image.channels; ++c)
-    for (int row = 0; row < height; ++row)
-      std::copy_n(&image.plane(c)[size_t(corner.y + row) * size_t(image.width) + size_t(corner.x)], width,
-                  &part.at(c, row, 0));
-  return part;
-}
-
 Picture strip_of(const std::vector<Image>& images, const Image& reference, const Image& judged) {
   const int width = std::min(kMostSide, reference.width), height = std::min(kMostSide, reference.height);
   const Imath::V2i corner = worst_window(relmse_map(judged, reference), width, height);
-  const Image truth = part_of(reference, corner, width, height);
+  const Imath::Box2i shown(corner, corner + Imath::V2i(width - 1, height - 1));
+  const Image truth = seen_through(reference, window_of(reference), shown);
   std::vector<Picture> above, below;
   for (const Image& image : images) {
-    const Image part = part_of(image, corner, width, height);
+    const Image part = seen_through(image, window_of(image), shown);
     above.push_back(to_srgb(part));
     below.push_back(heat_map(relmse_map(part, truth)));
   }
