@@ -26,13 +26,8 @@ layout(std430, binding = 4) readonly buffer Lrhs { STORAGE v[]; } lrhs;
 layout(std430, binding = 5) readonly buffer Bright { STORAGE v[]; } highlights;
 #endif
 #include "left_out.glsl"
-
-float lrhs_at(uint c, uint y, uint x) { return float(lrhs.v[address(c, y, x, p.of.lrhs_plane, p.of.lrhs_width)]); }
-
-float bilinear(uint c, Bilinear at) {
-  return blended(at, vec4(lrhs_at(c, at.low.y, at.low.x), lrhs_at(c, at.low.y, at.high.x),
-                          lrhs_at(c, at.high.y, at.low.x), lrhs_at(c, at.high.y, at.high.x)));
-}
+#define UPSAMPLED p.of
+#include "lrhs.glsl"
 
 float highlight_at(uint c, uint y, uint x) {
   return float(highlights.v[address(c, y, x, p.of.lrhs_plane, p.of.lrhs_width)]);
@@ -56,7 +51,7 @@ void main() {
   // precise: a compiler that moved the sum into the interpolation would round in it at the sum's magnitude.
   precise float value = float(source.v[address(id.z, id.y, id.x, p.of.plane, p.of.width)]);
   Bilinear at = bilinear_at(id.xy, p.of.phase, p.of.inverse_scale, uvec2(p.of.lrhs_width, p.of.lrhs_height));
-  if (p.bilinear_base != 0) value += bilinear(id.z, at);
+  if (p.bilinear_base != 0) value += upsampled(id.z, at);
   if (isnan(value) || isinf(value)) {
     if (inside) atomicAdd(status.not_finite, 1u);
     value = 0.0;

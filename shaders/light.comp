@@ -23,6 +23,8 @@ layout(std430, binding = 3) readonly buffer Lrhs { STORAGE v[]; } lrhs;
 layout(std430, binding = 4) writeonly buffer Target { STORAGE v[]; } target;
 #endif
 #include "left_out.glsl"
+#define UPSAMPLED p.of
+#include "lrhs.glsl"
 
 const vec3 kLuminance = vec3(0.2126, 0.7152, 0.0722);
 
@@ -50,9 +52,6 @@ float firefly_limit(ivec2 pixel, float own) {
   }
   return min(1.0, (RAYMELD_FIREFLY * second + RAYMELD_FIREFLY_FLOOR) / max(own, RAYMELD_FIREFLY_FLOOR));
 }
-
-// A channel of LRHS, color or irradiance, encoded.
-float lrhs_at(uint c, uint y, uint x) { return float(lrhs.v[address(c, y, x, p.of.lrhs_plane, p.of.lrhs_width)]); }
 
 vec3 irradiance_at(uint y, uint x) { return vec3(lrhs_at(3, y, x), lrhs_at(4, y, x), lrhs_at(5, y, x)); }
 

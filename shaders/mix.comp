@@ -24,15 +24,10 @@ layout(std430, binding = 4) readonly buffer Filtered { STORAGE v[]; } filtered;
 layout(std430, binding = 5) writeonly buffer Target { STORAGE v[]; } target;
 #endif
 #include "left_out.glsl"
+#define UPSAMPLED p
+#include "lrhs.glsl"
 
 const uint kCandidates = 5;
-
-float lrhs_at(uint c, uint y, uint x) { return float(lrhs.v[address(c, y, x, p.lrhs_plane, p.lrhs_width)]); }
-
-float upsampled(uint c, Bilinear at) {
-  return blended(at, vec4(lrhs_at(c, at.low.y, at.low.x), lrhs_at(c, at.low.y, at.high.x),
-                          lrhs_at(c, at.high.y, at.low.x), lrhs_at(c, at.high.y, at.high.x)));
-}
 
 void main() {
   uvec2 id = gl_GlobalInvocationID.xy;

@@ -153,10 +153,7 @@ void save_curve(const std::filesystem::path& file, const Curve& curve) {
             {"data", curve.data},
             {"points", Json::array()}};
   for (const CurvePoint& point : curve.points) json["points"].push_back(to_json(point));
-  const std::string text = json.dump(1) + "\n";
-  AtomicFile out(file);
-  out.write(text.data(), text.size());
-  out.commit();
+  write_whole(file, json.dump(1) + "\n");
 }
 
 std::vector<Candidate> front_of(std::vector<Candidate> candidates) {

@@ -9,6 +9,14 @@
 
 namespace raymeld {
 
+// Of Fuser::fuse(), for a frame in which everything is computed. A Fuser's first frame takes longer: it is
+// recorded, memory is touched for the first time, and drivers do what they put off.
+struct FrameTime {
+  double first_ms = 0, further_ms = 0;
+
+  bool operator==(const FrameTime&) const = default;
+};
+
 // What is known of a device: the file lies in `folder`, or nothing is kept where that is empty.
 class FrameTimes {
  public:
@@ -16,25 +24,22 @@ class FrameTimes {
   explicit FrameTimes(const Device& device,
                       const std::filesystem::path& folder = PipelineCache::default_folder());
 
-  // Milliseconds that Fuser::fuse() takes for a frame of (height, width) LRHS pixels in which everything is
-  // computed: what was measured before, if it was.
-  std::optional<double> known(const Model& model, uint32_t height, uint32_t width,
-                              const FuserOptions& options) const;
+  // Of a frame of (height, width) LRHS pixels: what was measured before, if it was.
+  std::optional<FrameTime> known(const Model& model, uint32_t height, uint32_t width,
+                                 const FuserOptions& options) const;
 
-  // Otherwise measures it, as the median of three frames of noise, and keeps it. Frames of more than 2^21
-  // pixels are measured as smaller ones, and their time scaled by their arithmetic. Throws Error.
-  double measure(const Model& model, uint32_t height, uint32_t width, FuserOptions options);
+  // Measures it with frames of noise, and keeps it. Frames of more than 2^21 pixels are measured as smaller
+  // ones, and their time scaled by their arithmetic. Throws Error.
+  FrameTime measure(const Model& model, uint32_t height, uint32_t width, FuserOptions options);
 
   // Of kernels that are no longer those.
   static void forget(const Device& device,
                      const std::filesystem::path& folder = PipelineCache::default_folder());
 
  private:
-  void save() const;
-
   const Device& device_;
   std::filesystem::path folder_, file_;
-  std::map<std::string, double> times_ms_;
+  std::map<std::string, FrameTime> times_;
 };
 
 }  // namespace raymeld

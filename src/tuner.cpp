@@ -3,15 +3,12 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <fstream>
 #include <functional>
-#include <nlohmann/json.hpp>
 #include <random>
-#include <sstream>
 
 #include "engine/commands.h"
 #include "engine/program.h"
-#include "io/atomic_file.h"
+#include "io/kept_json.h"
 #include "numbers.h"
 
 namespace raymeld {
@@ -21,7 +18,6 @@ constexpr int kFormatVersion = 2;
 constexpr double kBudgetMs = 60;  // of one measurement
 constexpr uint32_t kLeastRows = 32;
 constexpr uint32_t kMostOrder = 256;
-constexpr uint64_t kMostFileBytes = 16 << 20;
 
 std::vector<float> random_values(size_t count) {
   std::mt19937 generator(1);
@@ -81,7 +77,7 @@ double distance(const Conv2dShape& a, const Conv2dShape& b) {
          ratio(double(a.height) * a.width, double(b.height) * b.width) + (a.most_tile != b.most_tile);
 }
 
-using Json = nlohmann::json;
+using Json = nlohmann::ordered_json;
 
 Json to_json(const Conv2dShape& s) {
   return {{"height", s.height},           {"width", s.width},
@@ -302,13 +298,8 @@ std::filesystem::path tuning_file(const std::filesystem::path& folder, const Dev
 }
 
 Tuning load_tuning(const std::filesystem::path& file) try {
-  std::error_code error;
-  if (!std::filesystem::is_regular_file(file, error) || std::filesystem::file_size(file) > kMostFileBytes)
-    return {};
-  std::ostringstream text;
-  text << std::ifstream(file).rdbuf();
-  const Json json = Json::parse(text.str());
-  if (json.at("format_version") != kFormatVersion) return {};
+  const Json json = load_kept(file, kFormatVersion);
+  if (json.is_null()) return {};
   Tuning tuning;
   tuning.addressed = json.at("addressed");
   tuning.order = number_at(json, "order");
@@ -325,22 +316,14 @@ Tuning load_tuning(const std::filesystem::path& file) try {
 }
 
 void save_tuning(const std::filesystem::path& file, const Tuning& tuning) {
-  Json json{{"format_version", kFormatVersion},
-            {"addressed", tuning.addressed},
-            {"order", tuning.order},
-            {"conv2d", Json::array()}};
+  Json json{{"addressed", tuning.addressed}, {"order", tuning.order}, {"conv2d", Json::array()}};
   for (const auto& [shape, entry] : tuning.entries) {
     json["conv2d"].push_back({{"shape", to_json(shape)},
                               {"kernel", to_json(entry.kernel)},
                               {"time_ms", entry.time_ms},
                               {"direct_ms", entry.direct_ms}});
   }
-  std::error_code error;
-  std::filesystem::create_directories(file.parent_path(), error);
-  AtomicFile out(file);
-  const std::string text = json.dump(1) + "\n";
-  out.write(text.data(), text.size());
-  out.commit();
+  save_kept(file, kFormatVersion, json);
 }
 
 void tune(const Device& device, PipelineCache& cache, Storage storage, const std::vector<Conv2dShape>& shapes,

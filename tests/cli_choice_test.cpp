@@ -97,7 +97,7 @@ TEST_F(CliChoice, BudgetChoosesByTheTimesOfThisDevice) {
   }
   Json times = Json::parse(read_file(file));
   ASSERT_EQ(times.at("times_ms").size(), 1u);  // three names of one model
-  for (auto& [key, time_ms] : times.at("times_ms").items()) time_ms = 250;
+  for (auto& [key, time_ms] : times.at("times_ms").items()) time_ms = {{"first", 250}, {"further", 100}};
   write_file(file, times.dump());
   const Json fits = chosen("--budget", "0.25s");
   EXPECT_EQ(fits.at("time_ms"), 250);
@@ -106,6 +106,10 @@ TEST_F(CliChoice, BudgetChoosesByTheTimesOfThisDevice) {
   EXPECT_EQ(result.exit_status, 0);
   EXPECT_NE(result.err.find("--budget 249 ms is not enough: the fastest takes 250 ms"), std::string::npos)
       << result.err;
+  fs::copy_file(folder_ / "high.exr", folder_ / "high.1.exr");
+  const Json sequence = run_json({"fuse", "--lrhs", "low.exr", "--hrls", "high.#.exr", "-o", "out.#.exr",
+                                  "--frames", "1-1", "--budget", "0.1s", "--json"});
+  EXPECT_EQ(sequence.at("frames").at(0).at("choice").at("time_ms"), 100);
   // A file that is none is as if there was none.
   write_file(file, "{");
   EXPECT_NE(run(wish({"--budget", "1s"})).err.find("measuring"), std::string::npos);

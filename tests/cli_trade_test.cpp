@@ -2,7 +2,9 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <csignal>
 #include <fstream>
+#include <set>
 
 #include "cli_fixture.h"
 
@@ -137,6 +139,54 @@ TEST_F(CliTrade, WritesWhatFuseGives) {
 }
 
 // The times of the renders lie on the line 0.5 + spp.
+TEST_F(CliTrade, GoesOnWhereItWasStopped) {
+  write_view("set", 3);
+  const fs::path journal = folder_ / "report/measured.jsonl";
+  const auto stop = [&] {
+    const ProcessResult result =
+        run_process({RAYMELD_PROGRAM, "trade", "--data", "set", "--model", "x4-tiny", "-o", "report"},
+                    {.directory = folder_.path(),
+                     .environment = environment_,
+                     .signal = SIGKILL,
+                     .signal_after = "pairs of renders"});
+    EXPECT_EQ(result.signal, SIGKILL) << result.err;
+    EXPECT_FALSE(fs::exists(folder_ / "report/trade.json"));
+  };
+  stop();
+  // All settings of the one view are measured by then. A line that was being written is none.
+  std::map<std::string, Json> measured;
+  std::string line;
+  for (std::ifstream lines(journal); std::getline(lines, line);) {
+    const Json json = Json::parse(line);
+    if (json.is_array()) measured[json[0]] = json[1];
+  }
+  ASSERT_GE(measured.size(), 2u * 5);
+  std::ofstream(journal, std::ios::app) << R"(["set: 1 spp", [)";
+  const ProcessResult result = trade();
+  ASSERT_EQ(result.exit_status, 0) << result.err;
+  EXPECT_NE(result.err.find(fmt::format("going on after {} measurements", measured.size())),
+            std::string::npos)
+      << result.err;
+  EXPECT_FALSE(fs::exists(journal));
+  const Json report = read_json("report/trade.json");
+  std::multiset<double> expected, times;
+  for (const auto& [name, values] : measured) {
+    if (name.starts_with("set: x4-tiny") && name.find("spp") == std::string::npos)
+      expected.insert(values[0].get<double>());
+  }
+  for (const Json& one : report.at("measurements")) times.insert(one.at("time_ms").get<double>());
+  EXPECT_EQ(times, expected);
+  EXPECT_EQ(report.at("renders").size(), 6u);
+
+  // What was measured of other renders is of no use.
+  fs::remove_all(folder_ / "report");
+  stop();
+  fs::last_write_time(folder_ / "set/0002.exr", fs::file_time_type::clock::now() + std::chrono::seconds(9));
+  const ProcessResult anew = trade();
+  EXPECT_EQ(anew.exit_status, 0);
+  EXPECT_EQ(anew.err.find("going on"), std::string::npos) << anew.err;
+}
+
 TEST_F(CliTrade, RendersCostWhatTheLineThroughTheirTimesSays) {
   write_view("set", 3);
   ASSERT_EQ(trade().exit_status, 0);

@@ -29,14 +29,15 @@ TEST_F(FrameTimesTest, AreKeptByWhatTheyDependOn) {
   FrameTimes times(gpu(), folder_.path());
   const FuserOptions options;
   EXPECT_FALSE(times.known(model_, 6, 8, options));
-  const double time_ms = times.measure(model_, 6, 8, options);
-  EXPECT_GT(time_ms, 0);
-  EXPECT_EQ(times.measure(model_, 6, 8, options), time_ms);
-  EXPECT_EQ(FrameTimes(gpu(), folder_.path()).known(model_, 6, 8, options), time_ms);
+  const FrameTime time = times.measure(model_, 6, 8, options);
+  EXPECT_GT(time.first_ms, 0);
+  EXPECT_GT(time.further_ms, 0);
+  EXPECT_EQ(times.known(model_, 6, 8, options), time);
+  EXPECT_EQ(FrameTimes(gpu(), folder_.path()).known(model_, 6, 8, options), time);
   // All but the threshold: times are those of frames in which everything is computed.
   FuserOptions other = options;
   other.threshold = 0.01f;
-  EXPECT_EQ(times.measure(model_, 6, 8, other), time_ms);
+  EXPECT_EQ(times.known(model_, 6, 8, other), time);
   EXPECT_FALSE(times.known(model_, 8, 6, options));
   EXPECT_FALSE(times.known(Model(golden_model_path("guided-x4")), 6, 8, options));
   other = options;
@@ -54,7 +55,7 @@ TEST_F(FrameTimesTest, AreKeptByWhatTheyDependOn) {
 TEST_F(FrameTimesTest, LargeFramesAreMeasuredAsPartsOfThem) {
   FrameTimes times(gpu(), folder_.path());
   // 5.8 million pixels, of which a third are computed.
-  EXPECT_GT(times.measure(model_, 600, 600, {}), 0);
+  EXPECT_GT(times.measure(model_, 600, 600, {}).further_ms, 0);
   EXPECT_TRUE(times.known(model_, 600, 600, {}));
 }
 
@@ -68,8 +69,8 @@ TEST_F(FrameTimesTest, AreForgotten) {
 
 TEST_F(FrameTimesTest, WhatIsNoFileHoldsNoTimes) {
   FrameTimes(gpu(), folder_.path()).measure(model_, 6, 8, {});
-  for (const char* content :
-       {"", "{", "[]", R"({"format_version": 2})", R"({"format_version": 1, "times_ms": {"a": "b"}})"}) {
+  for (const char* content : {"", "{", "[]", R"({"format_version": 1})", R"({"format_version": 2})",
+                              R"({"format_version": 2, "times_ms": {"a": "b"}})"}) {
     write_file(only_file(), content);
     EXPECT_FALSE(FrameTimes(gpu(), folder_.path()).known(model_, 6, 8, {})) << content;
   }
@@ -77,8 +78,8 @@ TEST_F(FrameTimesTest, WhatIsNoFileHoldsNoTimes) {
 
 TEST_F(FrameTimesTest, WithoutAFolderTheyAreKeptInMemory) {
   FrameTimes times(gpu(), {});
-  const double time_ms = times.measure(model_, 6, 8, {});
-  EXPECT_EQ(times.known(model_, 6, 8, {}), time_ms);
+  const FrameTime time = times.measure(model_, 6, 8, {});
+  EXPECT_EQ(times.known(model_, 6, 8, {}), time);
 }
 
 }  // namespace

@@ -40,6 +40,7 @@ struct Timer {
   const Device& device;
   LastModel& models;
   Console& console;
+  bool sequence;
   FrameTimes times{device};
 
   // None: it was not measured and is not to be.
@@ -49,12 +50,15 @@ struct Timer {
     const FuseFiles files = open_files(own, models);
     const FuserOptions options = fuser_options(own, files, device, 0, files.absent_layers);
     const auto height = uint32_t(height_of(files.canvas.lrhs)), width = uint32_t(width_of(files.canvas.lrhs));
-    const auto known = times.known(*files.model, height, width, options);
-    if (known || !measures) return known;
-    check_interrupted();
-    console.note(fmt::format("measuring {} at {} x {}, once on this device", point.model,
-                             width_of(files.canvas.hrls), height_of(files.canvas.hrls)));
-    return times.measure(*files.model, height, width, options);
+    auto time = times.known(*files.model, height, width, options);
+    if (!time && measures) {
+      check_interrupted();
+      console.note(fmt::format("measuring {} at {} x {}, once on this device", point.model,
+                               width_of(files.canvas.hrls), height_of(files.canvas.hrls)));
+      time = times.measure(*files.model, height, width, options);
+    }
+    if (!time) return {};
+    return sequence ? time->further_ms : time->first_ms;
   }
 };
 
@@ -128,12 +132,12 @@ std::optional<Wish> parse_target(const std::string& text) {
   return Wish{Wish::Kind::kTarget, checked(value, rest.empty(), "a number of dB")};
 }
 
-Choice choose_model(const FuseArguments& arguments, const Device& device, LastModel& models,
+Choice choose_model(const FuseArguments& arguments, bool sequence, const Device& device, LastModel& models,
                     Console& console) {
   const Wish& wish = arguments.wish.value();
   const FuseFiles files = open_files(arguments, models);
   const std::vector<CurvePoint> points = models_of(files.canvas.scale);
-  Timer timer{arguments, device, models, console};
+  Timer timer{arguments, device, models, console, sequence};
   const Candidates candidates = candidates_of(points, timer, wish.kind == Wish::Kind::kBudget);
   const std::vector<Candidate> front = front_of(candidates.all);
 

@@ -16,10 +16,10 @@ std::optional<Wish> parse_budget(const std::string& text);
 // From a number of dB. Throws Error.
 std::optional<Wish> parse_target(const std::string& text);
 
-// Chooses among the stock models of the frame's scale, for a frame like that of `arguments` (without
-// patterns), whose wish must be there. Measures the device for a budget, unless it did before; reads the
-// colors for a target PSNR. Says what it chose and why. Throws Error.
-Choice choose_model(const FuseArguments& arguments, const Device& device, LastModel& models,
+// Chooses among the stock models of the frame's scale, for the frame of `arguments` (without patterns), whose
+// wish must be there, or for a sequence of frames like it. Measures the device for a budget, unless it did
+// before; reads the colors for a target PSNR. Says what it chose and why. Throws Error.
+Choice choose_model(const FuseArguments& arguments, bool sequence, const Device& device, LastModel& models,
                     Console& console);
 
 nlohmann::ordered_json to_json(const Choice& choice);

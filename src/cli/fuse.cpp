@@ -16,7 +16,7 @@ void run_fuse(const FuseArguments& given) {
   };
   if (arguments.wish) {
     create_device();
-    arguments.take(choose_model(arguments, *device, models, console));
+    arguments.take(choose_model(arguments, false, *device, models, console));
   }
   if (arguments.dry_run) {
     FuseFiles files = open_files(arguments, models);

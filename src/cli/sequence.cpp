@@ -237,7 +237,7 @@ void run_sequence(const SequenceArguments& sequence, const FuseArguments& given)
   if (patterns.wish && device) {
     // One model for all, as the first frame asks for it.
     Console console(patterns.notes());
-    patterns.take(choose_model(of_frame(patterns, unfinished.front()), *device, models, console));
+    patterns.take(choose_model(of_frame(patterns, unfinished.front()), true, *device, models, console));
   }
   if (patterns.dry_run) return show_plan(patterns, outcomes, models, device.get());
   check_output_folders(of_frame(patterns, sequence.frames.front()));

@@ -92,6 +92,27 @@ std::string summary(const Trade& trade) {
   return text;
 }
 
+// A line that tells whether a file is still the same one.
+std::string stamp(const fs::path& file) {
+  std::error_code error;  // then the number that stands for it
+  return fmt::format("{} {} {}\n", fs::absolute(file).string(), fs::file_size(file, error),
+                     fs::last_write_time(file, error).time_since_epoch().count());
+}
+
+// What measurements depend on beside view and setting.
+std::string subject_of(const Trade& trade, const std::vector<TradeSetting>& settings, const fs::path& data) {
+  std::string text = fmt::format("{}{} {}\n{}\n", stamp(fs::canonical("/proc/self/exe")), trade.device.name,
+                                 trade.device.driver, fs::canonical(data).string());
+  for (const TradeSetting& setting : plain_ones(settings)) text += stamp(find_model(setting.model));
+  for (const TestView& view : trade.views) {
+    for (const auto* renders : {&view.lrhs, &view.plain}) {
+      for (const TestRender& render : *renders) text += stamp(render.file);
+    }
+    for (const fs::path& reference : view.references) text += stamp(reference);
+  }
+  return text;
+}
+
 void write_text(StagedFiles& files, const fs::path& file, const std::string& text) {
   files.add(file, [&](AtomicFile& out) { out.write(text.data(), text.size()); });
 }
@@ -120,10 +141,12 @@ void run(const TradeArguments& arguments) {
   Console console(true);
   console.note(
       fmt::format("{} settings, {} views, on {}", settings.size(), trade.views.size(), trade.device.name));
-  trade.settings = measure_settings(trade.views, settings, *device, console);
+  Journal journal(folder / "measured.jsonl", subject_of(trade, settings, arguments.data));
+  if (journal.size() > 0) console.note(fmt::format("going on after {} measurements", journal.size()));
+  trade.settings = measure_settings(trade.views, settings, *device, journal, console);
   if (!arguments.quick) {
     console.note("pairs of renders");
-    trade.pairs = measure_pairs(trade.views, plain_ones(settings), *device, console);
+    trade.pairs = measure_pairs(trade.views, plain_ones(settings), *device, journal, console);
   }
   trade.strips = strips_of(trade, *device);
 
@@ -133,6 +156,7 @@ void run(const TradeArguments& arguments) {
   write_text(files, outputs[2], trade_html(trade));
   if (!arguments.curve.empty()) save_curve(arguments.curve, curve_of(trade));
   files.commit();
+  journal.remove();
   print(summary(trade));
   console.note(fmt::format("wrote {}", outputs[2].string()));
 }
@@ -168,7 +192,9 @@ void add_trade(CLI::App& app) {
           "Writes what fuse --quality, --budget and --target-psnr choose by, as models/curve.json is")
       ->type_name("FILE")
       ->excludes(quick);
-  command->footer("Example:\n  raymeld trade --data TEST -o report");
+  command->footer(
+      "Example:\n  raymeld trade --data TEST -o report\n"
+      "Where it was stopped, the same command goes on: measured.jsonl in its folder holds what it has.");
   command->callback([arguments] { run(*arguments); });
 }
 

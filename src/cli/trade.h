@@ -4,6 +4,7 @@
 #include <map>
 
 #include "cli/fuse.h"
+#include "cli/journal.h"
 #include "cli/test_set.h"
 #include "curve.h"
 #include "io/png.h"
@@ -70,14 +71,15 @@ struct Trade {
 };
 
 // Every setting over the views, each with its first_pair(). Rounds of a few views each go through all
-// settings, so that what else the machine does meets all alike. Throws Error and Cancelled.
+// settings, so that what else the machine does meets all alike. What `journal` has is not measured again.
+// Throws Error and Cancelled.
 std::vector<SettingResults> measure_settings(const std::vector<TestView>& views,
                                              const std::vector<TradeSetting>& settings, const Device& device,
-                                             Console& console);
+                                             Journal& journal, Console& console);
 
 // The settings over all balanced_pairs(), and what plain renders give.
 PairResults measure_pairs(const std::vector<TestView>& views, const std::vector<TradeSetting>& settings,
-                          const Device& device, Console& console);
+                          const Device& device, Journal& journal, Console& console);
 
 // Of the views that the first of the settings, all of one scale, fuses worst, in the middle and best: LRHS,
 // HRLS, what each setting makes of them, the reference; below each its error. A window of at most 256 pixels

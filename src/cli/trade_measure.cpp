@@ -146,100 +146,189 @@ std::vector<std::string> models_in(const std::vector<TradeSetting>& settings) {
   return models;
 }
 
+std::string name_of(const TradeSetting& setting) {
+  return fmt::format("{} {} {} {:g}", setting.model, int(setting.precision), int(setting.kernels),
+                     setting.threshold);
+}
+
+// Views with their first pairs, each read for a model when it is first asked for.
+class LoadedViews {
+ public:
+  struct Loaded {
+    TestPair pair;
+    std::unique_ptr<FuseFrame> frame;
+    Image reference;
+  };
+
+  LoadedViews(const TradeSetting& setting, LastModel& models) : setting_(setting), models_(models) {}
+
+  Loaded& of(const TestView& view) {
+    std::unique_ptr<Loaded>& loaded = views_[view.name];
+    if (!loaded) {
+      const TestPair pair = first_pair(view, setting_.scale);
+      loaded.reset(new Loaded{pair, load(pair, setting_, models_), load_reference(view)});
+    }
+    return *loaded;
+  }
+
+ private:
+  const TradeSetting& setting_;  // any of the model
+  LastModel& models_;
+  std::map<std::string, std::unique_ptr<Loaded>> views_;
+};
+
+Journal::Values measure_view(LoadedViews& loaded, Bench& bench, const TestView& view,
+                             const TradeSetting& setting) {
+  auto& [pair, frame, reference] = loaded.of(view);
+  const TradeResult result = bench.measure(pair, *frame, setting);
+  const Quality quality = measure(frame->result.fused, reference);
+  return {result.time_ms,  double(result.memory_bytes), result.settled_share, result.work_share,
+          quality.psnr_db, quality.relmse_bcr,          quality.relmse_gharbi};
+}
+
+TradeResult result_from(const std::string& view, const Journal::Values& values) {
+  return {.view = view,
+          .time_ms = values.at(0),
+          .memory_bytes = uint64_t(values.at(1)),
+          .quality = {values.at(4), values.at(5), values.at(6)},
+          .settled_share = values.at(2),
+          .work_share = values.at(3)};
+}
+
+// Of the first view.
+void measure_errors(std::vector<SettingResults*>& of_model, LoadedViews& loaded, const TestView& view,
+                    const Device& device, Journal& journal) {
+  std::optional<Truth> truth;
+  for (SettingResults* of : of_model) {
+    const auto error = [&]() -> Journal::Values {
+      const FuseFrame& frame = *loaded.of(view).frame;
+      if (!truth) truth.emplace(frame);
+      return {truth->error(frame, of->setting, device)};
+    };
+    of->fp64_error = journal.get("error: " + name_of(of->setting), error).at(0);
+  }
+}
+
 }  // namespace
 
 std::vector<SettingResults> measure_settings(const std::vector<TestView>& views,
                                              const std::vector<TradeSetting>& settings, const Device& device,
-                                             Console& console) {
+                                             Journal& journal, Console& console) {
   std::vector<SettingResults> all;
-  for (const TradeSetting& setting : settings) all.push_back({.setting = setting});
+  for (const TradeSetting& setting : settings) {
+    const TestPair pair = first_pair(views.front(), setting.scale);
+    all.push_back({setting, pair.lrhs->spp, pair.hrls->spp});
+  }
   LastModel models;
   const size_t rounds = std::min(kRounds, views.size());
   ProgressBar bar(console);
   size_t done = 0;
+  const auto measure_round = [&](size_t round, std::vector<SettingResults*>& of_model) {
+    LoadedViews loaded(of_model.front()->setting, models);
+    for (SettingResults* of : of_model) {
+      Bench bench(device);
+      for (size_t v = round; v < views.size(); v += rounds) {
+        check_interrupted();
+        const auto measure = [&] { return measure_view(loaded, bench, views[v], of->setting); };
+        const std::string name = fmt::format("{}: {}", views[v].name, name_of(of->setting));
+        of->results.push_back(result_from(views[v].name, journal.get(name, measure)));
+        bar.update(double(++done) / double(views.size() * settings.size()));
+      }
+    }
+    if (round == 0) measure_errors(of_model, loaded, views.front(), device, journal);
+  };
   for (size_t round = 0; round < rounds; ++round) {
     for (const std::string& model : models_in(settings)) {
-      struct Loaded {
-        TestPair pair;
-        std::unique_ptr<FuseFrame> frame;
-        Image reference;
-      };
-      std::vector<Loaded> loaded;
+      std::vector<SettingResults*> of_model;
       for (SettingResults& of : all) {
-        if (of.setting.model != model) continue;
-        for (size_t v = round; loaded.size() < (views.size() - round + rounds - 1) / rounds; v += rounds) {
-          Loaded one{first_pair(views[v], of.setting.scale), nullptr, load_reference(views[v])};
-          one.frame = load(one.pair, of.setting, models);
-          loaded.push_back(std::move(one));
-        }
-        Bench bench(device);
-        of.lrhs_spp = loaded.front().pair.lrhs->spp, of.hrls_spp = loaded.front().pair.hrls->spp;
-        for (Loaded& one : loaded) {
-          check_interrupted();
-          TradeResult result = bench.measure(one.pair, *one.frame, of.setting);
-          result.quality = measure(one.frame->result.fused, one.reference);
-          of.results.push_back(std::move(result));
-          bar.update(double(++done) / double(views.size() * settings.size()));
-        }
+        if (of.setting.model == model) of_model.push_back(&of);
       }
-      if (round > 0) continue;
-      const Truth truth(*loaded.front().frame);
-      for (SettingResults& of : all) {
-        if (of.setting.model == model) of.fp64_error = truth.error(*loaded.front().frame, of.setting, device);
-      }
+      measure_round(round, of_model);
     }
   }
   return all;
 }
 
-PairResults measure_pairs(const std::vector<TestView>& views, const std::vector<TradeSetting>& settings,
-                          const Device& device, Console& console) {
-  PairResults results;
-  // By model, scale and samples; sums until all are measured.
-  std::map<std::tuple<std::string, uint32_t, uint32_t, uint32_t>, std::pair<RenderResults, size_t>> sums;
-  const auto add = [&](const RenderResults& one) {
+namespace {
+
+Journal::Values measure_pair(Bench& bench, const TestPair& pair, const TradeSetting& setting,
+                             const Image& reference, LastModel& models) {
+  const auto frame = load(pair, setting, models);
+  const FrameTraits traits = traits_of(frame->images.lrhs, color_of(*frame), frame->files.phase);
+  const TradeResult result = bench.measure(pair, *frame, setting);
+  const Quality quality = measure(frame->result.fused, reference);
+  return {traits.agreement_db, traits.detail_db, result.time_ms / 1000, quality.psnr_db, quality.relmse_bcr};
+}
+
+Journal::Values measure_plain(const TestRender& render, const Image& reference) {
+  ExrFile file(render.file);
+  Image image = load_layers(file, map_color(file, {}), kColor);
+  sanitize(image);
+  const Quality quality = measure(image, reference);
+  return {quality.psnr_db, quality.relmse_bcr};
+}
+
+// Means over views, by model, scale and samples.
+class RenderMeans {
+ public:
+  void add(const RenderResults& one) {
     auto& [sum, count] =
-        sums.try_emplace({one.model, one.scale, one.hrls_spp, one.lrhs_spp}, one, 0).first->second;
+        sums_.try_emplace({one.model, one.scale, one.hrls_spp, one.lrhs_spp}, one, 0).first->second;
     if (count++ == 0) return;
     sum.render_seconds += one.render_seconds, sum.fuse_seconds += one.fuse_seconds;
     sum.psnr_db += one.psnr_db, sum.relmse += one.relmse;
-  };
+  }
+
+  // Those that all views have.
+  std::vector<RenderResults> of(size_t views) const {
+    std::vector<RenderResults> means;
+    const double share = 1.0 / double(views);
+    for (const auto& [key, entry] : sums_) {
+      if (entry.second != views) continue;
+      RenderResults& mean = means.emplace_back(entry.first);
+      mean.render_seconds *= share, mean.fuse_seconds *= share, mean.psnr_db *= share, mean.relmse *= share;
+    }
+    return means;
+  }
+
+ private:
+  std::map<std::tuple<std::string, uint32_t, uint32_t, uint32_t>, std::pair<RenderResults, size_t>> sums_;
+};
+
+}  // namespace
+
+PairResults measure_pairs(const std::vector<TestView>& views, const std::vector<TradeSetting>& settings,
+                          const Device& device, Journal& journal, Console& console) {
+  std::map<std::string, std::vector<Observation>> observations;
+  RenderMeans means;
   std::deque<Bench> benches;
   for (size_t i = 0; i < settings.size(); ++i) benches.emplace_back(device);
   LastModel models;
   ProgressBar bar(console);
   for (size_t v = 0; v < views.size(); ++v) {
     const TestView& view = views[v];
-    const Image truth = load_reference(view);
+    const Image reference = load_reference(view);
     for (const TestRender& plain : view.plain) {
-      ExrFile file(plain.file);
-      Image image = load_layers(file, map_color(file, {}), kColor);
-      sanitize(image);
-      const Quality quality = measure(image, truth);
-      add({"", 1, 0, plain.spp, view.cost.of(plain.spp), 0, quality.psnr_db, quality.relmse_bcr});
+      const auto measure = [&] { return measure_plain(plain, reference); };
+      const auto values = journal.get(fmt::format("{}: {} spp", view.name, plain.spp), measure);
+      means.add({"", 1, 0, plain.spp, view.cost.of(plain.spp), 0, values.at(0), values.at(1)});
     }
     for (size_t i = 0; i < settings.size(); ++i) {
-      for (const TestPair& pair : balanced_pairs(view, settings[i].scale)) {
+      const TradeSetting& setting = settings[i];
+      for (const TestPair& pair : balanced_pairs(view, setting.scale)) {
         check_interrupted();
-        const auto frame = load(pair, settings[i], models);
-        const FrameTraits traits = traits_of(frame->images.lrhs, color_of(*frame), frame->files.phase);
-        const TradeResult result = benches[i].measure(pair, *frame, settings[i]);
-        const Quality quality = measure(frame->result.fused, truth);
-        results.observations[settings[i].model].push_back({view.name, traits, quality.psnr_db});
-        add({settings[i].model, settings[i].scale, pair.lrhs->spp, pair.hrls->spp, pair.render_seconds(),
-             result.time_ms / 1000, quality.psnr_db, quality.relmse_bcr});
+        const uint32_t lrhs_spp = pair.lrhs->spp, hrls_spp = pair.hrls->spp;
+        const auto measure = [&] { return measure_pair(benches[i], pair, setting, reference, models); };
+        const auto values = journal.get(
+            fmt::format("{}: {} {}-{} spp", view.name, setting.model, lrhs_spp, hrls_spp), measure);
+        observations[setting.model].push_back({view.name, {values.at(0), values.at(1)}, values.at(3)});
+        means.add({setting.model, setting.scale, lrhs_spp, hrls_spp, pair.render_seconds(), values.at(2),
+                   values.at(3), values.at(4)});
       }
       bar.update((double(v) + double(i + 1) / double(settings.size())) / double(views.size()));
     }
   }
-  for (auto& [key, entry] : sums) {
-    auto& [sum, count] = entry;
-    if (count != views.size()) continue;  // not all views have it
-    const double share = 1.0 / double(count);
-    sum.render_seconds *= share, sum.fuse_seconds *= share, sum.psnr_db *= share, sum.relmse *= share;
-    results.renders.push_back(sum);
-  }
-  return results;
+  return {means.of(views.size()), std::move(observations)};
 }
 
 std::vector<TradeStrip> make_strips(const std::vector<TestView>& views,

@@ -37,10 +37,7 @@ void write_values(const std::filesystem::path& file, const Values& values) {
   Json json{{"device", values.device}, {"outputs", Json::object()}};
   for (const auto& [name, output] : values.outputs)
     json["outputs"][name] = {{"shape", {output.c, output.h, output.w}}, {"values", to_json(output.data)}};
-  const std::string text = json.dump();
-  AtomicFile out(file);
-  out.write(text.data(), text.size());
-  out.commit();
+  write_whole(file, json.dump());
 }
 
 Values read_values(const std::filesystem::path& file) {

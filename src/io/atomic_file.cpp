@@ -130,4 +130,10 @@ void AtomicFile::commit() {
   sync_folder();
 }
 
+void write_whole(const std::filesystem::path& file, std::string_view text) {
+  AtomicFile out(file);
+  out.write(text.data(), text.size());
+  out.commit();
+}
+
 }  // namespace raymeld

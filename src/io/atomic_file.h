@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <filesystem>
+#include <string_view>
 
 namespace raymeld {
 
@@ -44,5 +45,8 @@ class AtomicFile {
   std::FILE* file_ = nullptr;
   int error_ = 0;  // errno of the first failure
 };
+
+// The file, whole or not at all. Throws Error.
+void write_whole(const std::filesystem::path& file, std::string_view text);
 
 }  // namespace raymeld
