@@ -101,6 +101,7 @@ void Fuser::record(VkCommandBuffer commands, const FrameBuffer& lrhs, const Fram
   recorded_ = true;
   program.bind(next_set_, bindings(lrhs, hrls, fused));
   program.set_exposure(next_set_, exposure);
+  if (program.needs_told()) program.record_all_needed(commands);
   program.record(commands, next_set_, 0, plan_.graph.passes().size());
   next_set_ = (next_set_ + 1) % kFramesInFlight;
 }

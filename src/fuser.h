@@ -116,13 +116,14 @@ class Fuser {
                                const Progress& progress);
   FuseReport run(const float* lrhs, const float* hrls, float* fused, float exposure,
                  const Progress& progress);
-  std::vector<bool> needed_blocks(const Tile& at) const;
+  std::vector<bool> core_blocks(const Tile& at) const;
+  void keep_changed(std::vector<bool>& blocks, const Tile& at) const;
   Status run_tile(const std::vector<bool>& needed, const Progress& progress, FuseReport& report);
   Image redo_tile(const Progress& progress, FuseReport& report);
   void prepare_host();
   void record_chunks(Host& host) const;
   void upload(const float* lrhs, const float* hrls, const Tile& at);
-  // Both from the planar, dense image of a tile; those of the blocks of needed_blocks() that are of the core.
+  // Both from the planar, dense image of a tile; those of `blocks` that are of the core.
   // Returns how many LRHS pixels these are.
   uint64_t copy_blocks(const float* tile_image, const std::vector<bool>& blocks, float* fused,
                        const Tile& at) const;

@@ -38,10 +38,13 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
   const Tiling& tiling = plan_.tiling;
   const double count = tiling.count();
   uint64_t computed = 0;  // LRHS pixels
+  double settled = 0, blocks = 0;
   for (uint32_t index = 0; index < tiling.count(); ++index) {
     const Tile at = tiling.at(index);
     const auto of_frame = [&](double share) { return !progress || progress((index + share) / count); };
-    std::vector<bool> needed = needed_blocks(at);
+    std::vector<bool> needed = core_blocks(at);
+    blocks += double(std::ranges::count(needed, true));
+    if (last_frame_) keep_changed(needed, at);
     if (std::ranges::count(needed, true) == 0) {
       if (!of_frame(1)) throw Cancelled();
       continue;
@@ -55,7 +58,7 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
     }
     // Where nothing changes the next frame has these values as well.
     if (!is_clean(status) && last_frame_) last_frame_->distrust(at, tiling.tile);
-    report.settled_share += program_->settled_share();
+    settled += program_->settled_blocks();
     last_redone_ = options_.fp32_kernels && !is_clean(status);
     if (last_redone_) {
       computed += copy_blocks(redo_tile(of_frame, report).data.data(), needed, fused, at);
@@ -66,22 +69,34 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
     report.status.saturated += status.saturated;
     report.status.not_finite += status.not_finite;
   }
-  report.settled_share /= count;
+  report.settled_share = settled / blocks;
   report.work_share /= count;
   report.kept_share = 1 - double(computed) / (double(tiling.frame.height) * tiling.frame.width);
   return report;
 }
 
-// Of a tile, row by row.
-std::vector<bool> Fuser::needed_blocks(const Tile& at) const {
-  const TileSize tile = plan_.tiling.tile;
-  if (last_frame_) return last_frame_->changed_blocks(at, tile, plan_.graph.reach());
-  return std::vector<bool>(SparseGrid{tile.height, tile.width}.blocks(), true);
+// Those of a tile, row by row, that it keeps something of; all of a tile that is computed as a whole.
+std::vector<bool> Fuser::core_blocks(const Tile& at) const {
+  constexpr uint32_t kSide = SparseGrid::kSide;
+  const SparseGrid grid{plan_.tiling.tile.height, plan_.tiling.tile.width};
+  std::vector<bool> blocks(grid.blocks(), true);
+  if (!plan_.graph.sparse()) return blocks;
+  for (uint32_t i = 0; i < grid.blocks(); ++i) {
+    const TileSize core =
+        at.keeping(i / grid.columns() * kSide, i % grid.columns() * kSide, {kSide, kSide}).core;
+    blocks[i] = core.height > 0 && core.width > 0;
+  }
+  return blocks;
+}
+
+void Fuser::keep_changed(std::vector<bool>& blocks, const Tile& at) const {
+  const std::vector<bool> changed = last_frame_->changed_blocks(at, plan_.tiling.tile, plan_.graph.reach());
+  for (size_t i = 0; i < blocks.size(); ++i) blocks[i] = blocks[i] && changed[i];
 }
 
 // The tile that was uploaded. Returns what was counted.
 Status Fuser::run_tile(const std::vector<bool>& needed, const Progress& progress, FuseReport& report) {
-  if (last_frame_) program_->set_needed(needed);
+  if (program_->needs_told()) program_->set_needed(needed);
   program_->reset_status();
   double done = 0;
   for (VkCommandBuffer chunk : host_->chunks) {

@@ -11,12 +11,12 @@
 namespace raymeld {
 namespace {
 
-// Of a frame of one tile.
-FusePlan describe(const Model& model, TileSize tile, const DeviceInfo& device, const FuserOptions& options,
-                  const StorageExponents& exponents) {
+// Of a frame of one tile, or `part` of a larger one: then the host knows which blocks are of no core.
+FusePlan describe(const Model& model, TileSize tile, bool part, const DeviceInfo& device,
+                  const FuserOptions& options, const StorageExponents& exponents) {
   std::optional<SparseGrid> sparse;
   if (options.threshold > 0 || options.changed_only)
-    sparse = {tile.height, tile.width, options.threshold > 0, options.changed_only};
+    sparse = {tile.height, tile.width, options.threshold > 0, options.changed_only || part};
   Graph graph(options.storage, options.kernels.addressed, options.keep_activations, sparse);
   network(graph, model, tile.height, tile.width, options.phase, options.kernels.conv2d, exponents,
           options.constants);
@@ -137,7 +137,7 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
   std::optional<FusePlan> plan;  // of the tile tried last
   std::optional<std::string> reason;
   const auto fits = [&](TileSize tile) {
-    plan = describe(model, tile, device, options, exponents);
+    plan = describe(model, tile, tile.height < height || tile.width < width, device, options, exponents);
     reason = obstacle(*plan, frame_shapes(model, tile, options.constants), device, most_bytes);
     if (!reason && options.fp32_kernels) reason = wide_obstacle(*plan, model, device, options);
     // Every layer's output stays readable in a frame of one tile only.

@@ -102,7 +102,8 @@ FusionStatus Fusion::fuse(const float* lrhs, const float* hrls, float* fused) {
 FusionStatus Fusion::take_status() {
   Program& program = state_->fuser.program();
   const Status status = program.status();
-  const float settled_share = float(program.settled_share());
+  const std::optional<SparseGrid>& grid = state_->fuser.graph().sparse();
+  const float settled_share = grid ? float(program.settled_blocks()) / float(grid->blocks()) : 0;
   program.reset_status();
   return {status.saturated, status.not_finite, settled_share};
 }

@@ -28,6 +28,24 @@ void full_barrier(const VulkanFunctions& vk, VkCommandBuffer commands, bool indi
   vk.CmdPipelineBarrier(commands, stages, stages, 0, 1, &barrier, 0, nullptr, 0, nullptr);
 }
 
+// Behind what earlier passes do with it, and before what later ones do.
+void fill_zero(const VulkanFunctions& vk, VkCommandBuffer commands, VkBuffer buffer,
+               VkDeviceSize offset_bytes, VkDeviceSize size_bytes) {
+  constexpr VkAccessFlags kBoth = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT;
+  const auto wait = [&](VkPipelineStageFlags from, VkAccessFlags wrote, VkPipelineStageFlags to,
+                        VkAccessFlags access) {
+    auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
+    barrier.srcAccessMask = wrote;
+    barrier.dstAccessMask = access;
+    vk.CmdPipelineBarrier(commands, from, to, 0, 1, &barrier, 0, nullptr, 0, nullptr);
+  };
+  wait(VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_ACCESS_SHADER_WRITE_BIT, VK_PIPELINE_STAGE_TRANSFER_BIT,
+       VK_ACCESS_TRANSFER_WRITE_BIT);
+  vk.CmdFillBuffer(commands, buffer, offset_bytes, size_bytes, 0);
+  wait(VK_PIPELINE_STAGE_TRANSFER_BIT, VK_ACCESS_TRANSFER_WRITE_BIT, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT,
+       kBoth);
+}
+
 // How much behind the status a sparse graph has, in words.
 struct SparseLayout {
   uint32_t blocks, lists, table, groups, end;
@@ -178,7 +196,7 @@ void Program::set_threshold(float threshold) {
 
 void Program::set_needed(const std::vector<bool>& blocks) {
   const std::optional<SparseGrid>& grid = graph_.sparse();
-  if (!grid || !grid->by_host) throw Error("the blocks of this graph are not for the host to tell");
+  if (!needs_told()) throw Error("the blocks of this graph are not for the host to tell");
   if (blocks.size() != grid->blocks())
     throw Error("{} blocks are told of a graph of {}", blocks.size(), grid->blocks());
   std::ranges::transform(blocks, words() + RAYMELD_SPARSE_DISTANCES,
@@ -186,8 +204,14 @@ void Program::set_needed(const std::vector<bool>& blocks) {
   told_ = static_cast<uint32_t>(std::ranges::count(blocks, true));
 }
 
-double Program::settled_share() const {
-  return graph_.sparse() ? double(told_ - words()[RAYMELD_SPARSE_COUNTS]) / graph_.sparse()->blocks() : 0;
+void Program::record_all_needed(VkCommandBuffer commands) {
+  told_ = graph_.sparse()->blocks();
+  fill_zero(device_.vk(), commands, status_.handle(), sizeof(Status) + 4 * RAYMELD_SPARSE_DISTANCES,
+            4 * told_);
+}
+
+uint32_t Program::settled_blocks() const {
+  return graph_.sparse() ? told_ - words()[RAYMELD_SPARSE_COUNTS] : 0;
 }
 
 double Program::work_share() const {
@@ -383,7 +407,7 @@ void Program::record(VkCommandBuffer commands, uint32_t set, size_t first, size_
   const bool sparse = graph_.sparse().has_value();
   full_barrier(vk, commands, sparse);
   if (first == 0 && graph_.starts_clear()) {
-    clear_activations(commands);
+    fill_zero(vk, commands, activations_.handle(), 0, VK_WHOLE_SIZE);
   }
   if (queries && first == 0) {
     vk.CmdResetQueryPool(commands, queries, 0, static_cast<uint32_t>(graph_.passes().size()) + 1);
@@ -436,21 +460,6 @@ void Program::dispatch_sparse(VkCommandBuffer commands, size_t index, VkPipeline
     const uint64_t groups = words()[RAYMELD_SPARSE_GROUPS] + 3 * (first_row_[index] + n);
     device_.vk().CmdDispatchIndirect(commands, status_.handle(), sizeof(Status) + groups * 4);
   }
-}
-
-void Program::clear_activations(VkCommandBuffer commands) const {
-  const auto wait = [&](VkPipelineStageFlags from, VkAccessFlags wrote, VkPipelineStageFlags to,
-                        VkAccessFlags access) {
-    auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
-    barrier.srcAccessMask = wrote;
-    barrier.dstAccessMask = access;
-    device_.vk().CmdPipelineBarrier(commands, from, to, 0, 1, &barrier, 0, nullptr, 0, nullptr);
-  };
-  wait(VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_ACCESS_SHADER_WRITE_BIT, VK_PIPELINE_STAGE_TRANSFER_BIT,
-       VK_ACCESS_TRANSFER_WRITE_BIT);
-  device_.vk().CmdFillBuffer(commands, activations_.handle(), 0, VK_WHOLE_SIZE, 0);
-  wait(VK_PIPELINE_STAGE_TRANSFER_BIT, VK_ACCESS_TRANSFER_WRITE_BIT, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT,
-       VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT);
 }
 
 // Splits along z (channels), then along y (rows). The piece without a base is the last, as Mesa's driver for

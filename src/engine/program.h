@@ -61,8 +61,12 @@ class Program {
   // Of a sparse graph whose blocks the host tells, row by row: what recordings compute from their next submit
   // on. Before each submit, as a frame leaves its own notes there. None may be pending.
   void set_needed(const std::vector<bool>& blocks);
-  // The share of a sparse graph's blocks that the last frame found settled; read when the device is idle.
-  double settled_share() const;
+  bool needs_told() const { return graph_.sparse() && graph_.sparse()->by_host; }
+  // The same for all blocks, as a command: before record().
+  void record_all_needed(VkCommandBuffer commands);
+  // Of those of a sparse graph's blocks that were needed for all the host knew, how many the last frame found
+  // settled; read when the device is idle.
+  uint32_t settled_blocks() const;
   // How much of all passes' work it was.
   double work_share() const;
 
@@ -90,7 +94,6 @@ class Program {
   VkDescriptorBufferInfo buffer_info(const Binding& binding, uint32_t set, const FrameBindings* frame) const;
   void dispatch(VkCommandBuffer commands, const Pass& pass) const;
   void prepare_sparse();
-  void clear_activations(VkCommandBuffer commands) const;
   void dispatch_sparse(VkCommandBuffer commands, size_t index, VkPipelineLayout layout) const;
   uint32_t* words() const;
 
