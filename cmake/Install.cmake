@@ -1,26 +1,34 @@
-# The program, its script for render farms, the stock models, and the package raymeld with the target raymeld::raymeld.
+# The program, its script for render farms, the stock models, the library, and the package raymeld with the target
+# raymeld::raymeld.
 include(CMakePackageConfigHelpers)
 
-install(TARGETS raymeld RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
-install(TARGETS raymeld_core raymeld_layers raymeld_shaders raymeld_engine raymeld_io
-        EXPORT raymeld ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
-install(DIRECTORY include/raymeld DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
-install(PROGRAMS scripts/fuse-array.slurm DESTINATION ${CMAKE_INSTALL_DATADIR}/raymeld)
-install(DIRECTORY models/ DESTINATION ${CMAKE_INSTALL_DATADIR}/raymeld/models)
+install(TARGETS raymeld RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT tools)
+install(TARGETS raymeld_library EXPORT raymeld LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT library
+        NAMELINK_COMPONENT dev)
+install(DIRECTORY include/raymeld DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT dev)
+install(PROGRAMS scripts/fuse-array.slurm DESTINATION ${CMAKE_INSTALL_DATADIR}/raymeld COMPONENT tools)
+install(DIRECTORY models/ DESTINATION ${CMAKE_INSTALL_DATADIR}/raymeld/models COMPONENT models)
 
 set(package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/raymeld)
-install(EXPORT raymeld NAMESPACE raymeld:: DESTINATION ${package_dir})
+install(EXPORT raymeld NAMESPACE raymeld:: DESTINATION ${package_dir} COMPONENT dev)
 file(WRITE ${CMAKE_BINARY_DIR}/raymeldConfig.cmake [=[
 include(CMakeFindDependencyMacro)
-find_dependency(fmt)
-find_dependency(Imath)
-find_dependency(OpenEXR)
-find_dependency(PNG)
-find_dependency(nlohmann_json)
 find_dependency(Vulkan)
 include(${CMAKE_CURRENT_LIST_DIR}/raymeld.cmake)
 ]=])
 write_basic_package_version_file(${CMAKE_BINARY_DIR}/raymeldConfigVersion.cmake
                                  COMPATIBILITY SameMinorVersion)
 install(FILES ${CMAKE_BINARY_DIR}/raymeldConfig.cmake ${CMAKE_BINARY_DIR}/raymeldConfigVersion.cmake
-        DESTINATION ${package_dir})
+        DESTINATION ${package_dir} COMPONENT dev)
+
+# Relative to its own place, so that the installed tree may be moved.
+file(RELATIVE_PATH prefix /${CMAKE_INSTALL_LIBDIR}/pkgconfig /)
+file(CONFIGURE OUTPUT raymeld.pc @ONLY CONTENT [=[
+prefix=${pcfiledir}/@prefix@
+Name: raymeld
+Description: Fuses two cheap renders into a good one, on a Vulkan device
+Version: @PROJECT_VERSION@
+Cflags: -I${prefix}/@CMAKE_INSTALL_INCLUDEDIR@
+Libs: -L${prefix}/@CMAKE_INSTALL_LIBDIR@ -lraymeld
+]=])
+install(FILES ${CMAKE_CURRENT_BINARY_DIR}/raymeld.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig COMPONENT dev)

@@ -73,7 +73,7 @@ Program& Fuser::made_program() {
 }
 
 Fuser::Host::~Host() {
-  if (queries) device.vk().DestroyQueryPool(device.handle(), queries, nullptr);
+  if (queries) device.vk().DestroyQueryPool(device.handle(), queries, device.allocator());
 }
 
 uint64_t Fuser::allocated_bytes() const {
@@ -125,7 +125,7 @@ void Fuser::prepare_host() {
     auto info = vk_struct<VkQueryPoolCreateInfo>(VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO);
     info.queryType = VK_QUERY_TYPE_TIMESTAMP;
     info.queryCount = static_cast<uint32_t>(plan_.graph.passes().size()) + 1;
-    check(device_.vk().CreateQueryPool(device_.handle(), &info, nullptr, &host->queries),
+    check(device_.vk().CreateQueryPool(device_.handle(), &info, device_.allocator(), &host->queries),
           "creating a query pool");
   }
   record_chunks(*host);
@@ -193,8 +193,8 @@ FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const
   const FuseReport report =
       run_within_memory(lrhs, hrls, last_frame_ ? last_frame_->fused() : fused, factor, progress);
   if (report.status.not_finite > 0) {
-    throw Error("model {} gave {} values that are not finite; the image is of no use", model_.name(),
-                report.status.not_finite);
+    throw NotFinite("model {} gave {} values that are not finite; the image is of no use", model_.name(),
+                    report.status.not_finite);
   }
   if (last_frame_) {
     std::copy_n(last_frame_->fused(), last_frame_->fused_size(), fused);

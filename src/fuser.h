@@ -38,11 +38,14 @@ struct FuseReport {
 // Called with the share of a frame that is done, in [0, 1]; false stops the frame with Cancelled.
 using Progress = std::function<bool(double)>;
 
+// Thrown where a network's output is not finite; the image is of no use.
+class NotFinite : public Error {
+ public:
+  using Error::Error;
+};
+
 class Fuser {
  public:
-  // Frames that may be recorded by record() and not yet done on the device.
-  static constexpr uint32_t kFramesInFlight = Fusion::kFramesInFlight;
-
   // Allocates all that frames of (height, width) LRHS pixels need, and compiles the pipelines through the
   // cache on disk. Where the device has less memory than it says, tiles become smaller until they fit.
   // `device` and `model` must outlive the Fuser. Throws Error.
@@ -81,7 +84,7 @@ class Fuser {
   // tile and waits. The first call allocates and records, and so does the first that does a tile again; other
   // ones only submit. No frame of record() may be pending. When the device runs out of memory, the frame
   // starts again with smaller tiles, unless record() was called before: recordings may still be submitted.
-  // Throws Error, also when the network's output is not finite, and Cancelled; `fused` may then hold some
+  // Throws Error, NotFinite and Cancelled; `fused` may then hold some
   // tiles, and the next call works if the device does. With FuserOptions::changed_only the inputs and the
   // output are kept for the next call, and the bits are those of a first call.
   // `exposure`: what radiance is multiplied by for the network, for parts of a larger frame; 0: exposure().

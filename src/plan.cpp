@@ -22,7 +22,7 @@ FusePlan describe(const Model& model, TileSize tile, bool part, const DeviceInfo
           options.constants);
   graph.plan();
   FusePlan plan{.tiling = make_tiling(tile, 1, 1, 0), .graph = std::move(graph)};
-  plan.frame_bytes = Program::host_bytes(Fusion::kFramesInFlight + 1, plan.graph,
+  plan.frame_bytes = Program::host_bytes(kFramesInFlight + 1, plan.graph,
                                          options.work_limits.value_or(limits_for(device)));
   for (const Shape& shape : frame_shapes(model, tile, options.constants))
     plan.frame_bytes += frame_bytes(shape);

@@ -8,10 +8,25 @@
 #include "engine/graph.h"
 #include "engine/program.h"
 #include "model.h"
-#include "raymeld/raymeld.hpp"
 #include "tiling.h"
 
 namespace raymeld {
+
+enum class Precision {
+  kAuto,  // fp16 on GPUs with 16-bit storage for models that fit it, else fp32; what fp16 cannot hold, fuse()
+          // computes again in fp32
+  kFp32,
+  kFp16,  // 16-bit storage, 32-bit sums; an error on a device without 16-bit storage
+};
+
+// How convolutions are computed.
+enum class KernelChoice {
+  kAuto,    // what is fastest on the device: as `raymeld tune` measured, else a default for its kind
+  kDirect,  // by the plain sums of their definition, several times slower: the same bits whatever the tiles
+};
+
+// Frames that may be recorded and not yet done on the device.
+inline constexpr uint32_t kFramesInFlight = 3;
 
 // What a wish for a precision means on a device: kAuto takes 16-bit storage on GPUs that have it, 32 bits on
 // CPUs, where converting costs more than it saves.

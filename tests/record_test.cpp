@@ -3,11 +3,9 @@
 
 #include <cstdlib>
 
-#include "caller_device.h"
+#include "api_subject.h"
 #include "error_of.h"
 #include "fuser.h"
-#include "raymeld/raymeld.hpp"
-#include "subject.h"
 #include "tuner.h"
 
 namespace raymeld::test {
@@ -43,6 +41,28 @@ void end_and_submit(const Device& device, Commands& pool, VkCommandBuffer comman
   check(device.vk().QueueSubmit(device.queue(), 1, &submit, VK_NULL_HANDLE), "submitting");
 }
 
+raymeld_image image_at(const FrameImage& image) {
+  const FrameBuffer& view = image.view();
+  raymeld_image at;
+  at.buffer = view.buffer;
+  at.offset_bytes = view.offset_bytes;
+  at.pixel_stride = view.pixel_stride;
+  at.row_stride = view.row_stride;
+  at.channel_stride = view.channel_stride;
+  return at;
+}
+
+void record(Fusion& fusion, VkCommandBuffer commands, const FrameImage& lrhs, const FrameImage& hrls,
+            const FrameImage& fused, float exposure = 0) {
+  const raymeld_image images[] = {image_at(lrhs), image_at(hrls), image_at(fused)};
+  raymeld_frame frame;
+  frame.lrhs = &images[0];
+  frame.hrls = &images[1];
+  frame.fused = &images[2];
+  frame.exposure = exposure;
+  fusion.record(commands, frame);
+}
+
 TEST_F(RecordTest, ASecondFrameAllocatesNothing) {
   CallerDevice caller;
   const std::unique_ptr<Device> device = Device::wrap(caller.external());
@@ -71,7 +91,7 @@ TEST_F(RecordTest, RecordingCallsNothingThatAllocatesSubmitsOrWaits) {
   const FrameImage lrhs(*device, subject_.lrhs), hrls(*device, subject_.hrls);
   const FrameImage fused(*device, Shape{12, 18, 3});
   Commands pool(*device);
-  for (uint32_t i = 0; i < Fuser::kFramesInFlight; ++i) {
+  for (uint32_t i = 0; i < kFramesInFlight; ++i) {
     const VkCommandBuffer commands = pool.begin("frame");
     caller.take_calls();
     fuser.record(commands, lrhs.view(), hrls.view(), fused.view());
@@ -84,13 +104,16 @@ TEST_F(RecordTest, AnyLayoutGivesTheBitsOfFuse) {
   for (const Precision precision : kPrecisions) {
     CallerDevice caller;
     const std::unique_ptr<Device> device = Device::wrap(caller.external());
-    FusionOptions options;
-    options.precision = precision == Precision::kFp16 ? raymeld::Precision::kFp16 : raymeld::Precision::kFp32;
-    Fusion fusion(file_.string(), 6, 9, options, caller.external());
-    ASSERT_EQ(fusion.tile_height(), 6u);
-    ASSERT_EQ(fusion.tile_width(), 9u);
-    EXPECT_EQ(fusion.scale(), 2u);
-    EXPECT_EQ(fusion.hrls_layers(), (std::vector<std::string>{"color", "albedo", "normal"}));
+    raymeld_fusion_desc desc = fusion_desc(subject_);
+    desc.precision = precision == Precision::kFp16 ? RAYMELD_PRECISION_FP16 : RAYMELD_PRECISION_FP32;
+    Fusion fusion(Context(context_desc(caller.external())), SharedModel(file_.string()), desc);
+    const raymeld_fusion_info info = fusion.info();
+    ASSERT_EQ(info.tile_height, 6u);
+    ASSERT_EQ(info.tile_width, 9u);
+    EXPECT_EQ(info.scale, 2u);
+    EXPECT_EQ(info.frames_in_flight, kFramesInFlight);
+    EXPECT_GT(info.memory_bytes, 0u);
+    EXPECT_EQ(fusion.layers(), (std::vector<std::string>{"color", "albedo", "normal"}));
     std::vector<float> expected(3 * 12 * 18);
     fusion.fuse(floats(subject_.lrhs).data(), floats(subject_.hrls).data(), expected.data());
     for (const FrameImage::Layout& layout : frame_layouts()) {
@@ -100,7 +123,7 @@ TEST_F(RecordTest, AnyLayoutGivesTheBitsOfFuse) {
       const FrameImage fused(*device, Shape{12, 18, 3}, layout);
       Commands pool(*device);
       const VkCommandBuffer commands = pool.begin("frame");
-      fusion.record(commands, lrhs.view(), hrls.view(), fused.view());
+      record(fusion, commands, lrhs, hrls, fused);
       end_and_submit(*device, pool, commands);
       check(device->vk().DeviceWaitIdle(device->handle()), "waiting");
       EXPECT_TRUE(same_bits(floats(fused.read()), expected));
@@ -113,7 +136,9 @@ TEST_F(RecordTest, EachRecordingHasItsExposure) {
   write_model(file_, subject_.architecture, subject_.weights, {{"exposure_key", "0.2"}});
   CallerDevice caller;
   const std::unique_ptr<Device> device = Device::wrap(caller.external());
-  Fusion fusion(file_.string(), 6, 9, {}, caller.external());
+  const Context context(context_desc(caller.external()));
+  const SharedModel model(file_.string());
+  Fusion fusion(context, model, fusion_desc(subject_));
   const std::vector<float> lrhs_values = floats(subject_.lrhs), hrls_values = floats(subject_.hrls);
   const float found = fusion.exposure(lrhs_values.data());
   EXPECT_NE(found, 1);
@@ -124,19 +149,21 @@ TEST_F(RecordTest, EachRecordingHasItsExposure) {
   for (const float exposure : exposures) {
     images.emplace_back(*device, Shape{12, 18, 3});
     const VkCommandBuffer commands = pool.begin("frame");
-    fusion.record(commands, lrhs.view(), hrls.view(), images.back().view(), exposure);
+    record(fusion, commands, lrhs, hrls, images.back(), exposure);
     end_and_submit(*device, pool, commands);
   }
   check(device->vk().DeviceWaitIdle(device->handle()), "waiting");
   for (size_t i = 0; i < images.size(); ++i) {
     // 0: what the model asks for, which is what was found.
-    Fusion same(file_.string(), 6, 9, {.exposure = i == 1 ? 0 : exposures[i]}, caller.external());
+    raymeld_fusion_desc desc = fusion_desc(subject_);
+    desc.exposure = i == 1 ? 0 : exposures[i];
+    Fusion same(context, model, desc);
     std::vector<float> expected(3 * 12 * 18);
     same.fuse(lrhs_values.data(), hrls_values.data(), expected.data());
     EXPECT_TRUE(same_bits(floats(images[i].read()), expected)) << exposures[i];
   }
-  EXPECT_THROW(fusion.record(VK_NULL_HANDLE, lrhs.view(), hrls.view(), images[0].view(), 0),
-               std::runtime_error);
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT,
+                 record(fusion, pool.begin("none"), lrhs, hrls, images[0], -1), "exposure");
 }
 
 TEST_F(RecordTest, ThreeRecordingsInFlight) {
@@ -148,7 +175,7 @@ TEST_F(RecordTest, ThreeRecordingsInFlight) {
     std::vector<Subject> subjects;
     std::vector<FrameImage> images;
     Commands pool(*device);
-    for (uint64_t i = 0; i < Fuser::kFramesInFlight; ++i) {
+    for (uint64_t i = 0; i < kFramesInFlight; ++i) {
       subjects.push_back(make_subject(subject_.architecture, 6, 9, 10 + 3 * round + i));
       images.emplace_back(*device, subjects.back().lrhs);
       images.emplace_back(*device, subjects.back().hrls);
@@ -186,9 +213,12 @@ TEST_F(RecordTest, AddressesMustBeEnabled) {
                "buffer addresses", device->info().name);
   std::vector<float> own(3 * 12 * 18), direct(own.size());
   const std::vector<float> lrhs = floats(subject_.lrhs), hrls = floats(subject_.hrls);
-  Fusion(file_.string(), 6, 9, {}, caller.external()).fuse(lrhs.data(), hrls.data(), own.data());
-  Fusion(file_.string(), 6, 9, {.kernels = KernelChoice::kDirect}, caller.external())
-      .fuse(lrhs.data(), hrls.data(), direct.data());
+  const Context context(context_desc(caller.external()));
+  const SharedModel shared(file_.string());
+  raymeld_fusion_desc desc = fusion_desc(subject_);
+  Fusion(context, shared, desc).fuse(lrhs.data(), hrls.data(), own.data());
+  desc.kernels = RAYMELD_KERNELS_DIRECT;
+  Fusion(context, shared, desc).fuse(lrhs.data(), hrls.data(), direct.data());
   EXPECT_TRUE(same_bits(own, direct));
 }
 

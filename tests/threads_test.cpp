@@ -3,11 +3,9 @@
 #include <functional>
 #include <thread>
 
-#include "caller_device.h"
+#include "api_subject.h"
 #include "cli_fixture.h"
 #include "fuser.h"
-#include "raymeld/raymeld.hpp"
-#include "subject.h"
 #include "tuner.h"
 
 namespace raymeld::test {
@@ -44,10 +42,7 @@ class ThreadsTest : public GpuTest {
     return fused.data;
   }
   std::vector<float> fuse_with(Fusion& fusion, int i) const {
-    const Subject& subject = subjects_[size_t(i)];
-    std::vector<float> fused(subject.lrhs.data.size() * fusion.scale() * fusion.scale());
-    fusion.fuse(floats(subject.lrhs).data(), floats(subject.hrls).data(), fused.data());
-    return fused;
+    return fuse(fusion, subjects_[size_t(i)]).values;
   }
 
   // make(i) is made, and used for some frames, by one thread after the other and then by all at once.
@@ -81,13 +76,16 @@ TEST_F(ThreadsTest, FusersOfOneDevice) {
 }
 
 TEST_F(ThreadsTest, FusionsWithDevicesOfTheirOwn) {
-  expect_the_same([&](int i) { return std::make_unique<Fusion>(file(i), height(i), width(i)); });
+  expect_the_same([&](int i) {
+    return std::make_unique<Fusion>(Context(), SharedModel(file(i)), fusion_desc(subjects_[size_t(i)]));
+  });
 }
 
 TEST_F(ThreadsTest, FusionsOfACallersDevice) {
   const CallerDevice caller;
+  const Context context(context_desc(caller.external()));
   expect_the_same([&](int i) {
-    return std::make_unique<Fusion>(file(i), height(i), width(i), FusionOptions{}, caller.external());
+    return std::make_unique<Fusion>(context, SharedModel(file(i)), fusion_desc(subjects_[size_t(i)]));
   });
 }
 

@@ -4,7 +4,7 @@
 #include <map>
 #include <string>
 
-#include "raymeld/raymeld.hpp"
+#include "plan.h"
 
 namespace raymeld::cli {
 

@@ -60,7 +60,7 @@ Buffer::Buffer(const Device& device, uint64_t size_bytes, Memory memory, const s
                  VK_BUFFER_USAGE_TRANSFER_DST_BIT | VK_BUFFER_USAGE_INDIRECT_BUFFER_BIT;
     const bool addressed = device.info().buffer_device_address;
     if (addressed) info.usage |= VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT;
-    check(vk.CreateBuffer(device.handle(), &info, nullptr, &buffer_), what);
+    check(vk.CreateBuffer(device.handle(), &info, device.allocator(), &buffer_), what);
     device.name(VK_OBJECT_TYPE_BUFFER, buffer_, name);
     VkMemoryRequirements needs;
     vk.GetBufferMemoryRequirements(device.handle(), buffer_, &needs);
@@ -70,7 +70,7 @@ Buffer::Buffer(const Device& device, uint64_t size_bytes, Memory memory, const s
                                                       addressed ? &flags_info : nullptr);
     allocation.allocationSize = needs.size;
     allocation.memoryTypeIndex = memory_type_for(device, needs.memoryTypeBits, memory, name);
-    check_allocation(vk.AllocateMemory(device.handle(), &allocation, nullptr, &memory_), what);
+    check_allocation(vk.AllocateMemory(device.handle(), &allocation, device.allocator(), &memory_), what);
     device.name(VK_OBJECT_TYPE_DEVICE_MEMORY, memory_, name);
     check(vk.BindBufferMemory(device.handle(), buffer_, memory_, 0), what);
     if (addressed) {
@@ -92,8 +92,8 @@ Buffer::Buffer(const Device& device, uint64_t size_bytes, Memory memory, const s
 Buffer::~Buffer() {
   if (!device_) return;
   const VulkanFunctions& vk = device_->vk();
-  if (buffer_) vk.DestroyBuffer(device_->handle(), buffer_, nullptr);
-  if (memory_) vk.FreeMemory(device_->handle(), memory_, nullptr);
+  if (buffer_) vk.DestroyBuffer(device_->handle(), buffer_, device_->allocator());
+  if (memory_) vk.FreeMemory(device_->handle(), memory_, device_->allocator());
 }
 
 Buffer& Buffer::operator=(Buffer&& other) noexcept {

@@ -5,10 +5,11 @@ namespace raymeld {
 Commands::Commands(const Device& device) : device_(device) {
   auto info = vk_struct<VkCommandPoolCreateInfo>(VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO);
   info.queueFamilyIndex = device.queue_family();
-  check(device.vk().CreateCommandPool(device.handle(), &info, nullptr, &pool_), "creating a command pool");
+  check(device.vk().CreateCommandPool(device.handle(), &info, device.allocator(), &pool_),
+        "creating a command pool");
 }
 
-Commands::~Commands() { device_.vk().DestroyCommandPool(device_.handle(), pool_, nullptr); }
+Commands::~Commands() { device_.vk().DestroyCommandPool(device_.handle(), pool_, device_.allocator()); }
 
 VkCommandBuffer Commands::begin(const std::string& name) {
   auto info = vk_struct<VkCommandBufferAllocateInfo>(VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO);

@@ -70,6 +70,8 @@ std::unique_ptr<Device> Device::wrap(const ExternalDevice& external) {
   device->queue_ = external.queue;
   device->queue_mutex_ = mutex_of(external.queue);
   device->queue_family_ = external.queue_family;
+  device->allocator_ = external.allocator;
+  device->pipeline_cache_ = external.pipeline_cache;
   device->adopt(external.physical_device, 0);
   device->info_.storage_16bit = device->info_.storage_16bit && external.storage_16bit;
   device->info_.buffer_device_address = device->info_.buffer_device_address && external.buffer_device_address;
@@ -78,12 +80,13 @@ std::unique_ptr<Device> Device::wrap(const ExternalDevice& external) {
     throw Error("wrapping a Vulkan device: buffer addresses are said to be enabled, but are not");
   }
   const auto fence = vk_struct<VkFenceCreateInfo>(VK_STRUCTURE_TYPE_FENCE_CREATE_INFO);
-  check(device->vk_.CreateFence(device->device_, &fence, nullptr, &device->fence_), "creating a fence");
+  check(device->vk_.CreateFence(device->device_, &fence, device->allocator_, &device->fence_),
+        "creating a fence");
   return device;
 }
 
 Device::~Device() {
-  if (device_ && fence_) vk_.DestroyFence(device_, fence_, nullptr);
+  if (device_ && fence_) vk_.DestroyFence(device_, fence_, allocator_);
   if (!owns_) return;
   if (device_) vk_.DestroyDevice(device_, nullptr);
   if (messenger_) vk_.DestroyDebugUtilsMessengerEXT(instance_, messenger_, nullptr);

@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "engine/cooperative_matrix.h"
+#include "engine/external.h"
 #include "engine/vulkan.h"
-#include "raymeld/vulkan.hpp"
 
 namespace raymeld {
 
@@ -67,6 +67,9 @@ class Device {
   VkDevice handle() const { return device_; }
   VkQueue queue() const { return queue_; }
   uint32_t queue_family() const { return queue_family_; }
+  // Of what is made on the device; null: the driver's own.
+  const VkAllocationCallbacks* allocator() const { return allocator_; }
+  VkPipelineCache pipeline_cache() const { return pipeline_cache_; }  // the caller's, or null
   const DeviceInfo& info() const { return info_; }
   const VkPhysicalDeviceProperties& properties() const { return properties_; }
   const VkPhysicalDeviceMemoryProperties& memory() const { return memory_; }
@@ -104,6 +107,8 @@ class Device {
   VkDevice device_ = VK_NULL_HANDLE;
   VkQueue queue_ = VK_NULL_HANDLE;
   uint32_t queue_family_ = 0;
+  const VkAllocationCallbacks* allocator_ = nullptr;
+  VkPipelineCache pipeline_cache_ = VK_NULL_HANDLE;
   std::shared_ptr<std::mutex> queue_mutex_;
   VkFence fence_ = VK_NULL_HANDLE;
   DeviceInfo info_;

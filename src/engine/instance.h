@@ -1,4 +1,5 @@
-// Instances, and what a physical device says of itself. Used by device.cpp only.
+// Instances, and what a physical device says of itself. Used by device.cpp, and by the library to answer
+// before there is a device.
 #pragma once
 
 #include <string>

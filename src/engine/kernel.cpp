@@ -20,7 +20,7 @@ Kernel::Kernel(const Device& device, VkPipelineCache cache, std::span<const uint
   code.codeSize = spirv.size_bytes();
   code.pCode = spirv.data();
   VkShaderModule module = VK_NULL_HANDLE;
-  check(vk.CreateShaderModule(device.handle(), &code, nullptr, &module), "loading shader " + name);
+  check(vk.CreateShaderModule(device.handle(), &code, device.allocator(), &module), "loading shader " + name);
 
   std::vector<VkSpecializationMapEntry> entries;
   for (uint32_t id = 0; id < constants.size(); ++id) entries.push_back({id, id * 4, 4});
@@ -41,8 +41,9 @@ Kernel::Kernel(const Device& device, VkPipelineCache cache, std::span<const uint
                 "main",
                 &specialization};
   info.layout = layout_;
-  const VkResult result = vk.CreateComputePipelines(device.handle(), cache, 1, &info, nullptr, &pipeline_);
-  vk.DestroyShaderModule(device.handle(), module, nullptr);
+  const VkResult result =
+      vk.CreateComputePipelines(device.handle(), cache, 1, &info, device.allocator(), &pipeline_);
+  vk.DestroyShaderModule(device.handle(), module, device.allocator());
   check(result, "compiling shader " + name);
   device.name(VK_OBJECT_TYPE_PIPELINE, pipeline_, name);
 }
@@ -50,9 +51,9 @@ Kernel::Kernel(const Device& device, VkPipelineCache cache, std::span<const uint
 Kernel::~Kernel() {
   if (!device_) return;
   const VulkanFunctions& vk = device_->vk();
-  vk.DestroyPipeline(device_->handle(), pipeline_, nullptr);
-  vk.DestroyPipelineLayout(device_->handle(), layout_, nullptr);
-  vk.DestroyDescriptorSetLayout(device_->handle(), set_layout_, nullptr);
+  vk.DestroyPipeline(device_->handle(), pipeline_, device_->allocator());
+  vk.DestroyPipelineLayout(device_->handle(), layout_, device_->allocator());
+  vk.DestroyDescriptorSetLayout(device_->handle(), set_layout_, device_->allocator());
 }
 
 Kernel& Kernel::operator=(Kernel&& other) noexcept {
@@ -73,7 +74,8 @@ void Kernel::create_layout(const std::string& name, uint32_t push_bytes) {
   auto set = vk_struct<VkDescriptorSetLayoutCreateInfo>(VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO);
   set.bindingCount = binding_count_;
   set.pBindings = bindings.data();
-  check(vk.CreateDescriptorSetLayout(device_->handle(), &set, nullptr, &set_layout_), "describing " + name);
+  check(vk.CreateDescriptorSetLayout(device_->handle(), &set, device_->allocator(), &set_layout_),
+        "describing " + name);
 
   const VkPushConstantRange push{VK_SHADER_STAGE_COMPUTE_BIT, 0, push_bytes};
   auto layout = vk_struct<VkPipelineLayoutCreateInfo>(VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO);
@@ -81,7 +83,8 @@ void Kernel::create_layout(const std::string& name, uint32_t push_bytes) {
   layout.pSetLayouts = &set_layout_;
   layout.pushConstantRangeCount = push_bytes > 0;
   layout.pPushConstantRanges = &push;
-  check(vk.CreatePipelineLayout(device_->handle(), &layout, nullptr, &layout_), "describing " + name);
+  check(vk.CreatePipelineLayout(device_->handle(), &layout, device_->allocator(), &layout_),
+        "describing " + name);
 }
 
 }  // namespace raymeld

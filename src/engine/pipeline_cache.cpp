@@ -76,6 +76,10 @@ std::string device_key(const VkPhysicalDeviceProperties& properties) {
 
 PipelineCache::PipelineCache(const Device& device, const std::filesystem::path& folder) : device_(device) {
   const VkPhysicalDeviceProperties& properties = device.properties();
+  if (device.pipeline_cache()) {
+    cache_ = device.pipeline_cache();
+    return;
+  }
   if (!folder.empty()) {
     file_ = folder / fmt::format("pipelines-{}.bin", device_key(properties));
     loaded_data_ = read_cache(file_, properties);
@@ -83,11 +87,14 @@ PipelineCache::PipelineCache(const Device& device, const std::filesystem::path& 
   auto info = vk_struct<VkPipelineCacheCreateInfo>(VK_STRUCTURE_TYPE_PIPELINE_CACHE_CREATE_INFO);
   info.initialDataSize = loaded_data_.size();
   info.pInitialData = loaded_data_.data();
-  check(device.vk().CreatePipelineCache(device.handle(), &info, nullptr, &cache_),
+  check(device.vk().CreatePipelineCache(device.handle(), &info, device.allocator(), &cache_),
         "creating a pipeline cache");
 }
 
-PipelineCache::~PipelineCache() { device_.vk().DestroyPipelineCache(device_.handle(), cache_, nullptr); }
+PipelineCache::~PipelineCache() {
+  if (!device_.pipeline_cache())
+    device_.vk().DestroyPipelineCache(device_.handle(), cache_, device_.allocator());
+}
 
 bool PipelineCache::save() const {
   if (file_.empty()) return false;

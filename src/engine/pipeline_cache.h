@@ -13,7 +13,8 @@ std::string device_key(const VkPhysicalDeviceProperties& properties);
 // damaged, foreign or half-written is ignored; writers replace the file whole, so concurrent ones cannot mix.
 class PipelineCache {
  public:
-  // Reads `folder`/<device>.bin when it is there and sound. Never throws for a bad or unreadable file.
+  // Reads `folder`/<device>.bin when it is there and sound. Never throws for a bad or unreadable file. Where
+  // the device's owner has a cache it is that one, and no file.
   PipelineCache(const Device& device, const std::filesystem::path& folder);
   ~PipelineCache();
   PipelineCache(const PipelineCache&) = delete;

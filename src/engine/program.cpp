@@ -127,7 +127,7 @@ Program::Program(const Device& device, const Graph& graph, PipelineCache& cache,
   try {
     create_sets(sets);
   } catch (...) {
-    device.vk().DestroyDescriptorPool(device.handle(), pool_, nullptr);
+    device.vk().DestroyDescriptorPool(device.handle(), pool_, device.allocator());
     throw;
   }
 }
@@ -226,7 +226,7 @@ double Program::work_share() const {
   return done / all;
 }
 
-Program::~Program() { device_.vk().DestroyDescriptorPool(device_.handle(), pool_, nullptr); }
+Program::~Program() { device_.vk().DestroyDescriptorPool(device_.handle(), pool_, device_.allocator()); }
 
 void Program::upload_constants() {
   constants_ = Buffer(device_, graph_.constant_bytes(), Memory::kDevice, "constants");
@@ -286,7 +286,8 @@ void Program::create_sets(uint32_t sets) {
   pool.maxSets = static_cast<uint32_t>(layouts.size());
   pool.poolSizeCount = 1;
   pool.pPoolSizes = &size;
-  check(vk.CreateDescriptorPool(device_.handle(), &pool, nullptr, &pool_), "creating a descriptor pool");
+  check(vk.CreateDescriptorPool(device_.handle(), &pool, device_.allocator(), &pool_),
+        "creating a descriptor pool");
   auto info = vk_struct<VkDescriptorSetAllocateInfo>(VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO);
   info.descriptorPool = pool_;
   info.descriptorSetCount = pool.maxSets;

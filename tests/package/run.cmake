@@ -1,11 +1,29 @@
-# Installs BUILD into a folder of its own, builds the consumer against it, runs it and the installed program.
+# Installs BUILD into a folder of its own, moves it, builds the consumers against it, runs them and the installed program.
 set(work ${BUILD}/package-test)
 file(REMOVE_RECURSE ${work})
-execute_process(COMMAND ${CMAKE_COMMAND} --install ${BUILD} --prefix ${work}/prefix OUTPUT_QUIET
+execute_process(COMMAND ${CMAKE_COMMAND} --install ${BUILD} --prefix ${work}/installed OUTPUT_QUIET
                 COMMAND_ERROR_IS_FATAL ANY)
-execute_process(COMMAND ${CMAKE_COMMAND} -G Ninja -S ${SOURCE} -B ${work}/build -DCMAKE_PREFIX_PATH=${work}/prefix
-                        -DCMAKE_CXX_FLAGS=${FLAGS} COMMAND_ERROR_IS_FATAL ANY)
+file(RENAME ${work}/installed ${work}/prefix)
+
+# The C interface is all that the library shows.
+file(GLOB library ${work}/prefix/lib*/libraymeld.so ${work}/prefix/lib*/*/libraymeld.so)
+execute_process(COMMAND nm --dynamic --defined-only --format=posix ${library} OUTPUT_VARIABLE symbols
+                COMMAND_ERROR_IS_FATAL ANY)
+string(REGEX MATCHALL "[^\n]+" symbols "${symbols}")
+set(others ${symbols})
+list(FILTER others EXCLUDE REGEX "^raymeld_")
+list(LENGTH symbols count)
+if(others OR count LESS 16)
+  message(FATAL_ERROR "${library} shows ${count} symbols, among them ${others}")
+endif()
+
+get_filename_component(libraries ${library} DIRECTORY)
+execute_process(COMMAND ${CMAKE_COMMAND} -E env PKG_CONFIG_PATH=${libraries}/pkgconfig
+                        ${CMAKE_COMMAND} -G Ninja -S ${SOURCE} -B ${work}/build -DCMAKE_PREFIX_PATH=${work}/prefix
+                        -DCMAKE_C_FLAGS=${FLAGS} -DCMAKE_CXX_FLAGS=${FLAGS} COMMAND_ERROR_IS_FATAL ANY)
 execute_process(COMMAND ${CMAKE_COMMAND} --build ${work}/build COMMAND_ERROR_IS_FATAL ANY)
-execute_process(COMMAND ${work}/build/consumer ${MODEL} COMMAND_ERROR_IS_FATAL ANY)
+foreach(consumer consumer_cpp consumer_c consumer_pkg)
+  execute_process(COMMAND ${work}/build/${consumer} ${MODEL} COMMAND_ERROR_IS_FATAL ANY)
+endforeach()
 execute_process(COMMAND ${work}/prefix/bin/raymeld graph --model x4 --size 256x256 OUTPUT_QUIET
                 COMMAND_ERROR_IS_FATAL ANY)

@@ -10,8 +10,10 @@ int main(int argc, char** argv) {
   if (argc != 2) return 2;
   try {
     const uint32_t height = 5, width = 7;
-    raymeld::Fusion fusion(argv[1], height, width);
-    const size_t s = fusion.scale(), layers = fusion.hrls_layers().size();
+    const raymeld::Context context;
+    const raymeld::SharedModel model(argv[1]);
+    raymeld::Fusion fusion(context, model, {.height = height, .width = width});
+    const size_t s = fusion.info().scale, layers = fusion.layers().size();
     std::vector<float> lrhs(3 * height * width, 0.5f), hrls(3 * layers * s * s * height * width, 0.25f);
     std::vector<float> fused(3 * s * s * height * width, -1.0f);
     fusion.fuse(lrhs.data(), hrls.data(), fused.data());

@@ -13,7 +13,7 @@ struct ExternalDevice {
   VkInstance instance = VK_NULL_HANDLE;
   VkPhysicalDevice physical_device = VK_NULL_HANDLE;
   VkDevice device = VK_NULL_HANDLE;
-  VkQueue queue = VK_NULL_HANDLE;  // must do compute; see Fusion for threads
+  VkQueue queue = VK_NULL_HANDLE;  // must do compute; Devices that wrap the same take turns
   uint32_t queue_family = 0;
   bool storage_16bit = false;  // whether storageBuffer16BitAccess was enabled; needed for fp16
   // Whether bufferDeviceAddress, of VK_KHR_buffer_device_address or Vulkan 1.2, and shaderInt64 were enabled:
@@ -23,6 +23,8 @@ struct ExternalDevice {
   // vulkanMemoryModelDeviceScope, shaderFloat16, and computeFullSubgroups of VK_EXT_subgroup_size_control:
   // fp16 convolutions can then use tensor cores, where `raymeld tune` found that to be fastest.
   bool cooperative_matrix = false;
+  const VkAllocationCallbacks* allocator = nullptr;  // of all that raymeld makes on the device
+  VkPipelineCache pipeline_cache = VK_NULL_HANDLE;   // for all pipelines; null: raymeld keeps its own
 };
 
 // An image of floats in a storage buffer: element (c, y, x) is at

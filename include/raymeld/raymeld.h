@@ -1,0 +1,274 @@
+/* raymeld as a library: fuses a small render with many samples a pixel (LRHS) and a full-size one with few
+ * (HRLS) into the image that full size and many samples would have given, on a Vulkan device.
+ *
+ * Every function that may fail returns a raymeld_result; raymeld_error() then says what was being done, and
+ * what was expected. Nothing is left behind by a function that failed, and out parameters are as they were.
+ *
+ * Structures begin with their size, by which a library knows which version of them a program was compiled
+ * with: struct_size = sizeof(the structure). All else may be zero, which asks for the default; in C++ all
+ * members have initializers.
+ *
+ * Handles may be destroyed in any order: what is made with another one keeps what it needs of it. What
+ * belongs to the caller (Vulkan objects and memory) must outlive what is made with it, and destroying a
+ * fusion is for when none of its recordings is pending. Threads: a context and a model may be used by several
+ * at once; a fusion by one at a time. */
+#ifndef RAYMELD_RAYMELD_H
+#define RAYMELD_RAYMELD_H
+
+#include <stddef.h>
+#include <stdint.h>
+#include <vulkan/vulkan_core.h>
+
+#ifdef __cplusplus
+#define RAYMELD_IS(value) = value
+extern "C" {
+#else
+#define RAYMELD_IS(value)
+#endif
+#if defined(__GNUC__)
+#define RAYMELD_API __attribute__((visibility("default")))
+#else
+#define RAYMELD_API
+#endif
+
+typedef enum raymeld_result {
+  RAYMELD_SUCCESS = 0,
+  RAYMELD_ERROR_INVALID_ARGUMENT = 1, /* an argument is not what its description says */
+  RAYMELD_ERROR_MODEL = 2,            /* a file or memory that is no model */
+  RAYMELD_ERROR_DEVICE = 3,           /* the device cannot do it, or a call of Vulkan failed */
+  RAYMELD_ERROR_OUT_OF_MEMORY = 4,    /* of the device or the host */
+  RAYMELD_ERROR_DEVICE_LOST = 5,      /* all that was made on the device is of no more use */
+  RAYMELD_ERROR_NOT_FINITE = 6,       /* the network's output; the image is of no use */
+  RAYMELD_ERROR_INTERNAL = 7          /* a fault of raymeld's own */
+} raymeld_result;
+
+/* What the last function of this thread that failed has to say, in English, UTF-8; "" before any did. The
+ * text lives until the thread's next failure. */
+RAYMELD_API const char* raymeld_error(void);
+
+/* That of the library: major << 16 | minor << 8 | patch. Libraries of one major and minor version serve all
+ * programs that were compiled with an older patch of it. */
+RAYMELD_API uint32_t raymeld_version(void);
+
+/* ---- Before a device is created ---- */
+
+/* What a device may have for raymeld beyond Vulkan 1.1. Nothing of it is required. */
+typedef enum raymeld_feature_bits {
+  RAYMELD_FEATURE_STORAGE_16BIT = 1,
+  RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS = 2,
+  RAYMELD_FEATURE_COOPERATIVE_MATRIX = 4
+} raymeld_feature_bits;
+
+/* All of a feature's extensions and members of feature structures are to be enabled, or none. The texts are
+ * the library's, for ever. */
+typedef struct raymeld_feature {
+  raymeld_feature_bits bit;
+  VkBool32 supported;       /* by the device that was asked */
+  uint32_t extension_count; /* device extensions */
+  const char* const* extensions;
+  uint32_t member_count; /* as "VkPhysicalDeviceFeatures::shaderInt64" */
+  const char* const* members;
+  const char* without; /* what happens where it is not enabled */
+} raymeld_feature;
+
+/* Lists them, of a physical device. `features` may be NULL; else it has room for *count. *count becomes the
+ * number of features there are, of which those that there was room for are written. */
+RAYMELD_API raymeld_result raymeld_list_features(PFN_vkGetInstanceProcAddr get_instance_proc_addr,
+                                                 VkInstance instance, VkPhysicalDevice physical_device,
+                                                 uint32_t* count, raymeld_feature* features);
+
+/* ---- A device ---- */
+
+typedef struct raymeld_context_t* raymeld_context;
+
+typedef struct raymeld_context_desc {
+  size_t struct_size RAYMELD_IS(sizeof(raymeld_context_desc));
+  /* The caller's device, of Vulkan 1.1 or newer: all of these. Or none: raymeld makes a device of its own. */
+  PFN_vkGetInstanceProcAddr get_instance_proc_addr RAYMELD_IS(NULL);
+  VkInstance instance RAYMELD_IS(VK_NULL_HANDLE);
+  VkPhysicalDevice physical_device RAYMELD_IS(VK_NULL_HANDLE);
+  VkDevice device RAYMELD_IS(VK_NULL_HANDLE);
+  /* That does compute. Functions that submit, which say so, take turns in all threads; the caller's own use
+   * of it must not coincide with them. */
+  VkQueue queue RAYMELD_IS(VK_NULL_HANDLE);
+  uint32_t queue_family RAYMELD_IS(0);
+  uint32_t enabled_features RAYMELD_IS(0); /* raymeld_feature_bits that `device` was created with */
+  /* For all of raymeld's objects on the caller's device; copied. NULL: the driver's own. */
+  const VkAllocationCallbacks* allocation_callbacks RAYMELD_IS(NULL);
+  /* Of the caller's device, for all pipelines; raymeld keeps none on the disk then. */
+  VkPipelineCache pipeline_cache RAYMELD_IS(VK_NULL_HANDLE);
+  /* Where pipelines, and what `raymeld tune` measured, are kept between runs. NULL: $XDG_CACHE_HOME/raymeld
+   * or $HOME/.cache/raymeld. "": nowhere. */
+  const char* cache_folder RAYMELD_IS(NULL);
+  /* Of a device of raymeld's own: an index, a UUID or part of the name. NULL: the first GPU, else a driver
+   * for CPUs. */
+  const char* selector RAYMELD_IS(NULL);
+} raymeld_context_desc;
+
+/* `desc` may be NULL. */
+RAYMELD_API raymeld_result raymeld_context_create(const raymeld_context_desc* desc, raymeld_context* context);
+RAYMELD_API void raymeld_context_destroy(raymeld_context context); /* NULL is none */
+
+/* ---- A model: a network and its weights ---- */
+
+typedef struct raymeld_model_t* raymeld_model;
+
+/* From a safetensors file, or from what such a file holds, which is copied; errors call it `name`. */
+RAYMELD_API raymeld_result raymeld_model_load(const char* file, raymeld_model* model);
+RAYMELD_API raymeld_result raymeld_model_read(const void* bytes, size_t size_bytes, const char* name,
+                                              raymeld_model* model);
+RAYMELD_API void raymeld_model_destroy(raymeld_model model); /* NULL is none */
+
+/* Texts live as long as the model. */
+typedef struct raymeld_model_info {
+  size_t struct_size RAYMELD_IS(sizeof(raymeld_model_info));
+  const char* name RAYMELD_IS(NULL);
+  uint32_t scale RAYMELD_IS(0);       /* full-size pixels to one of LRHS, in each direction: 2, 4 or 8 */
+  uint32_t layer_count RAYMELD_IS(0); /* of HRLS, three channels each */
+  /* In order: color, albedo, normal, diffuse, specular, variance or some of them. */
+  const char* const* layers RAYMELD_IS(NULL);
+  uint32_t optional_layer_count RAYMELD_IS(0);
+  const char* const* optional_layers RAYMELD_IS(NULL); /* that it was trained to do without */
+  uint64_t parameters RAYMELD_IS(0);
+} raymeld_model_info;
+
+RAYMELD_API raymeld_result raymeld_model_get_info(raymeld_model model, raymeld_model_info* info);
+
+/* ---- A fusion: a model made ready for frames of one size on one device ---- */
+
+typedef struct raymeld_fusion_t* raymeld_fusion;
+
+typedef enum raymeld_precision {
+  /* fp16 on GPUs with 16-bit storage for models that fit it, else fp32; what fp16 cannot hold, raymeld_fuse()
+   * computes again in fp32. */
+  RAYMELD_PRECISION_AUTO = 0,
+  RAYMELD_PRECISION_FP32 = 1,
+  RAYMELD_PRECISION_FP16 = 2 /* 16-bit storage, 32-bit sums; an error without RAYMELD_FEATURE_STORAGE_16BIT */
+} raymeld_precision;
+
+/* How convolutions are computed. */
+typedef enum raymeld_kernels {
+  RAYMELD_KERNELS_AUTO = 0, /* what is fastest on the device: as `raymeld tune` measured, else by its kind */
+  RAYMELD_KERNELS_DIRECT =
+      1 /* by the plain sums of their definition, slower: the same bits whatever the tiles */
+} raymeld_kernels;
+
+/* Where LRHS samples lie in the s x s full-size pixels they stand for. */
+typedef enum raymeld_sampling {
+  RAYMELD_SAMPLING_MODEL = 0,   /* as in the images that the model was trained on */
+  RAYMELD_SAMPLING_NEAREST = 1, /* the top-left pixel: LRHS is every s-th pixel of a full-size render */
+  RAYMELD_SAMPLING_CENTERED = 2 /* the centre: LRHS is a render at low resolution */
+} raymeld_sampling;
+
+typedef struct raymeld_fusion_desc {
+  size_t struct_size RAYMELD_IS(sizeof(raymeld_fusion_desc));
+  uint32_t height RAYMELD_IS(0); /* of LRHS, in pixels */
+  uint32_t width RAYMELD_IS(0);
+  raymeld_precision precision RAYMELD_IS(RAYMELD_PRECISION_AUTO);
+  raymeld_kernels kernels RAYMELD_IS(RAYMELD_KERNELS_AUTO);
+  raymeld_sampling lrhs_sampling RAYMELD_IS(RAYMELD_SAMPLING_MODEL);
+  uint64_t max_memory_bytes RAYMELD_IS(0); /* of all that is made on the device; 0: what it has to give */
+  /* What raymeld_fuse() multiplies radiance by for the network, from 2^-24 to 2^24, and divides its output
+   * by; 0: what suits the model, see raymeld_exposure(). */
+  float exposure RAYMELD_IS(0);
+  /* Blocks of 8 x 8 LRHS pixels in which HRLS and upsampled LRHS agree to within this, on the network's
+   * scale, where 0.01 is about a step of an 8-bit display, are not computed by the network but get the mean
+   * of both; what is computed has the same bits. Found on the device, by raymeld_record() as well. From 0 to
+   * 1; 0: everything is computed, which takes less memory. */
+  float adaptive_threshold RAYMELD_IS(0);
+  /* raymeld_fuse() keeps its inputs, in host memory, and its output, and computes only what depends on pixels
+   * of which a bit has changed since; the rest is the last output. The bits are those of a first call.
+   * Everything is computed after a failure, and where the exposure differs: give one. raymeld_record() fails.
+   * Takes more memory. */
+  VkBool32 changed_only RAYMELD_IS(VK_FALSE);
+  /* Those of the model's optional layers that HRLS does not have: nothing is read or computed for them. */
+  uint32_t absent_layer_count RAYMELD_IS(0);
+  const char* const* absent_layers RAYMELD_IS(NULL);
+} raymeld_fusion_desc;
+
+/* Allocates all that frames need and compiles what the cache does not have. May submit to the queue, and
+ * waits. */
+RAYMELD_API raymeld_result raymeld_fusion_create(raymeld_context context, raymeld_model model,
+                                                 const raymeld_fusion_desc* desc, raymeld_fusion* fusion);
+RAYMELD_API void raymeld_fusion_destroy(raymeld_fusion fusion); /* NULL is none */
+
+/* Texts live as long as the fusion. */
+typedef struct raymeld_fusion_info {
+  size_t struct_size RAYMELD_IS(sizeof(raymeld_fusion_info));
+  raymeld_precision precision RAYMELD_IS(RAYMELD_PRECISION_AUTO); /* never AUTO */
+  uint32_t scale RAYMELD_IS(0);
+  uint32_t layer_count RAYMELD_IS(0); /* of HRLS, as it is read: without absent ones, three channels each */
+  const char* const* layers RAYMELD_IS(NULL);
+  /* The LRHS size that one recording computes: (height, width) of the description unless memory or limits
+   * force tiles. A raymeld_fuse() that finds the device out of memory makes it smaller, unless
+   * raymeld_record() was called before. */
+  uint32_t tile_height RAYMELD_IS(0);
+  uint32_t tile_width RAYMELD_IS(0);
+  uint32_t frames_in_flight RAYMELD_IS(0); /* that may be recorded and not yet done on the device */
+  uint64_t memory_bytes RAYMELD_IS(0);     /* on the device, so far */
+} raymeld_fusion_info;
+
+RAYMELD_API raymeld_result raymeld_fusion_get_info(raymeld_fusion fusion, raymeld_fusion_info* info);
+
+/* An image of floats in a storage buffer: element (c, y, x) is at
+ * offset_bytes / 4 + c * channel_stride + y * row_stride + x * pixel_stride; strides count floats. 0: as of a
+ * dense planar image, with pixels side by side, rows behind each other, then channels. */
+typedef struct raymeld_image {
+  size_t struct_size RAYMELD_IS(sizeof(raymeld_image));
+  VkBuffer buffer RAYMELD_IS(VK_NULL_HANDLE); /* with VK_BUFFER_USAGE_STORAGE_BUFFER_BIT */
+  VkDeviceSize offset_bytes RAYMELD_IS(0);    /* a multiple of 4 */
+  uint32_t pixel_stride RAYMELD_IS(0);
+  uint32_t row_stride RAYMELD_IS(0);
+  uint32_t channel_stride RAYMELD_IS(0);
+} raymeld_image;
+
+/* Scene linear; of the tile size: lrhs (tile_height, tile_width, 3), hrls s times as large with 3 channels
+ * for each of the fusion's layers, fused s times as large with 3. */
+typedef struct raymeld_frame {
+  size_t struct_size RAYMELD_IS(sizeof(raymeld_frame));
+  const raymeld_image* lrhs RAYMELD_IS(NULL);
+  const raymeld_image* hrls RAYMELD_IS(NULL);
+  const raymeld_image* fused RAYMELD_IS(NULL);
+  /* What radiance is multiplied by for the network, from 2^-24 to 2^24, and the output divided by; 0 is 1. A
+   * renderer knows it of its last frames (raymeld_exposure()), as LRHS itself is not looked at here. */
+  float exposure RAYMELD_IS(0);
+} raymeld_frame;
+
+/* Records a frame into the caller's command buffer, outside of a render pass; never submits, allocates on the
+ * device or waits, unless a raymeld_fuse() before failed for want of memory, after which everything is made
+ * anew. The inputs must be visible to VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with VK_ACCESS_SHADER_READ_BIT;
+ * the output is written in that stage with VK_ACCESS_SHADER_WRITE_BIT. At most frames_in_flight recordings
+ * may be pending, on one queue, each submitted once. */
+RAYMELD_API raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands,
+                                          const raymeld_frame* frame);
+
+/* What the device counted; saturated and not_finite are zero for a frame that can be trusted. */
+typedef struct raymeld_status {
+  size_t struct_size RAYMELD_IS(sizeof(raymeld_status));
+  uint32_t saturated
+      RAYMELD_IS(0); /* with fp16: values within the network beyond 16 bits, stored as the largest */
+  uint32_t not_finite RAYMELD_IS(0); /* output values that were NaN or infinite, written as 0 */
+  uint32_t redone_tiles
+      RAYMELD_IS(0); /* of raymeld_fuse(), AUTO: which fp16 could not hold, computed again in fp32 */
+  float settled_share RAYMELD_IS(0); /* of the last frame: adaptive_threshold */
+  float kept_share RAYMELD_IS(0);    /* of raymeld_fuse(): changed_only */
+} raymeld_status;
+
+/* Counts of recorded frames since the last call or the last raymeld_fuse(); for when they are done. */
+RAYMELD_API raymeld_result raymeld_take_status(raymeld_fusion fusion, raymeld_status* status);
+
+/* Fuses one frame of host memory, planar and dense: lrhs (3, h, w), hrls (3 for each of the fusion's layers,
+ * s h, s w), fused (3, s h, s w). Tiles as needed, submits to the queue and waits. No recorded frame may be
+ * pending. `fused` may hold some of the tiles after a failure. `status` may be NULL. */
+RAYMELD_API raymeld_result raymeld_fuse(raymeld_fusion fusion, const float* lrhs, const float* hrls,
+                                        float* fused, raymeld_status* status);
+
+/* What raymeld_fuse() multiplies radiance by for an LRHS in host memory, as it takes it: the description's
+ * exposure, else what brings LRHS to the brightness that the model was trained at; 1 for models that ask for
+ * none. */
+RAYMELD_API raymeld_result raymeld_exposure(raymeld_fusion fusion, const float* lrhs, float* exposure);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

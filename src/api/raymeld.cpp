@@ -1,0 +1,436 @@
+// The C interface: arguments are checked, exceptions become results.
+#include "raymeld/raymeld.h"
+
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cstring>
+
+#include "engine/instance.h"
+#include "exposure.h"
+#include "fuser.h"
+#include "io/safetensors.h"
+#include "tuner.h"
+
+namespace {
+
+using namespace raymeld;
+
+class InvalidArgument : public Error {
+  using Error::Error;
+};
+
+thread_local std::string last_error;
+
+raymeld_result failed(raymeld_result result, const char* message) noexcept {
+  try {
+    last_error = message;
+  } catch (const std::bad_alloc&) {
+    last_error.clear();
+  }
+  return result;
+}
+
+// What `work` throws, as a result. `of_error`: of an Error that says no more than that.
+template <typename Work>
+raymeld_result guarded(raymeld_result of_error, const Work& work) noexcept {
+  try {
+    work();
+    return RAYMELD_SUCCESS;
+  } catch (const InvalidArgument& error) {
+    return failed(RAYMELD_ERROR_INVALID_ARGUMENT, error.what());
+  } catch (const OutOfMemory& error) {
+    return failed(RAYMELD_ERROR_OUT_OF_MEMORY, error.what());
+  } catch (const DeviceLost& error) {
+    return failed(RAYMELD_ERROR_DEVICE_LOST, error.what());
+  } catch (const NotFinite& error) {
+    return failed(RAYMELD_ERROR_NOT_FINITE, error.what());
+  } catch (const Error& error) {
+    return failed(of_error, error.what());
+  } catch (const std::bad_alloc&) {
+    return failed(RAYMELD_ERROR_OUT_OF_MEMORY, "the host has no memory left");
+  } catch (const std::exception& error) {
+    return failed(RAYMELD_ERROR_INTERNAL, error.what());
+  } catch (...) {
+    return failed(RAYMELD_ERROR_INTERNAL, "an unknown exception");
+  }
+}
+
+template <typename T>
+T& given(T* argument, const char* name) {
+  if (!argument) throw InvalidArgument("{} is NULL", name);
+  return *argument;
+}
+
+template <typename Struct>
+size_t size_of(const Struct& value, const char* name) {
+  if (value.struct_size < sizeof(size_t))
+    throw InvalidArgument("{}: struct_size is {}, expected sizeof({})", name, value.struct_size, name);
+  return value.struct_size;
+}
+
+// Of a program that was compiled with another version: members that it did not know are zero, and those that
+// are not known here must be.
+template <typename Struct>
+Struct read(const Struct& from, const char* name) {
+  const size_t size = size_of(from, name);
+  const auto* bytes = reinterpret_cast<const char*>(&from);
+  if (std::any_of(bytes + std::min(size, sizeof(Struct)), bytes + size, [](char byte) { return byte != 0; }))
+    throw InvalidArgument("{} has members that this version ({}) of raymeld does not know", name,
+                          RAYMELD_VERSION);
+  Struct value;
+  std::memset(static_cast<void*>(&value), 0, sizeof(value));
+  std::memcpy(static_cast<void*>(&value), &from, std::min(size, sizeof(Struct)));
+  return value;
+}
+
+// As much of it as the program knows.
+template <typename Struct>
+void write(Struct from, Struct& to, const char* name) {
+  from.struct_size = size_of(to, name);
+  std::memcpy(static_cast<void*>(&to), &from, std::min(from.struct_size, sizeof(Struct)));
+}
+
+std::vector<const char*> texts_of(const std::vector<std::string>& strings) {
+  std::vector<const char*> texts;
+  for (const std::string& string : strings) texts.push_back(string.c_str());
+  return texts;
+}
+
+uint32_t count_of(std::span<const char* const> texts) { return static_cast<uint32_t>(texts.size()); }
+
+// Of one of the C enumerations, whose values run from 0 to `last`.
+void check_choice(int value, int last, const char* name) {
+  if (value < 0 || value > last)
+    throw InvalidArgument("{} is {}, expected a value from 0 to {}", name, value, last);
+}
+
+void check_given_exposure(float exposure) {
+  try {
+    if (exposure != 0) check_exposure(exposure);
+  } catch (const Error& error) {
+    throw InvalidArgument("{}", error.what());
+  }
+}
+
+struct ContextState {
+  std::optional<VkAllocationCallbacks> allocation_callbacks;
+  std::filesystem::path cache_folder = PipelineCache::default_folder();
+  std::unique_ptr<const Device> device;
+};
+
+struct ModelState {
+  Model model;
+  std::vector<const char*> layers = texts_of(model.architecture().hrls_layers),
+                           optional_layers = texts_of(model.architecture().optional_layers);
+};
+
+std::unique_ptr<const Device> device_for(const raymeld_context_desc& desc,
+                                         const VkAllocationCallbacks* allocation_callbacks) {
+  const bool own =
+      !desc.get_instance_proc_addr && !desc.instance && !desc.physical_device && !desc.device && !desc.queue;
+  if (own) return Device::create({.selector = desc.selector ? desc.selector : ""});
+  if (!desc.get_instance_proc_addr || !desc.instance || !desc.physical_device || !desc.device || !desc.queue)
+    throw InvalidArgument(
+        "raymeld_context_desc: get_instance_proc_addr, instance, physical_device, device and queue are to be "
+        "given together, and some are NULL");
+  constexpr uint32_t kFeatures = RAYMELD_FEATURE_STORAGE_16BIT | RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS |
+                                 RAYMELD_FEATURE_COOPERATIVE_MATRIX;
+  if (desc.enabled_features & ~kFeatures)
+    throw InvalidArgument("raymeld_context_desc: enabled_features has unknown bits: {:#x}",
+                          desc.enabled_features & ~kFeatures);
+  return Device::wrap({
+      .get_instance_proc_addr = desc.get_instance_proc_addr,
+      .instance = desc.instance,
+      .physical_device = desc.physical_device,
+      .device = desc.device,
+      .queue = desc.queue,
+      .queue_family = desc.queue_family,
+      .storage_16bit = (desc.enabled_features & RAYMELD_FEATURE_STORAGE_16BIT) != 0,
+      .buffer_device_address = (desc.enabled_features & RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS) != 0,
+      .cooperative_matrix = (desc.enabled_features & RAYMELD_FEATURE_COOPERATIVE_MATRIX) != 0,
+      .allocator = allocation_callbacks,
+      .pipeline_cache = desc.pipeline_cache,
+  });
+}
+
+// The description's absent layers. Throws InvalidArgument naming one that the model needs or does not know.
+ConstantLayers absent_layers(const raymeld_fusion_desc& desc, const Model& model) {
+  const std::vector<std::string>& optional = model.architecture().optional_layers;
+  ConstantLayers absent;
+  if (desc.absent_layer_count > 0) given(desc.absent_layers, "absent_layers");
+  for (uint32_t i = 0; i < desc.absent_layer_count; ++i) {
+    const std::string layer = &given(desc.absent_layers[i], "a name of absent_layers");
+    if (std::ranges::find(optional, layer) == optional.end()) {
+      throw InvalidArgument("model {} cannot do without layer '{}', but without {}", model.name(), layer,
+                            optional.empty() ? "none" : fmt::format("{}", fmt::join(optional, ", ")));
+    }
+    absent[layer] = {};
+  }
+  return absent;
+}
+
+FuserOptions fuser_options(const raymeld_fusion_desc& desc, const ContextState& context, const Model& model) {
+  const Device& device = *context.device;
+  FuserOptions options;
+  options.storage = storage_for(static_cast<Precision>(desc.precision), device.info(), model);
+  options.max_memory_bytes = desc.max_memory_bytes;
+  const bool centered = desc.lrhs_sampling == RAYMELD_SAMPLING_MODEL
+                            ? model.architecture().lrhs_centered
+                            : desc.lrhs_sampling == RAYMELD_SAMPLING_CENTERED;
+  options.exposure = desc.exposure;
+  options.threshold = desc.adaptive_threshold;
+  options.changed_only = desc.changed_only;
+  options.constants = absent_layers(desc, model);
+  const auto kernels = [&](Storage storage) {
+    return desc.kernels == RAYMELD_KERNELS_AUTO ? kernels_for(device, storage, context.cache_folder)
+                                                : Kernels{};
+  };
+  options.kernels = kernels(options.storage);
+  if (desc.precision == RAYMELD_PRECISION_AUTO && options.storage == Storage::kFloat16)
+    options.fp32_kernels = kernels(Storage::kFloat32);
+  options.phase = lrhs_phase(centered, model.architecture().scale);
+  return options;
+}
+
+void check_desc(const raymeld_fusion_desc& desc) {
+  if (desc.height == 0 || desc.width == 0)
+    throw InvalidArgument("raymeld_fusion_desc: LRHS of {} x {} pixels", desc.width, desc.height);
+  check_choice(desc.precision, RAYMELD_PRECISION_FP16, "precision");
+  check_choice(desc.kernels, RAYMELD_KERNELS_DIRECT, "kernels");
+  check_choice(desc.lrhs_sampling, RAYMELD_SAMPLING_CENTERED, "lrhs_sampling");
+  check_given_exposure(desc.exposure);
+  if (!(desc.adaptive_threshold >= 0 && desc.adaptive_threshold <= 1))
+    throw InvalidArgument("an adaptive_threshold of {}, expected one from 0 to 1", desc.adaptive_threshold);
+}
+
+// As an image of (shape.channels, height, width), where it does not say otherwise.
+FrameBuffer view_of(const raymeld_image* from, const Shape& shape, const char* name) {
+  const raymeld_image image = read(given(from, name), "raymeld_image");
+  if (!image.buffer) throw InvalidArgument("{}: buffer is VK_NULL_HANDLE", name);
+  if (image.offset_bytes % 4 != 0)
+    throw InvalidArgument("{}: offset_bytes is {}, expected a multiple of 4", name, image.offset_bytes);
+  const uint32_t pixel = image.pixel_stride ? image.pixel_stride : 1;
+  const uint32_t row = image.row_stride ? image.row_stride : shape.width * pixel;
+  const uint32_t channel = image.channel_stride ? image.channel_stride : shape.height * row;
+  return {image.buffer, image.offset_bytes, pixel, row, channel};
+}
+
+constexpr const char* kHalfMembers[] = {"VkPhysicalDevice16BitStorageFeatures::storageBuffer16BitAccess"};
+constexpr const char* kAddressExtensions[] = {VK_KHR_BUFFER_DEVICE_ADDRESS_EXTENSION_NAME};
+constexpr const char* kAddressMembers[] = {"VkPhysicalDeviceBufferDeviceAddressFeatures::bufferDeviceAddress",
+                                           "VkPhysicalDeviceFeatures::shaderInt64"};
+constexpr const char* kMatrixMembers[] = {
+    "VkPhysicalDeviceCooperativeMatrixFeaturesKHR::cooperativeMatrix",
+    "VkPhysicalDeviceVulkanMemoryModelFeatures::vulkanMemoryModel",
+    "VkPhysicalDeviceVulkanMemoryModelFeatures::vulkanMemoryModelDeviceScope",
+    "VkPhysicalDeviceShaderFloat16Int8Features::shaderFloat16",
+    "VkPhysicalDeviceSubgroupSizeControlFeaturesEXT::computeFullSubgroups"};
+
+raymeld_feature feature(raymeld_feature_bits bit, bool supported, std::span<const char* const> extensions,
+                        std::span<const char* const> members, const char* without) {
+  return {bit,    supported, count_of(extensions), extensions.data(), count_of(members), members.data(),
+          without};
+}
+
+std::vector<raymeld_feature> features_of(const DeviceInfo& info) {
+  return {
+      feature(
+          RAYMELD_FEATURE_STORAGE_16BIT, info.storage_16bit, {}, kHalfMembers,
+          "RAYMELD_PRECISION_FP16 is an error and AUTO is FP32, which takes twice the memory and, on GPUs, "
+          "more time."),
+      feature(
+          RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS, info.buffer_device_address, kAddressExtensions,
+          kAddressMembers,
+          "All convolutions are computed directly: several times slower on drivers for CPUs. The extension "
+          "is part of Vulkan 1.2, where it need not be named."),
+      feature(RAYMELD_FEATURE_COOPERATIVE_MATRIX, info.cooperative_matrix.has_value(),
+              CooperativeMatrixFeatures::kExtensions, kMatrixMembers,
+              "Tensor cores are not used, which fp16 convolutions do where `raymeld tune` found them to be "
+              "the fastest."),
+  };
+}
+
+}  // namespace
+
+// Handles share what they stand for, so that they may be destroyed in any order.
+struct raymeld_context_t {
+  std::shared_ptr<const ContextState> state;
+};
+
+struct raymeld_model_t {
+  std::shared_ptr<const ModelState> state;
+};
+
+struct raymeld_fusion_t {
+  std::shared_ptr<const ContextState> context;
+  std::shared_ptr<const ModelState> model;
+  FuserOptions options;
+  Fuser fuser;
+  std::vector<std::string> layer_names;
+  std::vector<const char*> layers;
+
+  raymeld_fusion_t(std::shared_ptr<const ContextState> on, std::shared_ptr<const ModelState> of,
+                   const raymeld_fusion_desc& desc)
+      : context(std::move(on)),
+        model(std::move(of)),
+        options(fuser_options(desc, *context, model->model)),
+        fuser(*context->device, model->model, desc.height, desc.width, options, context->cache_folder),
+        layer_names(image_layers(model->model.architecture(), options.constants)),
+        layers(texts_of(layer_names)) {}
+};
+
+const char* raymeld_error() { return last_error.c_str(); }
+
+uint32_t raymeld_version() {
+  return RAYMELD_VERSION_MAJOR << 16 | RAYMELD_VERSION_MINOR << 8 | RAYMELD_VERSION_PATCH;
+}
+
+raymeld_result raymeld_list_features(PFN_vkGetInstanceProcAddr get_instance_proc_addr, VkInstance instance,
+                                     VkPhysicalDevice physical_device, uint32_t* count,
+                                     raymeld_feature* features) {
+  return guarded(RAYMELD_ERROR_DEVICE, [&] {
+    if (!get_instance_proc_addr || !instance || !physical_device)
+      throw InvalidArgument("listing features: a handle or get_instance_proc_addr is NULL");
+    given(count, "count");
+    VulkanFunctions vk;
+    vk.GetInstanceProcAddr = get_instance_proc_addr;
+    vk.load_instance(instance);
+    const std::vector<raymeld_feature> all = features_of(describe(vk, physical_device, 0));
+    if (features) std::copy_n(all.begin(), std::min<size_t>(*count, all.size()), features);
+    *count = static_cast<uint32_t>(all.size());
+  });
+}
+
+raymeld_result raymeld_context_create(const raymeld_context_desc* desc, raymeld_context* context) {
+  return guarded(RAYMELD_ERROR_DEVICE, [&] {
+    given(context, "context");
+    const raymeld_context_desc asked = read(desc ? *desc : raymeld_context_desc{}, "raymeld_context_desc");
+    auto state = std::make_shared<ContextState>();
+    if (asked.allocation_callbacks) state->allocation_callbacks = *asked.allocation_callbacks;
+    if (asked.cache_folder) state->cache_folder = asked.cache_folder;
+    state->device = device_for(asked, state->allocation_callbacks ? &*state->allocation_callbacks : nullptr);
+    *context = new raymeld_context_t{std::move(state)};
+  });
+}
+
+void raymeld_context_destroy(raymeld_context context) { delete context; }
+
+raymeld_result raymeld_model_load(const char* file, raymeld_model* model) {
+  return guarded(RAYMELD_ERROR_MODEL, [&] {
+    given(model, "model");
+    *model = new raymeld_model_t{std::make_shared<ModelState>(ModelState{Model(&given(file, "file"))})};
+  });
+}
+
+raymeld_result raymeld_model_read(const void* bytes, size_t size_bytes, const char* name,
+                                  raymeld_model* model) {
+  return guarded(RAYMELD_ERROR_MODEL, [&] {
+    given(model, "model");
+    const std::string_view content(&given(static_cast<const char*>(bytes), "bytes"), size_bytes);
+    const std::string called = name ? name : "model in memory";
+    *model = new raymeld_model_t{
+        std::make_shared<ModelState>(ModelState{Model(parse_safetensors(content, called), called)})};
+  });
+}
+
+void raymeld_model_destroy(raymeld_model model) { delete model; }
+
+raymeld_result raymeld_model_get_info(raymeld_model model, raymeld_model_info* info) {
+  return guarded(RAYMELD_ERROR_INTERNAL, [&] {
+    const ModelState& state = *given(model, "model").state;
+    raymeld_model_info known;
+    known.name = state.model.name().c_str();
+    known.scale = state.model.architecture().scale;
+    known.layer_count = count_of(state.layers);
+    known.layers = state.layers.data();
+    known.optional_layer_count = count_of(state.optional_layers);
+    known.optional_layers = state.optional_layers.data();
+    known.parameters = state.model.parameters();
+    write(known, given(info, "info"), "raymeld_model_info");
+  });
+}
+
+raymeld_result raymeld_fusion_create(raymeld_context context, raymeld_model model,
+                                     const raymeld_fusion_desc* desc, raymeld_fusion* fusion) {
+  return guarded(RAYMELD_ERROR_DEVICE, [&] {
+    given(fusion, "fusion");
+    const raymeld_fusion_desc asked = read(given(desc, "desc"), "raymeld_fusion_desc");
+    check_desc(asked);
+    *fusion = new raymeld_fusion_t(given(context, "context").state, given(model, "model").state, asked);
+  });
+}
+
+void raymeld_fusion_destroy(raymeld_fusion fusion) { delete fusion; }
+
+raymeld_result raymeld_fusion_get_info(raymeld_fusion fusion, raymeld_fusion_info* info) {
+  return guarded(RAYMELD_ERROR_INTERNAL, [&] {
+    const raymeld_fusion_t& made = given(fusion, "fusion");
+    raymeld_fusion_info known;
+    known.precision =
+        made.fuser.graph().storage() == Storage::kFloat16 ? RAYMELD_PRECISION_FP16 : RAYMELD_PRECISION_FP32;
+    known.scale = made.model->model.architecture().scale;
+    known.layer_count = count_of(made.layers);
+    known.layers = made.layers.data();
+    known.tile_height = made.fuser.plan().tiling.tile.height;
+    known.tile_width = made.fuser.plan().tiling.tile.width;
+    known.frames_in_flight = kFramesInFlight;
+    known.memory_bytes = made.fuser.allocated_bytes();
+    write(known, given(info, "info"), "raymeld_fusion_info");
+  });
+}
+
+raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands, const raymeld_frame* frame) {
+  return guarded(RAYMELD_ERROR_DEVICE, [&] {
+    raymeld_fusion_t& made = given(fusion, "fusion");
+    const raymeld_frame asked = read(given(frame, "frame"), "raymeld_frame");
+    if (!commands) throw InvalidArgument("commands is VK_NULL_HANDLE");
+    if (made.options.changed_only)
+      throw InvalidArgument("raymeld_record() does not look at the inputs, as changed_only asks for");
+    check_given_exposure(asked.exposure);
+    const auto shapes =
+        frame_shapes(made.model->model, made.fuser.plan().tiling.tile, made.options.constants);
+    const FrameBuffer lrhs = view_of(asked.lrhs, shapes[0], "lrhs"),
+                      hrls = view_of(asked.hrls, shapes[1], "hrls"),
+                      fused = view_of(asked.fused, shapes[2], "fused");
+    made.fuser.record(commands, lrhs, hrls, fused, asked.exposure != 0 ? asked.exposure : 1);
+  });
+}
+
+raymeld_result raymeld_take_status(raymeld_fusion fusion, raymeld_status* status) {
+  return guarded(RAYMELD_ERROR_DEVICE, [&] {
+    raymeld_fusion_t& made = given(fusion, "fusion");
+    Program& program = made.fuser.program();
+    raymeld_status known;
+    known.saturated = program.status().saturated;
+    known.not_finite = program.status().not_finite;
+    const std::optional<SparseGrid>& grid = made.fuser.graph().sparse();
+    if (grid) known.settled_share = float(program.settled_blocks()) / float(grid->blocks());
+    write(known, given(status, "status"), "raymeld_status");
+    program.reset_status();
+  });
+}
+
+raymeld_result raymeld_fuse(raymeld_fusion fusion, const float* lrhs, const float* hrls, float* fused,
+                            raymeld_status* status) {
+  return guarded(RAYMELD_ERROR_DEVICE, [&] {
+    Fuser& fuser = given(fusion, "fusion").fuser;
+    if (status) size_of(*status, "raymeld_status");
+    const FuseReport report = fuser.fuse(&given(lrhs, "lrhs"), &given(hrls, "hrls"), &given(fused, "fused"));
+    fuser.program().reset_status();
+    raymeld_status known;
+    known.saturated = report.status.saturated;
+    known.not_finite = report.status.not_finite;
+    known.redone_tiles = report.redone_tiles;
+    known.settled_share = float(report.settled_share);
+    known.kept_share = float(report.kept_share);
+    if (status) write(known, *status, "raymeld_status");
+  });
+}
+
+raymeld_result raymeld_exposure(raymeld_fusion fusion, const float* lrhs, float* exposure) {
+  return guarded(RAYMELD_ERROR_INTERNAL, [&] {
+    const Fuser& fuser = given(fusion, "fusion").fuser;
+    given(exposure, "exposure") = fuser.exposure(&given(lrhs, "lrhs"));
+  });
+}

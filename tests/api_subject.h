@@ -1,0 +1,69 @@
+// Models and images for the library's tests.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include "caller_device.h"
+#include "raymeld/raymeld.hpp"
+#include "subject.h"
+
+namespace raymeld::test {
+
+// As a program would say it that made this device.
+inline raymeld_context_desc context_desc(const ExternalDevice& device) {
+  raymeld_context_desc desc;
+  desc.get_instance_proc_addr = device.get_instance_proc_addr;
+  desc.instance = device.instance;
+  desc.physical_device = device.physical_device;
+  desc.device = device.device;
+  desc.queue = device.queue;
+  desc.queue_family = device.queue_family;
+  if (device.storage_16bit) desc.enabled_features |= RAYMELD_FEATURE_STORAGE_16BIT;
+  if (device.buffer_device_address) desc.enabled_features |= RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS;
+  if (device.cooperative_matrix) desc.enabled_features |= RAYMELD_FEATURE_COOPERATIVE_MATRIX;
+  return desc;
+}
+
+// Of the size of a subject.
+inline raymeld_fusion_desc fusion_desc(const Subject& subject) {
+  raymeld_fusion_desc desc;
+  desc.height = uint32_t(subject.lrhs.h);
+  desc.width = uint32_t(subject.lrhs.w);
+  return desc;
+}
+
+struct ApiFused {
+  std::vector<float> values;
+  raymeld_status status;
+};
+
+inline ApiFused fuse(Fusion& fusion, const Subject& subject) {
+  const size_t scale = fusion.info().scale;
+  ApiFused fused;
+  fused.values.resize(subject.lrhs.data.size() * scale * scale);
+  fused.status = fusion.fuse(floats(subject.lrhs).data(), floats(subject.hrls).data(), fused.values.data());
+  return fused;
+}
+
+// What `work` must throw; any other end fails the test.
+template <typename Work>
+std::string failure_of(raymeld_result result, Work&& work) {
+  try {
+    work();
+  } catch (const Failure& failure) {
+    EXPECT_EQ(failure.result(), result) << failure.what();
+    return failure.what();
+  }
+  ADD_FAILURE() << "nothing failed";
+  return {};
+}
+
+}  // namespace raymeld::test
+
+// Every given part must stand in the message of the failure, with that result, that `statement` ends in.
+#define EXPECT_FAILURE(result, statement, ...)                                           \
+  do {                                                                                   \
+    const std::string message = raymeld::test::failure_of(result, [&] { statement; });   \
+    for (const std::string& part : std::initializer_list<std::string>{__VA_ARGS__})      \
+      EXPECT_NE(message.find(part), std::string::npos) << message << "\nlacks " << part; \
+  } while (false)

@@ -1,0 +1,274 @@
+// What raymeld.h promises of arguments, versions, errors, handles and what the caller brings.
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <mutex>
+#include <thread>
+
+#include "api_subject.h"
+#include "engine/instance.h"
+
+namespace raymeld::test {
+namespace {
+
+class ApiTest : public testing::Test {
+ protected:
+  ApiTest() {
+    setenv("XDG_CACHE_HOME", (folder_ / "cache").c_str(), 1);
+    write_model(file_, subject_.architecture, subject_.weights);
+  }
+
+  TemporaryDirectory folder_;
+  std::string file_ = folder_ / "model.safetensors";
+  Subject subject_ = make_subject(small_architecture(2), 6, 9, 1);
+  raymeld_fusion_desc desc_ = fusion_desc(subject_);
+};
+
+TEST_F(ApiTest, Version) { EXPECT_EQ(raymeld_version(), 0u << 16 | 1u << 8 | 0u); }
+
+TEST_F(ApiTest, FailuresSayWhatWasExpected) {
+  const Context context;
+  const SharedModel model(file_);
+  EXPECT_FAILURE(RAYMELD_ERROR_MODEL, SharedModel("none.safetensors"), "none.safetensors");
+  EXPECT_FAILURE(RAYMELD_ERROR_MODEL, SharedModel("junk", 4, "the junk"), "the junk");
+  raymeld_context_desc device;
+  device.selector = "no such device";
+  EXPECT_FAILURE(RAYMELD_ERROR_DEVICE, Context{device}, "no such device");
+  device.device = reinterpret_cast<VkDevice>(uintptr_t{16});
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, Context{device}, "given together");
+  const auto refused = [&](auto raymeld_fusion_desc::*member, auto value, const char* text) {
+    raymeld_fusion_desc desc = desc_;
+    desc.*member = value;
+    EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, Fusion(context, model, desc), text);
+  };
+  refused(&raymeld_fusion_desc::width, 0u, "LRHS of 0 x 6 pixels");
+  refused(&raymeld_fusion_desc::precision, raymeld_precision(3), "precision is 3");
+  refused(&raymeld_fusion_desc::kernels, raymeld_kernels(2), "kernels is 2");
+  refused(&raymeld_fusion_desc::lrhs_sampling, raymeld_sampling(-1), "lrhs_sampling is");
+  refused(&raymeld_fusion_desc::exposure, -1.0f, "exposure");
+  refused(&raymeld_fusion_desc::absent_layer_count, 1u, "absent_layers is NULL");
+  raymeld_fusion_desc large = desc_;
+  large.height = large.width = 50;
+  large.max_memory_bytes = 1000;
+  EXPECT_FAILURE(RAYMELD_ERROR_DEVICE, Fusion(context, model, large), "smallest tile");
+
+  Fusion fusion(context, model, desc_);
+  std::vector<float> lrhs(3 * 6 * 9), fused(4 * lrhs.size());
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.fuse(lrhs.data(), nullptr, fused.data()),
+                 "hrls is NULL");
+  const auto commands = reinterpret_cast<VkCommandBuffer>(uintptr_t{16});  // is not touched
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.record(commands, {}), "lrhs is NULL");
+  raymeld_image image;
+  const raymeld_frame frame{.lrhs = &image, .hrls = &image, .fused = &image};
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.record(commands, frame), "lrhs: buffer is");
+  image.buffer = reinterpret_cast<VkBuffer>(uintptr_t{16});
+  image.offset_bytes = 2;
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.record(commands, frame), "offset_bytes is 2");
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.record(VK_NULL_HANDLE, frame), "commands");
+  EXPECT_EQ(raymeld_model_get_info(nullptr, nullptr), RAYMELD_ERROR_INVALID_ARGUMENT);
+  EXPECT_STREQ(raymeld_error(), "model is NULL");
+  for (const auto destroy_none :
+       {+[] { raymeld_context_destroy(nullptr); }, +[] { raymeld_model_destroy(nullptr); },
+        +[] { raymeld_fusion_destroy(nullptr); }})
+    destroy_none();
+}
+
+TEST_F(ApiTest, AnOutputThatIsNotFiniteIsAFailure) {
+  for (double& bias : subject_.weights.at("rec").bias) bias = 3e38;
+  for (double& weight : subject_.weights.at("rec").weight) weight = 3e38;
+  write_model(file_, subject_.architecture, subject_.weights);
+  desc_.precision = RAYMELD_PRECISION_FP32;
+  Fusion fusion(Context(), SharedModel(file_), desc_);
+  EXPECT_FAILURE(RAYMELD_ERROR_NOT_FINITE, fuse(fusion, subject_), "not finite");
+}
+
+TEST_F(ApiTest, EachThreadHasItsOwnError) {
+  raymeld_model model = nullptr;
+  EXPECT_EQ(raymeld_model_load(nullptr, &model), RAYMELD_ERROR_INVALID_ARGUMENT);
+  std::thread([] {
+    EXPECT_STREQ(raymeld_error(), "");
+    EXPECT_EQ(raymeld_model_load("x", nullptr), RAYMELD_ERROR_INVALID_ARGUMENT);
+    EXPECT_STREQ(raymeld_error(), "model is NULL");
+  }).join();
+  EXPECT_STREQ(raymeld_error(), "file is NULL");
+  EXPECT_EQ(model, nullptr);
+}
+
+// As a program would pass and read them that was compiled with an older or a newer header.
+TEST_F(ApiTest, StructuresOfOtherVersions) {
+  const Context context;
+  const SharedModel model(file_);
+  raymeld_fusion fusion = nullptr;
+  raymeld_fusion_desc older = desc_;
+  older.struct_size = offsetof(raymeld_fusion_desc, precision);
+  older.precision = raymeld_precision(77);  // behind what it has
+  ASSERT_EQ(raymeld_fusion_create(context.get(), model.get(), &older, &fusion), RAYMELD_SUCCESS)
+      << raymeld_error();
+
+  struct Newer {
+    raymeld_fusion_desc known;
+    uint32_t more[2] = {};
+  } newer{desc_};
+  newer.known.struct_size = sizeof(newer);
+  raymeld_fusion other = nullptr;
+  EXPECT_EQ(raymeld_fusion_create(context.get(), model.get(), &newer.known, &other), RAYMELD_SUCCESS);
+  raymeld_fusion_destroy(std::exchange(other, nullptr));
+  newer.more[1] = 1;
+  EXPECT_EQ(raymeld_fusion_create(context.get(), model.get(), &newer.known, &other),
+            RAYMELD_ERROR_INVALID_ARGUMENT);
+  EXPECT_NE(std::string(raymeld_error()).find("raymeld_fusion_desc has members"), std::string::npos);
+  EXPECT_EQ(other, nullptr);
+  desc_.struct_size = 0;
+  EXPECT_EQ(raymeld_fusion_create(context.get(), model.get(), &desc_, &other),
+            RAYMELD_ERROR_INVALID_ARGUMENT);
+  EXPECT_NE(std::string(raymeld_error()).find("struct_size is 0"), std::string::npos);
+
+  raymeld_fusion_info info;
+  info.struct_size = offsetof(raymeld_fusion_info, tile_height);
+  info.tile_height = 1234;
+  EXPECT_EQ(raymeld_fusion_get_info(fusion, &info), RAYMELD_SUCCESS);
+  EXPECT_EQ(info.scale, 2u);
+  EXPECT_EQ(info.tile_height, 1234u);
+  EXPECT_EQ(info.struct_size, offsetof(raymeld_fusion_info, tile_height));
+  raymeld_fusion_destroy(fusion);
+}
+
+TEST_F(ApiTest, WhatWasMadeOutlivesWhatItWasMadeOf) {
+  auto context = std::make_unique<Context>();
+  auto model = std::make_unique<SharedModel>(file_);
+  Fusion first(*context, *model, desc_);
+  const std::vector<float> expected = fuse(first, subject_).values;
+  Fusion second(*context, *model, desc_);
+  context.reset();
+  model.reset();
+  EXPECT_EQ(fuse(second, subject_).values, expected);
+}
+
+TEST_F(ApiTest, AModelInMemoryIsTheOneInAFile) {
+  const Context context;
+  std::string bytes = read_file(file_);
+  const SharedModel model(bytes.data(), bytes.size(), "mine");
+  std::ranges::fill(bytes, '\0');  // it was copied
+  EXPECT_STREQ(model.info().name, SharedModel(file_).info().name);
+  Fusion of_memory(context, model, desc_), of_file(context, SharedModel(file_), desc_);
+  EXPECT_EQ(fuse(of_memory, subject_).values, fuse(of_file, subject_).values);
+}
+
+TEST_F(ApiTest, FeaturesAreWhatADeviceIsMadeWith) {
+  const CallerDevice caller;
+  const ExternalDevice& device = caller.external();
+  const auto features = list_features(device.get_instance_proc_addr, device.instance, device.physical_device);
+  ASSERT_EQ(features.size(), 3u);
+  const uint32_t enabled = context_desc(device).enabled_features;
+  uint32_t bits = 0;
+  for (const raymeld_feature& feature : features) {
+    EXPECT_EQ(feature.supported, (enabled & feature.bit) != 0) << feature.bit;
+    bits |= feature.bit;
+    EXPECT_GT(feature.member_count, 0u);
+    for (uint32_t i = 0; i < feature.member_count; ++i)
+      EXPECT_NE(std::strstr(feature.members[i], "::"), nullptr) << feature.members[i];
+    for (uint32_t i = 0; i < feature.extension_count; ++i) {
+      if (!feature.supported) continue;
+      EXPECT_TRUE(has_extension(caller.vk(), device.physical_device, feature.extensions[i]));
+    }
+    EXPECT_GT(std::strlen(feature.without), 20u);
+  }
+  EXPECT_EQ(bits, 7u);
+  uint32_t count = 1;
+  raymeld_feature first[2] = {features[1], features[1]};
+  EXPECT_EQ(raymeld_list_features(device.get_instance_proc_addr, device.instance, device.physical_device,
+                                  &count, first),
+            RAYMELD_SUCCESS);
+  EXPECT_EQ(count, 3u);
+  EXPECT_EQ(first[0].bit, features[0].bit);
+  EXPECT_EQ(first[1].bit, features[1].bit);
+  raymeld_context_desc desc = context_desc(device);
+  desc.enabled_features = 8;
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, Context{desc}, "0x8");
+}
+
+// Counts; a block begins with its size.
+struct Allocations {
+  std::atomic<int> made{0}, alive{0};
+  std::mutex mutex;
+  std::map<void*, size_t> sizes;
+
+  void* allocate(size_t size, size_t alignment) {
+    void* const block = std::aligned_alloc(alignment, (size + alignment - 1) / alignment * alignment);
+    const std::lock_guard lock(mutex);
+    sizes[block] = size;
+    ++made, ++alive;
+    return block;
+  }
+  void free(void* block) {
+    if (!block) return;
+    const std::lock_guard lock(mutex);
+    EXPECT_EQ(sizes.erase(block), 1u);
+    --alive;
+    std::free(block);
+  }
+
+  static VKAPI_ATTR void* VKAPI_CALL allocate(void* self, size_t size, size_t alignment,
+                                              VkSystemAllocationScope) {
+    return static_cast<Allocations*>(self)->allocate(size, alignment);
+  }
+  static VKAPI_ATTR void* VKAPI_CALL reallocate(void* self, void* block, size_t size, size_t alignment,
+                                                VkSystemAllocationScope) {
+    auto& all = *static_cast<Allocations*>(self);
+    void* const larger = all.allocate(size, alignment);
+    if (block) std::memcpy(larger, block, std::min(size, all.sizes.at(block)));
+    all.free(block);
+    return larger;
+  }
+  static VKAPI_ATTR void VKAPI_CALL free(void* self, void* block) {
+    static_cast<Allocations*>(self)->free(block);
+  }
+};
+
+TEST_F(ApiTest, TheCallersAllocatorServesAllObjects) {
+  const CallerDevice caller;
+  Allocations allocations;
+  {
+    raymeld_context_desc desc = context_desc(caller.external());
+    VkAllocationCallbacks callbacks{
+        &allocations, Allocations::allocate, Allocations::reallocate, Allocations::free, nullptr, nullptr};
+    desc.allocation_callbacks = &callbacks;
+    const Context context(desc);
+    callbacks = {};  // they were copied
+    Fusion fusion(context, SharedModel(file_), desc_);
+    fuse(fusion, subject_);
+    EXPECT_GT(allocations.made, 10);
+    EXPECT_GT(allocations.alive, 10);
+  }
+  EXPECT_EQ(allocations.alive, 0);
+}
+
+TEST_F(ApiTest, TheCallersPipelineCacheTakesThePlaceOfTheFile) {
+  const CallerDevice caller;
+  const auto info = vk_struct<VkPipelineCacheCreateInfo>(VK_STRUCTURE_TYPE_PIPELINE_CACHE_CREATE_INFO);
+  VkPipelineCache cache = VK_NULL_HANDLE;
+  check(caller.vk().CreatePipelineCache(caller.external().device, &info, nullptr, &cache),
+        "creating a cache");
+  raymeld_context_desc desc = context_desc(caller.external());
+  const SharedModel model(file_);
+  desc.pipeline_cache = cache;
+  {
+    Fusion fusion(Context(desc), model, desc_);
+    fuse(fusion, subject_);
+  }
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "cache/raymeld"));
+  // It is still the caller's to destroy, which validation watches.
+  caller.vk().DestroyPipelineCache(caller.external().device, cache, nullptr);
+
+  desc.pipeline_cache = VK_NULL_HANDLE;
+  const std::string own = folder_ / "own";
+  desc.cache_folder = own.c_str();
+  Fusion(Context(desc), model, desc_);
+  EXPECT_FALSE(std::filesystem::is_empty(own));
+  desc.cache_folder = "";
+  Fusion(Context(desc), model, desc_);
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "cache/raymeld"));
+}
+
+}  // namespace
+}  // namespace raymeld::test
