@@ -1,4 +1,5 @@
-# Installs BUILD into a folder of its own, moves it, builds the consumers against it, runs them and the installed program.
+# Installs BUILD into a folder of its own, moves it, builds the consumers against it, runs them and the installed program;
+# then the Debian packages. CPACK is the program.
 set(work ${BUILD}/package-test)
 file(REMOVE_RECURSE ${work})
 execute_process(COMMAND ${CMAKE_COMMAND} --install ${BUILD} --prefix ${work}/installed OUTPUT_QUIET
@@ -26,4 +27,30 @@ foreach(consumer consumer_cpp consumer_c consumer_pkg)
   execute_process(COMMAND ${work}/build/${consumer} ${MODEL} COMMAND_ERROR_IS_FATAL ANY)
 endforeach()
 execute_process(COMMAND ${work}/prefix/bin/raymeld graph --model x4 --size 256x256 OUTPUT_QUIET
+                COMMAND_ERROR_IS_FATAL ANY)
+
+# The Debian packages, unpacked over each other, have all of it.
+execute_process(COMMAND ${CPACK} -G DEB -B ${work}/packages WORKING_DIRECTORY ${BUILD} OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
+file(GLOB packages ${work}/packages/*.deb)
+list(LENGTH packages count)
+if(NOT count EQUAL 4)
+  message(FATAL_ERROR "packages: ${packages}")
+endif()
+foreach(package ${packages})
+  execute_process(COMMAND dpkg-deb --extract ${package} ${work}/debian COMMAND_ERROR_IS_FATAL ANY)
+  execute_process(COMMAND dpkg-deb --field ${package} Package Depends OUTPUT_VARIABLE fields COMMAND_ERROR_IS_FATAL ANY)
+  string(APPEND control "${fields}")
+endforeach()
+foreach(field "Package: libraymeld0.1\nDepends: [^\n]*libc6 " "Depends: libraymeld0.1 \\(= 0.1.0\\), libvulkan-dev"
+              "Package: raymeld\nDepends: raymeld-models \\(= 0.1.0\\), libvulkan1, [^\n]*libc6 ")
+  if(NOT control MATCHES "${field}")
+    message(FATAL_ERROR "no package says ${field}:\n${control}")
+  endif()
+endforeach()
+foreach(file bin/raymeld include/raymeld/raymeld.h lib/libraymeld.so.0.1 lib/pkgconfig/raymeld.pc)
+  if(NOT EXISTS ${work}/debian/usr/${file})
+    message(FATAL_ERROR "no package has usr/${file}")
+  endif()
+endforeach()
+execute_process(COMMAND ${work}/debian/usr/bin/raymeld graph --model x4 --size 256x256 OUTPUT_QUIET
                 COMMAND_ERROR_IS_FATAL ANY)
