@@ -1,4 +1,5 @@
-# Debian packages, by `cpack -G DEB` in the build folder: libraymeld0.1, libraymeld-dev, raymeld and raymeld-models.
+# Debian packages, by `cpack -G DEB` in the build folder: libraymeld0.1, libraymeld-dev, raymeld, raymeld-models
+# and, where it was built, python3-raymeld.
 set(CPACK_PACKAGE_NAME raymeld)
 set(CPACK_PACKAGE_CONTACT "the raymeld developers <raymeld@localhost>")
 set(CPACK_PACKAGE_DESCRIPTION_SUMMARY "fuses two cheap renders into a good one")
@@ -6,6 +7,9 @@ set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
 set(CPACK_STRIP_FILES ON)
 set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_COMPONENTS_ALL library dev tools models)
+if(RAYMELD_PYTHON)
+  list(APPEND CPACK_COMPONENTS_ALL python)
+endif()
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
 set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
 set(CPACK_DEBIAN_ENABLE_COMPONENT_DEPENDS OFF)
@@ -35,4 +39,11 @@ set(CPACK_DEBIAN_MODELS_PACKAGE_SECTION graphics)
 set(CPACK_DEBIAN_MODELS_PACKAGE_ARCHITECTURE all)
 set(CPACK_DEBIAN_MODELS_PACKAGE_SHLIBDEPS OFF)
 set(CPACK_DEBIAN_MODELS_DESCRIPTION "The trained networks of raymeld")
+
+set(CPACK_DEBIAN_PYTHON_PACKAGE_NAME python3-raymeld)
+set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)
+# Of libraries it takes no other than that package, whose dependencies are the C++ runtime too.
+set(CPACK_DEBIAN_PYTHON_PACKAGE_SHLIBDEPS OFF)
+set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS "${library_package} (= ${PROJECT_VERSION}), python3-numpy, ${python_version}")
+set(CPACK_DEBIAN_PYTHON_DESCRIPTION "Fusion of two renders on Vulkan devices, for Python")
 include(CPack)

@@ -33,7 +33,7 @@ execute_process(COMMAND ${work}/prefix/bin/raymeld graph --model x4 --size 256x2
 execute_process(COMMAND ${CPACK} -G DEB -B ${work}/packages WORKING_DIRECTORY ${BUILD} OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
 file(GLOB packages ${work}/packages/*.deb)
 list(LENGTH packages count)
-if(NOT count EQUAL 4)
+if(NOT count EQUAL 5)
   message(FATAL_ERROR "packages: ${packages}")
 endif()
 foreach(package ${packages})
@@ -47,7 +47,8 @@ foreach(field "Package: libraymeld0.1\nDepends: [^\n]*libc6 " "Depends: librayme
     message(FATAL_ERROR "no package says ${field}:\n${control}")
   endif()
 endforeach()
-foreach(file bin/raymeld include/raymeld/raymeld.h lib/libraymeld.so.0.1 lib/pkgconfig/raymeld.pc)
+foreach(file bin/raymeld include/raymeld/raymeld.h lib/libraymeld.so.0.1 lib/pkgconfig/raymeld.pc
+             lib/python3/dist-packages)
   if(NOT EXISTS ${work}/debian/usr/${file})
     message(FATAL_ERROR "no package has usr/${file}")
   endif()

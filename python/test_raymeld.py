@@ -1,0 +1,126 @@
+"""The Python module gives what the program gives: test_raymeld.py PROGRAM MODEL FOLDER, the folder for its files."""
+
+import os
+import subprocess
+import sys
+import threading
+import time
+import unittest
+
+import numpy
+import OpenImageIO as oiio
+
+import raymeld
+
+PROGRAM, MODEL, FOLDER = sys.argv[1:4]
+HEIGHT, WIDTH = 6, 8
+
+
+def image(seed, height, width):
+    return numpy.random.default_rng(seed).random((height, width, 3), dtype=numpy.float32)
+
+
+def write(name, channels, pixels):
+    path = os.path.join(FOLDER, name)
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], oiio.FLOAT)
+    spec.channelnames = channels
+    output = oiio.ImageOutput.create(path)
+    assert output.open(path, spec) and output.write_image(numpy.ascontiguousarray(pixels)) and output.close()
+    return path
+
+
+class Test(unittest.TestCase):
+    def setUp(self):
+        self.model = raymeld.Model(MODEL)
+        scale = self.model.scale
+        self.lrhs = image(1, HEIGHT, WIDTH)
+        self.hrls = {name: image(i, scale * HEIGHT, scale * WIDTH) for i, name in enumerate(self.model.layers, 2)}
+
+    def fusion(self, **options):
+        return raymeld.Fusion(self.model, HEIGHT, WIDTH, **options)
+
+    def test_gives_what_the_program_gives(self):
+        self.assertEqual(self.model.layers[0], "color")
+        fusion = self.fusion(precision="fp32", exposure=1)
+        fused = fusion.fuse(self.lrhs, self.hrls)
+        self.assertEqual((fused.shape, fused.dtype), (self.hrls["color"].shape, numpy.float32))
+        rgb = ["R", "G", "B"]
+        low = write("low.exr", rgb, self.lrhs)
+        names = rgb + [f"{layer}.{c}" for layer in self.model.layers[1:] for c in rgb]
+        high = write("high.exr", names, numpy.concatenate([self.hrls[name] for name in self.model.layers], axis=2))
+        maps = [a for layer in self.model.layers[1:] for a in ("--map", f"{layer}=" + ",".join(f"{layer}.{c}" for c in rgb))]
+        out = os.path.join(FOLDER, "fused.exr")
+        subprocess.run([PROGRAM, "fuse", "--lrhs", low, "--hrls", high, "-o", out, "--model", MODEL, "--precision", "fp32",
+                        "--input-exposure", "1", "--adaptive", "off", "--output-type", "float", *maps], check=True)
+        expected = oiio.ImageBuf(out).get_pixels(oiio.FLOAT)
+        numpy.testing.assert_array_equal(fused, expected)
+        self.assertEqual(fusion.precision, "fp32")
+        self.assertGreater(fusion.memory_bytes, 0)
+
+    def test_any_array_of_numbers(self):
+        fusion = self.fusion()
+        expected = fusion.fuse(self.lrhs, self.hrls)
+        strided = {name: numpy.asfortranarray(layer.astype(numpy.float64)) for name, layer in self.hrls.items()}
+        numpy.testing.assert_array_equal(fusion.fuse(self.lrhs[:, ::-1][:, ::-1], strided), expected)
+
+    def test_status(self):
+        fusion = self.fusion(changed_only=True, precision="fp32")
+        fusion.fuse(self.lrhs, self.hrls)
+        self.assertEqual(fusion.status["kept_share"], 0)
+        fusion.fuse(self.lrhs, self.hrls)
+        self.assertEqual(fusion.status, {"saturated": 0, "redone_tiles": 0, "settled_share": 0, "kept_share": 1})
+
+    def test_what_is_wrong_is_named(self):
+        with self.assertRaisesRegex(raymeld.Error, "none.safetensors"):
+            raymeld.Model("none.safetensors")
+        with self.assertRaisesRegex(raymeld.Error, "no such device"):
+            self.fusion(device="no such device")
+        with self.assertRaisesRegex(ValueError, "precision is 'half', expected one of auto, fp32, fp16"):
+            self.fusion(precision="half")
+        with self.assertRaisesRegex(raymeld.Error, "cannot do without layer 'color'"):
+            self.fusion(absent_layers=["color"])
+        fusion = self.fusion()
+        with self.assertRaisesRegex(ValueError, r"lrhs has the shape \(8, 6, 3\), expected \(6, 8, 3\)"):
+            fusion.fuse(self.lrhs.transpose(1, 0, 2), self.hrls)
+        with self.assertRaisesRegex(ValueError, "'albedo'.* has the shape"):
+            fusion.fuse(self.lrhs, {**self.hrls, "albedo": self.lrhs})
+        del self.hrls["albedo"]
+        with self.assertRaisesRegex(KeyError, "hrls has no 'albedo'"):
+            fusion.fuse(self.lrhs, self.hrls)
+
+    def test_other_threads_run_meanwhile(self):
+        height, width = 48, 64
+        fusion = raymeld.Fusion(self.model, height, width, kernels="direct")
+        lrhs = image(1, height, width)
+        hrls = {name: image(2, fusion.scale * height, fusion.scale * width) for name in fusion.layers}
+        fusion.fuse(lrhs, hrls)  # drivers compile
+        ticks, going = [], True
+
+        def tick():
+            while going:
+                ticks.append(time.monotonic())
+                time.sleep(0.001)
+
+        thread = threading.Thread(target=tick)
+        thread.start()
+        begin = time.monotonic()
+        expected = fusion.fuse(lrhs, hrls)
+        end = time.monotonic()
+        others = [None, None]
+
+        def fuse(i):
+            others[i] = fusion.fuse(lrhs, hrls)
+
+        threads = [threading.Thread(target=fuse, args=(i,)) for i in range(2)]
+        for other in threads:
+            other.start()
+        for other in threads:
+            other.join()
+        going = False
+        thread.join()
+        self.assertGreater(sum(begin < t < end for t in ticks), 5)
+        for other in others:
+            numpy.testing.assert_array_equal(other, expected)
+
+
+unittest.main(argv=sys.argv[:1])
