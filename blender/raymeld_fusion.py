@@ -1,0 +1,239 @@
+"""Renders the current scene twice with Cycles, small with many samples and full-size with few, and has raymeld fuse both.
+
+An add-on for Blender 3.4 and newer: Preferences > Add-ons > Install. It wants the program raymeld, by its path in the
+add-on's preferences or else in PATH. The operator is Render > Render with Raymeld, the settings are in the render properties.
+"""
+
+import contextlib
+import os
+import shutil
+import subprocess
+import tempfile
+
+import bpy
+
+bl_info = {
+    "name": "Raymeld",
+    "description": "Fuses two cheap renders into a good one",
+    "blender": (3, 4, 0),
+    "category": "Render",
+    "location": "Render > Render with Raymeld",
+}
+
+# What the networks read of the full-size render beside its colour.
+PASSES = ("diffuse_direct", "diffuse_indirect", "diffuse_color", "glossy_direct", "glossy_indirect", "glossy_color")
+
+
+class Failure(Exception):
+    """What the user is told."""
+
+
+class RaymeldPreferences(bpy.types.AddonPreferences):
+    bl_idname = __name__
+
+    program: bpy.props.StringProperty(
+        name="Program", subtype="FILE_PATH", description="The program raymeld; empty: as it is found in PATH"
+    )
+
+    def draw(self, _context):
+        self.layout.prop(self, "program")
+
+
+class RaymeldSettings(bpy.types.PropertyGroup):
+    scale: bpy.props.EnumProperty(
+        name="Scale",
+        description="How many times smaller the small render is, in each direction",
+        items=[(s, s + "x", "") for s in ("2", "4", "8")],
+        default="4",
+    )
+    few: bpy.props.IntProperty(name="Full-size Samples", min=1, default=2)
+    many: bpy.props.IntProperty(name="Small Samples", min=1, default=32)
+    quality: bpy.props.EnumProperty(
+        name="Quality",
+        description="Of the network: speed against quality",
+        items=[(q, q.title(), "") for q in ("fast", "balanced", "high")],
+        default="balanced",
+    )
+    folder: bpy.props.StringProperty(
+        name="Keep in", subtype="DIR_PATH", description="Where both renders and the fused image stay; empty: nowhere"
+    )
+
+
+@contextlib.contextmanager
+def changed(pairs):
+    """Sets (object, attribute, value), and all back at the end; in the given order, as a file format decides what depths
+    there are."""
+    before = [(thing, name, getattr(thing, name)) for thing, name, _ in pairs]
+    try:
+        for thing, name, value in pairs:
+            setattr(thing, name, value)
+        yield
+    finally:
+        for thing, name, value in before:
+            setattr(thing, name, value)
+
+
+def size_of(render):
+    return tuple(n * render.resolution_percentage // 100 for n in (render.resolution_x, render.resolution_y))
+
+
+def fit_of(camera, size):
+    """The pixels along the side that the camera's shift is measured by."""
+    return {"AUTO": max(size), "HORIZONTAL": size[0], "VERTICAL": size[1]}[camera.sensor_fit]
+
+
+def small_render(scene, scale):
+    """What to set so that pixels of the small render are every scale-th of the full-size one: its pixels are as wide as
+    `scale` of these, so the filter shrinks, and the centre moves up and to the left."""
+    render, camera = scene.render, scene.camera.data
+    width, height = size_of(render)
+    if width % scale or height % scale:
+        raise Failure(f"the render of {width} x {height} pixels is not a multiple of the scale, {scale}")
+    if camera.type == "PANO":
+        raise Failure("a panoramic camera has no shift, which the small render takes")
+    offset = (scale - 1) / 2 / fit_of(camera, (width, height))
+    return [
+        (render, "resolution_percentage", 100),
+        (render, "resolution_x", width // scale),
+        (render, "resolution_y", height // scale),
+        (scene.cycles, "filter_width", scene.cycles.filter_width / scale),
+        (camera, "shift_x", camera.shift_x - offset),
+        (camera, "shift_y", camera.shift_y + offset),
+    ]
+
+
+def plain_render(scene, layer):
+    """One layer as Cycles gives it, in OpenEXR."""
+    render, image, cycles = scene.render, scene.render.image_settings, scene.cycles
+    return [
+        (render, "use_compositing", False),
+        (render, "use_sequencer", False),
+        (render, "use_single_layer", True),
+        (render, "use_border", False),
+        (render, "use_file_extension", False),
+        (image, "file_format", "OPEN_EXR_MULTILAYER"),
+        (image, "color_depth", "32"),
+        (image, "exr_codec", "ZIP"),
+        (cycles, "use_adaptive_sampling", False),
+        (cycles, "use_denoising", False),
+        (layer.cycles, "denoising_store_passes", False),
+    ]
+
+
+def render_to(path, scene, samples, seed):
+    with changed([(scene.render, "filepath", path), (scene.cycles, "samples", samples), (scene.cycles, "seed", seed)]):
+        if "FINISHED" not in bpy.ops.render.render(write_still=True) or not os.path.exists(path):
+            raise Failure("Blender did not render")
+
+
+def program_path(context):
+    addon = context.preferences.addons.get(__name__)
+    asked = bpy.path.abspath(addon.preferences.program) if addon else ""
+    program = shutil.which(asked or "raymeld")
+    if not program:
+        raise Failure(f"there is no program {asked or 'raymeld in PATH'}: see the add-on's preferences")
+    return program
+
+
+def fuse(program, folder, settings):
+    """Returns the file of the fused image."""
+    fused = os.path.join(folder, "raymeld.exr")
+    command = [program, "fuse", "--lrhs", os.path.join(folder, "lrhs.exr"), "--hrls", os.path.join(folder, "hrls.exr")]
+    command += ["-o", fused, "--lrhs-sampling", "nearest", "--quality", settings.quality]
+    result = subprocess.run(command, capture_output=True, text=True, errors="replace")
+    if result.returncode != 0:
+        raise Failure(result.stderr.strip().rsplit("\n", 1)[-1] or f"raymeld ended with status {result.returncode}")
+    return fused
+
+
+def load(path):
+    """As the image Raymeld, in place of the last one."""
+    last = bpy.data.images.get("Raymeld")
+    image = bpy.data.images.load(path)
+    image.pack()  # the file may go
+    if last:
+        last.user_remap(image)
+        bpy.data.images.remove(last)
+    image.name = "Raymeld"
+    return image
+
+
+def run(context):
+    scene, layer, settings = context.scene, context.view_layer, context.scene.raymeld
+    if scene.render.engine != "CYCLES":
+        raise Failure("the render engine is not Cycles")
+    if not scene.camera:
+        raise Failure("the scene has no camera")
+    program, scale = program_path(context), int(settings.scale)
+    small = small_render(scene, scale)
+    with contextlib.ExitStack() as stack:
+        if settings.folder:
+            folder = bpy.path.abspath(settings.folder)
+            os.makedirs(folder, exist_ok=True)
+        else:
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="raymeld-"))
+        with changed(plain_render(scene, layer)):
+            with changed(small):
+                render_to(os.path.join(folder, "lrhs.exr"), scene, settings.many, scene.cycles.seed + 1)
+            passes = [(layer, "use_pass_" + name, True) for name in PASSES]
+            with changed(passes + [(layer.cycles, "denoising_store_passes", True)]):
+                render_to(os.path.join(folder, "hrls.exr"), scene, settings.few, scene.cycles.seed)
+        return load(fuse(program, folder, settings))
+
+
+class RENDER_OT_raymeld(bpy.types.Operator):
+    """Render the scene twice, cheaply, and fuse both into the image Raymeld"""
+
+    bl_idname = "render.raymeld"
+    bl_label = "Render with Raymeld"
+
+    def execute(self, context):
+        try:
+            image = run(context)
+        except (Failure, OSError) as failure:
+            self.report({"ERROR"}, str(failure))
+            return {"CANCELLED"}
+        for area in context.screen.areas if context.screen else ():
+            if area.type == "IMAGE_EDITOR":
+                area.spaces.active.image = image
+        self.report({"INFO"}, f"Fused {image.size[0]} x {image.size[1]} pixels")
+        return {"FINISHED"}
+
+
+class RENDER_PT_raymeld(bpy.types.Panel):
+    bl_label = "Raymeld"
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "render"
+    COMPAT_ENGINES = {"CYCLES"}
+
+    @classmethod
+    def poll(cls, context):
+        return context.engine in cls.COMPAT_ENGINES
+
+    def draw(self, context):
+        self.layout.use_property_split = True
+        for name in ("scale", "few", "many", "quality", "folder"):
+            self.layout.prop(context.scene.raymeld, name)
+        self.layout.operator(RENDER_OT_raymeld.bl_idname)
+
+
+CLASSES = (RaymeldPreferences, RaymeldSettings, RENDER_OT_raymeld, RENDER_PT_raymeld)
+
+
+def draw_menu(self, _context):
+    self.layout.operator(RENDER_OT_raymeld.bl_idname)
+
+
+def register():
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.raymeld = bpy.props.PointerProperty(type=RaymeldSettings)
+    bpy.types.TOPBAR_MT_render.append(draw_menu)
+
+
+def unregister():
+    bpy.types.TOPBAR_MT_render.remove(draw_menu)
+    del bpy.types.Scene.raymeld
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

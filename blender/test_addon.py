@@ -1,0 +1,133 @@
+"""The add-on in a Blender without a window: blender -b --factory-startup -P blender/test_addon.py -- PROGRAM
+
+Ends with the unittest's status, which Blender would not by itself.
+"""
+
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+import traceback
+import unittest
+
+import bpy
+import numpy
+
+PROGRAM = os.path.abspath(sys.argv[sys.argv.index("--") + 1])
+ADDON = pathlib.Path(__file__).parent / "raymeld_fusion.py"
+MODULE = "raymeld_fusion"
+WIDTH, HEIGHT = 96, 64
+
+
+def srgb(pixels):
+    x = numpy.clip(pixels, 0, 1)
+    return numpy.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+
+
+def pixels_of(path):
+    """(height, width, 3), linear."""
+    image = bpy.data.images.load(str(path))
+    pixels = numpy.array(image.pixels[:]).reshape(image.size[1], image.size[0], image.channels)[..., :3]
+    bpy.data.images.remove(image)
+    return pixels
+
+
+def psnr(a, b):
+    return -10 * numpy.log10(numpy.mean((srgb(a) - srgb(b)) ** 2))
+
+
+def settings_of(scene):
+    """All that the renders change, and more."""
+    things = [scene.render, scene.render.image_settings, scene.cycles, scene.camera.data, scene.view_layers[0], scene.view_layers[0].cycles]
+    return {
+        (i, p.identifier): repr(getattr(thing, p.identifier))
+        for i, thing in enumerate(things)
+        for p in thing.bl_rna.properties
+        if p.type in ("INT", "FLOAT", "BOOLEAN", "ENUM", "STRING") and not p.is_readonly
+    }
+
+
+class Test(unittest.TestCase):
+    def setUp(self):
+        bpy.ops.wm.read_factory_settings()
+        bpy.ops.preferences.addon_install(filepath=str(ADDON))
+        bpy.ops.preferences.addon_enable(module=MODULE)
+        self.preferences = bpy.context.preferences.addons[MODULE].preferences
+        self.preferences.program = PROGRAM
+        self.scene = scene = bpy.context.scene
+        scene.render.engine = "CYCLES"
+        scene.render.resolution_x, scene.render.resolution_y = 2 * WIDTH, 2 * HEIGHT
+        scene.render.resolution_percentage = 50
+        scene.camera.data.shift_x = 0.03
+        bpy.ops.mesh.primitive_plane_add(size=30, location=(0, 0, -1))
+        self.folder = tempfile.TemporaryDirectory()
+        self.addCleanup(self.folder.cleanup)
+        scene.raymeld.folder = self.folder.name
+        scene.raymeld.few, scene.raymeld.many = 1, 16
+
+    def test_the_image_is_the_fusion_of_both_renders(self):
+        before = settings_of(self.scene)
+        self.assertEqual(bpy.ops.render.raymeld(), {"FINISHED"})
+        self.assertEqual(settings_of(self.scene), before)
+        image = bpy.data.images["Raymeld"]
+        self.assertEqual(tuple(image.size), (WIDTH, HEIGHT))
+        folder = pathlib.Path(self.folder.name)
+        again = folder / "again.exr"
+        subprocess.run([PROGRAM, "fuse", "--lrhs", folder / "lrhs.exr", "--hrls", folder / "hrls.exr", "-o", again,
+                        "--lrhs-sampling", "nearest", "--quality", "balanced"], check=True)
+        shown = numpy.array(image.pixels[:]).reshape(HEIGHT, WIDTH, image.channels)[..., :3]
+        numpy.testing.assert_array_equal(shown, pixels_of(again))
+
+        # It is the image of many samples, in the same place: nearer than what either render gives, or a shift.
+        scene = self.scene
+        scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.use_adaptive_sampling = 256, False, False
+        scene.render.image_settings.file_format = "OPEN_EXR"
+        scene.render.image_settings.color_depth = "32"
+        scene.render.filepath = str(folder / "reference.exr")
+        bpy.ops.render.render(write_still=True)
+        reference = pixels_of(folder / "reference.exr")
+        fused = psnr(shown, reference)
+        for dy, dx in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+            self.assertGreater(fused, psnr(numpy.roll(shown, (dy, dx), (0, 1)), reference))
+        self.assertGreater(fused, 26)
+
+        # Once more takes the place of the image.
+        scene.raymeld.scale, scene.raymeld.quality, scene.raymeld.folder = "2", "fast", ""
+        self.assertEqual(bpy.ops.render.raymeld(), {"FINISHED"})
+        self.assertEqual([i.name for i in bpy.data.images if i.name.startswith("Raymeld")], ["Raymeld"])
+
+    def expect_failure(self, text):
+        before = settings_of(self.scene)
+        with self.assertRaisesRegex(RuntimeError, text):
+            bpy.ops.render.raymeld()
+        self.assertEqual(settings_of(self.scene), before)
+        self.assertNotIn("Raymeld", bpy.data.images)
+
+    def test_what_is_wrong_is_said(self):
+        self.scene.render.resolution_x += 4
+        self.expect_failure("98 x 64 pixels is not a multiple of the scale, 4")
+        self.scene.render.resolution_x -= 4
+        self.preferences.program = "/no/such/program"
+        self.expect_failure("no program /no/such/program")
+        self.preferences.program = PROGRAM
+        self.scene.raymeld.folder = "/dev/null/x"
+        self.expect_failure("/dev/null")
+        self.scene.camera.data.type = "PANO"
+        self.expect_failure("panoramic")
+        self.scene.render.engine = "BLENDER_EEVEE"
+        self.expect_failure("not Cycles")
+
+
+with tempfile.TemporaryDirectory() as scripts:
+    # Where add-ons are installed to.
+    bpy.utils.user_resource = lambda kind, path="", create=False: os.path.join(scripts, path)
+    sys.path.insert(0, os.path.join(scripts, "addons"))
+    os.makedirs(os.path.join(scripts, "addons"))
+    try:
+        passed = unittest.main(argv=[sys.argv[0]], exit=False).result.wasSuccessful()
+    except BaseException:
+        traceback.print_exc()
+        passed = False
+sys.stdout.flush()
+os._exit(0 if passed else 1)
