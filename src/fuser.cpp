@@ -66,7 +66,8 @@ void Fuser::take_smaller_tiles(const OutOfMemory& refused) try {
 
 Program& Fuser::made_program() {
   if (!program_) {
-    program_.emplace(device_, plan_.graph, cache_, kFramesInFlight + 1, options_.work_limits);
+    program_.emplace(device_, plan_.graph, cache_, kFramesInFlight + 1, options_.work_limits,
+                     options_.scratch);
     program_->set_threshold(options_.threshold);
   }
   return *program_;

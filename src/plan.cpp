@@ -22,8 +22,8 @@ FusePlan describe(const Model& model, TileSize tile, bool part, const DeviceInfo
           options.constants);
   graph.plan();
   FusePlan plan{.tiling = make_tiling(tile, 1, 1, 0), .graph = std::move(graph)};
-  plan.frame_bytes = Program::host_bytes(kFramesInFlight + 1, plan.graph,
-                                         options.work_limits.value_or(limits_for(device)));
+  plan.frame_bytes =
+      Program::host_bytes(kFramesInFlight + 1, plan.graph, options.work_limits.value_or(limits_for(device)));
   for (const Shape& shape : frame_shapes(model, tile, options.constants))
     plan.frame_bytes += frame_bytes(shape);
   for (const Pass& pass : plan.graph.passes()) plan.flop += pass.flop;
@@ -126,6 +126,7 @@ FuserOptions wide_options(const DeviceInfo& device, FuserOptions options, uint64
   options.kernels = *options.fp32_kernels;
   options.fp32_kernels.reset();
   options.changed_only = false;  // tiles are computed again as a whole
+  options.scratch.reset();
   return options;
 }
 

@@ -56,6 +56,9 @@ struct FuserOptions {
   ConstantLayers constants = {};  // of HRLS; no image holds them
   float phase = 0;                // see lrhs_phase()
   float exposure = 0;             // of fuse(): see exposure.h; 0: what the model's exposure_key asks for
+  // Of the caller, for the activations: of a tile that is not done again in 32 bits. Nothing in it is kept
+  // from one frame to the next.
+  std::optional<MemoryRange> scratch = {};
   // Keeps every layer's output readable after a frame; needs the memory of all and a frame of one tile.
   bool keep_activations = false;
   // Measures every pass; the frame is slower, as passes no longer overlap.

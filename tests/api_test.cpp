@@ -1,4 +1,5 @@
 // What raymeld.h promises of arguments, versions, errors, handles and what the caller brings.
+#include <bit>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
@@ -268,6 +269,55 @@ TEST_F(ApiTest, TheCallersPipelineCacheTakesThePlaceOfTheFile) {
   desc.cache_folder = "";
   Fusion(Context(desc), model, desc_);
   EXPECT_FALSE(std::filesystem::exists(folder_ / "cache/raymeld"));
+}
+
+TEST_F(ApiTest, ActivationsMayLieInTheCallersMemory) {
+  CallerDevice caller;
+  const Context context(context_desc(caller.external()));
+  const SharedModel model(file_);
+  Fusion own(context, model, desc_);
+  const std::vector<float> expected = fuse(own, subject_).values;
+  caller.take_calls();
+  const raymeld_memory_needs needs = memory_needs(context, model, desc_);
+  EXPECT_FALSE(caller.take_calls().contains("vkAllocateMemory"));
+  EXPECT_GT(needs.size_bytes, 0u);
+
+  // In the middle of a larger block.
+  const VkDevice device = caller.external().device;
+  const VkDeviceSize offset = 3 * needs.alignment_bytes;
+  auto flags = vk_struct<VkMemoryAllocateFlagsInfo>(VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_FLAGS_INFO);
+  flags.flags = needs.device_address ? VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT : 0;
+  auto info = vk_struct<VkMemoryAllocateInfo>(VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO, &flags);
+  info.allocationSize = offset + needs.size_bytes + 4096;
+  info.memoryTypeIndex = uint32_t(std::countr_zero(needs.memory_type_bits));
+  VkDeviceMemory memory = VK_NULL_HANDLE;
+  check(caller.vk().AllocateMemory(device, &info, nullptr, &memory), "allocating");
+  desc_.memory = memory;
+  desc_.memory_offset_bytes = offset;
+  desc_.memory_size_bytes = needs.size_bytes;
+  void* mapped = nullptr;
+  check(caller.vk().MapMemory(device, memory, 0, VK_WHOLE_SIZE, 0, &mapped), "mapping");
+  auto* const bytes = static_cast<uint8_t*>(mapped);
+  std::memset(bytes, 0xff, info.allocationSize);
+  {
+    Fusion fusion(context, model, desc_);
+    EXPECT_EQ(fuse(fusion, subject_).values, expected);
+    EXPECT_LT(fusion.info().memory_bytes + needs.size_bytes / 2, own.info().memory_bytes);
+    const auto is_untouched = [&](VkDeviceSize begin, VkDeviceSize end) {
+      return std::all_of(bytes + begin, bytes + end, [](uint8_t byte) { return byte == 0xff; });
+    };
+    EXPECT_TRUE(is_untouched(0, offset));
+    EXPECT_FALSE(is_untouched(offset, offset + needs.size_bytes));
+    EXPECT_TRUE(is_untouched(offset + needs.size_bytes, info.allocationSize));
+    std::memset(bytes, 0x7f, info.allocationSize);  // nothing is kept between frames
+    EXPECT_EQ(fuse(fusion, subject_).values, expected);
+  }
+  desc_.memory_size_bytes -= 1;
+  EXPECT_FAILURE(RAYMELD_ERROR_DEVICE, Fusion(context, model, desc_), "caller's memory", "expected");
+  desc_.memory_size_bytes += 1;
+  desc_.memory_offset_bytes += 4;
+  EXPECT_FAILURE(RAYMELD_ERROR_DEVICE, Fusion(context, model, desc_), "at a multiple of");
+  caller.vk().FreeMemory(device, memory, nullptr);
 }
 
 }  // namespace

@@ -184,7 +184,30 @@ typedef struct raymeld_fusion_desc {
   /* Those of the model's optional layers that HRLS does not have: nothing is read or computed for them. */
   uint32_t absent_layer_count RAYMELD_IS(0);
   const char* const* absent_layers RAYMELD_IS(NULL);
+  /* The caller's memory for the activations, as raymeld_get_memory_needs() asks for it: size_bytes from
+   * memory_offset_bytes on. Between frames it may serve other purposes. VK_NULL_HANDLE: raymeld allocates it.
+   */
+  VkDeviceMemory memory RAYMELD_IS(VK_NULL_HANDLE);
+  VkDeviceSize memory_offset_bytes RAYMELD_IS(0);
+  VkDeviceSize memory_size_bytes RAYMELD_IS(0);
 } raymeld_fusion_desc;
+
+/* Of a fusion's activations, which are most of what it takes on the device. */
+typedef struct raymeld_memory_needs {
+  size_t struct_size RAYMELD_IS(sizeof(raymeld_memory_needs));
+  VkDeviceSize size_bytes RAYMELD_IS(0);
+  VkDeviceSize alignment_bytes RAYMELD_IS(0);
+  uint32_t memory_type_bits
+      RAYMELD_IS(0); /* as in VkMemoryRequirements; device-local types are the fast ones */
+  /* Whether it must be allocated with VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT. */
+  VkBool32 device_address RAYMELD_IS(VK_FALSE);
+} raymeld_memory_needs;
+
+/* Of the fusion that raymeld_fusion_create() would make of the same arguments; allocates nothing on the
+ * device. */
+RAYMELD_API raymeld_result raymeld_get_memory_needs(raymeld_context context, raymeld_model model,
+                                                    const raymeld_fusion_desc* desc,
+                                                    raymeld_memory_needs* needs);
 
 /* Allocates all that frames need and compiles what the cache does not have. May submit to the queue, and
  * waits. */

@@ -94,6 +94,13 @@ class SharedModel {
   detail::Owned<raymeld_model> model_;
 };
 
+inline raymeld_memory_needs memory_needs(const Context& context, const SharedModel& model,
+                                         const raymeld_fusion_desc& desc) {
+  raymeld_memory_needs needs;
+  detail::check(raymeld_get_memory_needs(context.get(), model.get(), &desc, &needs));
+  return needs;
+}
+
 class Fusion {
  public:
   Fusion(const Context& context, const SharedModel& model, const raymeld_fusion_desc& desc) {

@@ -189,6 +189,7 @@ FuserOptions fuser_options(const raymeld_fusion_desc& desc, const ContextState& 
   options.kernels = kernels(options.storage);
   if (desc.precision == RAYMELD_PRECISION_AUTO && options.storage == Storage::kFloat16)
     options.fp32_kernels = kernels(Storage::kFloat32);
+  if (desc.memory) options.scratch = {desc.memory, desc.memory_offset_bytes, desc.memory_size_bytes};
   options.phase = lrhs_phase(centered, model.architecture().scale);
   return options;
 }
@@ -348,6 +349,25 @@ raymeld_result raymeld_model_get_info(raymeld_model model, raymeld_model_info* i
     known.optional_layers = state.optional_layers.data();
     known.parameters = state.model.parameters();
     write(known, given(info, "info"), "raymeld_model_info");
+  });
+}
+
+raymeld_result raymeld_get_memory_needs(raymeld_context context, raymeld_model model,
+                                        const raymeld_fusion_desc* desc, raymeld_memory_needs* needs) {
+  return guarded(RAYMELD_ERROR_DEVICE, [&] {
+    const ContextState& on = *given(context, "context").state;
+    const Model& of = given(model, "model").state->model;
+    const raymeld_fusion_desc asked = read(given(desc, "desc"), "raymeld_fusion_desc");
+    check_desc(asked);
+    const FusePlan plan =
+        plan_fusion(of, asked.height, asked.width, on.device->info(), fuser_options(asked, on, of));
+    const VkMemoryRequirements memory = Buffer::requirements(*on.device, plan.graph.activation_bytes());
+    raymeld_memory_needs known;
+    known.size_bytes = memory.size;
+    known.alignment_bytes = memory.alignment;
+    known.memory_type_bits = memory.memoryTypeBits;
+    known.device_address = on.device->info().buffer_device_address;
+    write(known, given(needs, "needs"), "raymeld_memory_needs");
   });
 }
 

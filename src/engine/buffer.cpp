@@ -43,6 +43,30 @@ void check_allocation(VkResult result, const std::string& what) {
 
 }  // namespace
 
+// Without memory.
+VkMemoryRequirements Buffer::create(const Device& device, const std::string& name, const std::string& what) {
+  device_ = &device;
+  auto info = vk_struct<VkBufferCreateInfo>(VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO);
+  info.size = size_bytes_;
+  info.usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_SRC_BIT |
+               VK_BUFFER_USAGE_TRANSFER_DST_BIT | VK_BUFFER_USAGE_INDIRECT_BUFFER_BIT;
+  if (device.info().buffer_device_address) info.usage |= VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT;
+  check(device.vk().CreateBuffer(device.handle(), &info, device.allocator(), &buffer_), what);
+  device.name(VK_OBJECT_TYPE_BUFFER, buffer_, name);
+  VkMemoryRequirements needs;
+  device.vk().GetBufferMemoryRequirements(device.handle(), buffer_, &needs);
+  return needs;
+}
+
+void Buffer::bind(VkDeviceMemory memory, uint64_t offset_bytes, const std::string& what) {
+  const VulkanFunctions& vk = device_->vk();
+  check(vk.BindBufferMemory(device_->handle(), buffer_, memory, offset_bytes), what);
+  if (!device_->info().buffer_device_address) return;
+  auto address = vk_struct<VkBufferDeviceAddressInfo>(VK_STRUCTURE_TYPE_BUFFER_DEVICE_ADDRESS_INFO);
+  address.buffer = buffer_;
+  address_ = vk.GetBufferDeviceAddress(device_->handle(), &address);
+}
+
 Buffer::Buffer(const Device& device, uint64_t size_bytes, Memory memory, const std::string& name)
     : size_bytes_(size_bytes) {
   const VulkanFunctions& vk = device.vk();
@@ -52,32 +76,17 @@ Buffer::Buffer(const Device& device, uint64_t size_bytes, Memory memory, const s
     throw Error("{}: the device allocates at most {:.1f} MiB at once", what,
                 device.info().max_allocation_bytes / kMebibyte);
   }
-  device_ = &device;
   try {
-    auto info = vk_struct<VkBufferCreateInfo>(VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO);
-    info.size = size_bytes;
-    info.usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_SRC_BIT |
-                 VK_BUFFER_USAGE_TRANSFER_DST_BIT | VK_BUFFER_USAGE_INDIRECT_BUFFER_BIT;
-    const bool addressed = device.info().buffer_device_address;
-    if (addressed) info.usage |= VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT;
-    check(vk.CreateBuffer(device.handle(), &info, device.allocator(), &buffer_), what);
-    device.name(VK_OBJECT_TYPE_BUFFER, buffer_, name);
-    VkMemoryRequirements needs;
-    vk.GetBufferMemoryRequirements(device.handle(), buffer_, &needs);
+    const VkMemoryRequirements needs = create(device, name, what);
     auto flags_info = vk_struct<VkMemoryAllocateFlagsInfo>(VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_FLAGS_INFO);
     flags_info.flags = VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT;
-    auto allocation = vk_struct<VkMemoryAllocateInfo>(VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO,
-                                                      addressed ? &flags_info : nullptr);
+    auto allocation = vk_struct<VkMemoryAllocateInfo>(
+        VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO, device.info().buffer_device_address ? &flags_info : nullptr);
     allocation.allocationSize = needs.size;
     allocation.memoryTypeIndex = memory_type_for(device, needs.memoryTypeBits, memory, name);
     check_allocation(vk.AllocateMemory(device.handle(), &allocation, device.allocator(), &memory_), what);
     device.name(VK_OBJECT_TYPE_DEVICE_MEMORY, memory_, name);
-    check(vk.BindBufferMemory(device.handle(), buffer_, memory_, 0), what);
-    if (addressed) {
-      auto address = vk_struct<VkBufferDeviceAddressInfo>(VK_STRUCTURE_TYPE_BUFFER_DEVICE_ADDRESS_INFO);
-      address.buffer = buffer_;
-      address_ = vk.GetBufferDeviceAddress(device.handle(), &address);
-    }
+    bind(memory_, 0, what);
     const VkMemoryPropertyFlags flags = device.memory().memoryTypes[allocation.memoryTypeIndex].propertyFlags;
     coherent_ = flags & VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
     if (flags & VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT) {
@@ -87,6 +96,28 @@ Buffer::Buffer(const Device& device, uint64_t size_bytes, Memory memory, const s
     *this = Buffer();
     throw;
   }
+}
+
+Buffer::Buffer(const Device& device, uint64_t size_bytes, const MemoryRange& memory, const std::string& name)
+    : size_bytes_(size_bytes) {
+  const std::string what = fmt::format("placing {} in the caller's memory on {}", name, device.info().name);
+  try {
+    const VkMemoryRequirements needs = create(device, name, what);
+    if (memory.offset_bytes % needs.alignment != 0 || memory.size_bytes < needs.size) {
+      throw Error("{}: {} bytes at {} are given, expected {} at a multiple of {}", what, memory.size_bytes,
+                  memory.offset_bytes, needs.size, needs.alignment);
+    }
+    bind(memory.memory, memory.offset_bytes, what);
+  } catch (...) {
+    *this = Buffer();
+    throw;
+  }
+}
+
+VkMemoryRequirements Buffer::requirements(const Device& device, uint64_t size_bytes) {
+  Buffer buffer;
+  buffer.size_bytes_ = size_bytes;
+  return buffer.create(device, "a question", "asking what memory buffers may have");
 }
 
 Buffer::~Buffer() {

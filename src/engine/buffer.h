@@ -12,18 +12,24 @@ enum class Memory {
   kReadback,  // the device writes, the host reads
 };
 
-// A storage buffer with memory of its own. Move-only.
+// A storage buffer with memory of its own, or in the caller's. Move-only.
 class Buffer {
  public:
   Buffer() = default;
   // Throws Error, naming the buffer and its size: OutOfMemory when the device has no such memory left.
   Buffer(const Device& device, uint64_t size_bytes, Memory memory, const std::string& name);
+  // In memory that the caller keeps and that requirements() allow; never mapped. Throws Error.
+  Buffer(const Device& device, uint64_t size_bytes, const MemoryRange& memory, const std::string& name);
   ~Buffer();
   Buffer(Buffer&& other) noexcept { *this = std::move(other); }
   Buffer& operator=(Buffer&& other) noexcept;
 
+  // What memory such a buffer may have. Throws Error.
+  static VkMemoryRequirements requirements(const Device& device, uint64_t size_bytes);
+
   VkBuffer handle() const { return buffer_; }
   uint64_t size_bytes() const { return size_bytes_; }
+  uint64_t allocated_bytes() const { return memory_ ? size_bytes_ : 0; }
   // On the device; 0 where DeviceInfo::buffer_device_address is false.
   VkDeviceAddress address() const { return address_; }
   // The host's view for the buffer's whole life; null when the host does not see the memory.
@@ -32,9 +38,12 @@ class Buffer {
   void invalidate() const;
 
  private:
+  VkMemoryRequirements create(const Device& device, const std::string& name, const std::string& what);
+  void bind(VkDeviceMemory memory, uint64_t offset_bytes, const std::string& what);
+
   const Device* device_ = nullptr;
   VkBuffer buffer_ = VK_NULL_HANDLE;
-  VkDeviceMemory memory_ = VK_NULL_HANDLE;
+  VkDeviceMemory memory_ = VK_NULL_HANDLE;  // of its own
   void* mapped_ = nullptr;
   VkDeviceAddress address_ = 0;
   uint64_t size_bytes_ = 0;

@@ -27,6 +27,13 @@ struct ExternalDevice {
   VkPipelineCache pipeline_cache = VK_NULL_HANDLE;   // for all pipelines; null: raymeld keeps its own
 };
 
+// A part of the caller's memory on the device.
+struct MemoryRange {
+  VkDeviceMemory memory = VK_NULL_HANDLE;
+  VkDeviceSize offset_bytes = 0;
+  VkDeviceSize size_bytes = 0;
+};
+
 // An image of floats in a storage buffer: element (c, y, x) is at
 // offset_bytes / 4 + c * channel_stride + y * row_stride + x * pixel_stride; strides count floats.
 struct FrameBuffer {

@@ -90,7 +90,7 @@ WorkLimits limits_for(const DeviceInfo& info) {
 }
 
 Program::Program(const Device& device, const Graph& graph, PipelineCache& cache, uint32_t sets,
-                 const std::optional<WorkLimits>& limits)
+                 const std::optional<WorkLimits>& limits, const std::optional<MemoryRange>& activations)
     : device_(device), graph_(graph), limits_(limits.value_or(limits_for(device.info()))) {
   if (graph.storage() == Storage::kFloat16 && !device.info().storage_16bit) {
     throw Error("device {} has no 16-bit storage (storageBuffer16BitAccess); use --precision fp32",
@@ -113,7 +113,10 @@ Program::Program(const Device& device, const Graph& graph, PipelineCache& cache,
     throw Error("layer {}: device {} has no such cooperative matrices of {}x{}x{} (or they are not enabled)",
                 pass.name, device.info().name, pass.matrix->m, pass.matrix->n, pass.matrix->k);
   }
-  activations_ = Buffer(device, graph.activation_bytes(), Memory::kDevice, "activations");
+  const auto place_activations = [&](const auto& memory) {
+    return Buffer(device, graph.activation_bytes(), memory, "activations");
+  };
+  activations_ = activations ? place_activations(*activations) : place_activations(Memory::kDevice);
   if (graph.sparse()) {
     prepare_sparse();
   } else {
@@ -537,7 +540,8 @@ std::vector<float> Program::read(const Tensor& tensor) const {
 }
 
 uint64_t Program::allocated_bytes() const {
-  return constants_.size_bytes() + activations_.size_bytes() + status_.size_bytes() + exposures_.size_bytes();
+  return constants_.size_bytes() + activations_.allocated_bytes() + status_.size_bytes() +
+         exposures_.size_bytes();
 }
 
 uint64_t Program::host_bytes(uint32_t sets, const Graph& graph, const WorkLimits& limits) {

@@ -33,9 +33,10 @@ class Program {
  public:
   // Allocates the constants, the activations and the status, packs and uploads the constants, compiles the
   // pipelines. `graph` must be planned and outlive the Program. `sets`: how many recordings may be pending at
-  // once. `limits`: what suits the device's kind unless given. Throws Error, and OutOfMemory.
+  // once. `limits`: what suits the device's kind unless given. `activations`: where they are, unless the
+  // Program allocates them. Throws Error, and OutOfMemory.
   Program(const Device& device, const Graph& graph, PipelineCache& cache, uint32_t sets,
-          const std::optional<WorkLimits>& limits = {});
+          const std::optional<WorkLimits>& limits = {}, const std::optional<MemoryRange>& activations = {});
   ~Program();
   Program(const Program&) = delete;
   Program& operator=(const Program&) = delete;
@@ -80,7 +81,7 @@ class Program {
   void write(const Tensor& tensor, std::span<const float> values);
   std::vector<float> read(const Tensor& tensor) const;
 
-  uint64_t allocated_bytes() const;
+  uint64_t allocated_bytes() const;  // without activations in the caller's memory
   // What a Program takes beside its graph's constants and activations.
   static uint64_t host_bytes(uint32_t sets, const Graph& graph, const WorkLimits& limits);
 
