@@ -271,6 +271,27 @@ TEST_F(ApiTest, TheCallersPipelineCacheTakesThePlaceOfTheFile) {
   EXPECT_FALSE(std::filesystem::exists(folder_ / "cache/raymeld"));
 }
 
+TEST_F(ApiTest, FusionsOfSeveralSizesShareTheWeights) {
+  CallerDevice caller;
+  const Context context(context_desc(caller.external()));
+  const SharedModel model(file_);
+  Fusion first(context, model, desc_);
+  const int alone = caller.take_calls().at("vkAllocateMemory");
+  raymeld_fusion_desc larger = desc_;
+  larger.height *= 2;
+  auto second = std::make_unique<Fusion>(context, model, larger);
+  EXPECT_EQ(caller.take_calls().at("vkAllocateMemory"), alone - 1);
+  larger.precision = RAYMELD_PRECISION_FP16;  // other numbers
+  Fusion third(context, model, larger);
+  EXPECT_EQ(caller.take_calls().at("vkAllocateMemory"), alone);
+  // It is no matter who had them first.
+  const std::vector<float> expected = fuse(first, subject_).values;
+  Fusion fourth(context, model, desc_);
+  first = Fusion(context, model, larger);
+  second.reset();
+  EXPECT_EQ(fuse(fourth, subject_).values, expected);
+}
+
 TEST_F(ApiTest, ActivationsMayLieInTheCallersMemory) {
   CallerDevice caller;
   const Context context(context_desc(caller.external()));

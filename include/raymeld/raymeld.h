@@ -210,7 +210,8 @@ RAYMELD_API raymeld_result raymeld_get_memory_needs(raymeld_context context, ray
                                                     raymeld_memory_needs* needs);
 
 /* Allocates all that frames need and compiles what the cache does not have. May submit to the queue, and
- * waits. */
+ * waits. Fusions of one context that have the same weights on the device, as those of one model in several
+ * sizes, share them. */
 RAYMELD_API raymeld_result raymeld_fusion_create(raymeld_context context, raymeld_model model,
                                                  const raymeld_fusion_desc* desc, raymeld_fusion* fusion);
 RAYMELD_API void raymeld_fusion_destroy(raymeld_fusion fusion); /* NULL is none */

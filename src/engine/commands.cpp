@@ -29,4 +29,19 @@ void Commands::end(VkCommandBuffer commands) {
   check(device_.vk().EndCommandBuffer(commands), "recording commands");
 }
 
+void copy_now(const Device& device, VkBuffer from, VkBuffer to, const VkBufferCopy& region,
+              const std::string& name) {
+  Commands pool(device);
+  VkCommandBuffer commands = pool.begin(name);
+  device.vk().CmdCopyBuffer(commands, from, to, 1, &region);
+  auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
+  barrier.srcAccessMask = VK_ACCESS_TRANSFER_WRITE_BIT;
+  barrier.dstAccessMask = VK_ACCESS_HOST_READ_BIT | VK_ACCESS_SHADER_READ_BIT;
+  device.vk().CmdPipelineBarrier(commands, VK_PIPELINE_STAGE_TRANSFER_BIT,
+                                 VK_PIPELINE_STAGE_HOST_BIT | VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, 0, 1,
+                                 &barrier, 0, nullptr, 0, nullptr);
+  pool.end(commands);
+  device.submit_and_wait(commands);
+}
+
 }  // namespace raymeld

@@ -21,4 +21,8 @@ class Commands {
   VkCommandPool pool_ = VK_NULL_HANDLE;
 };
 
+// A copy between two buffers of which the host fills or reads one: submits and waits. Throws Error.
+void copy_now(const Device& device, VkBuffer from, VkBuffer to, const VkBufferCopy& region,
+              const std::string& name);
+
 }  // namespace raymeld

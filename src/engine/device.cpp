@@ -2,6 +2,7 @@
 
 #include <map>
 
+#include "engine/constants.h"
 #include "engine/instance.h"
 #include "error.h"
 
@@ -84,6 +85,8 @@ std::unique_ptr<Device> Device::wrap(const ExternalDevice& external) {
         "creating a fence");
   return device;
 }
+
+Device::Device() : constants_(std::make_unique<ConstantPool>()) {}
 
 Device::~Device() {
   if (device_ && fence_) vk_.DestroyFence(device_, fence_, allocator_);

@@ -16,6 +16,8 @@
 
 namespace raymeld {
 
+class ConstantPool;
+
 // What `raymeld devices` shows: facts of a physical device that decide how, and whether, raymeld runs on it.
 struct DeviceInfo {
   uint32_t index = 0;
@@ -74,6 +76,8 @@ class Device {
   const VkPhysicalDeviceProperties& properties() const { return properties_; }
   const VkPhysicalDeviceMemoryProperties& memory() const { return memory_; }
 
+  ConstantPool& constants() const { return *constants_; }
+
   // Warnings and errors of the validation layers since creation, oldest first.
   std::vector<std::string> messages() const;
 
@@ -88,7 +92,7 @@ class Device {
   void submit_and_wait(VkCommandBuffer commands) const;
 
  private:
-  Device() = default;
+  Device();
   void create_instance(Validation validation);
   void create_device();
   void find_queue_family();
@@ -111,6 +115,7 @@ class Device {
   VkPipelineCache pipeline_cache_ = VK_NULL_HANDLE;
   std::shared_ptr<std::mutex> queue_mutex_;
   VkFence fence_ = VK_NULL_HANDLE;
+  std::unique_ptr<ConstantPool> constants_;
   DeviceInfo info_;
   VkPhysicalDeviceProperties properties_{};
   VkPhysicalDeviceMemoryProperties memory_{};

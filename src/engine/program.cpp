@@ -64,22 +64,6 @@ std::array<uint32_t, 2> list_of(const SparseGrid& grid, const Pass& pass) {
   return {list + pass.items->first_row, list + std::min(pass.items->last_row, grid.rows())};
 }
 
-// One-time copy between two buffers of which the host fills or reads one.
-void copy_now(const Device& device, VkBuffer from, VkBuffer to, const VkBufferCopy& region,
-              const std::string& name) {
-  Commands pool(device);
-  VkCommandBuffer commands = pool.begin(name);
-  device.vk().CmdCopyBuffer(commands, from, to, 1, &region);
-  auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
-  barrier.srcAccessMask = VK_ACCESS_TRANSFER_WRITE_BIT;
-  barrier.dstAccessMask = VK_ACCESS_HOST_READ_BIT | VK_ACCESS_SHADER_READ_BIT;
-  device.vk().CmdPipelineBarrier(commands, VK_PIPELINE_STAGE_TRANSFER_BIT,
-                                 VK_PIPELINE_STAGE_HOST_BIT | VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, 0, 1,
-                                 &barrier, 0, nullptr, 0, nullptr);
-  pool.end(commands);
-  device.submit_and_wait(commands);
-}
-
 }  // namespace
 
 // A watchdog fires after about two seconds; these keep one dispatch near a tenth of one on slow devices of
@@ -232,15 +216,10 @@ double Program::work_share() const {
 Program::~Program() { device_.vk().DestroyDescriptorPool(device_.handle(), pool_, device_.allocator()); }
 
 void Program::upload_constants() {
-  constants_ = Buffer(device_, graph_.constant_bytes(), Memory::kDevice, "constants");
-  Buffer staging;
-  const bool direct = constants_.mapped() != nullptr;
-  if (!direct) staging = Buffer(device_, graph_.constant_bytes(), Memory::kUpload, "constants staging");
-  auto* bytes = static_cast<std::byte*>(direct ? constants_.mapped() : staging.mapped());
-  for (const ConstantRecord& constant : graph_.constants()) constant.fill(bytes + constant.offset_bytes);
-  if (direct) return;
-  copy_now(device_, staging.handle(), constants_.handle(), {0, 0, graph_.constant_bytes()},
-           "upload constants");
+  std::vector<std::byte> content(graph_.constant_bytes());
+  for (const ConstantRecord& constant : graph_.constants())
+    constant.fill(content.data() + constant.offset_bytes);
+  constants_ = device_.constants().get(device_, std::move(content));
 }
 
 // Passes with the same shader, constants and bindings share a pipeline.
@@ -323,7 +302,7 @@ VkDeviceAddress Program::address_of(const Binding& binding, uint32_t set) const 
     case Binding::Kind::kTensor:
       return activations_.address() + graph_.offset_bytes(binding.tensor);
     case Binding::Kind::kConstant:
-      return constants_.address() + graph_.constants()[binding.constant].offset_bytes;
+      return constants_->buffer.address() + graph_.constants()[binding.constant].offset_bytes;
     case Binding::Kind::kExposure:
       return exposures_.address() + set * kExposureStrideBytes;
     case Binding::Kind::kFrame:
@@ -339,7 +318,7 @@ VkDescriptorBufferInfo Program::buffer_info(const Binding& binding, uint32_t set
       return {activations_.handle(), graph_.offset_bytes(binding.tensor), graph_.size_bytes(binding.tensor)};
     case Binding::Kind::kConstant: {
       const ConstantRecord& constant = graph_.constants()[binding.constant];
-      return {constants_.handle(), constant.offset_bytes, constant.size_bytes};
+      return {constants_->buffer.handle(), constant.offset_bytes, constant.size_bytes};
     }
     case Binding::Kind::kExposure:
       return {exposures_.handle(), set * kExposureStrideBytes, sizeof(Exposure)};
@@ -540,8 +519,8 @@ std::vector<float> Program::read(const Tensor& tensor) const {
 }
 
 uint64_t Program::allocated_bytes() const {
-  return constants_.size_bytes() + activations_.allocated_bytes() + status_.size_bytes() +
-         exposures_.size_bytes();
+  return (constants_ ? constants_->buffer.size_bytes() : 0) + activations_.allocated_bytes() +
+         status_.size_bytes() + exposures_.size_bytes();
 }
 
 uint64_t Program::host_bytes(uint32_t sets, const Graph& graph, const WorkLimits& limits) {

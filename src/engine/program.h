@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "engine/buffer.h"
+#include "engine/constants.h"
 #include "engine/graph.h"
 #include "engine/pipeline_cache.h"
 
@@ -81,7 +82,8 @@ class Program {
   void write(const Tensor& tensor, std::span<const float> values);
   std::vector<float> read(const Tensor& tensor) const;
 
-  uint64_t allocated_bytes() const;  // without activations in the caller's memory
+  // Without activations in the caller's memory, and with constants that others have as well.
+  uint64_t allocated_bytes() const;
   // What a Program takes beside its graph's constants and activations.
   static uint64_t host_bytes(uint32_t sets, const Graph& graph, const WorkLimits& limits);
 
@@ -100,7 +102,8 @@ class Program {
 
   const Device& device_;
   const Graph& graph_;
-  Buffer constants_, activations_, status_, exposures_;
+  std::shared_ptr<const Constants> constants_;
+  Buffer activations_, status_, exposures_;
   std::map<std::vector<uint32_t>, Kernel> kernels_;
   std::vector<const Kernel*> pass_kernels_;
   VkDescriptorPool pool_ = VK_NULL_HANDLE;
