@@ -110,6 +110,7 @@ def plain_render(scene, layer):
         (render, "use_sequencer", False),
         (render, "use_single_layer", True),
         (render, "use_border", False),
+        (render, "use_multiview", False),
         (render, "use_file_extension", False),
         (image, "file_format", "OPEN_EXR_MULTILAYER"),
         (image, "color_depth", "32"),
@@ -121,6 +122,8 @@ def plain_render(scene, layer):
 
 
 def render_to(path, scene, samples, seed):
+    with contextlib.suppress(FileNotFoundError):
+        os.remove(path)  # of an earlier run
     with changed([(scene.render, "filepath", path), (scene.cycles, "samples", samples), (scene.cycles, "seed", seed)]):
         if "FINISHED" not in bpy.ops.render.render(write_still=True) or not os.path.exists(path):
             raise Failure("Blender did not render")
@@ -190,7 +193,7 @@ class RENDER_OT_raymeld(bpy.types.Operator):
     def execute(self, context):
         try:
             image = run(context)
-        except (Failure, OSError) as failure:
+        except (Failure, OSError, RuntimeError) as failure:
             self.report({"ERROR"}, str(failure))
             return {"CANCELLED"}
         for area in context.screen.areas if context.screen else ():

@@ -71,20 +71,30 @@ class Fuser {
     raymeld_context_desc context;
     context.selector = device.c_str();
     fusion_ = std::make_unique<raymeld::Fusion>(raymeld::Context(context), *model, desc);
+    info_ = fusion_->info();
+    layers_ = fusion_->layers();
   }
 
-  std::vector<std::string> layers() const { return fusion_->layers(); }
-  uint32_t scale() const { return fusion_->info().scale; }
-  uint64_t memory_bytes() const { return fusion_->info().memory_bytes; }
-  std::string precision() const {
-    return fusion_->info().precision == RAYMELD_PRECISION_FP16 ? "fp16" : "fp32";
+  const std::vector<std::string>& layers() const { return layers_; }
+  uint32_t scale() const { return info_.scale; }
+  std::string precision() const { return info_.precision == RAYMELD_PRECISION_FP16 ? "fp16" : "fp32"; }
+  uint64_t memory_bytes() {
+    const py::gil_scoped_release released;
+    const std::lock_guard lock(mutex_);
+    return fusion_->info().memory_bytes;
   }
-  py::dict status() const {
+  py::dict status() {
+    raymeld_status last;
+    {
+      const py::gil_scoped_release released;
+      const std::lock_guard lock(mutex_);
+      last = status_;
+    }
     py::dict status;
-    status["saturated"] = status_.saturated;
-    status["redone_tiles"] = status_.redone_tiles;
-    status["settled_share"] = status_.settled_share;
-    status["kept_share"] = status_.kept_share;
+    status["saturated"] = last.saturated;
+    status["redone_tiles"] = last.redone_tiles;
+    status["settled_share"] = last.settled_share;
+    status["kept_share"] = last.kept_share;
     return status;
   }
 
@@ -117,7 +127,10 @@ class Fuser {
  private:
   uint32_t height_, width_;
   std::unique_ptr<raymeld::Fusion> fusion_;
-  std::mutex mutex_;  // threads of Python's take turns
+  raymeld_fusion_info info_;  // of what does not change
+  std::vector<std::string> layers_;
+  // Threads of Python's take turns; who waits for it does not hold the interpreter's lock.
+  std::mutex mutex_;
   raymeld_status status_;
 };
 

@@ -99,8 +99,8 @@ void Fuser::record(VkCommandBuffer commands, const FrameBuffer& lrhs, const Fram
   if (options_.changed_only)
     throw Error("record() knows nothing of what changed: a Fuser with changed_only has fuse() alone");
   Program& program = made_program();
-  recorded_ = true;
   program.bind(next_set_, bindings(lrhs, hrls, fused));
+  recorded_ = true;
   program.set_exposure(next_set_, exposure);
   if (program.needs_told()) program.record_all_needed(commands);
   program.record(commands, next_set_, 0, plan_.graph.passes().size());

@@ -8,6 +8,7 @@
 
 #include "api_subject.h"
 #include "engine/instance.h"
+#include "faults.h"
 
 namespace raymeld::test {
 namespace {
@@ -83,6 +84,22 @@ TEST_F(ApiTest, AnOutputThatIsNotFiniteIsAFailure) {
   EXPECT_FAILURE(RAYMELD_ERROR_NOT_FINITE, fuse(fusion, subject_), "not finite");
 }
 
+TEST_F(ApiTest, ALostDeviceAndALackOfMemoryAreTold) {
+  const SharedModel model(file_);
+  {
+    CallerDevice caller;
+    const Context context(context_desc(caller.external()));
+    Fusion fusion(context, model, desc_);
+    fuse(fusion, subject_);
+    interposed().fault = {.function = "vkQueueSubmit", .call = 1, .code = VK_ERROR_DEVICE_LOST};
+    EXPECT_FAILURE(RAYMELD_ERROR_DEVICE_LOST, fuse(fusion, subject_), "VK_ERROR_DEVICE_LOST");
+  }
+  CallerDevice caller;
+  const Context context(context_desc(caller.external()));
+  interposed().most_allocation_bytes = 0;
+  EXPECT_FAILURE(RAYMELD_ERROR_OUT_OF_MEMORY, Fusion(context, model, desc_), "allocating");
+}
+
 TEST_F(ApiTest, EachThreadHasItsOwnError) {
   raymeld_model model = nullptr;
   EXPECT_EQ(raymeld_model_load(nullptr, &model), RAYMELD_ERROR_INVALID_ARGUMENT);
@@ -123,6 +140,12 @@ TEST_F(ApiTest, StructuresOfOtherVersions) {
   EXPECT_EQ(raymeld_fusion_create(context.get(), model.get(), &desc_, &other),
             RAYMELD_ERROR_INVALID_ARGUMENT);
   EXPECT_NE(std::string(raymeld_error()).find("struct_size is 0"), std::string::npos);
+
+  const auto small = std::make_unique<size_t>(sizeof(size_t));  // that is all of it
+  raymeld_context plain = nullptr;
+  EXPECT_EQ(raymeld_context_create(reinterpret_cast<const raymeld_context_desc*>(small.get()), &plain),
+            RAYMELD_SUCCESS);
+  raymeld_context_destroy(plain);
 
   raymeld_fusion_info info;
   info.struct_size = offsetof(raymeld_fusion_info, tile_height);

@@ -62,17 +62,19 @@ typedef enum raymeld_feature_bits {
 /* All of a feature's extensions and members of feature structures are to be enabled, or none. The texts are
  * the library's, for ever. */
 typedef struct raymeld_feature {
-  raymeld_feature_bits bit;
-  VkBool32 supported;       /* by the device that was asked */
-  uint32_t extension_count; /* device extensions */
-  const char* const* extensions;
-  uint32_t member_count; /* as "VkPhysicalDeviceFeatures::shaderInt64" */
-  const char* const* members;
-  const char* without; /* what happens where it is not enabled */
+  size_t struct_size RAYMELD_IS(sizeof(raymeld_feature));
+  uint32_t bit RAYMELD_IS(0);              /* of raymeld_feature_bits */
+  VkBool32 supported RAYMELD_IS(VK_FALSE); /* by the device that was asked */
+  uint32_t extension_count RAYMELD_IS(0);  /* device extensions */
+  const char* const* extensions RAYMELD_IS(NULL);
+  uint32_t member_count RAYMELD_IS(0); /* as "VkPhysicalDeviceFeatures::shaderInt64" */
+  const char* const* members RAYMELD_IS(NULL);
+  const char* without RAYMELD_IS(NULL); /* what happens where it is not enabled */
 } raymeld_feature;
 
-/* Lists them, of a physical device. `features` may be NULL; else it has room for *count. *count becomes the
- * number of features there are, of which those that there was room for are written. */
+/* Lists them, of a physical device. `features` may be NULL; else it has room for *count, each of the size
+ * that the first one says. *count becomes the number of features there are, of which those that there was
+ * room for are written. */
 RAYMELD_API raymeld_result raymeld_list_features(PFN_vkGetInstanceProcAddr get_instance_proc_addr,
                                                  VkInstance instance, VkPhysicalDevice physical_device,
                                                  uint32_t* count, raymeld_feature* features);
@@ -148,9 +150,10 @@ typedef enum raymeld_precision {
 
 /* How convolutions are computed. */
 typedef enum raymeld_kernels {
-  RAYMELD_KERNELS_AUTO = 0, /* what is fastest on the device: as `raymeld tune` measured, else by its kind */
-  RAYMELD_KERNELS_DIRECT =
-      1 /* by the plain sums of their definition, slower: the same bits whatever the tiles */
+  /* What is fastest on the device: as `raymeld tune` measured, else by its kind. */
+  RAYMELD_KERNELS_AUTO = 0,
+  /* By the plain sums of their definition, slower: the same bits whatever the tiles. */
+  RAYMELD_KERNELS_DIRECT = 1
 } raymeld_kernels;
 
 /* Where LRHS samples lie in the s x s full-size pixels they stand for. */
@@ -185,8 +188,8 @@ typedef struct raymeld_fusion_desc {
   uint32_t absent_layer_count RAYMELD_IS(0);
   const char* const* absent_layers RAYMELD_IS(NULL);
   /* The caller's memory for the activations, as raymeld_get_memory_needs() asks for it: size_bytes from
-   * memory_offset_bytes on. Between frames it may serve other purposes. VK_NULL_HANDLE: raymeld allocates it.
-   */
+   * memory_offset_bytes on. Between frames it may serve other purposes. VK_NULL_HANDLE: raymeld allocates
+   * it. */
   VkDeviceMemory memory RAYMELD_IS(VK_NULL_HANDLE);
   VkDeviceSize memory_offset_bytes RAYMELD_IS(0);
   VkDeviceSize memory_size_bytes RAYMELD_IS(0);
@@ -197,8 +200,8 @@ typedef struct raymeld_memory_needs {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_memory_needs));
   VkDeviceSize size_bytes RAYMELD_IS(0);
   VkDeviceSize alignment_bytes RAYMELD_IS(0);
-  uint32_t memory_type_bits
-      RAYMELD_IS(0); /* as in VkMemoryRequirements; device-local types are the fast ones */
+  /* As in VkMemoryRequirements; device-local types are the fast ones. */
+  uint32_t memory_type_bits RAYMELD_IS(0);
   /* Whether it must be allocated with VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT. */
   VkBool32 device_address RAYMELD_IS(VK_FALSE);
 } raymeld_memory_needs;
@@ -269,11 +272,11 @@ RAYMELD_API raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer
 /* What the device counted; saturated and not_finite are zero for a frame that can be trusted. */
 typedef struct raymeld_status {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_status));
-  uint32_t saturated
-      RAYMELD_IS(0); /* with fp16: values within the network beyond 16 bits, stored as the largest */
+  /* With fp16: values within the network beyond 16 bits, stored as the largest. */
+  uint32_t saturated RAYMELD_IS(0);
   uint32_t not_finite RAYMELD_IS(0); /* output values that were NaN or infinite, written as 0 */
-  uint32_t redone_tiles
-      RAYMELD_IS(0); /* of raymeld_fuse(), AUTO: which fp16 could not hold, computed again in fp32 */
+  /* Of raymeld_fuse(), AUTO: which fp16 could not hold, computed again in fp32. */
+  uint32_t redone_tiles RAYMELD_IS(0);
   float settled_share RAYMELD_IS(0); /* of the last frame: adaptive_threshold */
   float kept_share RAYMELD_IS(0);    /* of raymeld_fuse(): changed_only */
 } raymeld_status;

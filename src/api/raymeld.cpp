@@ -211,10 +211,12 @@ FrameBuffer view_of(const raymeld_image* from, const Shape& shape, const char* n
   if (!image.buffer) throw InvalidArgument("{}: buffer is VK_NULL_HANDLE", name);
   if (image.offset_bytes % 4 != 0)
     throw InvalidArgument("{}: offset_bytes is {}, expected a multiple of 4", name, image.offset_bytes);
-  const uint32_t pixel = image.pixel_stride ? image.pixel_stride : 1;
-  const uint32_t row = image.row_stride ? image.row_stride : shape.width * pixel;
-  const uint32_t channel = image.channel_stride ? image.channel_stride : shape.height * row;
-  return {image.buffer, image.offset_bytes, pixel, row, channel};
+  const uint64_t pixel = image.pixel_stride ? image.pixel_stride : 1;
+  const uint64_t row = image.row_stride ? image.row_stride : shape.width * pixel;
+  const uint64_t channel = image.channel_stride ? image.channel_stride : shape.height * row;
+  if (channel > UINT32_MAX || row > UINT32_MAX)
+    throw InvalidArgument("{}: strides of {} and {} floats, expected 32 bits", name, row, channel);
+  return {image.buffer, image.offset_bytes, uint32_t(pixel), uint32_t(row), uint32_t(channel)};
 }
 
 constexpr const char* kHalfMembers[] = {"VkPhysicalDevice16BitStorageFeatures::storageBuffer16BitAccess"};
@@ -230,8 +232,15 @@ constexpr const char* kMatrixMembers[] = {
 
 raymeld_feature feature(raymeld_feature_bits bit, bool supported, std::span<const char* const> extensions,
                         std::span<const char* const> members, const char* without) {
-  return {bit,    supported, count_of(extensions), extensions.data(), count_of(members), members.data(),
-          without};
+  raymeld_feature feature;
+  feature.bit = bit;
+  feature.supported = supported;
+  feature.extension_count = count_of(extensions);
+  feature.extensions = extensions.data();
+  feature.member_count = count_of(members);
+  feature.members = members.data();
+  feature.without = without;
+  return feature;
 }
 
 std::vector<raymeld_feature> features_of(const DeviceInfo& info) {
@@ -298,7 +307,12 @@ raymeld_result raymeld_list_features(PFN_vkGetInstanceProcAddr get_instance_proc
     vk.GetInstanceProcAddr = get_instance_proc_addr;
     vk.load_instance(instance);
     const std::vector<raymeld_feature> all = features_of(describe(vk, physical_device, 0));
-    if (features) std::copy_n(all.begin(), std::min<size_t>(*count, all.size()), features);
+    const size_t size = features && *count > 0 ? size_of(*features, "raymeld_feature") : 0;
+    for (size_t i = 0; size > 0 && i < std::min<size_t>(*count, all.size()); ++i) {
+      auto& at = *reinterpret_cast<raymeld_feature*>(reinterpret_cast<char*>(features) + i * size);
+      at.struct_size = size;
+      write(all[i], at, "raymeld_feature");
+    }
     *count = static_cast<uint32_t>(all.size());
   });
 }
@@ -306,7 +320,8 @@ raymeld_result raymeld_list_features(PFN_vkGetInstanceProcAddr get_instance_proc
 raymeld_result raymeld_context_create(const raymeld_context_desc* desc, raymeld_context* context) {
   return guarded(RAYMELD_ERROR_DEVICE, [&] {
     given(context, "context");
-    const raymeld_context_desc asked = read(desc ? *desc : raymeld_context_desc{}, "raymeld_context_desc");
+    const raymeld_context_desc defaults;
+    const raymeld_context_desc asked = read(desc ? *desc : defaults, "raymeld_context_desc");
     auto state = std::make_shared<ContextState>();
     if (asked.allocation_callbacks) state->allocation_callbacks = *asked.allocation_callbacks;
     if (asked.cache_folder) state->cache_folder = asked.cache_folder;
@@ -436,7 +451,13 @@ raymeld_result raymeld_fuse(raymeld_fusion fusion, const float* lrhs, const floa
   return guarded(RAYMELD_ERROR_DEVICE, [&] {
     Fuser& fuser = given(fusion, "fusion").fuser;
     if (status) size_of(*status, "raymeld_status");
-    const FuseReport report = fuser.fuse(&given(lrhs, "lrhs"), &given(hrls, "hrls"), &given(fused, "fused"));
+    FuseReport report;
+    try {
+      report = fuser.fuse(&given(lrhs, "lrhs"), &given(hrls, "hrls"), &given(fused, "fused"));
+    } catch (const NotFinite&) {
+      fuser.program().reset_status();  // the next count is of recorded frames
+      throw;
+    }
     fuser.program().reset_status();
     raymeld_status known;
     known.saturated = report.status.saturated;
