@@ -1,6 +1,7 @@
 #include "frame_times.h"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <random>
@@ -58,27 +59,27 @@ Image noise(const Shape& shape, uint32_t seed) {
   return image;
 }
 
-using Clock = std::chrono::steady_clock;
-
 FrameTime measure_frame(const Device& device, const Model& model, TileSize frame, const FuserOptions& options,
                         const std::filesystem::path& folder) {
+  using Clock = std::chrono::steady_clock;
   const auto shapes = frame_shapes(model, frame, options.constants);
   const Image lrhs = noise(shapes[0], 1), hrls = noise(shapes[1], 2);
+  const auto make = [&] { return Fuser(device, model, frame.height, frame.width, options, folder); };
+  Image fused;
   // Some drivers compile a kernel when it first runs, and keep it for all programs.
-  for (const size_t frames : {size_t(1), 1 + kFurtherFrames}) {
-    Fuser fuser(device, model, frame.height, frame.width, options, folder);
-    Image fused;
-    std::vector<double> times_ms;
-    for (size_t i = 0; i < frames; ++i) {
-      const auto start = Clock::now();
-      fuser.fuse(lrhs, hrls, fused);
-      times_ms.push_back(std::chrono::duration<double, std::milli>(Clock::now() - start).count());
-    }
-    if (frames == 1) continue;
-    std::sort(times_ms.begin() + 1, times_ms.end());
-    return {times_ms[0], times_ms[1 + kFurtherFrames / 2]};
-  }
-  return {};
+  make().fuse(lrhs, hrls, fused);
+  Fuser fuser = make();
+  fused = {};  // the first frame of a program allocates it
+  const auto time_ms = [&] {
+    const auto start = Clock::now();
+    fuser.fuse(lrhs, hrls, fused);
+    return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+  };
+  const double first_ms = time_ms();
+  std::array<double, kFurtherFrames> further_ms;
+  std::ranges::generate(further_ms, time_ms);
+  std::ranges::sort(further_ms);
+  return {first_ms, further_ms[kFurtherFrames / 2]};
 }
 
 // A frame of that shape, but of no more than kMostPixels fused pixels.

@@ -37,10 +37,11 @@ Journal::Journal(const std::filesystem::path& file, const std::string& subject) 
     size = line.size() + 1;
     while (std::getline(stream, line) && !stream.eof() && read_line(line, values_)) size += line.size() + 1;
   }
-  file_.reset(std::fopen(file.c_str(), size > 0 ? "a" : "w"));
   std::error_code error;
-  if (file_ && size > 0) std::filesystem::resize_file(file, size, error);
-  if (!file_ || error) throw Error("opening '{}': {}", file.string(), std::strerror(errno));
+  if (size > 0) std::filesystem::resize_file(file, size, error);
+  if (error) throw Error("opening '{}': {}", file.string(), error.message());
+  file_.reset(std::fopen(file.c_str(), size > 0 ? "a" : "w"));
+  if (!file_) throw Error("opening '{}': {}", file.string(), std::strerror(errno));
   if (size == 0) write(first);
 }
 

@@ -5,7 +5,6 @@
 #include "io/atomic_file.h"
 
 namespace raymeld {
-
 namespace {
 
 using Json = nlohmann::ordered_json;
