@@ -1,7 +1,7 @@
-// From the network's output, plus the upsampled encoded LRHS where the model predicts a residual, to scene linear
-// floats in [0, 65504], un-exposed. The network sees no more than the clip: what LRHS has beyond it is added where the
+// From the network's output, plus the upsampled encoded LRHS where the model predicts a residual, to scene linear values
+// in [0, 65504], un-exposed. The network sees no more than the clip: what LRHS has beyond it is added where the
 // output is near the clip, fully from a quarter of it on and not at all below an eighth, so that the edges that the network
-// drew stay. One invocation for each element; z is the channel.
+// drew stay. One invocation for each element, z being the channel; with FRAME_IMAGE for each pixel, of three.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -11,7 +11,11 @@
 #include "transfer.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;
+#ifdef FRAME_IMAGE
+layout(binding = 1) uniform writeonly image2D frame;
+#else
 layout(std430, binding = 1) writeonly buffer Frame { float frame[]; };
+#endif
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Floats exposure;  // and its inverse
@@ -42,26 +46,36 @@ float highlight(uint c, Bilinear at) {
   return total > 0.0 ? dot(weights, samples) / total : 0.0;
 }
 
+// `counted`: where it is not finite.
+float decoded(uint c, uvec2 pixel, Bilinear at, bool counted) {
+  // precise: a compiler that moved the sum into the interpolation would round in it at the sum's magnitude.
+  precise float value = float(source.v[address(c, pixel.y, pixel.x, p.of.plane, p.of.width)]);
+  if (p.bilinear_base != 0) value += upsampled(c, at);
+  if (isnan(value) || isinf(value)) {
+    if (counted) atomicAdd(status.not_finite, 1u);
+    value = 0.0;
+  }
+  value = to_linear(value, p.of.log_transfer);
+  float share = p.clip > 0.0 ? clamp(8.0 * value / p.clip - 1.0, 0.0, 1.0) : 0.0;
+  value *= exposure.v[1];
+  if (share > 0.0) value += share * highlight(c, at);
+  return clamp(value, 0.0, 65504.0);
+}
+
 void main() {
   uvec3 id = gl_GlobalInvocationID;
   // The last pixel again, rather than a branch, in which drivers for CPUs load lane by lane.
   bool inside = id.x < p.of.width && id.y < p.of.height;
   id.xy = min(id.xy, uvec2(p.of.width, p.of.height) - 1);
   if (is_left_out(id.xy)) return;
-  // precise: a compiler that moved the sum into the interpolation would round in it at the sum's magnitude.
-  precise float value = float(source.v[address(id.z, id.y, id.x, p.of.plane, p.of.width)]);
   Bilinear at = bilinear_at(id.xy, p.of.phase, p.of.inverse_scale, uvec2(p.of.lrhs_width, p.of.lrhs_height));
-  if (p.bilinear_base != 0) value += upsampled(id.z, at);
-  if (isnan(value) || isinf(value)) {
-    if (inside) atomicAdd(status.not_finite, 1u);
-    value = 0.0;
-  }
-  value = to_linear(value, p.of.log_transfer);
-  float share = p.clip > 0.0 ? clamp(8.0 * value / p.clip - 1.0, 0.0, 1.0) : 0.0;
-  value *= exposure.v[1];
-  if (share > 0.0) value += share * highlight(id.z, at);
-  value = clamp(value, 0.0, 65504.0);
+#ifdef FRAME_IMAGE
+  vec4 pixel = vec4(decoded(0, id.xy, at, inside), decoded(1, id.xy, at, inside), decoded(2, id.xy, at, inside), 1.0);
+  if (inside) imageStore(frame, ivec2(id.xy + uvec2(p.frame.x, p.frame.y)), pixel);
+#else
+  float value = decoded(id.z, id.xy, at, inside);
   if (!inside) return;
   frame[p.frame.offset + id.z * p.frame.channel_stride + id.y * p.frame.row_stride + id.x * p.frame.pixel_stride] =
       value;
+#endif
 }

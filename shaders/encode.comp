@@ -1,4 +1,4 @@
-// From a frame's image (scene linear floats) to the network's input. NaN becomes 0; infinities meet the clamps. Channels that
+// From a frame's image (scene linear) to the network's input. NaN becomes 0; infinities meet the clamps. Channels that
 // are one value everywhere are in no image.
 // One invocation for each element; z is the channel.
 #version 450
@@ -7,9 +7,9 @@
 #include "tensor.glsl"
 #include "memory.glsl"
 #include "transfer.glsl"
+#include "frame.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;
-layout(std430, binding = 1) readonly buffer Frame { float frame[]; };
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Floats exposure;
@@ -30,12 +30,11 @@ void main() {
   if (is_left_out(min(id.xy, uvec2(p.width, p.height) - 1))) return;
   uint channel = p.channels[id.z / 4] >> id.z % 4 * 8 & 255, kind = channel & 3, source = channel >> 2;
   bool constant = source >= RAYMELD_FIRST_CONSTANT;
-  uint at = p.frame.offset + (constant ? 0 : source) * p.frame.channel_stride + min(id.y, p.height - 1) * p.frame.row_stride +
-            min(id.x, p.width - 1) * p.frame.pixel_stride;
   bool light = kind == RAYMELD_RADIANCE || kind == RAYMELD_VARIANCE;
   float low = kind == RAYMELD_NORMAL ? -1.0 : 0.0, high = light ? p.clip : 1.0;
   float factor = exposure.v[0];
-  float value = frame[at] * (light ? factor * (kind == RAYMELD_VARIANCE ? factor : 1.0) : 1.0);
+  float value = frame_value(p.frame, constant ? 0 : source, min(id.xy, uvec2(p.width, p.height) - 1)) *
+                (light ? factor * (kind == RAYMELD_VARIANCE ? factor : 1.0) : 1.0);
   // Comparisons rather than min and max, whose result for NaN is undefined in GLSL.
   value = isnan(value) ? 0.0 : value;
   value = value >= low ? value : low;

@@ -5,9 +5,9 @@
 #include "params.h"
 #include "tensor.glsl"
 #include "memory.glsl"
+#include "frame.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;
-layout(std430, binding = 1) readonly buffer Frame { float frame[]; };
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Floats exposure;  // and its inverse
@@ -23,9 +23,7 @@ layout(std430, binding = 3) writeonly buffer Target { STORAGE v[]; } target;
 void main() {
   uvec3 id = gl_GlobalInvocationID;
   if (id.x >= p.width || id.y >= p.height) return;
-  float value = frame[p.frame.offset + id.z * p.frame.channel_stride + id.y * p.frame.row_stride +
-                      id.x * p.frame.pixel_stride] -
-                p.clip * exposure.v[1];
+  float value = frame_value(p.frame, id.z, id.xy) - p.clip * exposure.v[1];
   // Comparisons rather than max, whose result for NaN is undefined in GLSL.
   value = value > 0.0 ? min(value, 65504.0) : 0.0;
   target.v[address(id.z, id.y, id.x, p.plane, p.width)] = STORAGE(storable(value));

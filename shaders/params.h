@@ -16,7 +16,24 @@ struct FrameView {
   uint pixel_stride;
   uint row_stride;
   uint channel_stride;
+  uint unused;  // as large as a TextureView
 };
+
+// And of an image: texel (x, y) is the first one, and what it holds is value * scale + bias.
+struct TextureView {
+  uint x;
+  uint y;
+  float scale;
+  float bias;
+  uint octahedral;  // 0: the value is what is meant; else its first two channels are a normal
+};
+
+// What a pass has of the image that it touches.
+#ifdef FRAME_IMAGE
+#define FRAME_VIEW TextureView
+#else
+#define FRAME_VIEW FrameView
+#endif
 
 // Of a sparse graph: the first item of a dispatch, and which words say where its part of a list begins and ends. See
 // place.glsl. Of pointwise.comp in a dense graph: the first pixel of a band, and the number of all pixels.
@@ -108,7 +125,7 @@ struct Shuffle {
 };
 
 struct Encode {
-  FrameView frame;
+  FRAME_VIEW frame;
   uint height;
   uint width;
   uint plane;
@@ -119,7 +136,7 @@ struct Encode {
 };
 
 struct Highlights {
-  FrameView frame;
+  FRAME_VIEW frame;
   uint height;
   uint width;
   uint plane;
@@ -171,7 +188,7 @@ struct Relight {
 };
 
 struct Decode {
-  FrameView frame;
+  FRAME_VIEW frame;
   Upsampled of;
   uint bilinear_base;  // 0: none
   float clip;          // beyond it there are highlights; 0: there are none

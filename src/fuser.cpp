@@ -83,23 +83,31 @@ uint64_t Fuser::allocated_bytes() const {
   return (program_ ? program_->allocated_bytes() : 0) + frame_bytes + (wide_ ? wide_->allocated_bytes() : 0);
 }
 
-std::array<Shape, kFrameSlots> Fuser::image_shapes(TileSize tile) const {
+std::array<Shape, 3> Fuser::image_shapes(TileSize tile) const {
   return frame_shapes(model_, tile, options_.constants);
 }
 
 FrameBindings Fuser::bindings(const FrameBuffer& lrhs, const FrameBuffer& hrls,
                               const FrameBuffer& fused) const {
   const auto shapes = image_shapes(plan_.tiling.tile);
-  return {FrameBinding{lrhs, shapes[0]}, FrameBinding{hrls, shapes[1]}, FrameBinding{fused, shapes[2]}};
+  FrameBindings frame;
+  frame[size_t(FrameSlot::kLrhs)] = {lrhs, shapes[0]};
+  frame[size_t(FrameSlot::kHrls)] = {hrls, shapes[1]};
+  frame[size_t(FrameSlot::kFused)] = {fused, shapes[2]};
+  return frame;
 }
 
 void Fuser::record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
                    const FrameBuffer& fused, float exposure) {
+  record(commands, bindings(lrhs, hrls, fused), exposure);
+}
+
+void Fuser::record(VkCommandBuffer commands, const FrameBindings& frame, float exposure) {
   check_exposure(exposure);
   if (options_.changed_only)
     throw Error("record() knows nothing of what changed: a Fuser with changed_only has fuse() alone");
   Program& program = made_program();
-  program.bind(next_set_, bindings(lrhs, hrls, fused));
+  program.bind(next_set_, frame);
   recorded_ = true;
   program.set_exposure(next_set_, exposure);
   if (program.needs_told()) program.record_all_needed(commands);
@@ -182,6 +190,7 @@ FuseReport Fuser::fuse(const Image& lrhs, const Image& hrls, Image& fused, const
 FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress,
                        float exposure) {
   if (exposure != 0) check_exposure(exposure);
+  if (options_.frame_images.any()) throw Error("fuse() takes buffers: a Fuser of images has record() alone");
   // Otherwise it is the frame's, so that it is the same for all tiles.
   const float factor = exposure != 0 ? exposure : this->exposure(lrhs);
   if (options_.changed_only) {

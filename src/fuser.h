@@ -76,6 +76,9 @@ class Fuser {
   // FuserOptions::changed_only, as the inputs are not looked at.
   void record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
               const FrameBuffer& fused, float exposure = 1);
+  // The same by slot, for FuserOptions::frame_images: images are read in VK_IMAGE_LAYOUT_GENERAL or
+  // SHADER_READ_ONLY_OPTIMAL, written in GENERAL, and left so.
+  void record(VkCommandBuffer commands, const FrameBindings& frame, float exposure = 1);
 
   // The exposure that fuse() uses for this LRHS (3, h, w), planar and dense.
   float exposure(const float* lrhs) const;
@@ -84,7 +87,7 @@ class Fuser {
   // tile and waits. The first call allocates and records, and so does the first that does a tile again; other
   // ones only submit. No frame of record() may be pending. When the device runs out of memory, the frame
   // starts again with smaller tiles, unless record() was called before: recordings may still be submitted.
-  // Throws Error, NotFinite and Cancelled; `fused` may then hold some
+  // Throws Error, also with FuserOptions::frame_images, NotFinite and Cancelled; `fused` may then hold some
   // tiles, and the next call works if the device does. With FuserOptions::changed_only the inputs and the
   // output are kept for the next call, and the bits are those of a first call.
   // `exposure`: what radiance is multiplied by for the network, for parts of a larger frame; 0: exposure().
@@ -113,7 +116,7 @@ class Fuser {
   void take_smaller_tiles(const OutOfMemory& refused);
   Program& made_program();
   void check_sizes(const Image& lrhs, const Image& hrls) const;
-  std::array<Shape, kFrameSlots> image_shapes(TileSize tile) const;
+  std::array<Shape, 3> image_shapes(TileSize tile) const;
   FrameBindings bindings(const FrameBuffer& lrhs, const FrameBuffer& hrls, const FrameBuffer& fused) const;
   FuseReport run_within_memory(const float* lrhs, const float* hrls, float* fused, float exposure,
                                const Progress& progress);

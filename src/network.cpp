@@ -2,8 +2,10 @@
 // h, w: the LRHS size; s: the scale; H = s h, W = s w; C, R, D, B, G, M, K as in Architecture.
 #include "network.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <span>
 #include <utility>
 
 namespace raymeld {
@@ -126,6 +128,23 @@ struct Builder {
     return x;
   }
 
+  // HRLS's channels [first, last) as they are kept: of one buffer, or a layer at a time of its image.
+  void encode_hrls(const std::string& name, const Tensor& hrls, uint32_t first, uint32_t last, bool needed) {
+    const std::span<const EncodedChannel> channels = hrls_channels.encoded;
+    const auto encode_run = [&](FrameSlot slot, uint32_t begin, std::span<const EncodedChannel> run) {
+      encode(graph, name, slot, hrls.slice(begin, uint32_t(run.size())), run, a.transfer, a.clip, needed);
+    };
+    if (!graph.frame_images().inputs)
+      return encode_run(FrameSlot::kHrls, first, channels.subspan(first, last - first));
+    for (uint32_t begin = first; begin < last; begin += 3) {
+      std::array<EncodedChannel, 3> run;
+      std::ranges::copy(channels.subspan(begin, 3), run.begin());
+      const uint32_t image = run[0].channel / 3;
+      for (EncodedChannel& channel : run) channel.channel %= 3;
+      encode_run(layer_slot(image), begin, run);
+    }
+  }
+
   Tensor layer(const Tensor& hrls, const std::string& name) const {
     return hrls.slice(hrls_channels.first.at(name), 3);
   }
@@ -192,20 +211,13 @@ void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
   // A sparse graph sees the color first, if it settles blocks by it, and other layers where they are needed.
   const bool settles = graph.sparse() && graph.sparse()->by_device;
   const uint32_t seen = !graph.sparse() ? layers : settles ? hrls_channels.first.at("color") + 3 : 0;
-  const std::span<const EncodedChannel> channels = hrls_channels.encoded;
-  if (seen > 0) {
-    encode(graph, settles ? "encode.color" : "encode.hrls", FrameSlot::kHrls, hrls.slice(0, seen),
-           channels.first(seen), a.transfer, a.clip);
-  }
+  if (seen > 0) build.encode_hrls(settles ? "encode.color" : "encode.hrls", hrls, 0, seen, false);
   const Tensor bright = build.tensor("highlights", height, width, 3);
   highlights(graph, "highlights", bright, a.clip);
   const Tensor color = build.layer(hrls, "color"), low_color = lrhs.slice(0, 3);
   if (settles) classify(graph, "classify", color, low_color, phase);
   if (graph.sparse()) schedule(graph, "schedule");
-  if (seen < layers) {
-    encode(graph, "encode.hrls", FrameSlot::kHrls, hrls.slice(seen, layers - seen), channels.subspan(seen),
-           a.transfer, a.clip, true);
-  }
+  if (seen < layers) build.encode_hrls("encode.hrls", hrls, seen, layers, true);
   if (joint) build.joint_candidates(lrhs, hrls, filtered, joint_options);
 
   const Tensor convolved = hrls.slice(hrls_channels.unread, k - hrls_channels.unread);

@@ -7,10 +7,10 @@
 namespace raymeld {
 
 // Adds the whole network to the graph: from an LRHS image of (height, width, 3) in FrameSlot::kLrhs and an
-// HRLS image of (s height, s width, K), of image_layers(), in FrameSlot::kHrls to the fused image of
-// (s height, s width, 3). `phase`: where LRHS samples lie in their s x s cell (see DecodeOptions). `choose`:
-// how each convolution is computed. `exponents`: of the tensors it makes. `constants`: they are in the
-// convolutions' biases. Throws Error naming the layer.
+// HRLS image of (s height, s width, K), of image_layers(), in FrameSlot::kHrls or, as images, of each layer
+// in its layer_slot(), to the fused image of (s height, s width, 3). `phase`: where LRHS samples lie in their
+// s x s cell (see DecodeOptions). `choose`: how each convolution is computed. `exponents`: of the tensors it
+// makes. `constants`: they are in the convolutions' biases. Throws Error naming the layer.
 void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase,
              const Conv2dChoice& choose = conv2d_direct, const StorageExponents& exponents = {},
              const ConstantLayers& constants = {});

@@ -17,7 +17,8 @@ FusePlan describe(const Model& model, TileSize tile, bool part, const DeviceInfo
   std::optional<SparseGrid> sparse;
   if (options.threshold > 0 || options.changed_only)
     sparse = {tile.height, tile.width, options.threshold > 0, options.changed_only || part};
-  Graph graph(options.storage, options.kernels.addressed, options.keep_activations, sparse);
+  Graph graph(options.storage, options.kernels.addressed, options.keep_activations, sparse,
+              options.frame_images);
   network(graph, model, tile.height, tile.width, options.phase, options.kernels.conv2d, exponents,
           options.constants);
   graph.plan();
@@ -105,8 +106,7 @@ float lrhs_phase(bool centered, uint32_t scale) noexcept {
   return centered ? (static_cast<float>(scale) - 1.0f) / 2.0f : 0.0f;
 }
 
-std::array<Shape, kFrameSlots> frame_shapes(const Model& model, TileSize tile,
-                                            const ConstantLayers& constants) {
+std::array<Shape, 3> frame_shapes(const Model& model, TileSize tile, const ConstantLayers& constants) {
   const Architecture& a = model.architecture();
   const uint32_t height = a.scale * tile.height, width = a.scale * tile.width;
   const auto layers = static_cast<uint32_t>(image_layers(a, constants).size());

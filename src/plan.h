@@ -59,6 +59,7 @@ struct FuserOptions {
   // Of the caller, for the activations: of a tile that is not done again in 32 bits. Nothing in it is kept
   // from one frame to the next.
   std::optional<MemoryRange> scratch = {};
+  FrameImages frame_images = {};  // for record() alone
   // Keeps every layer's output readable after a frame; needs the memory of all and a frame of one tile.
   bool keep_activations = false;
   // Measures every pass; the frame is slower, as passes no longer overlap.
@@ -90,8 +91,7 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
                      const FuserOptions& options);
 
 // The images of a tile, as frames bring and take them: LRHS, HRLS without its constant layers, fused.
-std::array<Shape, kFrameSlots> frame_shapes(const Model& model, TileSize tile,
-                                            const ConstantLayers& constants = {});
+std::array<Shape, 3> frame_shapes(const Model& model, TileSize tile, const ConstantLayers& constants = {});
 
 uint64_t frame_bytes(const Shape& shape);
 

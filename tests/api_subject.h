@@ -21,6 +21,7 @@ inline raymeld_context_desc context_desc(const ExternalDevice& device) {
   if (device.storage_16bit) desc.enabled_features |= RAYMELD_FEATURE_STORAGE_16BIT;
   if (device.buffer_device_address) desc.enabled_features |= RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS;
   if (device.cooperative_matrix) desc.enabled_features |= RAYMELD_FEATURE_COOPERATIVE_MATRIX;
+  if (device.image_writes) desc.enabled_features |= RAYMELD_FEATURE_IMAGE_WRITES;
   return desc;
 }
 

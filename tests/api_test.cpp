@@ -182,7 +182,7 @@ TEST_F(ApiTest, FeaturesAreWhatADeviceIsMadeWith) {
   const CallerDevice caller;
   const ExternalDevice& device = caller.external();
   const auto features = list_features(device.get_instance_proc_addr, device.instance, device.physical_device);
-  ASSERT_EQ(features.size(), 3u);
+  ASSERT_EQ(features.size(), 4u);
   const uint32_t enabled = context_desc(device).enabled_features;
   uint32_t bits = 0;
   for (const raymeld_feature& feature : features) {
@@ -197,18 +197,18 @@ TEST_F(ApiTest, FeaturesAreWhatADeviceIsMadeWith) {
     }
     EXPECT_GT(std::strlen(feature.without), 20u);
   }
-  EXPECT_EQ(bits, 7u);
+  EXPECT_EQ(bits, 15u);
   uint32_t count = 1;
   raymeld_feature first[2] = {features[1], features[1]};
   EXPECT_EQ(raymeld_list_features(device.get_instance_proc_addr, device.instance, device.physical_device,
                                   &count, first),
             RAYMELD_SUCCESS);
-  EXPECT_EQ(count, 3u);
+  EXPECT_EQ(count, 4u);
   EXPECT_EQ(first[0].bit, features[0].bit);
   EXPECT_EQ(first[1].bit, features[1].bit);
   raymeld_context_desc desc = context_desc(device);
-  desc.enabled_features = 8;
-  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, Context{desc}, "0x8");
+  desc.enabled_features = 1u << 20;
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, Context{desc}, "0x100000");
 }
 
 // Counts; a block begins with its size.

@@ -59,6 +59,7 @@ CallerDevice::CallerDevice(bool storage_16bit, bool addresses, bool matrices) : 
   external_.storage_16bit = storage_16bit;
   const DeviceInfo has = describe(vk_, external_.physical_device, 0);
   external_.buffer_device_address = addresses && has.buffer_device_address;
+  external_.image_writes = has.image_writes;
   external_.cooperative_matrix = matrices && has.cooperative_matrix;
 
   const float priority = 1;
@@ -73,15 +74,16 @@ CallerDevice::CallerDevice(bool storage_16bit, bool addresses, bool matrices) : 
       VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_BUFFER_DEVICE_ADDRESS_FEATURES);
   address.bufferDeviceAddress = VK_TRUE;
   VkPhysicalDeviceFeatures features{};
+  features.shaderStorageImageWriteWithoutFormat = external_.image_writes;
   CooperativeMatrixFeatures matrix(&storage, true);
   std::vector<const char*> extensions;
   auto info = vk_struct<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO, &storage);
   info.queueCreateInfoCount = 1;
   info.pQueueCreateInfos = &queue;
+  info.pEnabledFeatures = &features;
   if (external_.buffer_device_address) {
     storage.pNext = &address;
     features.shaderInt64 = VK_TRUE;
-    info.pEnabledFeatures = &features;
     extensions.push_back(VK_KHR_BUFFER_DEVICE_ADDRESS_EXTENSION_NAME);
   }
   if (external_.cooperative_matrix) {

@@ -143,7 +143,9 @@ TEST(Validation, AMissingBarrierBetweenDispatchesIsReported) {
   PipelineCache cache(*device, {});
   Program program(*device, graph, cache, 1);
   const FrameImage image(*device, Shape{4, 4, 3});
-  program.bind(0, {FrameBinding{}, image.binding(), image.binding()});
+  FrameBindings frame = image.frame(FrameSlot::kHrls);
+  frame[size_t(FrameSlot::kFused)] = image.binding();
+  program.bind(0, frame);
   Commands pool(*device);
   const VkCommandBuffer commands = pool.begin("hazard");
   program.record(commands, 0, 0, 1);

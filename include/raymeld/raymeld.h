@@ -56,7 +56,8 @@ RAYMELD_API uint32_t raymeld_version(void);
 typedef enum raymeld_feature_bits {
   RAYMELD_FEATURE_STORAGE_16BIT = 1,
   RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS = 2,
-  RAYMELD_FEATURE_COOPERATIVE_MATRIX = 4
+  RAYMELD_FEATURE_COOPERATIVE_MATRIX = 4,
+  RAYMELD_FEATURE_IMAGE_WRITES = 8
 } raymeld_feature_bits;
 
 /* All of a feature's extensions and members of feature structures are to be enabled, or none. The texts are
@@ -179,6 +180,10 @@ typedef struct raymeld_fusion_desc {
    * of both; what is computed has the same bits. Found on the device, by raymeld_record() as well. From 0 to
    * 1; 0: everything is computed, which takes less memory. */
   float adaptive_threshold RAYMELD_IS(0);
+  /* Which of a frame's images are images of Vulkan, LRHS and HRLS as well as the fused one; the others are
+   * buffers. Either leaves raymeld_record() alone, as raymeld_fuse() takes buffers. */
+  VkBool32 input_images RAYMELD_IS(VK_FALSE);
+  VkBool32 output_image RAYMELD_IS(VK_FALSE); /* an error without RAYMELD_FEATURE_IMAGE_WRITES */
   /* raymeld_fuse() keeps its inputs, in host memory, and its output, and computes only what depends on pixels
    * of which a bit has changed since; the rest is the last output. The bits are those of a first call.
    * Everything is computed after a failure, and where the exposure differs: give one. raymeld_record() fails.
@@ -237,9 +242,25 @@ typedef struct raymeld_fusion_info {
 
 RAYMELD_API raymeld_result raymeld_fusion_get_info(raymeld_fusion fusion, raymeld_fusion_info* info);
 
-/* An image of floats in a storage buffer: element (c, y, x) is at
+/* How a texel is read. */
+typedef enum raymeld_texels {
+  RAYMELD_TEXELS_PLAIN = 0, /* the first three channels are the values */
+  /* Of normals: the first two channels, in [-1, 1], are a unit vector (x, y, z) / (|x| + |y| + |z|), of which
+   * the half with z < 0 is folded over: (1 - |y|, 1 - |x|) with the signs of x and y. */
+  RAYMELD_TEXELS_OCTAHEDRAL = 1
+} raymeld_texels;
+
+/* One of two things, as the fusion's description has it.
+ *
+ * Floats in a storage buffer: element (c, y, x) is at
  * offset_bytes / 4 + c * channel_stride + y * row_stride + x * pixel_stride; strides count floats. 0: as of a
- * dense planar image, with pixels side by side, rows behind each other, then channels. */
+ * dense planar image, with pixels side by side, rows behind each other, then channels.
+ *
+ * An image of Vulkan: a 2D view of one level, the colour aspect. Inputs have VK_IMAGE_USAGE_SAMPLED_BIT and
+ * any format that is sampled as floats, as R16G16B16A16_SFLOAT, B10G11R11_UFLOAT, A2B10G10R10_UNORM or
+ * R8G8B8A8_SRGB; what they hold times value_scale plus value_bias is the value. The output has
+ * VK_IMAGE_USAGE_STORAGE_BIT and a format that can be stored to; its alpha becomes 1, and values that its
+ * format cannot hold become what the format makes of them. */
 typedef struct raymeld_image {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_image));
   VkBuffer buffer RAYMELD_IS(VK_NULL_HANDLE); /* with VK_BUFFER_USAGE_STORAGE_BUFFER_BIT */
@@ -247,10 +268,21 @@ typedef struct raymeld_image {
   uint32_t pixel_stride RAYMELD_IS(0);
   uint32_t row_stride RAYMELD_IS(0);
   uint32_t channel_stride RAYMELD_IS(0);
+  VkImageView view RAYMELD_IS(VK_NULL_HANDLE);
+  /* That it is in when the recording runs, and left in: of inputs GENERAL or SHADER_READ_ONLY_OPTIMAL, of the
+   * output GENERAL. UNDEFINED: GENERAL. */
+  VkImageLayout layout RAYMELD_IS(VK_IMAGE_LAYOUT_UNDEFINED);
+  uint32_t x RAYMELD_IS(0); /* the texel that is the first pixel */
+  uint32_t y RAYMELD_IS(0);
+  float value_scale RAYMELD_IS(0); /* of inputs; 0 is 1. 2, with a bias of -1, for normals in [0, 1] */
+  float value_bias RAYMELD_IS(0);
+  raymeld_texels texels RAYMELD_IS(RAYMELD_TEXELS_PLAIN); /* of inputs */
+  uint32_t reserved RAYMELD_IS(0);
 } raymeld_image;
 
 /* Scene linear; of the tile size: lrhs (tile_height, tile_width, 3), hrls s times as large with 3 channels
- * for each of the fusion's layers, fused s times as large with 3. */
+ * for each of the fusion's layers, fused s times as large with 3. As images of Vulkan, hrls are as many as
+ * the fusion has layers, in an array. */
 typedef struct raymeld_frame {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_frame));
   const raymeld_image* lrhs RAYMELD_IS(NULL);
@@ -263,8 +295,9 @@ typedef struct raymeld_frame {
 
 /* Records a frame into the caller's command buffer, outside of a render pass; never submits, allocates on the
  * device or waits, unless a raymeld_fuse() before failed for want of memory, after which everything is made
- * anew. The inputs must be visible to VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with VK_ACCESS_SHADER_READ_BIT;
- * the output is written in that stage with VK_ACCESS_SHADER_WRITE_BIT. At most frames_in_flight recordings
+ * anew. The inputs must be visible to VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with VK_ACCESS_SHADER_READ_BIT, and
+ * the output ready to be written there; it is written in that stage with VK_ACCESS_SHADER_WRITE_BIT, and what
+ * reads it waits for that. All layouts stay. At most frames_in_flight recordings
  * may be pending, on one queue, each submitted once. */
 RAYMELD_API raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands,
                                           const raymeld_frame* frame);

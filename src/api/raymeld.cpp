@@ -4,6 +4,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 
 #include "engine/instance.h"
@@ -135,7 +136,7 @@ std::unique_ptr<const Device> device_for(const raymeld_context_desc& desc,
         "raymeld_context_desc: get_instance_proc_addr, instance, physical_device, device and queue are to be "
         "given together, and some are NULL");
   constexpr uint32_t kFeatures = RAYMELD_FEATURE_STORAGE_16BIT | RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS |
-                                 RAYMELD_FEATURE_COOPERATIVE_MATRIX;
+                                 RAYMELD_FEATURE_COOPERATIVE_MATRIX | RAYMELD_FEATURE_IMAGE_WRITES;
   if (desc.enabled_features & ~kFeatures)
     throw InvalidArgument("raymeld_context_desc: enabled_features has unknown bits: {:#x}",
                           desc.enabled_features & ~kFeatures);
@@ -149,6 +150,7 @@ std::unique_ptr<const Device> device_for(const raymeld_context_desc& desc,
       .storage_16bit = (desc.enabled_features & RAYMELD_FEATURE_STORAGE_16BIT) != 0,
       .buffer_device_address = (desc.enabled_features & RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS) != 0,
       .cooperative_matrix = (desc.enabled_features & RAYMELD_FEATURE_COOPERATIVE_MATRIX) != 0,
+      .image_writes = (desc.enabled_features & RAYMELD_FEATURE_IMAGE_WRITES) != 0,
       .allocator = allocation_callbacks,
       .pipeline_cache = desc.pipeline_cache,
   });
@@ -181,6 +183,7 @@ FuserOptions fuser_options(const raymeld_fusion_desc& desc, const ContextState& 
   options.exposure = desc.exposure;
   options.threshold = desc.adaptive_threshold;
   options.changed_only = desc.changed_only;
+  options.frame_images = {.inputs = desc.input_images != 0, .output = desc.output_image != 0};
   options.constants = absent_layers(desc, model);
   const auto kernels = [&](Storage storage) {
     return desc.kernels == RAYMELD_KERNELS_AUTO ? kernels_for(device, storage, context.cache_folder)
@@ -206,8 +209,7 @@ void check_desc(const raymeld_fusion_desc& desc) {
 }
 
 // As an image of (shape.channels, height, width), where it does not say otherwise.
-FrameBuffer view_of(const raymeld_image* from, const Shape& shape, const char* name) {
-  const raymeld_image image = read(given(from, name), "raymeld_image");
+FrameBuffer buffer_of(const raymeld_image& image, const Shape& shape, const char* name) {
   if (!image.buffer) throw InvalidArgument("{}: buffer is VK_NULL_HANDLE", name);
   if (image.offset_bytes % 4 != 0)
     throw InvalidArgument("{}: offset_bytes is {}, expected a multiple of 4", name, image.offset_bytes);
@@ -219,10 +221,60 @@ FrameBuffer view_of(const raymeld_image* from, const Shape& shape, const char* n
   return {image.buffer, image.offset_bytes, uint32_t(pixel), uint32_t(row), uint32_t(channel)};
 }
 
+FrameTexture texture_of(const raymeld_image& image, bool written, const char* name) {
+  if (!image.view) throw InvalidArgument("{}: view is VK_NULL_HANDLE", name);
+  const VkImageLayout layout =
+      image.layout == VK_IMAGE_LAYOUT_UNDEFINED ? VK_IMAGE_LAYOUT_GENERAL : image.layout;
+  const bool read_only = layout == VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL && !written;
+  if (layout != VK_IMAGE_LAYOUT_GENERAL && !read_only)
+    throw InvalidArgument("{}: layout is {}, expected GENERAL{}", name, int(layout),
+                          written ? "" : " or SHADER_READ_ONLY_OPTIMAL");
+  check_choice(image.texels, RAYMELD_TEXELS_OCTAHEDRAL, "texels");
+  if (!std::isfinite(image.value_scale) || !std::isfinite(image.value_bias))
+    throw InvalidArgument("{}: value_scale is {} and value_bias {}, expected finite numbers", name,
+                          image.value_scale, image.value_bias);
+  return {image.view,
+          layout,
+          image.x,
+          image.y,
+          image.value_scale != 0 ? image.value_scale : 1,
+          image.value_bias,
+          image.texels == RAYMELD_TEXELS_OCTAHEDRAL};
+}
+
+FrameBinding binding_of(const raymeld_image* from, const Shape& shape, bool is_image, bool written,
+                        const char* name) {
+  const raymeld_image image = read(given(from, name), "raymeld_image");
+  if (is_image) return {.texture = texture_of(image, written, name)};
+  return {.view = buffer_of(image, shape, name), .shape = shape};
+}
+
+// Element i of an array whose elements have the size that the first one says.
+const raymeld_image* element(const raymeld_image* first, uint32_t i) {
+  return reinterpret_cast<const raymeld_image*>(reinterpret_cast<const char*>(first) +
+                                                i * first->struct_size);
+}
+
+// The images of a frame by slot, of the sizes of a tile.
+FrameBindings bindings_of(const raymeld_frame& frame, const std::array<Shape, 3>& shapes, FrameImages images,
+                          std::span<const std::string> layers) {
+  FrameBindings bindings;
+  const auto at = [&](FrameSlot slot) -> FrameBinding& { return bindings[static_cast<size_t>(slot)]; };
+  at(FrameSlot::kLrhs) = binding_of(frame.lrhs, shapes[0], images.inputs, false, "lrhs");
+  at(FrameSlot::kHrls) = binding_of(frame.hrls, shapes[1], images.inputs, false, "hrls");
+  for (uint32_t i = 1; images.inputs && i < layers.size(); ++i) {
+    const std::string name = fmt::format("hrls[{}], {}", i, layers[i]);
+    at(layer_slot(i)) = binding_of(element(frame.hrls, i), shapes[1], true, false, name.c_str());
+  }
+  at(FrameSlot::kFused) = binding_of(frame.fused, shapes[2], images.output, true, "fused");
+  return bindings;
+}
+
 constexpr const char* kHalfMembers[] = {"VkPhysicalDevice16BitStorageFeatures::storageBuffer16BitAccess"};
 constexpr const char* kAddressExtensions[] = {VK_KHR_BUFFER_DEVICE_ADDRESS_EXTENSION_NAME};
 constexpr const char* kAddressMembers[] = {"VkPhysicalDeviceBufferDeviceAddressFeatures::bufferDeviceAddress",
                                            "VkPhysicalDeviceFeatures::shaderInt64"};
+constexpr const char* kImageMembers[] = {"VkPhysicalDeviceFeatures::shaderStorageImageWriteWithoutFormat"};
 constexpr const char* kMatrixMembers[] = {
     "VkPhysicalDeviceCooperativeMatrixFeaturesKHR::cooperativeMatrix",
     "VkPhysicalDeviceVulkanMemoryModelFeatures::vulkanMemoryModel",
@@ -258,6 +310,8 @@ std::vector<raymeld_feature> features_of(const DeviceInfo& info) {
               CooperativeMatrixFeatures::kExtensions, kMatrixMembers,
               "Tensor cores are not used, which fp16 convolutions do where `raymeld tune` found them to be "
               "the fastest."),
+      feature(RAYMELD_FEATURE_IMAGE_WRITES, info.image_writes, {}, kImageMembers,
+              "A fused image is a buffer: output_image is an error."),
   };
 }
 
@@ -425,10 +479,8 @@ raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands, c
     check_given_exposure(asked.exposure);
     const auto shapes =
         frame_shapes(made.model->model, made.fuser.plan().tiling.tile, made.options.constants);
-    const FrameBuffer lrhs = view_of(asked.lrhs, shapes[0], "lrhs"),
-                      hrls = view_of(asked.hrls, shapes[1], "hrls"),
-                      fused = view_of(asked.fused, shapes[2], "fused");
-    made.fuser.record(commands, lrhs, hrls, fused, asked.exposure != 0 ? asked.exposure : 1);
+    const FrameBindings images = bindings_of(asked, shapes, made.options.frame_images, made.layer_names);
+    made.fuser.record(commands, images, asked.exposure != 0 ? asked.exposure : 1);
   });
 }
 
@@ -449,7 +501,10 @@ raymeld_result raymeld_take_status(raymeld_fusion fusion, raymeld_status* status
 raymeld_result raymeld_fuse(raymeld_fusion fusion, const float* lrhs, const float* hrls, float* fused,
                             raymeld_status* status) {
   return guarded(RAYMELD_ERROR_DEVICE, [&] {
-    Fuser& fuser = given(fusion, "fusion").fuser;
+    raymeld_fusion_t& made = given(fusion, "fusion");
+    Fuser& fuser = made.fuser;
+    if (made.options.frame_images.any())
+      throw InvalidArgument("raymeld_fuse() takes buffers: a fusion of images is for raymeld_record()");
     if (status) size_of(*status, "raymeld_status");
     FuseReport report;
     try {

@@ -31,6 +31,7 @@ void print_device(const DeviceInfo& device) {
   row("16-bit storage", yes_no(device.storage_16bit));
   row("16-bit arithmetic", yes_no(device.float16_arithmetic));
   row("cooperative matrix", device.cooperative_matrix ? matrix_text(*device.cooperative_matrix) : "no");
+  row("writes images of any format", yes_no(device.image_writes));
   row("buffer device address", yes_no(device.buffer_device_address));
   row("timestamps",
       device.timestamp_period_ns > 0 ? fmt::format("every {:g} ns", device.timestamp_period_ns) : "no");
@@ -53,6 +54,7 @@ Json to_json(const DeviceInfo& device) {
           {"float16", device.float16_arithmetic},
           {"cooperative_matrix",
            device.cooperative_matrix ? Json(matrix_text(*device.cooperative_matrix)) : Json()},
+          {"image_writes", device.image_writes},
           {"buffer_device_address", device.buffer_device_address},
           {"timestamp_period_ns", device.timestamp_period_ns}};
 }

@@ -9,15 +9,7 @@ namespace raymeld::cli {
 namespace {
 
 const char* slot_name(FrameSlot slot) {
-  switch (slot) {
-    case FrameSlot::kLrhs:
-      return "LRHS";
-    case FrameSlot::kHrls:
-      return "HRLS";
-    case FrameSlot::kFused:
-      return "fused";
-  }
-  return "";
+  return slot == FrameSlot::kLrhs ? "LRHS" : slot == FrameSlot::kFused ? "fused" : "HRLS";
 }
 
 // As it stands between quotes in Graphviz's language.

@@ -49,7 +49,7 @@ Planes encoded(Check& check, const Target& target, const Planes& image, const En
   const Tensor out = run.tensor("out", image.c, image.h, image.w);
   encode(run.graph(), "encode", FrameSlot::kHrls, out, channels,
          encoding.log ? Transfer::kLog : Transfer::kLinear, encoding.clip);
-  run.run({FrameBinding{}, frame.binding(), FrameBinding{}}, encoding.exposure);
+  run.run(frame.frame(FrameSlot::kHrls), encoding.exposure);
   check.that(frame.touched_outside() == 0, "wrote around the image");
   return run.read(out);
 }
@@ -77,7 +77,7 @@ void check_highlights(Check& check, const Target& target, const Size& size, cons
   LayerRun run(target, precision, way.addressed);
   const Tensor out = run.tensor("out", image.c, image.h, image.w);
   highlights(run.graph(), "highlights", out, encoding.clip);
-  run.run({frame.binding(), FrameBinding{}, FrameBinding{}}, encoding.exposure);
+  run.run(frame.frame(FrameSlot::kLrhs), encoding.exposure);
   check.within(run.read(out), reference::highlights(image, encoding.clip, precision, encoding.exposure));
 }
 

@@ -29,6 +29,12 @@ class FrameImage {
   FrameImage(const Device& device, const reference::Planes& image, Layout layout);
 
   FrameBinding binding() const { return {view_, shape_}; }
+  // A frame that has no other image.
+  FrameBindings frame(FrameSlot slot) const {
+    FrameBindings frame;
+    frame[static_cast<size_t>(slot)] = binding();
+    return frame;
+  }
   const FrameBuffer& view() const { return view_; }
   reference::Planes read() const;
   // How many floats around the image no longer hold kUntouched.

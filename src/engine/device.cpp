@@ -76,6 +76,7 @@ std::unique_ptr<Device> Device::wrap(const ExternalDevice& external) {
   device->adopt(external.physical_device, 0);
   device->info_.storage_16bit = device->info_.storage_16bit && external.storage_16bit;
   device->info_.buffer_device_address = device->info_.buffer_device_address && external.buffer_device_address;
+  device->info_.image_writes = device->info_.image_writes && external.image_writes;
   if (!external.cooperative_matrix) device->info_.cooperative_matrix.reset();
   if (device->info_.buffer_device_address && !device->vk_.GetBufferDeviceAddress) {
     throw Error("wrapping a Vulkan device: buffer addresses are said to be enabled, but are not");
@@ -148,6 +149,7 @@ void Device::create_device() {
       VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_BUFFER_DEVICE_ADDRESS_FEATURES);
   address.bufferDeviceAddress = VK_TRUE;
   VkPhysicalDeviceFeatures features{};
+  features.shaderStorageImageWriteWithoutFormat = info_.image_writes;
   std::vector<const char*> extensions;
   if (info_.buffer_device_address) {
     storage.pNext = &address;

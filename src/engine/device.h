@@ -36,6 +36,7 @@ struct DeviceInfo {
   bool is_cpu = false;
   bool storage_16bit = false;
   bool float16_arithmetic = false;
+  bool image_writes = false;           // of any format: shaderStorageImageWriteWithoutFormat
   bool buffer_device_address = false;  // with 64-bit integers, which addresses are counted in
   std::optional<CooperativeMatrix> cooperative_matrix;
 };

@@ -23,6 +23,8 @@ struct ExternalDevice {
   // vulkanMemoryModelDeviceScope, shaderFloat16, and computeFullSubgroups of VK_EXT_subgroup_size_control:
   // fp16 convolutions can then use tensor cores, where `raymeld tune` found that to be fastest.
   bool cooperative_matrix = false;
+  // Whether shaderStorageImageWriteWithoutFormat was enabled: fused images may then be images of Vulkan.
+  bool image_writes = false;
   const VkAllocationCallbacks* allocator = nullptr;  // of all that raymeld makes on the device
   VkPipelineCache pipeline_cache = VK_NULL_HANDLE;   // for all pipelines; null: raymeld keeps its own
 };
@@ -42,6 +44,17 @@ struct FrameBuffer {
   uint32_t pixel_stride = 1;
   uint32_t row_stride = 0;
   uint32_t channel_stride = 0;
+};
+
+// An image of Vulkan: a 2D view of one level and layer. Read: with VK_IMAGE_USAGE_SAMPLED_BIT, any format
+// that is sampled as floats, each value being value * scale + bias of what it holds. Written: with
+// VK_IMAGE_USAGE_STORAGE_BIT, three channels, and 1 in a fourth.
+struct FrameTexture {
+  VkImageView view = VK_NULL_HANDLE;
+  VkImageLayout layout = VK_IMAGE_LAYOUT_GENERAL;  // while the recording runs, and after it
+  uint32_t x = 0, y = 0;                           // the texel that is the first pixel
+  float scale = 1, bias = 0;
+  bool octahedral = false;  // two channels in [-1, 1], of which a normal is made
 };
 
 }  // namespace raymeld

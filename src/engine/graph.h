@@ -17,9 +17,21 @@
 
 namespace raymeld {
 
-// The images that a frame brings and takes, bound anew for each recording.
-enum class FrameSlot : uint32_t { kLrhs, kHrls, kFused };
-inline constexpr uint32_t kFrameSlots = 3;
+// The images that a frame brings and takes, bound anew for each recording. HRLS is one buffer or, as images,
+// its layers one by one: see layer_slot().
+enum class FrameSlot : uint32_t { kLrhs, kFused, kHrls };
+inline constexpr uint32_t kMostLayers = 6, kFrameSlots = 2 + kMostLayers;
+
+// Of HRLS's layer i, three channels each; kHrls is that of the first.
+constexpr FrameSlot layer_slot(uint32_t i) {
+  return static_cast<FrameSlot>(static_cast<uint32_t>(FrameSlot::kHrls) + i);
+}
+
+// Which of them are images of Vulkan, others being buffers.
+struct FrameImages {
+  bool inputs = false, output = false;
+  bool any() const { return inputs || output; }
+};
 
 // What the device counted while a frame ran.
 struct Status {
@@ -35,7 +47,8 @@ struct Exposure {
 
 enum class Access { kRead, kWrite };
 
-// One storage buffer of a pass. What kFrame and kExposure mean differs from recording to recording.
+// One storage buffer of a pass, or an image. What kFrame and kExposure mean differs from recording to
+// recording.
 struct Binding {
   enum class Kind { kTensor, kConstant, kFrame, kExposure };
   Kind kind = Kind::kTensor;
@@ -43,8 +56,14 @@ struct Binding {
   Tensor tensor = {};                 // kTensor
   uint32_t constant = 0;              // kConstant: index of the graph's constant
   FrameSlot slot = FrameSlot::kLrhs;  // kFrame
+  bool image = false;                 // kFrame: of Vulkan
   // The shader reads its address in the push constants, and there is no descriptor. Not for kFrame.
   bool by_address = false;
+
+  VkDescriptorType descriptor_type() const {
+    if (!image) return VK_DESCRIPTOR_TYPE_STORAGE_BUFFER;
+    return access == Access::kWrite ? VK_DESCRIPTOR_TYPE_STORAGE_IMAGE : VK_DESCRIPTOR_TYPE_SAMPLED_IMAGE;
+  }
 };
 
 // A sparse graph computes only what the blocks that a frame needs take: the device or the host finds these,
@@ -149,16 +168,17 @@ struct ConstantRecord {
 
 class Graph {
  public:
-  // `addressed`: shaders that can read and write activations by address, which is faster on some devices.
-  // `keep`: all activations can still be read when the frame is done; none share memory.
-  // `sparse`: passes compute what some blocks take.
+  // `frame_images`: whose layers come in slots of their own. `addressed`: shaders that can read and write
+  // activations by address, which is faster on some devices. `keep`: all activations can still be read when
+  // the frame is done; none share memory. `sparse`: passes compute what some blocks take.
   explicit Graph(Storage storage, bool addressed = false, bool keep = false,
-                 std::optional<SparseGrid> sparse = {})
-      : storage_(storage), addressed_(addressed), keep_(keep), sparse_(sparse) {}
+                 std::optional<SparseGrid> sparse = {}, FrameImages frame_images = {})
+      : storage_(storage), addressed_(addressed), keep_(keep), sparse_(sparse), frame_images_(frame_images) {}
 
   Storage storage() const { return storage_; }
   bool addressed() const { return addressed_; }
   bool keep() const { return keep_; }
+  FrameImages frame_images() const { return frame_images_; }
   const std::optional<SparseGrid>& sparse() const { return sparse_; }
   // Pixels of a tensor of this shape by pixel of LRHS, in each direction; of a sparse graph.
   uint32_t scale_of(const Shape& shape) const { return shape.width / sparse_->width; }
@@ -227,6 +247,7 @@ class Graph {
   bool addressed_;
   bool keep_;
   std::optional<SparseGrid> sparse_;
+  FrameImages frame_images_;
   uint32_t reach_ = 0;
   std::vector<Pass> passes_;
   std::vector<TensorRecord> tensors_;

@@ -100,6 +100,7 @@ void describe_features(const VulkanFunctions& vk, VkPhysicalDevice device, Devic
   info.storage_16bit = storage.storageBuffer16BitAccess;
   info.float16_arithmetic = float16.shaderFloat16;
   info.buffer_device_address = address.bufferDeviceAddress && features.features.shaderInt64;
+  info.image_writes = features.features.shaderStorageImageWriteWithoutFormat;
   info.cooperative_matrix = find_cooperative_matrix(vk, device);
 }
 

@@ -9,11 +9,11 @@ namespace raymeld {
 
 Kernel::Kernel(const Device& device, VkPipelineCache cache, std::span<const uint32_t> spirv,
                const std::string& name, std::span<const uint32_t> constants, std::array<uint32_t, 2> blocks,
-               uint32_t binding_count, uint32_t push_bytes, VkPipelineShaderStageCreateFlags stage_flags)
+               std::span<const VkDescriptorType> descriptors, uint32_t push_bytes,
+               VkPipelineShaderStageCreateFlags stage_flags)
     : Kernel() {
   device_ = &device;
-  binding_count_ = binding_count;
-  create_layout(name, push_bytes);
+  create_layout(name, descriptors, push_bytes);
 
   const VulkanFunctions& vk = device.vk();
   auto code = vk_struct<VkShaderModuleCreateInfo>(VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO);
@@ -61,18 +61,17 @@ Kernel& Kernel::operator=(Kernel&& other) noexcept {
   std::swap(set_layout_, other.set_layout_);
   std::swap(layout_, other.layout_);
   std::swap(pipeline_, other.pipeline_);
-  std::swap(binding_count_, other.binding_count_);
   return *this;
 }
 
-void Kernel::create_layout(const std::string& name, uint32_t push_bytes) {
+void Kernel::create_layout(const std::string& name, std::span<const VkDescriptorType> descriptors,
+                           uint32_t push_bytes) {
   const VulkanFunctions& vk = device_->vk();
   std::vector<VkDescriptorSetLayoutBinding> bindings;
-  for (uint32_t i = 0; i < binding_count_; ++i) {
-    bindings.push_back({i, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_COMPUTE_BIT, nullptr});
-  }
+  for (uint32_t i = 0; i < descriptors.size(); ++i)
+    bindings.push_back({i, descriptors[i], 1, VK_SHADER_STAGE_COMPUTE_BIT, nullptr});
   auto set = vk_struct<VkDescriptorSetLayoutCreateInfo>(VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO);
-  set.bindingCount = binding_count_;
+  set.bindingCount = static_cast<uint32_t>(bindings.size());
   set.pBindings = bindings.data();
   check(vk.CreateDescriptorSetLayout(device_->handle(), &set, device_->allocator(), &set_layout_),
         "describing " + name);

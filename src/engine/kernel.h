@@ -18,14 +18,15 @@ struct Shader {
 };
 
 // A compute pipeline: a shader with its specialization constants (ids 0, 1, 2, ...; kBlocksId and the next
-// what passes of a sparse graph know of its blocks). Bindings 0 to binding_count - 1 are storage buffers;
-// push constants fill push_bytes. Move-only.
+// what passes of a sparse graph know of its blocks). `descriptors` are by binding; push constants fill
+// push_bytes. Move-only.
 class Kernel {
  public:
   static constexpr uint32_t kBlocksId = 30;  // place.glsl, left_out.glsl
   Kernel(const Device& device, VkPipelineCache cache, std::span<const uint32_t> spirv,
          const std::string& name, std::span<const uint32_t> constants, std::array<uint32_t, 2> blocks,
-         uint32_t binding_count, uint32_t push_bytes, VkPipelineShaderStageCreateFlags stage_flags = 0);
+         std::span<const VkDescriptorType> descriptors, uint32_t push_bytes,
+         VkPipelineShaderStageCreateFlags stage_flags = 0);
   ~Kernel();
   Kernel(Kernel&& other) noexcept { *this = std::move(other); }
   Kernel& operator=(Kernel&& other) noexcept;
@@ -33,17 +34,16 @@ class Kernel {
   VkPipeline pipeline() const { return pipeline_; }
   VkPipelineLayout layout() const { return layout_; }
   VkDescriptorSetLayout set_layout() const { return set_layout_; }
-  uint32_t binding_count() const { return binding_count_; }
 
  private:
   Kernel() = default;
-  void create_layout(const std::string& name, uint32_t push_bytes);
+  void create_layout(const std::string& name, std::span<const VkDescriptorType> descriptors,
+                     uint32_t push_bytes);
 
   const Device* device_ = nullptr;
   VkDescriptorSetLayout set_layout_ = VK_NULL_HANDLE;
   VkPipelineLayout layout_ = VK_NULL_HANDLE;
   VkPipeline pipeline_ = VK_NULL_HANDLE;
-  uint32_t binding_count_ = 0;
 };
 
 }  // namespace raymeld

@@ -3,6 +3,7 @@
 #include <Imath/half.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 #include "engine/commands.h"
@@ -57,6 +58,15 @@ struct SparseLayout {
         end(groups + 3 * dispatches) {}
 };
 
+// By binding, 0 being the status.
+std::vector<VkDescriptorType> descriptor_types(const Pass& pass) {
+  std::vector<VkDescriptorType> types{VK_DESCRIPTOR_TYPE_STORAGE_BUFFER};
+  for (const Binding& binding : pass.bindings) {
+    if (!binding.by_address) types.push_back(binding.descriptor_type());
+  }
+  return types;
+}
+
 // The words of Place::begin and end.
 std::array<uint32_t, 2> list_of(const SparseGrid& grid, const Pass& pass) {
   const uint32_t list =
@@ -90,6 +100,10 @@ Program::Program(const Device& device, const Graph& graph, PipelineCache& cache,
       std::any_of(passes.begin(), passes.end(), [](const Pass& p) { return p.address_count() > 0; });
   if (addresses && !device.info().buffer_device_address) {
     throw Error("device {} has no buffer addresses (bufferDeviceAddress and shaderInt64)",
+                device.info().name);
+  }
+  if (graph.frame_images().output && !device.info().image_writes) {
+    throw Error("device {} writes no images of any format (shaderStorageImageWriteWithoutFormat)",
                 device.info().name);
   }
   for (const Pass& pass : passes) {
@@ -227,14 +241,15 @@ void Program::create_kernels(PipelineCache& cache) {
   std::map<std::string, uint32_t> shader_ids;
   for (const Pass& pass : graph_.passes()) {
     const auto id = shader_ids.try_emplace(pass.shader->name, static_cast<uint32_t>(shader_ids.size()));
-    const auto descriptors = static_cast<uint32_t>(pass.bindings.size() - pass.address_count()) + 1;
+    const std::vector<VkDescriptorType> descriptors = descriptor_types(pass);
     std::array<uint32_t, 2> blocks{};
     if (pass.items) {
       blocks = {pass.items->columns, pass.items->rows};
     } else if (pass.footprint) {
       blocks = {SparseGrid::kSide * pass.footprint->scale, pass.radius};
     }
-    std::vector<uint32_t> key{id.first->second, descriptors, pass.push_bytes, blocks[0], blocks[1]};
+    std::vector<uint32_t> key{id.first->second, uint32_t(descriptors.size()), pass.push_bytes, blocks[0],
+                              blocks[1]};
     key.insert(key.end(), pass.constants.begin(), pass.constants.end());
     auto found = kernels_.find(key);
     if (found == kernels_.end()) {
@@ -255,19 +270,20 @@ void Program::create_kernels(PipelineCache& cache) {
 void Program::create_sets(uint32_t sets) {
   const VulkanFunctions& vk = device_.vk();
   std::vector<VkDescriptorSetLayout> layouts;
-  uint32_t bindings = 0;
+  std::map<VkDescriptorType, uint32_t> counts;
   for (uint32_t set = 0; set < sets; ++set) {
     for (size_t i = 0; i < graph_.passes().size(); ++i) {
       if (set > 0 && !graph_.passes()[i].frame()) continue;
       layouts.push_back(pass_kernels_[i]->set_layout());
-      bindings += pass_kernels_[i]->binding_count();
+      for (const VkDescriptorType type : descriptor_types(graph_.passes()[i])) ++counts[type];
     }
   }
-  const VkDescriptorPoolSize size{VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, bindings};
+  std::vector<VkDescriptorPoolSize> sizes;
+  for (const auto& [type, count] : counts) sizes.push_back({type, count});
   auto pool = vk_struct<VkDescriptorPoolCreateInfo>(VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO);
   pool.maxSets = static_cast<uint32_t>(layouts.size());
-  pool.poolSizeCount = 1;
-  pool.pPoolSizes = &size;
+  pool.poolSizeCount = static_cast<uint32_t>(sizes.size());
+  pool.pPoolSizes = sizes.data();
   check(vk.CreateDescriptorPool(device_.handle(), &pool, device_.allocator(), &pool_),
         "creating a descriptor pool");
   auto info = vk_struct<VkDescriptorSetAllocateInfo>(VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO);
@@ -277,7 +293,7 @@ void Program::create_sets(uint32_t sets) {
   std::vector<VkDescriptorSet> handles(layouts.size());
   check(vk.AllocateDescriptorSets(device_.handle(), &info, handles.data()), "allocating descriptor sets");
 
-  views_.assign(sets, std::vector<std::array<uint32_t, 4>>(graph_.passes().size()));
+  views_.assign(sets, std::vector<std::array<uint32_t, 5>>(graph_.passes().size()));
   auto next = handles.begin();
   for (uint32_t set = 0; set < sets; ++set) {
     std::vector<VkDescriptorSet> row;
@@ -325,7 +341,7 @@ VkDescriptorBufferInfo Program::buffer_info(const Binding& binding, uint32_t set
     case Binding::Kind::kFrame:
       break;
   }
-  const auto& [view, shape] = (*frame)[static_cast<size_t>(binding.slot)];
+  const auto& [view, shape, texture] = (*frame)[static_cast<size_t>(binding.slot)];
   const uint64_t alignment = device_.info().storage_alignment_bytes;
   const uint64_t begin = view.offset_bytes / alignment * alignment;
   const uint64_t last = uint64_t{shape.channels - 1} * view.channel_stride +
@@ -344,23 +360,31 @@ void Program::write_set(uint32_t set, size_t index, const FrameBindings* frame) 
   const Pass& pass = graph_.passes()[index];
   constexpr size_t kMostBindings = 9;
   std::array<VkDescriptorBufferInfo, kMostBindings> infos{};
+  VkDescriptorImageInfo image{};  // a pass touches one at most
   std::array<VkWriteDescriptorSet, kMostBindings> writes{};
   uint32_t count = 0;
-  const auto add = [&](const VkDescriptorBufferInfo& info) {
+  const auto add = [&](VkDescriptorType type) {
     if (count == kMostBindings)
       throw Error("layer {} has more than {} descriptors", pass.name, kMostBindings);
-    infos[count] = info;
     writes[count].sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET;
     writes[count].dstSet = sets_.at(set)[index];
     writes[count].dstBinding = count;
     writes[count].descriptorCount = 1;
-    writes[count].descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER;
+    writes[count].descriptorType = type;
+    writes[count].pImageInfo = &image;
     writes[count].pBufferInfo = &infos[count];
-    ++count;
+    return count++;
   };
-  add({status_.handle(), 0, status_.size_bytes()});
+  infos[add(VK_DESCRIPTOR_TYPE_STORAGE_BUFFER)] = {status_.handle(), 0, status_.size_bytes()};
   for (const Binding& binding : pass.bindings) {
-    if (!binding.by_address) add(buffer_info(binding, set, frame));
+    if (binding.by_address) continue;
+    const uint32_t at = add(binding.descriptor_type());
+    if (binding.image) {
+      const FrameTexture& texture = (*frame)[static_cast<size_t>(binding.slot)].texture;
+      image = {VK_NULL_HANDLE, texture.view, texture.layout};
+    } else {
+      infos[at] = buffer_info(binding, set, frame);
+    }
   }
   device_.vk().UpdateDescriptorSets(device_.handle(), count, writes.data(), 0, nullptr);
 }
@@ -371,11 +395,20 @@ void Program::bind(uint32_t set, const FrameBindings& frame) {
     const Binding* binding = pass.frame();
     if (!binding) continue;
     write_set(set, i, &frame);
-    const FrameBuffer& view = frame[static_cast<size_t>(binding->slot)].view;
-    const auto remainder =
-        static_cast<uint32_t>(view.offset_bytes % device_.info().storage_alignment_bytes / 4);
-    views_[set][i] = {remainder, view.pixel_stride, view.row_stride, view.channel_stride};
+    views_[set][i] = view_of(*binding, frame);
   }
+}
+
+std::array<uint32_t, 5> Program::view_of(const Binding& binding, const FrameBindings& frame) const {
+  static_assert(sizeof(params::FrameView) == 20 && sizeof(params::TextureView) == 20);
+  const auto& [view, shape, texture] = frame[static_cast<size_t>(binding.slot)];
+  if (binding.image) {
+    return std::bit_cast<std::array<uint32_t, 5>>(
+        params::TextureView{texture.x, texture.y, texture.scale, texture.bias, texture.octahedral});
+  }
+  const auto remainder =
+      static_cast<uint32_t>(view.offset_bytes % device_.info().storage_alignment_bytes / 4);
+  return {remainder, view.pixel_stride, view.row_stride, view.channel_stride, 0};
 }
 
 void Program::set_exposure(uint32_t set, float exposure) {

@@ -12,9 +12,11 @@
 
 namespace raymeld {
 
+// One of both, as the graph has it; the shape matters of buffers.
 struct FrameBinding {
-  FrameBuffer view;
-  Shape shape;
+  FrameBuffer view = {};
+  Shape shape = {};
+  FrameTexture texture = {};
 };
 
 // The images of one frame, by FrameSlot.
@@ -95,6 +97,8 @@ class Program {
   void write_set(uint32_t set, size_t index, const FrameBindings* frame) const;
   VkDeviceAddress address_of(const Binding& binding, uint32_t set) const;
   VkDescriptorBufferInfo buffer_info(const Binding& binding, uint32_t set, const FrameBindings* frame) const;
+  // Of the image that a pass touches, as its push constants begin.
+  std::array<uint32_t, 5> view_of(const Binding& binding, const FrameBindings& frame) const;
   void dispatch(VkCommandBuffer commands, const Pass& pass) const;
   void prepare_sparse();
   void dispatch_sparse(VkCommandBuffer commands, size_t index, VkPipelineLayout layout) const;
@@ -107,9 +111,8 @@ class Program {
   std::map<std::vector<uint32_t>, Kernel> kernels_;
   std::vector<const Kernel*> pass_kernels_;
   VkDescriptorPool pool_ = VK_NULL_HANDLE;
-  std::vector<std::vector<VkDescriptorSet>> sets_;  // [set][pass]
-  std::vector<std::vector<std::array<uint32_t, 4>>>
-      views_;  // [set][pass]: offset and strides of the frame image
+  std::vector<std::vector<VkDescriptorSet>> sets_;           // [set][pass]
+  std::vector<std::vector<std::array<uint32_t, 5>>> views_;  // [set][pass], where it touches an image
   WorkLimits limits_;
   // Of a sparse graph: the dispatches of its passes, which are as many as limits ask for.
   struct SparseDispatch {

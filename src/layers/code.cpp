@@ -41,8 +41,8 @@ void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor&
   }
   Pass pass;
   pass.name = name;
-  pass.shader = &shaders::kEncode[graph.addressed()];
-  pass.bindings = {frame_binding(slot, Access::kRead), exposure_binding(), write_binding(out)};
+  pass.shader = &(graph.frame_images().inputs ? shaders::kEncodeImage : shaders::kEncode)[graph.addressed()];
+  pass.bindings = {frame_binding(graph, slot), exposure_binding(), write_binding(out)};
   pass.bindings[1].by_address = pass.bindings[2].by_address = graph.addressed();
   pass.set_push(params);
   pass.groups = element_groups(out.shape);
@@ -56,8 +56,9 @@ void highlights(Graph& graph, const std::string& name, const Tensor& out, float 
   check_clip(name, clip);
   Pass pass;
   pass.name = name;
-  pass.shader = &shaders::kHighlights[graph.addressed()];
-  pass.bindings = {frame_binding(FrameSlot::kLrhs, Access::kRead), exposure_binding(), write_binding(out)};
+  pass.shader =
+      &(graph.frame_images().inputs ? shaders::kHighlightsImage : shaders::kHighlights)[graph.addressed()];
+  pass.bindings = {frame_binding(graph, FrameSlot::kLrhs), exposure_binding(), write_binding(out)};
   pass.bindings[1].by_address = pass.bindings[2].by_address = graph.addressed();
   pass.set_push(params::Highlights{{}, out.shape.height, out.shape.width, graph.plane(out), clip});
   pass.groups = element_groups(out.shape);
@@ -81,10 +82,13 @@ void decode(Graph& graph, const std::string& name, const Tensor& in, const Decod
   }
   const Tensor& base = options.base ? *options.base : in;
   const Tensor& highlights = options.highlights ? *options.highlights : base;
+  const bool to_image = graph.frame_images().output;
+  if (to_image && in.shape.channels != 3)
+    throw Error("layer {}: an image of {} channels, expected 3", name, in.shape.channels);
   Pass pass;
   pass.name = name;
-  pass.shader = &shaders::kDecode[graph.addressed()];
-  pass.bindings = {frame_binding(FrameSlot::kFused, Access::kWrite), exposure_binding(), read_binding(in),
+  pass.shader = &(to_image ? shaders::kDecodeImage : shaders::kDecode)[graph.addressed()];
+  pass.bindings = {frame_binding(graph, FrameSlot::kFused), exposure_binding(), read_binding(in),
                    read_binding(base), read_binding(highlights)};
   for (size_t i = 1; i < pass.bindings.size(); ++i) pass.bindings[i].by_address = graph.addressed();
   pass.set_push(
@@ -94,7 +98,7 @@ void decode(Graph& graph, const std::string& name, const Tensor& in, const Decod
                      options.highlights ? options.clip : 0});
   // What classify() found settled is decoded as well.
   if (graph.sparse() && !graph.sparse()->by_device) pass.footprint = pixel_footprint(graph, in.shape);
-  pass.groups = element_groups(in.shape);
+  pass.groups = to_image ? pixel_groups(in.shape) : element_groups(in.shape);
   pass.bytes = elements(in) * static_cast<double>(4 + element_bytes(graph.storage())) +
                low_elements * static_cast<double>(element_bytes(graph.storage()));
   graph.add(std::move(pass));

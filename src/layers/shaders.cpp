@@ -14,8 +14,11 @@ RAYMELD_SPIRV_FORMS(winograd_output)
 RAYMELD_SPIRV(space_to_depth, buffers)
 RAYMELD_SPIRV(pixel_shuffle, buffers)
 RAYMELD_SPIRV_FORMS(encode)
+RAYMELD_SPIRV_FORMS(encode_image)
 RAYMELD_SPIRV_FORMS(highlights)
+RAYMELD_SPIRV_FORMS(highlights_image)
 RAYMELD_SPIRV_FORMS(decode)
+RAYMELD_SPIRV_FORMS(decode_image)
 RAYMELD_SPIRV_FORMS(irradiance)
 RAYMELD_SPIRV_FORMS(light)
 RAYMELD_SPIRV_FORMS(joint_filter)
@@ -49,8 +52,11 @@ const Forms kWinogradOutput RAYMELD_FORMS(winograd_output);
 const Shader kSpaceToDepth RAYMELD_SHADER(space_to_depth);
 const Shader kPixelShuffle RAYMELD_SHADER(pixel_shuffle);
 const Forms kEncode RAYMELD_FORMS(encode);
+const Forms kEncodeImage RAYMELD_FORMS(encode_image);
 const Forms kHighlights RAYMELD_FORMS(highlights);
+const Forms kHighlightsImage RAYMELD_FORMS(highlights_image);
 const Forms kDecode RAYMELD_FORMS(decode);
+const Forms kDecodeImage RAYMELD_FORMS(decode_image);
 const Forms kIrradiance RAYMELD_FORMS(irradiance);
 const Forms kLight RAYMELD_FORMS(light);
 const Forms kJointFilter RAYMELD_FORMS(joint_filter);

@@ -19,8 +19,11 @@ extern const Forms kWinogradInput;
 extern const Forms kWinogradMultiply;
 extern const Forms kWinogradOutput;
 extern const Forms kEncode;
+extern const Forms kEncodeImage;  // the frame's images are no buffers: frame.glsl
 extern const Forms kHighlights;
+extern const Forms kHighlightsImage;
 extern const Forms kDecode;
+extern const Forms kDecodeImage;
 extern const Forms kIrradiance;
 extern const Forms kLight;
 extern const Forms kJointFilter;
@@ -42,8 +45,12 @@ inline Binding write_binding(const Tensor& tensor) {
 inline Binding constant_binding(uint32_t constant) {
   return {.kind = Binding::Kind::kConstant, .access = Access::kRead, .constant = constant};
 }
-inline Binding frame_binding(FrameSlot slot, Access access) {
-  return {.kind = Binding::Kind::kFrame, .access = access, .slot = slot};
+inline Binding frame_binding(const Graph& graph, FrameSlot slot) {
+  const bool written = slot == FrameSlot::kFused;
+  return {.kind = Binding::Kind::kFrame,
+          .access = written ? Access::kWrite : Access::kRead,
+          .slot = slot,
+          .image = written ? graph.frame_images().output : graph.frame_images().inputs};
 }
 
 // Of passes with a frame_binding() only.

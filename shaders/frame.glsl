@@ -1,0 +1,25 @@
+// The image of a frame that a pass reads: floats in a storage buffer or, with FRAME_IMAGE, an image of Vulkan.
+#ifdef FRAME_IMAGE
+#extension GL_EXT_samplerless_texture_functions : require
+layout(binding = 1) uniform texture2D frame;
+
+// The unit vector that was folded into [-1, 1] x [-1, 1]: octahedral normals, Cigolle et al. 2014.
+vec3 unfolded(vec2 folded) {
+  vec3 v = vec3(folded, 1.0 - abs(folded.x) - abs(folded.y));
+  vec2 sides = mix(vec2(-1.0), vec2(1.0), greaterThanEqual(v.xy, vec2(0.0)));
+  if (v.z < 0.0) v.xy = (1.0 - abs(v.yx)) * sides;
+  return normalize(v);
+}
+
+float frame_value(TextureView view, uint channel, uvec2 at) {
+  vec4 texel = texelFetch(frame, ivec2(at + uvec2(view.x, view.y)), 0) * view.scale + view.bias;
+  if (view.octahedral != 0) texel.xyz = unfolded(texel.xy);
+  return texel[channel];
+}
+#else
+layout(std430, binding = 1) readonly buffer Frame { float frame[]; };
+
+float frame_value(FrameView view, uint channel, uvec2 at) {
+  return frame[view.offset + channel * view.channel_stride + at.y * view.row_stride + at.x * view.pixel_stride];
+}
+#endif
