@@ -21,7 +21,7 @@ auto Fuser::within_memory(const Work& work) {
     try {
       return work();
     } catch (const OutOfMemory& refused) {
-      if (recorded_) throw;
+      if (recorded_program_ || !prepared_.empty()) throw;
       take_smaller_tiles(refused);
     }
   }
@@ -80,7 +80,10 @@ Fuser::Host::~Host() {
 uint64_t Fuser::allocated_bytes() const {
   const uint64_t frame_bytes =
       host_ ? host_->lrhs.size_bytes() + host_->hrls.size_bytes() + host_->fused.size_bytes() : 0;
-  return (program_ ? program_->allocated_bytes() : 0) + frame_bytes + (wide_ ? wide_->allocated_bytes() : 0);
+  uint64_t sum =
+      (program_ ? program_->allocated_bytes() : 0) + frame_bytes + (wide_ ? wide_->allocated_bytes() : 0);
+  for (const auto& [size, other] : prepared_) sum += other.program.own_bytes();
+  return sum;
 }
 
 std::array<Shape, 3> Fuser::image_shapes(TileSize tile) const {
@@ -102,18 +105,49 @@ void Fuser::record(VkCommandBuffer commands, const FrameBuffer& lrhs, const Fram
   record(commands, bindings(lrhs, hrls, fused), exposure);
 }
 
-void Fuser::record(VkCommandBuffer commands, const FrameBindings& frame, float exposure) {
+void Fuser::record(VkCommandBuffer commands, const FrameBindings& frame, float exposure,
+                   std::optional<TileSize> size) {
   check_exposure(exposure);
   if (options_.changed_only)
     throw Error("record() knows nothing of what changed: a Fuser with changed_only has fuse() alone");
-  Program& program = made_program();
+  if (size && !is_prepared(*size))
+    throw Error("recording a frame of {} x {} LRHS pixels, which was not prepared", size->width,
+                size->height);
+  Program& program = !size || *size == plan_.tiling.tile ? made_program()
+                                                         : prepared_.at({size->height, size->width}).program;
   program.bind(next_set_, frame);
-  recorded_ = true;
+  recorded_program_ = &program;
   program.set_exposure(next_set_, exposure);
   if (program.needs_told()) program.record_all_needed(commands);
-  program.record(commands, next_set_, 0, plan_.graph.passes().size());
+  program.record(commands, next_set_, 0, program.graph().passes().size());
   next_set_ = (next_set_ + 1) % kFramesInFlight;
 }
+
+void Fuser::prepare(TileSize size) {
+  if (is_prepared(size)) return;
+  Graph graph = graph_within(plan_, model_, size, options_);
+  const auto [place, is_new] =
+      prepared_.try_emplace({size.height, size.width}, std::move(graph), made_program(), cache_);
+  place->second.program.set_threshold(options_.threshold);
+}
+
+Status Fuser::status() const {
+  if (!program_) return {};
+  Status sum = program_->status();
+  for (const auto& [size, other] : prepared_) {
+    if (!other.program.has_own_status()) continue;
+    sum.saturated += other.program.status().saturated;
+    sum.not_finite += other.program.status().not_finite;
+  }
+  return sum;
+}
+
+void Fuser::reset_status() {
+  if (program_) program_->reset_status();
+  for (auto& [size, other] : prepared_) other.program.reset_status();
+}
+
+double Fuser::settled_share() const { return recorded_program_ ? recorded_program_->settled_share() : 0; }
 
 float Fuser::exposure(const float* lrhs) const {
   if (options_.exposure != 0) return options_.exposure;

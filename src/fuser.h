@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <optional>
 #include <vector>
 
@@ -70,15 +71,32 @@ class Fuser {
   // this device. h and w are plan().tiling.tile: a frame of several tiles is recorded tile by tile, with
   // views that start at each tile. The inputs must be visible to VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT /
   // VK_ACCESS_SHADER_READ_BIT; the output is written by that stage with VK_ACCESS_SHADER_WRITE_BIT. At most
-  // kFramesInFlight recordings may be pending, each submitted at most once, to one queue. program().status()
-  // counts what went wrong. `exposure`: what radiance is multiplied by for the network;
+  // kFramesInFlight recordings may be pending, each submitted at most once, to one queue. status() counts
+  // what went wrong. `exposure`: what radiance is multiplied by for the network;
   // FuserOptions::exposure has no say here. Throws Error when a view passes the device's limits, and with
   // FuserOptions::changed_only, as the inputs are not looked at.
   void record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
               const FrameBuffer& fused, float exposure = 1);
   // The same by slot, for FuserOptions::frame_images: images are read in VK_IMAGE_LAYOUT_GENERAL or
-  // SHADER_READ_ONLY_OPTIMAL, written in GENERAL, and left so.
-  void record(VkCommandBuffer commands, const FrameBindings& frame, float exposure = 1);
+  // SHADER_READ_ONLY_OPTIMAL, written in GENERAL, and left so. `size`: that of LRHS, if not tile; one that
+  // prepare() knows.
+  void record(VkCommandBuffer commands, const FrameBindings& frame, float exposure = 1,
+              std::optional<TileSize> size = {});
+
+  // Makes ready what recordings of frames of another size take, at most as large as the tile in both
+  // directions; recordings may be pending. They have the bits of a Fuser of that size with the same kernels.
+  // Throws Error, of frames in several tiles too.
+  void prepare(TileSize size);
+  // Or it is the tile's.
+  bool is_prepared(TileSize size) const {
+    return size == plan_.tiling.tile || prepared_.contains({size.height, size.width});
+  }
+
+  // Of recordings of all sizes since reset_status() or a fuse(); read when they are done.
+  Status status() const;
+  void reset_status();
+  // Of the last one: see FuseReport.
+  double settled_share() const;
 
   // The exposure that fuse() uses for this LRHS (3, h, w), planar and dense.
   float exposure(const float* lrhs) const;
@@ -109,6 +127,14 @@ class Fuser {
     const Device& device;
     explicit Host(const Device& device) : pool(device), device(device) {}
     ~Host();
+  };
+
+  // Of record(), of another size than the tile.
+  struct Prepared {
+    Graph graph;
+    Program program;
+    Prepared(Graph of, const Program& larger, PipelineCache& cache)
+        : graph(std::move(of)), program(larger, graph, cache) {}
   };
 
   template <typename Work>
@@ -143,9 +169,10 @@ class Fuser {
   FusePlan plan_;
   PipelineCache cache_;
   std::optional<Program> program_;
+  std::map<std::pair<uint32_t, uint32_t>, Prepared> prepared_;  // by height and width
+  const Program* recorded_program_ = nullptr;                   // by the last record()
   std::string shortage_;
   uint32_t next_set_ = 0;
-  bool recorded_ = false;  // by record()
   std::unique_ptr<Host> host_;
   std::unique_ptr<Fuser> wide_;  // of one tile, in 32 bits; made when first needed
   bool last_redone_ = false;

@@ -11,18 +11,33 @@
 namespace raymeld {
 namespace {
 
-// Of a frame of one tile, or `part` of a larger one: then the host knows which blocks are of no core.
-FusePlan describe(const Model& model, TileSize tile, bool part, const DeviceInfo& device,
-                  const FuserOptions& options, const StorageExponents& exponents) {
+StorageExponents exponents_for(const Model& model, const FuserOptions& options) {
+  return options.storage == Storage::kFloat16 ? storage_exponents(model) : StorageExponents{};
+}
+
+// Of a frame of one tile, or `part` of a larger one: then the host knows which blocks are of no core. Not
+// planned yet.
+Graph make_graph(const Model& model, TileSize tile, bool part, const FuserOptions& options,
+                 const StorageExponents& exponents, const Conv2dChoice& choose) {
   std::optional<SparseGrid> sparse;
   if (options.threshold > 0 || options.changed_only)
     sparse = {tile.height, tile.width, options.threshold > 0, options.changed_only || part};
   Graph graph(options.storage, options.kernels.addressed, options.keep_activations, sparse,
               options.frame_images);
-  network(graph, model, tile.height, tile.width, options.phase, options.kernels.conv2d, exponents,
-          options.constants);
+  network(graph, model, tile.height, tile.width, options.phase, choose, exponents, options.constants);
+  return graph;
+}
+
+FusePlan describe(const Model& model, TileSize tile, bool part, const DeviceInfo& device,
+                  const FuserOptions& options, const StorageExponents& exponents) {
+  std::vector<std::pair<Conv2dShape, Conv2dKernel>> kernels;
+  const Conv2dChoice choose = [&](const Conv2dShape& shape) {
+    return kernels.emplace_back(shape, options.kernels.conv2d(shape)).second;
+  };
+  Graph graph = make_graph(model, tile, part, options, exponents, choose);
   graph.plan();
-  FusePlan plan{.tiling = make_tiling(tile, 1, 1, 0), .graph = std::move(graph)};
+  FusePlan plan{
+      .tiling = make_tiling(tile, 1, 1, 0), .graph = std::move(graph), .kernels = std::move(kernels)};
   plan.frame_bytes =
       Program::host_bytes(kFramesInFlight + 1, plan.graph, options.work_limits.value_or(limits_for(device)));
   for (const Shape& shape : frame_shapes(model, tile, options.constants))
@@ -133,8 +148,7 @@ FuserOptions wide_options(const DeviceInfo& device, FuserOptions options, uint64
 FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const DeviceInfo& device,
                      const FuserOptions& options) {
   const uint64_t most_bytes = memory_limit(device, options) / (options.fp32_kernels ? 2 : 1);
-  const bool half = options.storage == Storage::kFloat16;
-  const StorageExponents exponents = half ? storage_exponents(model) : StorageExponents{};
+  const StorageExponents exponents = exponents_for(model, options);
   std::optional<FusePlan> plan;  // of the tile tried last
   std::optional<std::string> reason;
   const auto fits = [&](TileSize tile) {
@@ -151,6 +165,25 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
   plan->tiling = tiling;
   plan->flop *= tiling.count();
   return std::move(*plan);
+}
+
+Graph graph_within(const FusePlan& plan, const Model& model, TileSize size, const FuserOptions& options) {
+  const TileSize most = plan.tiling.frame;
+  if (plan.tiling.count() > 1)
+    throw Error("frames of {} x {} LRHS pixels take {} tiles: they have one size", most.width, most.height,
+                plan.tiling.count());
+  if (size.height == 0 || size.width == 0 || size.height > most.height || size.width > most.width)
+    throw Error("frames of {} x {} LRHS pixels, expected at most {} x {}", size.width, size.height,
+                most.width, most.height);
+  size_t next = 0;
+  const Conv2dChoice choose = [&](const Conv2dShape&) {
+    auto [shape, kernel] = plan.kernels.at(next++);
+    if (kernel.tile > 1) kernel.band_rows = winograd_band_rows(shape, kernel, plan.graph.sparse());
+    return kernel;
+  };
+  Graph graph = make_graph(model, size, false, options, exponents_for(model, options), choose);
+  graph.plan_within(plan.graph);
+  return graph;
 }
 
 }  // namespace raymeld

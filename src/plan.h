@@ -71,7 +71,9 @@ struct FuserOptions {
 // How a frame will be run, before anything is allocated.
 struct FusePlan {
   Tiling tiling;
-  Graph graph;               // of one tile, planned
+  Graph graph;  // of one tile, planned
+  // What network() was told of the convolutions, in order.
+  std::vector<std::pair<Conv2dShape, Conv2dKernel>> kernels = {};
   uint64_t frame_bytes = 0;  // the images on their way in and out of fuse()
   double flop = 0;           // of the whole frame, halos included
 
@@ -89,6 +91,10 @@ FuserOptions wide_options(const DeviceInfo& device, FuserOptions options, uint64
 // fits.
 FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const DeviceInfo& device,
                      const FuserOptions& options);
+
+// The graph of frames of (size.height, size.width) LRHS pixels for a device that runs `plan`, of one tile
+// that is no smaller: by the same kernels, in the same memory. Throws Error.
+Graph graph_within(const FusePlan& plan, const Model& model, TileSize size, const FuserOptions& options);
 
 // The images of a tile, as frames bring and take them: LRHS, HRLS without its constant layers, fused.
 std::array<Shape, 3> frame_shapes(const Model& model, TileSize tile, const ConstantLayers& constants = {});

@@ -9,6 +9,8 @@ namespace raymeld {
 struct TileSize {
   uint32_t height = 0;
   uint32_t width = 0;
+
+  bool operator==(const TileSize&) const = default;
 };
 
 // One tile, in LRHS pixels: what is computed, and the part of it that is kept.

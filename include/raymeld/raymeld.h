@@ -291,7 +291,20 @@ typedef struct raymeld_frame {
   /* What radiance is multiplied by for the network, from 2^-24 to 2^24, and the output divided by; 0 is 1. A
    * renderer knows it of its last frames (raymeld_exposure()), as LRHS itself is not looked at here. */
   float exposure RAYMELD_IS(0);
+  /* Of LRHS in this frame, where it is not (tile_height, tile_width): a size that raymeld_prepare_size() made
+   * ready, to which the images' sizes follow. */
+  uint32_t height RAYMELD_IS(0);
+  uint32_t width RAYMELD_IS(0);
+  uint32_t reserved RAYMELD_IS(0);
 } raymeld_frame;
+
+/* For dynamic resolution: makes ready what it takes to record frames with LRHS of another size, at most
+ * (tile_height, tile_width) of a fusion that has no tiles. They use the memory, the weights and the pipelines
+ * of the fusion, so that sizes may change from frame to frame, and have the bits of a fusion of that size with
+ * the same kernels. Takes some milliseconds of the host for each size, once; may allocate a little on the
+ * device with adaptive_threshold; does not wait, and recordings may be pending. raymeld_fuse() has the
+ * description's size always. */
+RAYMELD_API raymeld_result raymeld_prepare_size(raymeld_fusion fusion, uint32_t height, uint32_t width);
 
 /* Records a frame into the caller's command buffer, outside of a render pass; never submits, allocates on the
  * device or waits, unless a raymeld_fuse() before failed for want of memory, after which everything is made

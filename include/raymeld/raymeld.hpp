@@ -117,6 +117,9 @@ class Fusion {
   }
   std::vector<std::string> layers() const { return detail::strings(info().layer_count, info().layers); }
 
+  void prepare_size(uint32_t height, uint32_t width) {
+    detail::check(raymeld_prepare_size(get(), height, width));
+  }
   void record(VkCommandBuffer commands, const raymeld_frame& frame) {
     detail::check(raymeld_record(get(), commands, &frame));
   }

@@ -469,6 +469,12 @@ raymeld_result raymeld_fusion_get_info(raymeld_fusion fusion, raymeld_fusion_inf
   });
 }
 
+raymeld_result raymeld_prepare_size(raymeld_fusion fusion, uint32_t height, uint32_t width) {
+  return guarded(RAYMELD_ERROR_INVALID_ARGUMENT, [&] {
+    given(fusion, "fusion").fuser.prepare({height, width});
+  });
+}
+
 raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands, const raymeld_frame* frame) {
   return guarded(RAYMELD_ERROR_DEVICE, [&] {
     raymeld_fusion_t& made = given(fusion, "fusion");
@@ -477,24 +483,26 @@ raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands, c
     if (made.options.changed_only)
       throw InvalidArgument("raymeld_record() does not look at the inputs, as changed_only asks for");
     check_given_exposure(asked.exposure);
-    const auto shapes =
-        frame_shapes(made.model->model, made.fuser.plan().tiling.tile, made.options.constants);
+    const TileSize tile = made.fuser.plan().tiling.tile;
+    const TileSize size{asked.height ? asked.height : tile.height, asked.width ? asked.width : tile.width};
+    if (!made.fuser.is_prepared(size))
+      throw InvalidArgument("a frame of {} x {} LRHS pixels, which raymeld_prepare_size() did not make ready",
+                            size.width, size.height);
+    const auto shapes = frame_shapes(made.model->model, size, made.options.constants);
     const FrameBindings images = bindings_of(asked, shapes, made.options.frame_images, made.layer_names);
-    made.fuser.record(commands, images, asked.exposure != 0 ? asked.exposure : 1);
+    made.fuser.record(commands, images, asked.exposure != 0 ? asked.exposure : 1, size);
   });
 }
 
 raymeld_result raymeld_take_status(raymeld_fusion fusion, raymeld_status* status) {
   return guarded(RAYMELD_ERROR_DEVICE, [&] {
     raymeld_fusion_t& made = given(fusion, "fusion");
-    Program& program = made.fuser.program();
     raymeld_status known;
-    known.saturated = program.status().saturated;
-    known.not_finite = program.status().not_finite;
-    const std::optional<SparseGrid>& grid = made.fuser.graph().sparse();
-    if (grid) known.settled_share = float(program.settled_blocks()) / float(grid->blocks());
+    known.saturated = made.fuser.status().saturated;
+    known.not_finite = made.fuser.status().not_finite;
+    known.settled_share = float(made.fuser.settled_share());
     write(known, given(status, "status"), "raymeld_status");
-    program.reset_status();
+    made.fuser.reset_status();
   });
 }
 
@@ -510,10 +518,10 @@ raymeld_result raymeld_fuse(raymeld_fusion fusion, const float* lrhs, const floa
     try {
       report = fuser.fuse(&given(lrhs, "lrhs"), &given(hrls, "hrls"), &given(fused, "fused"));
     } catch (const NotFinite&) {
-      fuser.program().reset_status();  // the next count is of recorded frames
+      fuser.reset_status();  // the next count is of recorded frames
       throw;
     }
-    fuser.program().reset_status();
+    fuser.reset_status();
     raymeld_status known;
     known.saturated = report.status.saturated;
     known.not_finite = report.status.not_finite;

@@ -142,6 +142,32 @@ void Graph::plan() {
   if (sparse_) find_radii();
 }
 
+void Graph::plan_within(const Graph& larger) {
+  const auto fits = [](const TensorRecord& small, const TensorRecord& large) {
+    return small.name == large.name && small.size_bytes <= large.size_bytes;
+  };
+  if (!std::ranges::equal(tensors_, larger.tensors_, fits))
+    throw Error("a graph is no smaller one of the same network");
+  for (size_t i = 0; i < tensors_.size(); ++i) tensors_[i].offset_bytes = larger.tensors_[i].offset_bytes;
+  activation_bytes_ = larger.activation_bytes_;
+  check_places();
+  place_barriers();
+  if (sparse_) find_radii();
+}
+
+// Passes may be fewer than in the larger graph, and lifetimes with them.
+void Graph::check_places() const {
+  for (const TensorRecord& a : tensors_) {
+    for (const TensorRecord& b : tensors_) {
+      const bool meet_in_time = a.first_use <= b.last_use && b.first_use <= a.last_use;
+      const bool meet_in_place =
+          a.offset_bytes < b.offset_bytes + b.size_bytes && b.offset_bytes < a.offset_bytes + a.size_bytes;
+      if (&a != &b && meet_in_time && meet_in_place)
+        throw Error("tensors {} and {} would share memory while both are used", a.name, b.name);
+    }
+  }
+}
+
 // From the last layer to the first: a layer computes what later ones read of it, rounded up to its tiles, and
 // reads what lies around that. In eighths of a pixel of LRHS, as scales are powers of two up to 8.
 void Graph::find_radii() {

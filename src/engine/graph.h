@@ -211,6 +211,9 @@ class Graph {
 
   // Gives every tensor its place: those whose lifetimes do not meet share memory, but see keep().
   void plan();
+  // The same, but with the places that the tensors have in the graph of the same network for larger frames:
+  // it takes no more memory, whatever the size. Throws Error where they do not fit there.
+  void plan_within(const Graph& larger);
 
   std::span<const Pass> passes() const { return passes_; }
   std::span<const TensorRecord> tensors() const { return tensors_; }
@@ -242,6 +245,7 @@ class Graph {
   void place(const std::function<bool(const TensorRecord&)>& which);
   void place_barriers();
   void find_radii();
+  void check_places() const;
 
   Storage storage_;
   bool addressed_;

@@ -85,7 +85,10 @@ WorkLimits limits_for(const DeviceInfo& info) {
 
 Program::Program(const Device& device, const Graph& graph, PipelineCache& cache, uint32_t sets,
                  const std::optional<WorkLimits>& limits, const std::optional<MemoryRange>& activations)
-    : device_(device), graph_(graph), limits_(limits.value_or(limits_for(device.info()))) {
+    : device_(device),
+      graph_(graph),
+      common_(std::make_shared<Common>()),
+      limits_(limits.value_or(limits_for(device.info()))) {
   if (graph.storage() == Storage::kFloat16 && !device.info().storage_16bit) {
     throw Error("device {} has no 16-bit storage (storageBuffer16BitAccess); use --precision fp32",
                 device.info().name);
@@ -114,26 +117,45 @@ Program::Program(const Device& device, const Graph& graph, PipelineCache& cache,
   const auto place_activations = [&](const auto& memory) {
     return Buffer(device, graph.activation_bytes(), memory, "activations");
   };
-  activations_ = activations ? place_activations(*activations) : place_activations(Memory::kDevice);
-  if (graph.sparse()) {
-    prepare_sparse();
-  } else {
-    status_ = Buffer(device, sizeof(Status), Memory::kUpload, "status");
+  common_->activations = activations ? place_activations(*activations) : place_activations(Memory::kDevice);
+  status_ = std::make_shared<Buffer>();
+  if (!graph.sparse()) {
+    *status_ = Buffer(device, sizeof(Status), Memory::kUpload, "status");
+    reset_status();
   }
-  reset_status();
-  exposures_ = Buffer(device, sets * kExposureStrideBytes, Memory::kUpload, "exposures");
+  common_->exposures = Buffer(device, sets * kExposureStrideBytes, Memory::kUpload, "exposures");
   for (uint32_t set = 0; set < sets; ++set) set_exposure(set, 1);
   if (graph.constant_bytes() > 0) upload_constants();
+  prepare(cache, sets);
+}
+
+Program::Program(const Program& larger, const Graph& graph, PipelineCache& cache)
+    : device_(larger.device_),
+      graph_(graph),
+      common_(larger.common_),
+      status_(graph.sparse() ? std::make_shared<Buffer>() : larger.status_),
+      limits_(larger.limits_) {
+  const auto same = [](const ConstantRecord& a, const ConstantRecord& b) {
+    return a.name == b.name && a.size_bytes == b.size_bytes && a.offset_bytes == b.offset_bytes;
+  };
+  if (graph.activation_bytes() > larger.graph_.activation_bytes() ||
+      !std::ranges::equal(graph.constants(), larger.graph_.constants(), same))
+    throw Error("a graph of other weights, or more memory, than that of larger frames");
+  prepare(cache, static_cast<uint32_t>(larger.sets_.size()));
+}
+
+void Program::prepare(PipelineCache& cache, uint32_t sets) {
+  if (graph_.sparse()) prepare_sparse();
   create_kernels(cache);
   try {
     create_sets(sets);
   } catch (...) {
-    device.vk().DestroyDescriptorPool(device.handle(), pool_, device.allocator());
+    device_.vk().DestroyDescriptorPool(device_.handle(), pool_, device_.allocator());
     throw;
   }
 }
 
-uint32_t* Program::words() const { return static_cast<uint32_t*>(status_.mapped()) + sizeof(Status) / 4; }
+uint32_t* Program::words() const { return static_cast<uint32_t*>(status_->mapped()) + sizeof(Status) / 4; }
 
 std::vector<std::vector<Program::SparseDispatch>> Program::cut(const Graph& graph, const WorkLimits& limits) {
   std::vector<std::vector<SparseDispatch>> all;
@@ -167,16 +189,16 @@ void Program::prepare_sparse() {
   const SparseLayout layout(grid, graph_.most_radius(), dispatches);
   if (layout.lists > RAYMELD_SPARSE_DISTANCES - RAYMELD_SPARSE_COUNTS)
     throw Error("a sparse graph of {} lists", layout.lists);
-  status_ = Buffer(device_, sizeof(Status) + layout.end * 4, Memory::kUpload, "status and blocks");
+  *status_ = Buffer(device_, sizeof(Status) + layout.end * 4, Memory::kUpload, "status and blocks");
+  std::memset(status_->mapped(), 0, status_->size_bytes());
   uint32_t* const words = this->words();
-  std::memset(words, 0, layout.end * 4);
   words[RAYMELD_SPARSE_WIDTH] = grid.width;
   words[RAYMELD_SPARSE_HEIGHT] = grid.height;
   words[RAYMELD_SPARSE_LISTS] = layout.lists;
   words[RAYMELD_SPARSE_TABLE] = layout.table;
   words[RAYMELD_SPARSE_DISPATCHES] = dispatches;
   words[RAYMELD_SPARSE_GROUPS] = layout.groups;
-  const VkDeviceAddress address = status_.address() + sizeof(Status);
+  const VkDeviceAddress address = status_->address() + sizeof(Status);
   std::memcpy(words + RAYMELD_SPARSE_ADDRESS, &address, sizeof(address));
   uint32_t* row = words + layout.table;
   for (size_t i = 0; i < graph_.passes().size(); ++i) {
@@ -207,12 +229,16 @@ void Program::set_needed(const std::vector<bool>& blocks) {
 
 void Program::record_all_needed(VkCommandBuffer commands) {
   told_ = graph_.sparse()->blocks();
-  fill_zero(device_.vk(), commands, status_.handle(), sizeof(Status) + 4 * RAYMELD_SPARSE_DISTANCES,
+  fill_zero(device_.vk(), commands, status_->handle(), sizeof(Status) + 4 * RAYMELD_SPARSE_DISTANCES,
             4 * told_);
 }
 
 uint32_t Program::settled_blocks() const {
   return graph_.sparse() ? told_ - words()[RAYMELD_SPARSE_COUNTS] : 0;
+}
+
+double Program::settled_share() const {
+  return graph_.sparse() ? double(settled_blocks()) / graph_.sparse()->blocks() : 0;
 }
 
 double Program::work_share() const {
@@ -233,14 +259,12 @@ void Program::upload_constants() {
   std::vector<std::byte> content(graph_.constant_bytes());
   for (const ConstantRecord& constant : graph_.constants())
     constant.fill(content.data() + constant.offset_bytes);
-  constants_ = device_.constants().get(device_, std::move(content));
+  common_->constants = device_.constants().get(device_, std::move(content));
 }
 
 // Passes with the same shader, constants and bindings share a pipeline.
 void Program::create_kernels(PipelineCache& cache) {
-  std::map<std::string, uint32_t> shader_ids;
   for (const Pass& pass : graph_.passes()) {
-    const auto id = shader_ids.try_emplace(pass.shader->name, static_cast<uint32_t>(shader_ids.size()));
     const std::vector<VkDescriptorType> descriptors = descriptor_types(pass);
     std::array<uint32_t, 2> blocks{};
     if (pass.items) {
@@ -248,16 +272,16 @@ void Program::create_kernels(PipelineCache& cache) {
     } else if (pass.footprint) {
       blocks = {SparseGrid::kSide * pass.footprint->scale, pass.radius};
     }
-    std::vector<uint32_t> key{id.first->second, uint32_t(descriptors.size()), pass.push_bytes, blocks[0],
-                              blocks[1]};
-    key.insert(key.end(), pass.constants.begin(), pass.constants.end());
-    auto found = kernels_.find(key);
-    if (found == kernels_.end()) {
+    std::pair key{pass.shader,
+                  std::vector{uint32_t(descriptors.size()), pass.push_bytes, blocks[0], blocks[1]}};
+    key.second.insert(key.second.end(), pass.constants.begin(), pass.constants.end());
+    auto found = common_->kernels.find(key);
+    if (found == common_->kernels.end()) {
       const auto spirv = graph_.storage() == Storage::kFloat16 ? pass.shader->f16 : pass.shader->f32;
       // Subgroups must be whole to compute a matrix.
       const VkPipelineShaderStageCreateFlags flags =
           pass.matrix ? VK_PIPELINE_SHADER_STAGE_CREATE_REQUIRE_FULL_SUBGROUPS_BIT_EXT : 0;
-      found = kernels_
+      found = common_->kernels
                   .emplace(key, Kernel(device_, cache.handle(), spirv, pass.shader->name, pass.constants,
                                        blocks, descriptors, pass.push_bytes, flags))
                   .first;
@@ -316,11 +340,11 @@ void Program::create_sets(uint32_t sets) {
 VkDeviceAddress Program::address_of(const Binding& binding, uint32_t set) const {
   switch (binding.kind) {
     case Binding::Kind::kTensor:
-      return activations_.address() + graph_.offset_bytes(binding.tensor);
+      return common_->activations.address() + graph_.offset_bytes(binding.tensor);
     case Binding::Kind::kConstant:
-      return constants_->buffer.address() + graph_.constants()[binding.constant].offset_bytes;
+      return common_->constants->buffer.address() + graph_.constants()[binding.constant].offset_bytes;
     case Binding::Kind::kExposure:
-      return exposures_.address() + set * kExposureStrideBytes;
+      return common_->exposures.address() + set * kExposureStrideBytes;
     case Binding::Kind::kFrame:
       break;
   }
@@ -331,13 +355,14 @@ VkDescriptorBufferInfo Program::buffer_info(const Binding& binding, uint32_t set
                                             const FrameBindings* frame) const {
   switch (binding.kind) {
     case Binding::Kind::kTensor:
-      return {activations_.handle(), graph_.offset_bytes(binding.tensor), graph_.size_bytes(binding.tensor)};
+      return {common_->activations.handle(), graph_.offset_bytes(binding.tensor),
+              graph_.size_bytes(binding.tensor)};
     case Binding::Kind::kConstant: {
       const ConstantRecord& constant = graph_.constants()[binding.constant];
-      return {constants_->buffer.handle(), constant.offset_bytes, constant.size_bytes};
+      return {common_->constants->buffer.handle(), constant.offset_bytes, constant.size_bytes};
     }
     case Binding::Kind::kExposure:
-      return {exposures_.handle(), set * kExposureStrideBytes, sizeof(Exposure)};
+      return {common_->exposures.handle(), set * kExposureStrideBytes, sizeof(Exposure)};
     case Binding::Kind::kFrame:
       break;
   }
@@ -375,7 +400,7 @@ void Program::write_set(uint32_t set, size_t index, const FrameBindings* frame) 
     writes[count].pBufferInfo = &infos[count];
     return count++;
   };
-  infos[add(VK_DESCRIPTOR_TYPE_STORAGE_BUFFER)] = {status_.handle(), 0, status_.size_bytes()};
+  infos[add(VK_DESCRIPTOR_TYPE_STORAGE_BUFFER)] = {status_->handle(), 0, status_->size_bytes()};
   for (const Binding& binding : pass.bindings) {
     if (binding.by_address) continue;
     const uint32_t at = add(binding.descriptor_type());
@@ -413,7 +438,7 @@ std::array<uint32_t, 5> Program::view_of(const Binding& binding, const FrameBind
 
 void Program::set_exposure(uint32_t set, float exposure) {
   const Exposure values{exposure, 1 / exposure};
-  std::memcpy(static_cast<std::byte*>(exposures_.mapped()) + set * kExposureStrideBytes, &values,
+  std::memcpy(static_cast<std::byte*>(common_->exposures.mapped()) + set * kExposureStrideBytes, &values,
               sizeof(values));
 }
 
@@ -423,7 +448,7 @@ void Program::record(VkCommandBuffer commands, uint32_t set, size_t first, size_
   const bool sparse = graph_.sparse().has_value();
   full_barrier(vk, commands, sparse);
   if (first == 0 && graph_.starts_clear()) {
-    fill_zero(vk, commands, activations_.handle(), 0, VK_WHOLE_SIZE);
+    fill_zero(vk, commands, common_->activations.handle(), 0, VK_WHOLE_SIZE);
   }
   if (queries && first == 0) {
     vk.CmdResetQueryPool(commands, queries, 0, static_cast<uint32_t>(graph_.passes().size()) + 1);
@@ -474,7 +499,7 @@ void Program::dispatch_sparse(VkCommandBuffer commands, size_t index, VkPipeline
                                     pass.push_bytes - sizeof(place), sizeof(place), place.data());
     }
     const uint64_t groups = words()[RAYMELD_SPARSE_GROUPS] + 3 * (first_row_[index] + n);
-    device_.vk().CmdDispatchIndirect(commands, status_.handle(), sizeof(Status) + groups * 4);
+    device_.vk().CmdDispatchIndirect(commands, status_->handle(), sizeof(Status) + groups * 4);
   }
 }
 
@@ -502,11 +527,11 @@ void Program::dispatch(VkCommandBuffer commands, const Pass& pass) const {
 
 Status Program::status() const {
   Status status;
-  std::memcpy(&status, status_.mapped(), sizeof(status));
+  std::memcpy(&status, status_->mapped(), sizeof(status));
   return status;
 }
 
-void Program::reset_status() { std::memset(status_.mapped(), 0, sizeof(Status)); }
+void Program::reset_status() { std::memset(status_->mapped(), 0, sizeof(Status)); }
 
 void Program::write(const Tensor& tensor, std::span<const float> values) {
   const uint64_t size_bytes = graph_.size_bytes(tensor), pixels = tensor.shape.pixels();
@@ -525,16 +550,16 @@ void Program::write(const Tensor& tensor, std::span<const float> values) {
       std::ranges::transform(plane, static_cast<float*>(host.mapped()) + c * stride, stored);
     }
   }
-  copy_now(device_, host.handle(), activations_.handle(), {0, graph_.offset_bytes(tensor), size_bytes},
-           "tensor upload");
+  copy_now(device_, host.handle(), common_->activations.handle(),
+           {0, graph_.offset_bytes(tensor), size_bytes}, "tensor upload");
 }
 
 std::vector<float> Program::read(const Tensor& tensor) const {
   const uint64_t size_bytes = graph_.size_bytes(tensor), pixels = tensor.shape.pixels();
   if (graph_.rows_mask(tensor) != ~0u) throw Error("reading a tensor of which some rows are kept");
   const Buffer host(device_, size_bytes, Memory::kReadback, "tensor download");
-  copy_now(device_, activations_.handle(), host.handle(), {graph_.offset_bytes(tensor), 0, size_bytes},
-           "tensor download");
+  copy_now(device_, common_->activations.handle(), host.handle(),
+           {graph_.offset_bytes(tensor), 0, size_bytes}, "tensor download");
   host.invalidate();
   const uint64_t stride = graph_.plane(tensor);
   std::vector<float> values(pixels * tensor.shape.channels);
@@ -552,8 +577,8 @@ std::vector<float> Program::read(const Tensor& tensor) const {
 }
 
 uint64_t Program::allocated_bytes() const {
-  return (constants_ ? constants_->buffer.size_bytes() : 0) + activations_.allocated_bytes() +
-         status_.size_bytes() + exposures_.size_bytes();
+  return (common_->constants ? common_->constants->buffer.size_bytes() : 0) +
+         common_->activations.allocated_bytes() + status_->size_bytes() + common_->exposures.size_bytes();
 }
 
 uint64_t Program::host_bytes(uint32_t sets, const Graph& graph, const WorkLimits& limits) {

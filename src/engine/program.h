@@ -40,6 +40,11 @@ class Program {
   // Program allocates them. Throws Error, and OutOfMemory.
   Program(const Device& device, const Graph& graph, PipelineCache& cache, uint32_t sets,
           const std::optional<WorkLimits>& limits = {}, const std::optional<MemoryRange>& activations = {});
+  // For the frames of another size, in the memory and with the weights and pipelines of `larger`: of a graph
+  // that is planned within its. Recordings of both may be pending at once; they take turns on the device, and
+  // a set of one is the same exposure as that of the other. Compiles what is missing of the pipelines, and
+  // allocates on the device where the graph is sparse. Throws Error, and OutOfMemory.
+  Program(const Program& larger, const Graph& graph, PipelineCache& cache);
   ~Program();
   Program(const Program&) = delete;
   Program& operator=(const Program&) = delete;
@@ -58,6 +63,7 @@ class Program {
   void record(VkCommandBuffer commands, uint32_t set, size_t first, size_t last,
               VkQueryPool queries = VK_NULL_HANDLE) const;
 
+  const Graph& graph() const { return graph_; }
   const WorkLimits& limits() const { return limits_; }
 
   // Of a sparse graph: see classify(). What recordings count as the same from their next submit on.
@@ -71,11 +77,15 @@ class Program {
   // Of those of a sparse graph's blocks that were needed for all the host knew, how many the last frame found
   // settled; read when the device is idle.
   uint32_t settled_blocks() const;
+  // Of all blocks.
+  double settled_share() const;
   // How much of all passes' work it was.
   double work_share() const;
 
   // Counts since the last reset by the host; read when the device is idle.
   Status status() const;
+  // Or it is that of the Program of larger frames.
+  bool has_own_status() const { return graph_.sparse().has_value(); }
   void reset_status();
 
   // Copies a tensor (c, y, x, dense) from or to the host, rounding to the storage type. The device must be
@@ -86,6 +96,8 @@ class Program {
 
   // Without activations in the caller's memory, and with constants that others have as well.
   uint64_t allocated_bytes() const;
+  // What it has beside that of the Program of larger frames.
+  uint64_t own_bytes() const { return has_own_status() ? status_->size_bytes() : 0; }
   // What a Program takes beside its graph's constants and activations.
   static uint64_t host_bytes(uint32_t sets, const Graph& graph, const WorkLimits& limits);
 
@@ -93,6 +105,7 @@ class Program {
   void create_kernels(PipelineCache& cache);
   void upload_constants();
   void create_sets(uint32_t sets);
+  void prepare(PipelineCache& cache, uint32_t sets);
   // Of descriptor set `set`; `frame` is null where the pass touches no frame image.
   void write_set(uint32_t set, size_t index, const FrameBindings* frame) const;
   VkDeviceAddress address_of(const Binding& binding, uint32_t set) const;
@@ -104,11 +117,17 @@ class Program {
   void dispatch_sparse(VkCommandBuffer commands, size_t index, VkPipelineLayout layout) const;
   uint32_t* words() const;
 
+  // Of frames of all sizes.
+  struct Common {
+    std::shared_ptr<const Constants> constants;
+    Buffer activations, exposures;
+    std::map<std::pair<const Shader*, std::vector<uint32_t>>, Kernel> kernels;
+  };
+
   const Device& device_;
   const Graph& graph_;
-  std::shared_ptr<const Constants> constants_;
-  Buffer activations_, status_, exposures_;
-  std::map<std::vector<uint32_t>, Kernel> kernels_;
+  std::shared_ptr<Common> common_;
+  std::shared_ptr<Buffer> status_;  // with the blocks of a sparse graph; else that of all sizes
   std::vector<const Kernel*> pass_kernels_;
   VkDescriptorPool pool_ = VK_NULL_HANDLE;
   std::vector<std::vector<VkDescriptorSet>> sets_;           // [set][pass]

@@ -47,6 +47,7 @@ struct Conv2dKernel {
   uint32_t channels = 64;  // at most so many input channels are summed up by one dispatch
   uint32_t order = 8;      // see winograd_multiply.comp
   uint32_t band = 256;  // about so many tiles or pixels are worked on at a time, so that they stay in a cache
+  uint32_t band_rows = 0;  // instead, of tiles: winograd_band_rows() of the same convolution of another size
   // Instead of all this, conv2d_matrix.comp: any kernel, shuffles in its loads and stores. Sums in 32 bits,
   // but a device may truncate where others round.
   std::optional<MatrixTiles> matrix = {};
@@ -64,6 +65,10 @@ struct Conv2dShape {
   double flop() const { return 2.0 * height * width * channels_in * channels_out * kernel * kernel; }
 };
 using Conv2dChoice = std::function<Conv2dKernel(const Conv2dShape&)>;
+
+// How many rows of tiles a convolution by minimal filtering works on at a time.
+uint32_t winograd_band_rows(const Conv2dShape& shape, const Conv2dKernel& how,
+                            const std::optional<SparseGrid>& grid);
 
 // The direct kernel for every shape.
 inline Conv2dKernel conv2d_direct(const Conv2dShape&) { return {}; }

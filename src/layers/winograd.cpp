@@ -29,28 +29,29 @@ struct Sizes {
   uint32_t weights_stride, transformed_stride, products_stride;
 };
 
+struct TileGrid {
+  uint32_t columns, rows;
+  uint32_t block_rows;
+};
+
+TileGrid tile_grid(const Conv2dShape& shape, uint32_t tile, const std::optional<SparseGrid>& grid) {
+  if (!grid) return {divide_up(shape.width, 2 * tile) * 2, divide_up(shape.height, tile), 0};
+  const uint32_t block_rows = SparseGrid::kSide * (shape.width / grid->width) / tile;
+  return {grid->columns() * block_rows, grid->rows() * block_rows, block_rows};  // whole blocks
+}
+
 Sizes sizes_of(const Convolution& conv, const std::optional<SparseGrid>& grid) {
   const Conv2dKernel& how = conv.options.how;
+  const Conv2dShape shape{conv.height, conv.width, conv.channels_in, conv.channels_out, conv.options.kernel};
+  const TileGrid tiles = tile_grid(shape, how.tile, grid);
   Sizes s;
   s.tile = how.tile;
   s.side = how.tile + conv.options.kernel - 1;
   s.positions = s.side * s.side;
-  s.tiles_x = divide_up(conv.width, 2 * s.tile) * 2;
-  s.tile_rows = divide_up(conv.height, s.tile);
-  s.block_rows = 0;
-  if (grid) {  // whole blocks
-    s.block_rows = SparseGrid::kSide * (conv.width / grid->width) / s.tile;
-    s.tiles_x = grid->columns() * s.block_rows;
-    s.tile_rows = grid->rows() * s.block_rows;
-  }
-  const uint64_t row_elements = uint64_t{s.positions} * s.tiles_x * (conv.channels_in + conv.channels_out);
-  const auto most_rows =
-      static_cast<uint32_t>(std::clamp<uint64_t>(kMostScratchElements / row_elements, 1, s.tile_rows));
-  s.band_rows = std::clamp(how.band / s.tiles_x, 1u, most_rows);
-  // Of a sparse graph: whole rows of blocks, or a part of one.
-  if (grid)
-    s.band_rows =
-        s.band_rows < s.block_rows ? std::bit_floor(s.band_rows) : s.band_rows / s.block_rows * s.block_rows;
+  s.tiles_x = tiles.columns;
+  s.tile_rows = tiles.rows;
+  s.block_rows = tiles.block_rows;
+  s.band_rows = winograd_band_rows(shape, how, grid);
   s.band_tiles = divide_up(s.band_rows * s.tiles_x, kMultiplyLocal) * kMultiplyLocal;
   s.parts = parts_of(conv.channels_in, how.channels);
   s.blocks = blocks_of(conv);
@@ -296,6 +297,21 @@ double winograd_amplification(const ConvWeights& weights, uint32_t channels_in) 
     }
   }
   return largest;
+}
+
+uint32_t winograd_band_rows(const Conv2dShape& shape, const Conv2dKernel& how,
+                            const std::optional<SparseGrid>& grid) {
+  const TileGrid tiles = tile_grid(shape, how.tile, grid);
+  if (how.band_rows > 0) return std::min(how.band_rows, tiles.rows);
+  const uint32_t side = how.tile + shape.kernel - 1;
+  const uint64_t row_elements =
+      uint64_t{side} * side * tiles.columns * (shape.channels_in + shape.channels_out);
+  const auto most_rows =
+      static_cast<uint32_t>(std::clamp<uint64_t>(kMostScratchElements / row_elements, 1, tiles.rows));
+  const uint32_t rows = std::clamp(how.band / tiles.columns, 1u, most_rows);
+  if (!grid) return rows;
+  // Whole rows of blocks, or a part of one.
+  return rows < tiles.block_rows ? std::bit_floor(rows) : rows / tiles.block_rows * tiles.block_rows;
 }
 
 void conv2d_winograd(Graph& graph, std::span<const Convolution> convs) {
