@@ -141,7 +141,7 @@ PYBIND11_MODULE(raymeld, module) {
   module.doc() =
       "Fuses a small render with many samples a pixel (LRHS) and a full-size one with few (HRLS) into the\n"
       "image that full size and many samples would have given, on a Vulkan device.\n\n"
-      "    model = raymeld.Model('x4-fast.safetensors')\n"
+      "    model = raymeld.Model('x4-fast')\n"
       "    fusion = raymeld.Fusion(model, height=128, width=128)\n"
       "    image = fusion.fuse(lrhs, {'color': color, 'albedo': albedo, 'normal': normal, ...})";
   const uint32_t version = raymeld_version();
@@ -149,9 +149,11 @@ PYBIND11_MODULE(raymeld, module) {
                                "." + std::to_string(version & 255);
   py::register_exception<raymeld::Failure>(module, "Error", PyExc_RuntimeError);
 
+  module.def("list_models", &raymeld::list_models, "The names of the stock models.");
   py::class_<SharedModel, std::shared_ptr<SharedModel>>(
       module, "Model", "A network and its weights, for any number of fusions.")
-      .def(py::init<const std::string&>(), py::arg("file"), "Reads a safetensors file. Raises Error.")
+      .def(py::init<const std::string&>(), py::arg("file"),
+           "file: a safetensors file, or the name of a stock model, see list_models(). Raises Error.")
       .def_property_readonly("name", [](const SharedModel& model) { return model.info().name; })
       .def_property_readonly(
           "scale", [](const SharedModel& model) { return model.info().scale; },

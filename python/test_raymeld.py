@@ -70,6 +70,12 @@ class Test(unittest.TestCase):
         fusion.fuse(self.lrhs, self.hrls)
         self.assertEqual(fusion.status, {"saturated": 0, "redone_tiles": 0, "settled_share": 0, "kept_share": 1})
 
+    def test_stock_models_by_name(self):
+        self.assertIn("x4-fast", raymeld.list_models())
+        self.assertEqual(raymeld.Model("x4-fast").scale, 4)
+        with self.assertRaisesRegex(raymeld.Error, "no model 'x3-fast'.* x4-fast"):
+            raymeld.Model("x3-fast")
+
     def test_what_is_wrong_is_named(self):
         with self.assertRaisesRegex(raymeld.Error, "none.safetensors"):
             raymeld.Model("none.safetensors")

@@ -178,6 +178,36 @@ TEST_F(ApiTest, AModelInMemoryIsTheOneInAFile) {
   EXPECT_EQ(fuse(of_memory, subject_).values, fuse(of_file, subject_).values);
 }
 
+TEST_F(ApiTest, StockModelsHaveNames) {
+  const std::filesystem::path before = std::filesystem::current_path(), models = folder_ / "models";
+  std::filesystem::create_directory(models);
+  std::filesystem::copy(file_, models / "mine.safetensors");
+  setenv("RAYMELD_MODELS", models.c_str(), 1);
+  const std::vector<std::string> names = list_models();
+  for (const char* name : {"mine", "x4-fast", "x8-balanced"})
+    EXPECT_EQ(std::ranges::count(names, name), 1) << name;
+  EXPECT_TRUE(std::ranges::is_sorted(names));
+  uint32_t count = 1;
+  const char* some[2] = {};
+  EXPECT_EQ(raymeld_list_models(&count, some), RAYMELD_SUCCESS);
+  EXPECT_EQ(count, names.size());
+  EXPECT_EQ(some[0], names[0]);
+  EXPECT_EQ(some[1], nullptr);
+  EXPECT_EQ(SharedModel("mine").info().scale, 2u);
+  EXPECT_EQ(SharedModel("x4-fast").info().scale, 4u);
+  // The folder takes the place of what is installed; what is a path is no name, and a file has precedence.
+  std::filesystem::copy(file_, models / "x4-fast.safetensors");
+  EXPECT_EQ(SharedModel("x4-fast").info().scale, 2u);
+  EXPECT_FAILURE(RAYMELD_ERROR_MODEL, SharedModel("their"), "no model 'their'", "there are mine, x2-fast,");
+  EXPECT_FAILURE(RAYMELD_ERROR_MODEL, SharedModel("./mine"), "./mine", "no such file");
+  EXPECT_FAILURE(RAYMELD_ERROR_MODEL, SharedModel("mine.safetensors"), "mine.safetensors", "no such file");
+  std::filesystem::current_path(folder_.path());
+  write_file("mine", "junk");
+  EXPECT_FAILURE(RAYMELD_ERROR_MODEL, SharedModel("mine"), "mine");
+  std::filesystem::current_path(before);
+  unsetenv("RAYMELD_MODELS");
+}
+
 TEST_F(ApiTest, FeaturesAreWhatADeviceIsMadeWith) {
   const CallerDevice caller;
   const ExternalDevice& device = caller.external();

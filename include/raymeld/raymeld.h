@@ -116,8 +116,17 @@ RAYMELD_API void raymeld_context_destroy(raymeld_context context); /* NULL is no
 
 typedef struct raymeld_model_t* raymeld_model;
 
-/* From a safetensors file, or from what such a file holds, which is copied; errors call it `name`. */
+/* `file`: a safetensors file, or the name of a stock model, as "x4-fast". A text that has a '/', ends in
+ * ".safetensors" or is the path of a file is no name. Stock models are looked for in the folder
+ * $RAYMELD_MODELS, then where they are installed with the library, wherever both were moved to. */
 RAYMELD_API raymeld_result raymeld_model_load(const char* file, raymeld_model* model);
+
+/* The names of the stock models, in alphabetical order. `names` may be NULL; else it has room for *count.
+ * *count becomes the number of models there are, of which those that there was room for are written. The
+ * texts are the library's, for ever. */
+RAYMELD_API raymeld_result raymeld_list_models(uint32_t* count, const char** names);
+
+/* From what a safetensors file holds, which is copied; errors call it `name`. */
 RAYMELD_API raymeld_result raymeld_model_read(const void* bytes, size_t size_bytes, const char* name,
                                               raymeld_model* model);
 RAYMELD_API void raymeld_model_destroy(raymeld_model model); /* NULL is none */

@@ -4,6 +4,7 @@
 
 #include <raymeld/raymeld.h>
 
+#include <algorithm>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -52,6 +53,16 @@ inline std::vector<raymeld_feature> list_features(PFN_vkGetInstanceProcAddr get_
   return features;
 }
 
+// The names of the stock models.
+inline std::vector<std::string> list_models() {
+  uint32_t count = 0;
+  detail::check(raymeld_list_models(&count, nullptr));
+  std::vector<const char*> names(count);
+  detail::check(raymeld_list_models(&count, names.data()));
+  names.resize(std::min<size_t>(count, names.size()));  // there may be others by now
+  return {names.begin(), names.end()};
+}
+
 class Context {
  public:
   explicit Context(const raymeld_context_desc& desc = {}) {
@@ -68,6 +79,7 @@ class Context {
 // A model that any number of fusions share.
 class SharedModel {
  public:
+  // A file, or the name of a stock model.
   explicit SharedModel(const std::string& file) {
     raymeld_model model = nullptr;
     detail::check(raymeld_model_load(file.c_str(), &model));

@@ -6,11 +6,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <mutex>
+#include <set>
 
 #include "engine/instance.h"
 #include "exposure.h"
 #include "fuser.h"
 #include "io/safetensors.h"
+#include "stock_models.h"
 #include "tuner.h"
 
 namespace {
@@ -389,7 +392,21 @@ void raymeld_context_destroy(raymeld_context context) { delete context; }
 raymeld_result raymeld_model_load(const char* file, raymeld_model* model) {
   return guarded(RAYMELD_ERROR_MODEL, [&] {
     given(model, "model");
-    *model = new raymeld_model_t{std::make_shared<ModelState>(ModelState{Model(&given(file, "file"))})};
+    *model = new raymeld_model_t{
+        std::make_shared<ModelState>(ModelState{Model(model_file(&given(file, "file")))})};
+  });
+}
+
+raymeld_result raymeld_list_models(uint32_t* count, const char** names) {
+  return guarded(RAYMELD_ERROR_MODEL, [&] {
+    given(count, "count");
+    static std::mutex mutex;
+    static std::set<std::string> texts;  // all there ever were
+    const std::lock_guard lock(mutex);
+    const std::vector<std::string> all = stock_models();
+    for (size_t i = 0; names && i < std::min<size_t>(*count, all.size()); ++i)
+      names[i] = texts.insert(all[i]).first->c_str();
+    *count = static_cast<uint32_t>(all.size());
   });
 }
 

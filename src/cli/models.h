@@ -11,9 +11,8 @@
 
 namespace raymeld::cli {
 
-// The file that `wanted` means: a path, the name of a model in one of the folders $RAYMELD_MODELS,
-// <program>/../share/raymeld/models and the source tree's models, or a scale such as "x4", which means its
-// default_model(). Throws Error, listing the models there are.
+// What model_file() finds, or of a scale such as "x4" its default_model(). Throws Error, listing the models
+// there are.
 std::filesystem::path find_model(const std::string& wanted);
 
 // The models of a scale that stock_curve() knows. Throws Error when there are none.
@@ -22,11 +21,8 @@ std::vector<CurvePoint> models_of(int scale);
 // At the level kBalanced of the curve.
 std::filesystem::path default_model(int scale);
 
-// The file curve.json in the first of those folders that has one. Throws Error.
+// The file curve.json in the first of model_folders() that has one. Throws Error.
 Curve stock_curve();
-
-// The names of all models in those folders.
-std::vector<std::string> stock_models();
 
 // Models of one frame after another, of which most have the same.
 class LastModel {

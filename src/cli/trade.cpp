@@ -8,6 +8,7 @@
 #include "cli/models.h"
 #include "cli/precisions.h"
 #include "settled.h"
+#include "stock_models.h"
 
 namespace raymeld::cli {
 namespace {

@@ -14,7 +14,7 @@ string(REGEX MATCHALL "[^\n]+" symbols "${symbols}")
 set(others ${symbols})
 list(FILTER others EXCLUDE REGEX "^raymeld_")
 list(LENGTH symbols count)
-if(others OR count LESS 17)
+if(others OR count LESS 18)
   message(FATAL_ERROR "${library} shows ${count} symbols, among them ${others}")
 endif()
 
@@ -25,6 +25,15 @@ execute_process(COMMAND ${CMAKE_COMMAND} -E env PKG_CONFIG_PATH=${libraries}/pkg
 execute_process(COMMAND ${CMAKE_COMMAND} --build ${work}/build COMMAND_ERROR_IS_FATAL ANY)
 foreach(consumer consumer_cpp consumer_c consumer_pkg)
   execute_process(COMMAND ${work}/build/${consumer} ${MODEL} COMMAND_ERROR_IS_FATAL ANY)
+endforeach()
+
+# Stock models are those beside the library, wherever it was moved to. The build tree has no such name.
+file(COPY_FILE ${MODEL} ${work}/prefix/share/raymeld/models/installed.safetensors)
+foreach(model installed x4-fast)
+  execute_process(COMMAND ${CMAKE_COMMAND} -E env --unset=RAYMELD_MODELS ${work}/build/consumer_c ${model}
+                  COMMAND_ERROR_IS_FATAL ANY)
+  execute_process(COMMAND ${CMAKE_COMMAND} -E env --unset=RAYMELD_MODELS ${work}/prefix/bin/raymeld graph --model ${model}
+                          --size 256x256 OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
 endforeach()
 execute_process(COMMAND ${work}/prefix/bin/raymeld graph --model x4 --size 256x256 OUTPUT_QUIET
                 COMMAND_ERROR_IS_FATAL ANY)
@@ -55,3 +64,6 @@ foreach(file bin/raymeld include/raymeld/raymeld.h lib/libraymeld.so.0.1 lib/pkg
 endforeach()
 execute_process(COMMAND ${work}/debian/usr/bin/raymeld graph --model x4 --size 256x256 OUTPUT_QUIET
                 COMMAND_ERROR_IS_FATAL ANY)
+file(COPY_FILE ${MODEL} ${work}/debian/usr/share/raymeld/models/unpacked.safetensors)
+execute_process(COMMAND ${CMAKE_COMMAND} -E env --unset=RAYMELD_MODELS LD_LIBRARY_PATH=${work}/debian/usr/lib
+                        ${work}/build/consumer_c unpacked COMMAND_ERROR_IS_FATAL ANY)
