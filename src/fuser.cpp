@@ -120,6 +120,7 @@ void Fuser::record(VkCommandBuffer commands, const FrameBindings& frame, float e
   program.set_exposure(next_set_, exposure);
   if (program.needs_told()) program.record_all_needed(commands);
   program.record(commands, next_set_, 0, program.graph().passes().size());
+  show_host(device_, commands);
   next_set_ = (next_set_ + 1) % kFramesInFlight;
 }
 
@@ -185,13 +186,7 @@ void Fuser::record_chunks(Host& host) const {
     }
     VkCommandBuffer commands = host.pool.begin(fmt::format("passes {} to {}", first, last - 1));
     program_->record(commands, kHostSet, first, last, host.queries);
-    if (last == passes.size()) {
-      auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
-      barrier.srcAccessMask = VK_ACCESS_SHADER_WRITE_BIT;
-      barrier.dstAccessMask = VK_ACCESS_HOST_READ_BIT;
-      device_.vk().CmdPipelineBarrier(commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT,
-                                      VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &barrier, 0, nullptr, 0, nullptr);
-    }
+    if (last == passes.size()) show_host(device_, commands);
     host.pool.end(commands);
     host.chunks.push_back(commands);
     first = last;

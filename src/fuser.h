@@ -70,11 +70,11 @@ class Fuser {
   // hrls: (s h, s w, K) of image_layers(), fused: (s h, s w, 3), scene linear floats in storage buffers of
   // this device. h and w are plan().tiling.tile: a frame of several tiles is recorded tile by tile, with
   // views that start at each tile. The inputs must be visible to VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT /
-  // VK_ACCESS_SHADER_READ_BIT; the output is written by that stage with VK_ACCESS_SHADER_WRITE_BIT. At most
-  // kFramesInFlight recordings may be pending, each submitted at most once, to one queue. status() counts
-  // what went wrong. `exposure`: what radiance is multiplied by for the network;
-  // FuserOptions::exposure has no say here. Throws Error when a view passes the device's limits, and with
-  // FuserOptions::changed_only, as the inputs are not looked at.
+  // VK_ACCESS_SHADER_READ_BIT; the output is written by that stage with VK_ACCESS_SHADER_WRITE_BIT, and made
+  // visible to the host, as is status(), which counts what went wrong. At most kFramesInFlight recordings may
+  // be pending, each submitted at most once, to one queue. `exposure`: what radiance is multiplied by for the
+  // network; FuserOptions::exposure has no say here. Throws Error when a view passes the device's limits, and
+  // with FuserOptions::changed_only, as the inputs are not looked at.
   void record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
               const FrameBuffer& fused, float exposure = 1);
   // The same by slot, for FuserOptions::frame_images: images are read in VK_IMAGE_LAYOUT_GENERAL or
@@ -97,6 +97,9 @@ class Fuser {
   void reset_status();
   // Of the last one: see FuseReport.
   double settled_share() const;
+
+  // Which of the kFramesInFlight recordings the next one takes the place of.
+  uint32_t next_frame() const { return next_set_; }
 
   // The exposure that fuse() uses for this LRHS (3, h, w), planar and dense.
   float exposure(const float* lrhs) const;

@@ -22,6 +22,7 @@ inline raymeld_context_desc context_desc(const ExternalDevice& device) {
   if (device.buffer_device_address) desc.enabled_features |= RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS;
   if (device.cooperative_matrix) desc.enabled_features |= RAYMELD_FEATURE_COOPERATIVE_MATRIX;
   if (device.image_writes) desc.enabled_features |= RAYMELD_FEATURE_IMAGE_WRITES;
+  if (device.timeline_semaphore) desc.enabled_features |= RAYMELD_FEATURE_TIMELINE_SEMAPHORE;
   return desc;
 }
 
@@ -31,6 +32,17 @@ inline raymeld_fusion_desc fusion_desc(const Subject& subject) {
   desc.height = uint32_t(subject.lrhs.h);
   desc.width = uint32_t(subject.lrhs.w);
   return desc;
+}
+
+inline raymeld_image image_at(const FrameImage& image) {
+  const FrameBuffer& view = image.view();
+  raymeld_image at;
+  at.buffer = view.buffer;
+  at.offset_bytes = view.offset_bytes;
+  at.pixel_stride = view.pixel_stride;
+  at.row_stride = view.row_stride;
+  at.channel_stride = view.channel_stride;
+  return at;
 }
 
 struct ApiFused {

@@ -61,6 +61,7 @@ CallerDevice::CallerDevice(bool storage_16bit, bool addresses, bool matrices) : 
   external_.buffer_device_address = addresses && has.buffer_device_address;
   external_.image_writes = has.image_writes;
   external_.cooperative_matrix = matrices && has.cooperative_matrix;
+  external_.timeline_semaphore = has.timeline_semaphore;
 
   const float priority = 1;
   auto queue = vk_struct<VkDeviceQueueCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO);
@@ -85,6 +86,14 @@ CallerDevice::CallerDevice(bool storage_16bit, bool addresses, bool matrices) : 
     storage.pNext = &address;
     features.shaderInt64 = VK_TRUE;
     extensions.push_back(VK_KHR_BUFFER_DEVICE_ADDRESS_EXTENSION_NAME);
+  }
+  auto timeline = vk_struct<VkPhysicalDeviceTimelineSemaphoreFeatures>(
+      VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_TIMELINE_SEMAPHORE_FEATURES);
+  timeline.timelineSemaphore = VK_TRUE;
+  if (external_.timeline_semaphore) {
+    timeline.pNext = storage.pNext;
+    storage.pNext = &timeline;
+    extensions.push_back(VK_KHR_TIMELINE_SEMAPHORE_EXTENSION_NAME);
   }
   if (external_.cooperative_matrix) {
     info.pNext = &matrix.matrix;

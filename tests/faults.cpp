@@ -39,6 +39,7 @@ namespace {
   X(AllocateDescriptorSets)                          \
   X(AllocateCommandBuffers)                          \
   X(BeginCommandBuffer)                              \
+  X(ResetCommandBuffer)                              \
   X(EndCommandBuffer)                                \
   X(GetPipelineCacheData)                            \
   X(ResetFences)                                     \

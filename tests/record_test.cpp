@@ -41,17 +41,6 @@ void end_and_submit(const Device& device, Commands& pool, VkCommandBuffer comman
   check(device.vk().QueueSubmit(device.queue(), 1, &submit, VK_NULL_HANDLE), "submitting");
 }
 
-raymeld_image image_at(const FrameImage& image) {
-  const FrameBuffer& view = image.view();
-  raymeld_image at;
-  at.buffer = view.buffer;
-  at.offset_bytes = view.offset_bytes;
-  at.pixel_stride = view.pixel_stride;
-  at.row_stride = view.row_stride;
-  at.channel_stride = view.channel_stride;
-  return at;
-}
-
 void record(Fusion& fusion, VkCommandBuffer commands, const FrameImage& lrhs, const FrameImage& hrls,
             const FrameImage& fused, float exposure = 0) {
   const raymeld_image images[] = {image_at(lrhs), image_at(hrls), image_at(fused)};

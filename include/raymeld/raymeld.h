@@ -10,7 +10,7 @@
  *
  * Handles may be destroyed in any order: what is made with another one keeps what it needs of it. What
  * belongs to the caller (Vulkan objects and memory) must outlive what is made with it, and destroying a
- * fusion is for when none of its recordings is pending. Threads: a context and a model may be used by several
+ * fusion is for when none of its recordings in the caller's command buffers is pending. Threads: a context and a model may be used by several
  * at once; a fusion by one at a time. */
 #ifndef RAYMELD_RAYMELD_H
 #define RAYMELD_RAYMELD_H
@@ -57,7 +57,8 @@ typedef enum raymeld_feature_bits {
   RAYMELD_FEATURE_STORAGE_16BIT = 1,
   RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS = 2,
   RAYMELD_FEATURE_COOPERATIVE_MATRIX = 4,
-  RAYMELD_FEATURE_IMAGE_WRITES = 8
+  RAYMELD_FEATURE_IMAGE_WRITES = 8,
+  RAYMELD_FEATURE_TIMELINE_SEMAPHORE = 16
 } raymeld_feature_bits;
 
 /* All of a feature's extensions and members of feature structures are to be enabled, or none. The texts are
@@ -318,11 +319,32 @@ RAYMELD_API raymeld_result raymeld_prepare_size(raymeld_fusion fusion, uint32_t 
 /* Records a frame into the caller's command buffer, outside of a render pass; never submits, allocates on the
  * device or waits, unless a raymeld_fuse() before failed for want of memory, after which everything is made
  * anew. The inputs must be visible to VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with VK_ACCESS_SHADER_READ_BIT, and
- * the output ready to be written there; it is written in that stage with VK_ACCESS_SHADER_WRITE_BIT, and what
- * reads it waits for that. All layouts stay. At most frames_in_flight recordings
- * may be pending, on one queue, each submitted once. */
+ * the output ready to be written there; it is written in that stage with VK_ACCESS_SHADER_WRITE_BIT, and made
+ * visible to the host; what else reads it waits for that. All layouts stay. At most frames_in_flight
+ * recordings may be pending, on one queue, each submitted once. */
 RAYMELD_API raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands,
                                           const raymeld_frame* frame);
+
+/* Of the caller's device: what a submit waits for and what it signals. */
+typedef struct raymeld_semaphores {
+  size_t struct_size RAYMELD_IS(sizeof(raymeld_semaphores));
+  uint32_t wait_count RAYMELD_IS(0);
+  uint32_t signal_count RAYMELD_IS(0);
+  const VkSemaphore* wait RAYMELD_IS(NULL);
+  /* Of timeline semaphores, for which RAYMELD_FEATURE_TIMELINE_SEMAPHORE is enabled; 0: of a binary one.
+   * NULL: all are binary. */
+  const uint64_t* wait_values RAYMELD_IS(NULL);
+  const VkSemaphore* signal RAYMELD_IS(NULL);
+  const uint64_t* signal_values RAYMELD_IS(NULL);
+} raymeld_semaphores;
+
+/* Records a frame as raymeld_record() does, into a command buffer of raymeld's own, and submits it to the
+ * queue. Does not wait for it, but does, on the host, for the one that was submitted frames_in_flight frames
+ * before, unless that is done; frames of raymeld_record() count among them. The first call allocates. All of
+ * the frame comes behind what it waits for. `semaphores` may be NULL. raymeld_take_status(), raymeld_fuse()
+ * and raymeld_fusion_destroy() wait for all that was submitted. */
+RAYMELD_API raymeld_result raymeld_submit(raymeld_fusion fusion, const raymeld_frame* frame,
+                                          const raymeld_semaphores* semaphores);
 
 /* What the device counted; saturated and not_finite are zero for a frame that can be trusted. */
 typedef struct raymeld_status {
@@ -336,7 +358,8 @@ typedef struct raymeld_status {
   float kept_share RAYMELD_IS(0);    /* of raymeld_fuse(): changed_only */
 } raymeld_status;
 
-/* Counts of recorded frames since the last call or the last raymeld_fuse(); for when they are done. */
+/* Counts of recorded and submitted frames since the last call or the last raymeld_fuse(); for when those of
+ * raymeld_record() are done. */
 RAYMELD_API raymeld_result raymeld_take_status(raymeld_fusion fusion, raymeld_status* status);
 
 /* Fuses one frame of host memory, planar and dense: lrhs (3, h, w), hrls (3 for each of the fusion's layers,

@@ -135,6 +135,9 @@ class Fusion {
   void record(VkCommandBuffer commands, const raymeld_frame& frame) {
     detail::check(raymeld_record(get(), commands, &frame));
   }
+  void submit(const raymeld_frame& frame, const raymeld_semaphores& semaphores = {}) {
+    detail::check(raymeld_submit(get(), &frame, &semaphores));
+  }
   raymeld_status take_status() {
     raymeld_status status;
     detail::check(raymeld_take_status(get(), &status));

@@ -9,6 +9,7 @@
 #include <mutex>
 #include <set>
 
+#include "engine/frame_ring.h"
 #include "engine/instance.h"
 #include "exposure.h"
 #include "fuser.h"
@@ -139,7 +140,8 @@ std::unique_ptr<const Device> device_for(const raymeld_context_desc& desc,
         "raymeld_context_desc: get_instance_proc_addr, instance, physical_device, device and queue are to be "
         "given together, and some are NULL");
   constexpr uint32_t kFeatures = RAYMELD_FEATURE_STORAGE_16BIT | RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS |
-                                 RAYMELD_FEATURE_COOPERATIVE_MATRIX | RAYMELD_FEATURE_IMAGE_WRITES;
+                                 RAYMELD_FEATURE_COOPERATIVE_MATRIX | RAYMELD_FEATURE_IMAGE_WRITES |
+                                 RAYMELD_FEATURE_TIMELINE_SEMAPHORE;
   if (desc.enabled_features & ~kFeatures)
     throw InvalidArgument("raymeld_context_desc: enabled_features has unknown bits: {:#x}",
                           desc.enabled_features & ~kFeatures);
@@ -154,6 +156,7 @@ std::unique_ptr<const Device> device_for(const raymeld_context_desc& desc,
       .buffer_device_address = (desc.enabled_features & RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS) != 0,
       .cooperative_matrix = (desc.enabled_features & RAYMELD_FEATURE_COOPERATIVE_MATRIX) != 0,
       .image_writes = (desc.enabled_features & RAYMELD_FEATURE_IMAGE_WRITES) != 0,
+      .timeline_semaphore = (desc.enabled_features & RAYMELD_FEATURE_TIMELINE_SEMAPHORE) != 0,
       .allocator = allocation_callbacks,
       .pipeline_cache = desc.pipeline_cache,
   });
@@ -273,6 +276,23 @@ FrameBindings bindings_of(const raymeld_frame& frame, const std::array<Shape, 3>
   return bindings;
 }
 
+// `role`: "wait" or "signal".
+std::vector<SemaphoreValue> semaphores_of(uint32_t count, const VkSemaphore* semaphores,
+                                          const uint64_t* values, const char* role, const Device& device) {
+  std::vector<SemaphoreValue> all;
+  if (count > 0) given(semaphores, role);
+  for (uint32_t i = 0; i < count; ++i) {
+    const SemaphoreValue one{semaphores[i], values ? values[i] : 0};
+    if (!one.semaphore) throw InvalidArgument("raymeld_semaphores: {}[{}] is VK_NULL_HANDLE", role, i);
+    if (one.value != 0 && !device.info().timeline_semaphore)
+      throw InvalidArgument(
+          "raymeld_semaphores: {}_values[{}] is {}, but RAYMELD_FEATURE_TIMELINE_SEMAPHORE is not enabled",
+          role, i, one.value);
+    all.push_back(one);
+  }
+  return all;
+}
+
 constexpr const char* kHalfMembers[] = {"VkPhysicalDevice16BitStorageFeatures::storageBuffer16BitAccess"};
 constexpr const char* kAddressExtensions[] = {VK_KHR_BUFFER_DEVICE_ADDRESS_EXTENSION_NAME};
 constexpr const char* kAddressMembers[] = {"VkPhysicalDeviceBufferDeviceAddressFeatures::bufferDeviceAddress",
@@ -284,6 +304,9 @@ constexpr const char* kMatrixMembers[] = {
     "VkPhysicalDeviceVulkanMemoryModelFeatures::vulkanMemoryModelDeviceScope",
     "VkPhysicalDeviceShaderFloat16Int8Features::shaderFloat16",
     "VkPhysicalDeviceSubgroupSizeControlFeaturesEXT::computeFullSubgroups"};
+
+constexpr const char* kTimelineExtensions[] = {VK_KHR_TIMELINE_SEMAPHORE_EXTENSION_NAME};
+constexpr const char* kTimelineMembers[] = {"VkPhysicalDeviceTimelineSemaphoreFeatures::timelineSemaphore"};
 
 raymeld_feature feature(raymeld_feature_bits bit, bool supported, std::span<const char* const> extensions,
                         std::span<const char* const> members, const char* without) {
@@ -315,6 +338,10 @@ std::vector<raymeld_feature> features_of(const DeviceInfo& info) {
               "the fastest."),
       feature(RAYMELD_FEATURE_IMAGE_WRITES, info.image_writes, {}, kImageMembers,
               "A fused image is a buffer: output_image is an error."),
+      feature(RAYMELD_FEATURE_TIMELINE_SEMAPHORE, info.timeline_semaphore, kTimelineExtensions,
+              kTimelineMembers,
+              "raymeld_submit() takes binary semaphores only. The extension is part of Vulkan 1.2, where it "
+              "need not be named."),
   };
 }
 
@@ -336,6 +363,7 @@ struct raymeld_fusion_t {
   Fuser fuser;
   std::vector<std::string> layer_names;
   std::vector<const char*> layers;
+  std::optional<FrameRing> ring;  // of raymeld_submit()
 
   raymeld_fusion_t(std::shared_ptr<const ContextState> on, std::shared_ptr<const ModelState> of,
                    const raymeld_fusion_desc& desc)
@@ -345,6 +373,10 @@ struct raymeld_fusion_t {
         fuser(*context->device, model->model, desc.height, desc.width, options, context->cache_folder),
         layer_names(image_layers(model->model.architecture(), options.constants)),
         layers(texts_of(layer_names)) {}
+
+  void wait_for_submitted() {
+    if (ring) ring->wait();
+  }
 };
 
 const char* raymeld_error() { return last_error.c_str(); }
@@ -511,9 +543,28 @@ raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands, c
   });
 }
 
+raymeld_result raymeld_submit(raymeld_fusion fusion, const raymeld_frame* frame,
+                              const raymeld_semaphores* semaphores) {
+  raymeld_result recorded = RAYMELD_SUCCESS;
+  const raymeld_result submitted = guarded(RAYMELD_ERROR_DEVICE, [&] {
+    raymeld_fusion_t& made = given(fusion, "fusion");
+    const Device& device = *made.context->device;
+    const raymeld_semaphores none, asked = read(semaphores ? *semaphores : none, "raymeld_semaphores");
+    const auto waits = semaphores_of(asked.wait_count, asked.wait, asked.wait_values, "wait", device);
+    const auto signals =
+        semaphores_of(asked.signal_count, asked.signal, asked.signal_values, "signal", device);
+    if (!made.ring) made.ring.emplace(device, kFramesInFlight);
+    const uint32_t index = made.fuser.next_frame();
+    recorded = raymeld_record(fusion, made.ring->begin(index), frame);
+    if (recorded == RAYMELD_SUCCESS) made.ring->submit(index, waits, signals);
+  });
+  return submitted != RAYMELD_SUCCESS ? submitted : recorded;
+}
+
 raymeld_result raymeld_take_status(raymeld_fusion fusion, raymeld_status* status) {
   return guarded(RAYMELD_ERROR_DEVICE, [&] {
     raymeld_fusion_t& made = given(fusion, "fusion");
+    made.wait_for_submitted();
     raymeld_status known;
     known.saturated = made.fuser.status().saturated;
     known.not_finite = made.fuser.status().not_finite;
@@ -531,6 +582,7 @@ raymeld_result raymeld_fuse(raymeld_fusion fusion, const float* lrhs, const floa
     if (made.options.frame_images.any())
       throw InvalidArgument("raymeld_fuse() takes buffers: a fusion of images is for raymeld_record()");
     if (status) size_of(*status, "raymeld_status");
+    fusion->wait_for_submitted();
     FuseReport report;
     try {
       report = fuser.fuse(&given(lrhs, "lrhs"), &given(hrls, "hrls"), &given(fused, "fused"));

@@ -2,8 +2,9 @@
 
 namespace raymeld {
 
-Commands::Commands(const Device& device) : device_(device) {
+Commands::Commands(const Device& device, VkCommandPoolCreateFlags flags) : device_(device) {
   auto info = vk_struct<VkCommandPoolCreateInfo>(VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO);
+  info.flags = flags;
   info.queueFamilyIndex = device.queue_family();
   check(device.vk().CreateCommandPool(device.handle(), &info, device.allocator(), &pool_),
         "creating a command pool");
@@ -20,13 +21,30 @@ VkCommandBuffer Commands::begin(const std::string& name) {
   check(device_.vk().AllocateCommandBuffers(device_.handle(), &info, &commands),
         "allocating commands " + name);
   device_.name(VK_OBJECT_TYPE_COMMAND_BUFFER, commands, name);
-  const auto begin = vk_struct<VkCommandBufferBeginInfo>(VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO);
-  check(device_.vk().BeginCommandBuffer(commands, &begin), "recording " + name);
+  start(commands);
   return commands;
+}
+
+void Commands::restart(VkCommandBuffer commands) {
+  check(device_.vk().ResetCommandBuffer(commands, 0), "resetting commands");
+  start(commands);
+}
+
+void Commands::start(VkCommandBuffer commands) {
+  const auto info = vk_struct<VkCommandBufferBeginInfo>(VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO);
+  check(device_.vk().BeginCommandBuffer(commands, &info), "recording commands");
 }
 
 void Commands::end(VkCommandBuffer commands) {
   check(device_.vk().EndCommandBuffer(commands), "recording commands");
+}
+
+void show_host(const Device& device, VkCommandBuffer commands) {
+  auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
+  barrier.srcAccessMask = VK_ACCESS_SHADER_WRITE_BIT;
+  barrier.dstAccessMask = VK_ACCESS_HOST_READ_BIT;
+  device.vk().CmdPipelineBarrier(commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_PIPELINE_STAGE_HOST_BIT,
+                                 0, 1, &barrier, 0, nullptr, 0, nullptr);
 }
 
 void copy_now(const Device& device, VkBuffer from, VkBuffer to, const VkBufferCopy& region,

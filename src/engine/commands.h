@@ -7,19 +7,27 @@ namespace raymeld {
 // A command pool with command buffers that are recorded once and submitted often.
 class Commands {
  public:
-  explicit Commands(const Device& device);
+  explicit Commands(const Device& device, VkCommandPoolCreateFlags flags = 0);
   ~Commands();
   Commands(const Commands&) = delete;
   Commands& operator=(const Commands&) = delete;
 
   // Starts a new command buffer, which lives as long as this pool.
   VkCommandBuffer begin(const std::string& name);
+  // Starts one of this pool's anew, which must not be pending: of a pool with
+  // VK_COMMAND_POOL_CREATE_RESET_COMMAND_BUFFER_BIT.
+  void restart(VkCommandBuffer commands);
   void end(VkCommandBuffer commands);
 
  private:
+  void start(VkCommandBuffer commands);
+
   const Device& device_;
   VkCommandPool pool_ = VK_NULL_HANDLE;
 };
+
+// After it the host may read what shaders wrote, when the commands are done.
+void show_host(const Device& device, VkCommandBuffer commands);
 
 // A copy between two buffers of which the host fills or reads one: submits and waits. Throws Error.
 void copy_now(const Device& device, VkBuffer from, VkBuffer to, const VkBufferCopy& region,

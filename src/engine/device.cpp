@@ -78,6 +78,7 @@ std::unique_ptr<Device> Device::wrap(const ExternalDevice& external) {
   device->info_.buffer_device_address = device->info_.buffer_device_address && external.buffer_device_address;
   device->info_.image_writes = device->info_.image_writes && external.image_writes;
   if (!external.cooperative_matrix) device->info_.cooperative_matrix.reset();
+  device->info_.timeline_semaphore = device->info_.timeline_semaphore && external.timeline_semaphore;
   if (device->info_.buffer_device_address && !device->vk_.GetBufferDeviceAddress) {
     throw Error("wrapping a Vulkan device: buffer addresses are said to be enabled, but are not");
   }
@@ -160,6 +161,7 @@ void Device::create_device() {
   if (info_.cooperative_matrix) {
     extensions.insert(extensions.end(), matrix.kExtensions.begin(), matrix.kExtensions.end());
   }
+  info_.timeline_semaphore = false;  // nobody has one of this device
   auto info = vk_struct<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO);
   info.pNext = info_.cooperative_matrix ? static_cast<void*>(&matrix.matrix) : &storage;
   info.pEnabledFeatures = &features;
@@ -182,6 +184,11 @@ void Device::name_object(VkObjectType type, uint64_t handle, const std::string& 
   info.objectHandle = handle;
   info.pObjectName = text.c_str();
   check(vk_.SetDebugUtilsObjectNameEXT(device_, &info), "naming " + text);
+}
+
+void Device::submit(const VkSubmitInfo& submit, VkFence fence) const {
+  const std::lock_guard lock(*queue_mutex_);
+  check(vk_.QueueSubmit(queue_, 1, &submit, fence), "submitting to " + info_.name);
 }
 
 void Device::submit_and_wait(VkCommandBuffer commands) const {

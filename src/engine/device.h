@@ -39,6 +39,7 @@ struct DeviceInfo {
   bool image_writes = false;           // of any format: shaderStorageImageWriteWithoutFormat
   bool buffer_device_address = false;  // with 64-bit integers, which addresses are counted in
   std::optional<CooperativeMatrix> cooperative_matrix;
+  bool timeline_semaphore = false;
 };
 
 // All devices of the system, in the driver's order. Throws Error without a loader or without a device.
@@ -88,8 +89,11 @@ class Device {
     name_object(type, reinterpret_cast<uint64_t>(handle), text);
   }
 
-  // Submits one command buffer and waits until the device has done it, as far as it can be waited for.
   // Threads take turns, also those of other Devices that wrap the same queue.
+  void submit(const VkSubmitInfo& submit, VkFence fence) const;
+
+  // Submits one command buffer and waits until the device has done it, as far as it can be waited for.
+  // Threads take turns, for all of that time.
   void submit_and_wait(VkCommandBuffer commands) const;
 
  private:

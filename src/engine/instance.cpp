@@ -86,6 +86,8 @@ void describe_features(const VulkanFunctions& vk, VkPhysicalDevice device, Devic
       VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SHADER_FLOAT16_INT8_FEATURES);
   auto address = vk_struct<VkPhysicalDeviceBufferDeviceAddressFeatures>(
       VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_BUFFER_DEVICE_ADDRESS_FEATURES);
+  auto timeline = vk_struct<VkPhysicalDeviceTimelineSemaphoreFeatures>(
+      VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_TIMELINE_SEMAPHORE_FEATURES);
   auto features =
       vk_struct<VkPhysicalDeviceFeatures2>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2, &storage);
   if (has_extension(vk, device, VK_KHR_SHADER_FLOAT16_INT8_EXTENSION_NAME)) {
@@ -96,11 +98,16 @@ void describe_features(const VulkanFunctions& vk, VkPhysicalDevice device, Devic
     address.pNext = features.pNext;
     features.pNext = &address;
   }
+  if (has_extension(vk, device, VK_KHR_TIMELINE_SEMAPHORE_EXTENSION_NAME)) {
+    timeline.pNext = features.pNext;
+    features.pNext = &timeline;
+  }
   vk.GetPhysicalDeviceFeatures2(device, &features);
   info.storage_16bit = storage.storageBuffer16BitAccess;
   info.float16_arithmetic = float16.shaderFloat16;
   info.buffer_device_address = address.bufferDeviceAddress && features.features.shaderInt64;
   info.image_writes = features.features.shaderStorageImageWriteWithoutFormat;
+  info.timeline_semaphore = timeline.timelineSemaphore;
   info.cooperative_matrix = find_cooperative_matrix(vk, device);
 }
 

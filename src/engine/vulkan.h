@@ -61,6 +61,7 @@
   X(DestroyCommandPool)             \
   X(AllocateCommandBuffers)         \
   X(BeginCommandBuffer)             \
+  X(ResetCommandBuffer)             \
   X(EndCommandBuffer)               \
   X(CreateFence)                    \
   X(DestroyFence)                   \
