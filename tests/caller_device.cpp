@@ -62,6 +62,7 @@ CallerDevice::CallerDevice(bool storage_16bit, bool addresses, bool matrices) : 
   external_.image_writes = has.image_writes;
   external_.cooperative_matrix = matrices && has.cooperative_matrix;
   external_.timeline_semaphore = has.timeline_semaphore;
+  external_.external_memory_fd = has.external_memory_fd;
 
   const float priority = 1;
   auto queue = vk_struct<VkDeviceQueueCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO);
@@ -95,6 +96,8 @@ CallerDevice::CallerDevice(bool storage_16bit, bool addresses, bool matrices) : 
     storage.pNext = &timeline;
     extensions.push_back(VK_KHR_TIMELINE_SEMAPHORE_EXTENSION_NAME);
   }
+  if (external_.external_memory_fd) extensions.push_back(VK_KHR_EXTERNAL_MEMORY_FD_EXTENSION_NAME);
+  if (has.dma_buf) extensions.push_back(VK_EXT_EXTERNAL_MEMORY_DMA_BUF_EXTENSION_NAME);
   if (external_.cooperative_matrix) {
     info.pNext = &matrix.matrix;
     extensions.insert(extensions.end(), matrix.kExtensions.begin(), matrix.kExtensions.end());

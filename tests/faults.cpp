@@ -46,6 +46,7 @@ namespace {
   X(QueueSubmit)                                     \
   X(WaitForFences)                                   \
   X(GetQueryPoolResults)                             \
+  X(GetMemoryFdPropertiesKHR)                        \
   X(QueueWaitIdle)                                   \
   X(DeviceWaitIdle)
 

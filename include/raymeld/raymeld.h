@@ -10,8 +10,8 @@
  *
  * Handles may be destroyed in any order: what is made with another one keeps what it needs of it. What
  * belongs to the caller (Vulkan objects and memory) must outlive what is made with it, and destroying a
- * fusion is for when none of its recordings in the caller's command buffers is pending. Threads: a context and a model may be used by several
- * at once; a fusion by one at a time. */
+ * fusion is for when none of its recordings in the caller's command buffers is pending. Threads: a context
+ * and a model may be used by several at once; a fusion by one at a time. */
 #ifndef RAYMELD_RAYMELD_H
 #define RAYMELD_RAYMELD_H
 
@@ -58,7 +58,8 @@ typedef enum raymeld_feature_bits {
   RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS = 2,
   RAYMELD_FEATURE_COOPERATIVE_MATRIX = 4,
   RAYMELD_FEATURE_IMAGE_WRITES = 8,
-  RAYMELD_FEATURE_TIMELINE_SEMAPHORE = 16
+  RAYMELD_FEATURE_TIMELINE_SEMAPHORE = 16,
+  RAYMELD_FEATURE_EXTERNAL_MEMORY_FD = 32
 } raymeld_feature_bits;
 
 /* All of a feature's extensions and members of feature structures are to be enabled, or none. The texts are
@@ -112,6 +113,42 @@ typedef struct raymeld_context_desc {
 /* `desc` may be NULL. */
 RAYMELD_API raymeld_result raymeld_context_create(const raymeld_context_desc* desc, raymeld_context* context);
 RAYMELD_API void raymeld_context_destroy(raymeld_context context); /* NULL is none */
+
+/* ---- Memory of other devices, APIs and processes ---- */
+
+typedef struct raymeld_buffer_t* raymeld_buffer;
+
+/* What was exported as a file descriptor, and where the buffer lies in it. */
+typedef struct raymeld_import_desc {
+  size_t struct_size RAYMELD_IS(sizeof(raymeld_import_desc));
+  int fd RAYMELD_IS(-1);
+  /* VK_EXTERNAL_MEMORY_HANDLE_TYPE_OPAQUE_FD_BIT, of the same device and driver (see deviceUUID and
+   * driverUUID of VkPhysicalDeviceIDProperties). Or VK_EXTERNAL_MEMORY_HANDLE_TYPE_DMA_BUF_BIT_EXT, for which
+   * the caller's device has VK_EXT_external_memory_dma_buf enabled. */
+  uint32_t handle_type RAYMELD_IS(0);
+  VkDeviceSize memory_size_bytes RAYMELD_IS(0); /* what was allocated */
+  uint32_t memory_type_index RAYMELD_IS(0);     /* what it was allocated as; not of a dma_buf */
+  VkBool32 dedicated RAYMELD_IS(VK_FALSE);      /* whether with VkMemoryDedicatedAllocateInfo */
+  VkDeviceSize offset_bytes RAYMELD_IS(0);      /* of the buffer */
+  VkDeviceSize size_bytes RAYMELD_IS(0);
+} raymeld_import_desc;
+
+/* A buffer for storage and transfer in that memory, on the context's device, which has
+ * RAYMELD_FEATURE_EXTERNAL_MEMORY_FD enabled; one of raymeld's own has where there is such a feature. The
+ * descriptor is raymeld's from then on, and stays the caller's when the import fails. raymeld_submit()
+ * acquires such buffers from VK_QUEUE_FAMILY_EXTERNAL and releases them to it; where raymeld_record() is
+ * used, that is for the caller to record. */
+RAYMELD_API raymeld_result raymeld_import_buffer(raymeld_context context, const raymeld_import_desc* desc,
+                                                 raymeld_buffer* buffer);
+RAYMELD_API void raymeld_buffer_destroy(raymeld_buffer buffer); /* NULL is none; no frame may be pending */
+
+typedef struct raymeld_buffer_info {
+  size_t struct_size RAYMELD_IS(sizeof(raymeld_buffer_info));
+  VkBuffer buffer RAYMELD_IS(VK_NULL_HANDLE); /* for raymeld_image::buffer */
+  VkDeviceSize size_bytes RAYMELD_IS(0);
+} raymeld_buffer_info;
+
+RAYMELD_API raymeld_result raymeld_buffer_get_info(raymeld_buffer buffer, raymeld_buffer_info* info);
 
 /* ---- A model: a network and its weights ---- */
 

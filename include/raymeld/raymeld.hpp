@@ -30,6 +30,7 @@ inline void check(raymeld_result result) {
 
 struct Destroy {
   void operator()(raymeld_context context) const { raymeld_context_destroy(context); }
+  void operator()(raymeld_buffer buffer) const { raymeld_buffer_destroy(buffer); }
   void operator()(raymeld_model model) const { raymeld_model_destroy(model); }
   void operator()(raymeld_fusion fusion) const { raymeld_fusion_destroy(fusion); }
 };
@@ -74,6 +75,26 @@ class Context {
 
  private:
   detail::Owned<raymeld_context> context_;
+};
+
+// The descriptor is its own, unless the constructor throws.
+class ImportedBuffer {
+ public:
+  ImportedBuffer(const Context& context, const raymeld_import_desc& desc) {
+    raymeld_buffer buffer = nullptr;
+    detail::check(raymeld_import_buffer(context.get(), &desc, &buffer));
+    buffer_.reset(buffer);
+  }
+  raymeld_buffer get() const { return buffer_.get(); }
+
+  raymeld_buffer_info info() const {
+    raymeld_buffer_info info;
+    detail::check(raymeld_buffer_get_info(get(), &info));
+    return info;
+  }
+
+ private:
+  detail::Owned<raymeld_buffer> buffer_;
 };
 
 // A model that any number of fusions share.

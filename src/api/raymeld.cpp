@@ -10,6 +10,7 @@
 #include <set>
 
 #include "engine/frame_ring.h"
+#include "engine/imported_buffer.h"
 #include "engine/instance.h"
 #include "exposure.h"
 #include "fuser.h"
@@ -118,10 +119,39 @@ void check_given_exposure(float exposure) {
   }
 }
 
+// Which buffers are shared with others than this device.
+class SharedBuffers {
+ public:
+  void insert(VkBuffer buffer) {
+    const std::lock_guard lock(mutex_);
+    buffers_.insert(buffer);
+  }
+  void erase(VkBuffer buffer) {
+    const std::lock_guard lock(mutex_);
+    buffers_.erase(buffer);
+  }
+  // Those of a frame.
+  std::set<VkBuffer> of(const raymeld_frame& frame) {
+    std::set<VkBuffer> found;
+    const std::lock_guard lock(mutex_);
+    for (const raymeld_image* image : {frame.lrhs, frame.hrls, frame.fused}) {
+      if (!image) continue;
+      const VkBuffer buffer = read(*image, "raymeld_image").buffer;
+      if (buffers_.contains(buffer)) found.insert(buffer);
+    }
+    return found;
+  }
+
+ private:
+  std::mutex mutex_;
+  std::set<VkBuffer> buffers_;
+};
+
 struct ContextState {
   std::optional<VkAllocationCallbacks> allocation_callbacks;
   std::filesystem::path cache_folder = PipelineCache::default_folder();
   std::unique_ptr<const Device> device;
+  mutable SharedBuffers shared;
 };
 
 struct ModelState {
@@ -141,7 +171,7 @@ std::unique_ptr<const Device> device_for(const raymeld_context_desc& desc,
         "given together, and some are NULL");
   constexpr uint32_t kFeatures = RAYMELD_FEATURE_STORAGE_16BIT | RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS |
                                  RAYMELD_FEATURE_COOPERATIVE_MATRIX | RAYMELD_FEATURE_IMAGE_WRITES |
-                                 RAYMELD_FEATURE_TIMELINE_SEMAPHORE;
+                                 RAYMELD_FEATURE_TIMELINE_SEMAPHORE | RAYMELD_FEATURE_EXTERNAL_MEMORY_FD;
   if (desc.enabled_features & ~kFeatures)
     throw InvalidArgument("raymeld_context_desc: enabled_features has unknown bits: {:#x}",
                           desc.enabled_features & ~kFeatures);
@@ -157,6 +187,7 @@ std::unique_ptr<const Device> device_for(const raymeld_context_desc& desc,
       .cooperative_matrix = (desc.enabled_features & RAYMELD_FEATURE_COOPERATIVE_MATRIX) != 0,
       .image_writes = (desc.enabled_features & RAYMELD_FEATURE_IMAGE_WRITES) != 0,
       .timeline_semaphore = (desc.enabled_features & RAYMELD_FEATURE_TIMELINE_SEMAPHORE) != 0,
+      .external_memory_fd = (desc.enabled_features & RAYMELD_FEATURE_EXTERNAL_MEMORY_FD) != 0,
       .allocator = allocation_callbacks,
       .pipeline_cache = desc.pipeline_cache,
   });
@@ -293,6 +324,27 @@ std::vector<SemaphoreValue> semaphores_of(uint32_t count, const VkSemaphore* sem
   return all;
 }
 
+void hand_over(const Device& device, VkCommandBuffer commands, const std::set<VkBuffer>& buffers,
+               uint32_t from_family, uint32_t to_family) {
+  const bool acquires = to_family == device.queue_family();
+  constexpr VkAccessFlags kBoth = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT;
+  constexpr VkPipelineStageFlags kOutside = VK_PIPELINE_STAGE_ALL_COMMANDS_BIT,
+                                 kInside = VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT;
+  std::vector<VkBufferMemoryBarrier> barriers;
+  for (VkBuffer buffer : buffers) {
+    auto barrier = vk_struct<VkBufferMemoryBarrier>(VK_STRUCTURE_TYPE_BUFFER_MEMORY_BARRIER);
+    (acquires ? barrier.dstAccessMask : barrier.srcAccessMask) = kBoth;
+    barrier.srcQueueFamilyIndex = from_family;
+    barrier.dstQueueFamilyIndex = to_family;
+    barrier.buffer = buffer;
+    barrier.size = VK_WHOLE_SIZE;
+    barriers.push_back(barrier);
+  }
+  if (barriers.empty()) return;
+  device.vk().CmdPipelineBarrier(commands, acquires ? kOutside : kInside, acquires ? kInside : kOutside, 0, 0,
+                                 nullptr, uint32_t(barriers.size()), barriers.data(), 0, nullptr);
+}
+
 constexpr const char* kHalfMembers[] = {"VkPhysicalDevice16BitStorageFeatures::storageBuffer16BitAccess"};
 constexpr const char* kAddressExtensions[] = {VK_KHR_BUFFER_DEVICE_ADDRESS_EXTENSION_NAME};
 constexpr const char* kAddressMembers[] = {"VkPhysicalDeviceBufferDeviceAddressFeatures::bufferDeviceAddress",
@@ -307,6 +359,8 @@ constexpr const char* kMatrixMembers[] = {
 
 constexpr const char* kTimelineExtensions[] = {VK_KHR_TIMELINE_SEMAPHORE_EXTENSION_NAME};
 constexpr const char* kTimelineMembers[] = {"VkPhysicalDeviceTimelineSemaphoreFeatures::timelineSemaphore"};
+
+constexpr const char* kFdExtensions[] = {VK_KHR_EXTERNAL_MEMORY_FD_EXTENSION_NAME};
 
 raymeld_feature feature(raymeld_feature_bits bit, bool supported, std::span<const char* const> extensions,
                         std::span<const char* const> members, const char* without) {
@@ -342,6 +396,8 @@ std::vector<raymeld_feature> features_of(const DeviceInfo& info) {
               kTimelineMembers,
               "raymeld_submit() takes binary semaphores only. The extension is part of Vulkan 1.2, where it "
               "need not be named."),
+      feature(RAYMELD_FEATURE_EXTERNAL_MEMORY_FD, info.external_memory_fd, kFdExtensions, {},
+              "raymeld_import_buffer() fails."),
   };
 }
 
@@ -350,6 +406,18 @@ std::vector<raymeld_feature> features_of(const DeviceInfo& info) {
 // Handles share what they stand for, so that they may be destroyed in any order.
 struct raymeld_context_t {
   std::shared_ptr<const ContextState> state;
+};
+
+struct raymeld_buffer_t {
+  std::shared_ptr<const ContextState> context;
+  VkDeviceSize size_bytes;
+  ImportedBuffer buffer;
+
+  raymeld_buffer_t(std::shared_ptr<const ContextState> on, const MemoryFd& from)
+      : context(std::move(on)), size_bytes(from.size_bytes), buffer(*context->device, from) {
+    context->shared.insert(buffer.handle());
+  }
+  ~raymeld_buffer_t() { context->shared.erase(buffer.handle()); }
 };
 
 struct raymeld_model_t {
@@ -420,6 +488,43 @@ raymeld_result raymeld_context_create(const raymeld_context_desc* desc, raymeld_
 }
 
 void raymeld_context_destroy(raymeld_context context) { delete context; }
+
+raymeld_result raymeld_import_buffer(raymeld_context context, const raymeld_import_desc* desc,
+                                     raymeld_buffer* buffer) {
+  return guarded(RAYMELD_ERROR_DEVICE, [&] {
+    given(buffer, "buffer");
+    const auto asked = read(given(desc, "desc"), "raymeld_import_desc");
+    if (asked.fd < 0) throw InvalidArgument("raymeld_import_desc: fd is {}", asked.fd);
+    if (asked.handle_type != VK_EXTERNAL_MEMORY_HANDLE_TYPE_OPAQUE_FD_BIT &&
+        asked.handle_type != VK_EXTERNAL_MEMORY_HANDLE_TYPE_DMA_BUF_BIT_EXT)
+      throw InvalidArgument(
+          "raymeld_import_desc: handle_type is {:#x}, expected an opaque descriptor ({:#x}) "
+          "or a dma_buf ({:#x})",
+          asked.handle_type, uint32_t(VK_EXTERNAL_MEMORY_HANDLE_TYPE_OPAQUE_FD_BIT),
+          uint32_t(VK_EXTERNAL_MEMORY_HANDLE_TYPE_DMA_BUF_BIT_EXT));
+    if (asked.size_bytes == 0) throw InvalidArgument("raymeld_import_desc: size_bytes is 0");
+    *buffer =
+        new raymeld_buffer_t(given(context, "context").state,
+                             {.fd = asked.fd,
+                              .type = static_cast<VkExternalMemoryHandleTypeFlagBits>(asked.handle_type),
+                              .memory_size_bytes = asked.memory_size_bytes,
+                              .memory_type = asked.memory_type_index,
+                              .dedicated = asked.dedicated != VK_FALSE,
+                              .offset_bytes = asked.offset_bytes,
+                              .size_bytes = asked.size_bytes});
+  });
+}
+
+void raymeld_buffer_destroy(raymeld_buffer buffer) { delete buffer; }
+
+raymeld_result raymeld_buffer_get_info(raymeld_buffer buffer, raymeld_buffer_info* info) {
+  return guarded(RAYMELD_ERROR_INTERNAL, [&] {
+    raymeld_buffer_info known;
+    known.buffer = given(buffer, "buffer").buffer.handle();
+    known.size_bytes = buffer->size_bytes;
+    write(known, given(info, "info"), "raymeld_buffer_info");
+  });
+}
 
 raymeld_result raymeld_model_load(const char* file, raymeld_model* model) {
   return guarded(RAYMELD_ERROR_MODEL, [&] {
@@ -554,9 +659,14 @@ raymeld_result raymeld_submit(raymeld_fusion fusion, const raymeld_frame* frame,
     const auto signals =
         semaphores_of(asked.signal_count, asked.signal, asked.signal_values, "signal", device);
     if (!made.ring) made.ring.emplace(device, kFramesInFlight);
-    const uint32_t index = made.fuser.next_frame();
-    recorded = raymeld_record(fusion, made.ring->begin(index), frame);
-    if (recorded == RAYMELD_SUCCESS) made.ring->submit(index, waits, signals);
+    const std::set<VkBuffer> shared = made.context->shared.of(read(given(frame, "frame"), "raymeld_frame"));
+    const uint32_t index = made.fuser.next_frame(), family = device.queue_family();
+    const VkCommandBuffer commands = made.ring->begin(index);
+    hand_over(device, commands, shared, VK_QUEUE_FAMILY_EXTERNAL, family);
+    recorded = raymeld_record(fusion, commands, frame);
+    if (recorded != RAYMELD_SUCCESS) return;
+    hand_over(device, commands, shared, family, VK_QUEUE_FAMILY_EXTERNAL);
+    made.ring->submit(index, waits, signals);
   });
   return submitted != RAYMELD_SUCCESS ? submitted : recorded;
 }

@@ -79,6 +79,10 @@ std::unique_ptr<Device> Device::wrap(const ExternalDevice& external) {
   device->info_.image_writes = device->info_.image_writes && external.image_writes;
   if (!external.cooperative_matrix) device->info_.cooperative_matrix.reset();
   device->info_.timeline_semaphore = device->info_.timeline_semaphore && external.timeline_semaphore;
+  device->info_.external_memory_fd = device->info_.external_memory_fd && external.external_memory_fd;
+  if (device->info_.external_memory_fd && !device->vk_.GetMemoryFdPropertiesKHR) {
+    throw Error("wrapping a Vulkan device: VK_KHR_external_memory_fd is said to be enabled, but is not");
+  }
   if (device->info_.buffer_device_address && !device->vk_.GetBufferDeviceAddress) {
     throw Error("wrapping a Vulkan device: buffer addresses are said to be enabled, but are not");
   }
@@ -161,6 +165,8 @@ void Device::create_device() {
   if (info_.cooperative_matrix) {
     extensions.insert(extensions.end(), matrix.kExtensions.begin(), matrix.kExtensions.end());
   }
+  if (info_.external_memory_fd) extensions.push_back(VK_KHR_EXTERNAL_MEMORY_FD_EXTENSION_NAME);
+  if (info_.dma_buf) extensions.push_back(VK_EXT_EXTERNAL_MEMORY_DMA_BUF_EXTENSION_NAME);
   info_.timeline_semaphore = false;  // nobody has one of this device
   auto info = vk_struct<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO);
   info.pNext = info_.cooperative_matrix ? static_cast<void*>(&matrix.matrix) : &storage;

@@ -40,6 +40,8 @@ struct DeviceInfo {
   bool buffer_device_address = false;  // with 64-bit integers, which addresses are counted in
   std::optional<CooperativeMatrix> cooperative_matrix;
   bool timeline_semaphore = false;
+  bool external_memory_fd = false;  // VK_KHR_external_memory_fd
+  bool dma_buf = false;             // VK_EXT_external_memory_dma_buf
 };
 
 // All devices of the system, in the driver's order. Throws Error without a loader or without a device.
@@ -68,6 +70,7 @@ class Device {
   Device& operator=(const Device&) = delete;
 
   const VulkanFunctions& vk() const { return vk_; }
+  VkPhysicalDevice physical_device() const { return physical_device_; }
   VkDevice handle() const { return device_; }
   VkQueue queue() const { return queue_; }
   uint32_t queue_family() const { return queue_family_; }

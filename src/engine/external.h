@@ -25,7 +25,8 @@ struct ExternalDevice {
   bool cooperative_matrix = false;
   // Whether shaderStorageImageWriteWithoutFormat was enabled: fused images may then be images of Vulkan.
   bool image_writes = false;
-  bool timeline_semaphore = false;  // whether it was enabled
+  bool timeline_semaphore = false;                   // whether it was enabled
+  bool external_memory_fd = false;                   // whether VK_KHR_external_memory_fd was enabled
   const VkAllocationCallbacks* allocator = nullptr;  // of all that raymeld makes on the device
   VkPipelineCache pipeline_cache = VK_NULL_HANDLE;   // for all pipelines; null: raymeld keeps its own
 };

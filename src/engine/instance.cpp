@@ -108,6 +108,9 @@ void describe_features(const VulkanFunctions& vk, VkPhysicalDevice device, Devic
   info.buffer_device_address = address.bufferDeviceAddress && features.features.shaderInt64;
   info.image_writes = features.features.shaderStorageImageWriteWithoutFormat;
   info.timeline_semaphore = timeline.timelineSemaphore;
+  info.external_memory_fd = has_extension(vk, device, VK_KHR_EXTERNAL_MEMORY_FD_EXTENSION_NAME);
+  info.dma_buf =
+      info.external_memory_fd && has_extension(vk, device, VK_EXT_EXTERNAL_MEMORY_DMA_BUF_EXTENSION_NAME);
   info.cooperative_matrix = find_cooperative_matrix(vk, device);
 }
 

@@ -52,6 +52,8 @@ void VulkanFunctions::load_device(VkDevice device) {
 #define RAYMELD_LOAD(name) require(name, GetDeviceProcAddr(device, "vk" #name), #name);
   RAYMELD_DEVICE_FUNCTIONS(RAYMELD_LOAD)
 #undef RAYMELD_LOAD
+  GetMemoryFdPropertiesKHR = reinterpret_cast<PFN_vkGetMemoryFdPropertiesKHR>(
+      GetDeviceProcAddr(device, "vkGetMemoryFdPropertiesKHR"));
   GetBufferDeviceAddress = reinterpret_cast<PFN_vkGetBufferDeviceAddress>(
       GetDeviceProcAddr(device, "vkGetBufferDeviceAddressKHR"));
   if (GetBufferDeviceAddress) return;
@@ -79,6 +81,7 @@ std::string result_name(VkResult result) {
     RAYMELD_CASE(VK_ERROR_INCOMPATIBLE_DRIVER)
     RAYMELD_CASE(VK_ERROR_TOO_MANY_OBJECTS)
     RAYMELD_CASE(VK_ERROR_OUT_OF_POOL_MEMORY)
+    RAYMELD_CASE(VK_ERROR_INVALID_EXTERNAL_HANDLE)
 #undef RAYMELD_CASE
     default:
       return fmt::format("VkResult {}", static_cast<int>(result));

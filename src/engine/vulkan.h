@@ -15,17 +15,18 @@
   X(EnumerateInstanceLayerProperties) \
   X(EnumerateInstanceExtensionProperties)
 
-#define RAYMELD_INSTANCE_FUNCTIONS(X)       \
-  X(DestroyInstance)                        \
-  X(EnumeratePhysicalDevices)               \
-  X(GetPhysicalDeviceProperties)            \
-  X(GetPhysicalDeviceProperties2)           \
-  X(GetPhysicalDeviceFeatures2)             \
-  X(GetPhysicalDeviceMemoryProperties)      \
-  X(GetPhysicalDeviceMemoryProperties2)     \
-  X(GetPhysicalDeviceQueueFamilyProperties) \
-  X(EnumerateDeviceExtensionProperties)     \
-  X(GetDeviceProcAddr)                      \
+#define RAYMELD_INSTANCE_FUNCTIONS(X)          \
+  X(DestroyInstance)                           \
+  X(EnumeratePhysicalDevices)                  \
+  X(GetPhysicalDeviceProperties)               \
+  X(GetPhysicalDeviceProperties2)              \
+  X(GetPhysicalDeviceFeatures2)                \
+  X(GetPhysicalDeviceMemoryProperties)         \
+  X(GetPhysicalDeviceMemoryProperties2)        \
+  X(GetPhysicalDeviceQueueFamilyProperties)    \
+  X(GetPhysicalDeviceExternalBufferProperties) \
+  X(EnumerateDeviceExtensionProperties)        \
+  X(GetDeviceProcAddr)                         \
   X(CreateDevice)
 
 #define RAYMELD_DEVICE_FUNCTIONS(X) \
@@ -100,6 +101,8 @@ struct VulkanFunctions {
       nullptr;
   // Present only when the device has buffer_device_address.
   PFN_vkGetBufferDeviceAddress GetBufferDeviceAddress = nullptr;
+  // Present only when the device has VK_KHR_external_memory_fd.
+  PFN_vkGetMemoryFdPropertiesKHR GetMemoryFdPropertiesKHR = nullptr;
 
   // Opens the system's loader once per process. Throws Error when there is none.
   static VulkanFunctions load();

@@ -1,0 +1,39 @@
+// A buffer in memory that another device, API or process exported as a file descriptor.
+#pragma once
+
+#include "engine/device.h"
+
+namespace raymeld {
+
+// What was exported, and where the buffer lies in it.
+struct MemoryFd {
+  int fd = -1;
+  VkExternalMemoryHandleTypeFlagBits type = VK_EXTERNAL_MEMORY_HANDLE_TYPE_OPAQUE_FD_BIT;
+  uint64_t memory_size_bytes = 0;
+  uint32_t memory_type = 0;  // of an opaque descriptor
+  bool dedicated = false;    // whether it was allocated for one buffer
+  uint64_t offset_bytes = 0, size_bytes = 0;
+};
+
+class ImportedBuffer {
+ public:
+  // Owns `from.fd` from then on. Throws Error, and leaves it to the caller: where the device cannot import
+  // such memory, or a buffer cannot lie there.
+  ImportedBuffer(const Device& device, const MemoryFd& from);
+  ~ImportedBuffer() { destroy(); }
+  ImportedBuffer(const ImportedBuffer&) = delete;
+  ImportedBuffer& operator=(const ImportedBuffer&) = delete;
+
+  VkBuffer handle() const { return buffer_; }
+
+ private:
+  void create(const MemoryFd& from);
+  void import(const MemoryFd& from, const VkMemoryRequirements& needs);
+  void destroy();
+
+  const Device& device_;
+  VkBuffer buffer_ = VK_NULL_HANDLE;
+  VkDeviceMemory memory_ = VK_NULL_HANDLE;
+};
+
+}  // namespace raymeld
