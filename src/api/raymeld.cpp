@@ -245,30 +245,40 @@ void check_desc(const raymeld_fusion_desc& desc) {
     throw InvalidArgument("an adaptive_threshold of {}, expected one from 0 to 1", desc.adaptive_threshold);
 }
 
+// Which image of a frame; put into words only where something is wrong with it.
+struct ImageRole {
+  const char* name;
+  std::optional<uint32_t> layer = {};
+  const char* layer_name = nullptr;
+
+  std::string text() const { return layer ? fmt::format("{}[{}], {}", name, *layer, layer_name) : name; }
+};
+
 // As an image of (shape.channels, height, width), where it does not say otherwise.
-FrameBuffer buffer_of(const raymeld_image& image, const Shape& shape, const char* name) {
-  if (!image.buffer) throw InvalidArgument("{}: buffer is VK_NULL_HANDLE", name);
+FrameBuffer buffer_of(const raymeld_image& image, const Shape& shape, const ImageRole& role) {
+  if (!image.buffer) throw InvalidArgument("{}: buffer is VK_NULL_HANDLE", role.text());
   if (image.offset_bytes % 4 != 0)
-    throw InvalidArgument("{}: offset_bytes is {}, expected a multiple of 4", name, image.offset_bytes);
+    throw InvalidArgument("{}: offset_bytes is {}, expected a multiple of 4", role.text(),
+                          image.offset_bytes);
   const uint64_t pixel = image.pixel_stride ? image.pixel_stride : 1;
   const uint64_t row = image.row_stride ? image.row_stride : shape.width * pixel;
   const uint64_t channel = image.channel_stride ? image.channel_stride : shape.height * row;
   if (channel > UINT32_MAX || row > UINT32_MAX)
-    throw InvalidArgument("{}: strides of {} and {} floats, expected 32 bits", name, row, channel);
+    throw InvalidArgument("{}: strides of {} and {} floats, expected 32 bits", role.text(), row, channel);
   return {image.buffer, image.offset_bytes, uint32_t(pixel), uint32_t(row), uint32_t(channel)};
 }
 
-FrameTexture texture_of(const raymeld_image& image, bool written, const char* name) {
-  if (!image.view) throw InvalidArgument("{}: view is VK_NULL_HANDLE", name);
+FrameTexture texture_of(const raymeld_image& image, bool written, const ImageRole& role) {
+  if (!image.view) throw InvalidArgument("{}: view is VK_NULL_HANDLE", role.text());
   const VkImageLayout layout =
       image.layout == VK_IMAGE_LAYOUT_UNDEFINED ? VK_IMAGE_LAYOUT_GENERAL : image.layout;
   const bool read_only = layout == VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL && !written;
   if (layout != VK_IMAGE_LAYOUT_GENERAL && !read_only)
-    throw InvalidArgument("{}: layout is {}, expected GENERAL{}", name, int(layout),
+    throw InvalidArgument("{}: layout is {}, expected GENERAL{}", role.text(), int(layout),
                           written ? "" : " or SHADER_READ_ONLY_OPTIMAL");
   check_choice(image.texels, RAYMELD_TEXELS_OCTAHEDRAL, "texels");
   if (!std::isfinite(image.value_scale) || !std::isfinite(image.value_bias))
-    throw InvalidArgument("{}: value_scale is {} and value_bias {}, expected finite numbers", name,
+    throw InvalidArgument("{}: value_scale is {} and value_bias {}, expected finite numbers", role.text(),
                           image.value_scale, image.value_bias);
   return {image.view,
           layout,
@@ -280,10 +290,10 @@ FrameTexture texture_of(const raymeld_image& image, bool written, const char* na
 }
 
 FrameBinding binding_of(const raymeld_image* from, const Shape& shape, bool is_image, bool written,
-                        const char* name) {
-  const raymeld_image image = read(given(from, name), "raymeld_image");
-  if (is_image) return {.texture = texture_of(image, written, name)};
-  return {.view = buffer_of(image, shape, name), .shape = shape};
+                        const ImageRole& role) {
+  const raymeld_image image = read(given(from, role.name), "raymeld_image");
+  if (is_image) return {.texture = texture_of(image, written, role)};
+  return {.view = buffer_of(image, shape, role), .shape = shape};
 }
 
 // Element i of an array whose elements have the size that the first one says.
@@ -294,16 +304,15 @@ const raymeld_image* element(const raymeld_image* first, uint32_t i) {
 
 // The images of a frame by slot, of the sizes of a tile.
 FrameBindings bindings_of(const raymeld_frame& frame, const std::array<Shape, 3>& shapes, FrameImages images,
-                          std::span<const std::string> layers) {
+                          std::span<const char* const> layers) {
   FrameBindings bindings;
   const auto at = [&](FrameSlot slot) -> FrameBinding& { return bindings[static_cast<size_t>(slot)]; };
-  at(FrameSlot::kLrhs) = binding_of(frame.lrhs, shapes[0], images.inputs, false, "lrhs");
-  at(FrameSlot::kHrls) = binding_of(frame.hrls, shapes[1], images.inputs, false, "hrls");
+  at(FrameSlot::kLrhs) = binding_of(frame.lrhs, shapes[0], images.inputs, false, {"lrhs"});
+  at(FrameSlot::kHrls) = binding_of(frame.hrls, shapes[1], images.inputs, false, {"hrls"});
   for (uint32_t i = 1; images.inputs && i < layers.size(); ++i) {
-    const std::string name = fmt::format("hrls[{}], {}", i, layers[i]);
-    at(layer_slot(i)) = binding_of(element(frame.hrls, i), shapes[1], true, false, name.c_str());
+    at(layer_slot(i)) = binding_of(element(frame.hrls, i), shapes[1], true, false, {"hrls", i, layers[i]});
   }
-  at(FrameSlot::kFused) = binding_of(frame.fused, shapes[2], images.output, true, "fused");
+  at(FrameSlot::kFused) = binding_of(frame.fused, shapes[2], images.output, true, {"fused"});
   return bindings;
 }
 
@@ -643,7 +652,7 @@ raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands, c
       throw InvalidArgument("a frame of {} x {} LRHS pixels, which raymeld_prepare_size() did not make ready",
                             size.width, size.height);
     const auto shapes = frame_shapes(made.model->model, size, made.options.constants);
-    const FrameBindings images = bindings_of(asked, shapes, made.options.frame_images, made.layer_names);
+    const FrameBindings images = bindings_of(asked, shapes, made.options.frame_images, made.layers);
     made.fuser.record(commands, images, asked.exposure != 0 ? asked.exposure : 1, size);
   });
 }
