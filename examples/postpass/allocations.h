@@ -1,0 +1,21 @@
+// Counts what is allocated: a frame of a real-time renderer allocates nothing.
+#pragma once
+
+#include <cstdint>
+#include <vulkan/vulkan.hpp>
+
+namespace postpass {
+
+struct Allocations {
+  uint64_t host = 0;    // operator new, of this program and of the libraries it loads
+  uint64_t vulkan = 0;  // of the driver, for objects made with counting_callbacks()
+
+  bool operator==(const Allocations&) const = default;
+};
+
+Allocations allocations_so_far();
+
+// For all Vulkan objects, raymeld's too, but command pools, whose recordings a driver may keep where it likes.
+const vk::AllocationCallbacks& counting_callbacks();
+
+}  // namespace postpass

@@ -1,0 +1,231 @@
+#include "demo.h"
+
+#include <cctype>
+#include <chrono>
+#include <cstdarg>
+#include <cstring>
+
+#include "camera.h"
+
+namespace postpass {
+namespace {
+
+constexpr double kFrameSeconds = 1.0 / 30;  // from one headless frame to the next
+
+constexpr const char* kViewNames[] = {"LRHS", "HRLS", "fused", "converged"};
+
+double now_s() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+std::string text_of(vk::Extent2D size) { return std::to_string(size.width) + "x" + std::to_string(size.height); }
+
+vk::Extent2D divided(vk::Extent2D size, uint32_t zoom) {
+  return {std::max(1u, size.width / zoom), std::max(1u, size.height / zoom)};
+}
+
+}  // namespace
+
+Demo::Demo(const DemoOptions& options)
+    : options_(options), models_(options.models), model_(models_.find(options.model)) {
+  if (!options_.headless) window_ = std::make_unique<Window>();
+  instance_ = std::make_unique<Instance>(window_ ? window_->extensions() : std::span<const char* const>{},
+                                         options_.validate);
+  if (window_)
+    window_->open(*instance_, {options_.zoom * options_.size.width, options_.zoom * options_.size.height});
+  make_device();
+  make_renderer();
+  if (!options_.y4m.empty()) y4m_.emplace(options_.y4m, options_.size, 1 / kFrameSeconds);
+}
+
+Demo::~Demo() {
+  if (device_) device_->get().waitIdle();
+}
+
+void Demo::make_device() {
+  drop_renderer();
+  swapchain_.reset();
+  device_.reset();
+  device_ = std::make_unique<Device>(*instance_, options_.device, window_ ? window_->surface() : nullptr);
+  say("device", device_->name());
+}
+
+// What the slots of frames in flight still hold is finished first.
+void Demo::drop_renderer() {
+  if (frames_) {
+    for (size_t i = 0; i < frames_->size(); ++i)
+      if (const auto result = frames_->next().finish(renderer_->fusion())) finish(*result);
+    device_->get().waitIdle();
+  }
+  frames_.reset();
+  renderer_.reset();
+  changed_ = true;
+}
+
+void Demo::make_renderer() {
+  drop_renderer();
+  if (window_ && !swapchain_) swapchain_ = std::make_unique<Swapchain>(*device_, *window_);
+  if (swapchain_) options_.size = divided(swapchain_->size(), options_.zoom);
+  renderer_ = std::make_unique<Renderer>(*device_, models_[model_], options_.size, options_.renderer);
+  frames_ = std::make_unique<Frames>(*device_, *renderer_, options_.in_flight);
+  say("renders", models_.name(model_) + ", " + text_of(options_.size));
+}
+
+void Demo::say(const char* what, const std::string& value) const {
+  std::printf("frame %llu: %s %s\n", static_cast<unsigned long long>(frame_), what, value.c_str());
+  std::fflush(stdout);
+}
+
+void Demo::handle(const Event& event) {
+  switch (event.kind) {
+    case Event::kKey:
+      return handle_key(event.key);
+    case Event::kResize:
+      if (window_) {
+        drop_renderer();
+        swapchain_.reset();
+      }
+      options_.size = event.size;
+      return make_renderer();
+    case Event::kMinimise:
+    case Event::kRestore:
+      minimised_ = event.kind == Event::kMinimise;
+      changed_ = true;
+      return say("window", minimised_ ? "minimised" : "restored");
+    case Event::kQuit:
+      quit_ = true;
+  }
+}
+
+void Demo::handle_key(char key) {
+  const auto use = [&](size_t model) {
+    model_ = model;
+    make_renderer();
+  };
+  switch (key) {
+    case '1':
+    case '2':
+    case '3':
+    case '4':
+      view_ = uint32_t(key - '1');
+      changed_ = true;
+      return say("shows", kViewNames[view_]);
+    case 's':
+      return use(models_.next_scale(model_));
+    case 'm':
+      return use(models_.next(model_));
+    case 'q':
+      return use(models_.next_quality(model_));
+    case 'h':
+      options_.history = !options_.history;
+      changed_ = true;
+      return say("history", options_.history ? "on" : "off");
+    case ' ':
+      options_.still = !options_.still;
+      return say("camera", options_.still ? "still" : "moves");
+    case 'd':
+      ++options_.device;
+      make_device();
+      return make_renderer();
+    case 'f':
+      options_.in_flight = options_.in_flight == 2 ? 3 : 2;
+      make_renderer();
+      return say("frames in flight", std::to_string(options_.in_flight));
+    default:
+      return;
+  }
+}
+
+void Demo::run() {
+  size_t scripted = 0;
+  for (; !quit_ && (options_.frames == 0 || frame_ < options_.frames); ++frame_) {
+    if (window_)
+      for (const Event& event : window_->poll(minimised_)) handle(event);
+    for (; scripted < options_.script.size() && options_.script[scripted].frame <= frame_; ++scripted) {
+      const Event& event = options_.script[scripted].event;
+      if (window_ && event.kind == Event::kResize)
+        window_->resize(event.size);  // which will say that it has happened
+      else
+        handle(event);
+    }
+    if (quit_) break;
+    if (minimised_) continue;
+    const bool counts = !changed_;
+    changed_ = false;
+    const Allocations before = allocations_so_far();
+    frame();
+    if (!counts || changed_) continue;
+    ++frames_counted_;
+    const Allocations after = allocations_so_far();
+    frame_allocations_.host += after.host - before.host;
+    frame_allocations_.vulkan += after.vulkan - before.vulkan;
+  }
+  drop_renderer();
+}
+
+Frame Demo::describe_frame() {
+  const vk::Extent2D full = renderer_->full_size();
+  Frame frame;
+  frame.camera = camera_at(camera_s_, double(full.width) / full.height);
+  frame.view = view_ == kViewFused && options_.history ? kViewBlended : view_;
+  frame.exposure = exposure_;
+  if (options_.overlay) {
+    write_text();
+    frame.text_rows = text_rows_;
+    frame.text = text_;
+  }
+  return frame;
+}
+
+void Demo::frame() {
+  Slot& slot = frames_->next();
+  if (const auto result = slot.finish(renderer_->fusion())) finish(*result);
+  if (swapchain_ && !swapchain_->acquire(slot.acquired())) return handle({.kind = Event::kResize, .size = options_.size});
+
+  const double now = now_s();
+  const double since_s = last_s_ ? now - *last_s_ : 0;
+  if (last_s_) times_.add_frame(1e3 * since_s);
+  last_s_ = now;
+  if (!options_.still) camera_s_ += window_ ? since_s : kFrameSeconds;
+
+  const Frame frame = describe_frame();
+  const vk::CommandBuffer commands = slot.begin();
+  renderer_->record(commands, frame, slot.queries());
+  slot.record_copies(frame, y4m_ || (!options_.png.empty() && frame_ + 1 == options_.frames));
+  if (swapchain_) swapchain_->record_blit(commands, renderer_->shown());
+  slot.submit(swapchain_ ? slot.acquired() : nullptr, swapchain_ ? swapchain_->written() : nullptr);
+  if (swapchain_ && !swapchain_->present()) handle({.kind = Event::kResize, .size = options_.size});
+}
+
+void Demo::finish(const FrameResult& result) {
+  times_.add_parts(result.part_ms);
+  if (result.exposure > 0) exposure_ = result.exposure;
+  if (!result.image) return;
+  if (y4m_ && renderer_->shown().size == options_.size) y4m_->write(result.image);
+  if (!options_.png.empty()) write_png(options_.png, result.image, renderer_->shown().size);
+}
+
+void Demo::write_text() {
+  text_rows_ = 0;
+  const auto line = [&](const char* format, auto... values) {
+    char(&row)[kTextColumns] = text_[text_rows_++];
+    char buffer[kTextColumns + 1];
+    const int length = std::snprintf(buffer, sizeof(buffer), format, values...);
+    for (int i = 0; i < int(kTextColumns); ++i)
+      row[i] = i < length ? char(std::toupper(static_cast<unsigned char>(buffer[i]))) : ' ';
+  };
+  const vk::Extent2D small = renderer_->small_size(), full = renderer_->full_size();
+  line("%s, %ux%u", models_.name(model_).c_str(), options_.size.width, options_.size.height);
+  line("%s%s, %u in flight", kViewNames[view_], options_.history && view_ == kViewFused ? " + history" : "",
+       options_.in_flight);
+  if (view_ == kViewConverged)
+    line("%u samples", renderer_->accumulated_frames() * options_.renderer.hrls_samples);
+  line("lrhs %5.1f ms  %ux%u, %u spp", times_.part_ms(0), small.width, small.height, renderer_->lrhs_samples());
+  line("hrls %5.1f ms  %ux%u, %u spp", times_.part_ms(1), full.width, full.height, options_.renderer.hrls_samples);
+  line("fuse %5.1f ms", times_.part_ms(2));
+  line("hist %5.1f ms", times_.part_ms(3));
+  line("show %5.1f ms", times_.part_ms(4));
+  line("all  %5.1f ms  %.1f fps", times_.frame_ms(), times_.frame_ms() > 0 ? 1e3 / times_.frame_ms() : 0);
+}
+
+}  // namespace postpass

@@ -1,0 +1,87 @@
+// The program's state and its loop of frames.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+
+#include "allocations.h"
+#include "events.h"
+#include "frames.h"
+#include "instance.h"
+#include "models.h"
+#include "output.h"
+#include "times.h"
+#include "window.h"
+
+namespace postpass {
+
+struct DemoOptions {
+  std::filesystem::path models;
+  std::string model = "x4-fast";
+  vk::Extent2D size{256, 256};
+  bool headless = false;
+  uint32_t zoom = 2;        // a window's pixels to one of the image
+  uint64_t frames = 0;      // 0: until the window is closed
+  uint32_t in_flight = 2;
+  uint32_t device = 0;
+  bool history = false;
+  bool still = false;  // the camera
+  bool validate = false;
+  bool overlay = true;
+  std::vector<ScriptedEvent> script;
+  std::filesystem::path png, y4m;
+  RendererOptions renderer;
+};
+
+class Demo {
+ public:
+  explicit Demo(const DemoOptions& options);
+  ~Demo();
+
+  // All frames.
+  void run();
+
+  uint32_t validation_messages() const { return instance_->messages(); }
+  // Of frames after which nothing was made anew: what they allocated.
+  Allocations frame_allocations() const { return frame_allocations_; }
+  uint64_t frames_counted() const { return frames_counted_; }
+  const Times& times() const { return times_; }
+
+ private:
+  void handle(const Event& event);
+  void handle_key(char key);
+  void make_device();
+  void make_renderer();
+  void drop_renderer();
+  void frame();
+  void finish(const FrameResult& result);
+  Frame describe_frame();
+  void write_text();
+  void say(const char* what, const std::string& value) const;
+
+  DemoOptions options_;
+  Models models_;
+  size_t model_;
+  std::unique_ptr<Window> window_;
+  std::unique_ptr<Instance> instance_;
+  std::unique_ptr<Device> device_;
+  std::unique_ptr<Swapchain> swapchain_;
+  std::unique_ptr<Renderer> renderer_;
+  std::unique_ptr<Frames> frames_;
+  std::optional<Y4mFile> y4m_;
+
+  uint32_t view_ = kViewFused;
+  uint64_t frame_ = 0;
+  bool minimised_ = false, quit_ = false, changed_ = true;
+  float exposure_ = 1;
+  double camera_s_ = 0;
+  Times times_;
+  char text_[kTextRows][kTextColumns];
+  uint32_t text_rows_ = 0;
+  std::optional<double> last_s_;
+  Allocations frame_allocations_;
+  uint64_t frames_counted_ = 0;
+};
+
+}  // namespace postpass

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <raymeld/raymeld.hpp>
+#include <string>
+#include <vulkan/vulkan.hpp>
+
+#include "instance.h"
+
+namespace postpass {
+
+// A device with a queue for compute and copies, and raymeld on it. `surface`, which may be null, is what the
+// queue can present to.
+class Device {
+ public:
+  // `index` counts the devices that can do it, and starts again after the last.
+  Device(const Instance& instance, uint32_t index, vk::SurfaceKHR surface);
+  ~Device() { device_->waitIdle(); }
+  Device(const Device&) = delete;
+  Device& operator=(const Device&) = delete;
+
+  vk::PhysicalDevice physical() const { return physical_; }
+  vk::Device get() const { return *device_; }
+  vk::Queue queue() const { return queue_; }
+  uint32_t queue_family() const { return queue_family_; }
+  const raymeld::Context& raymeld() const { return *context_; }
+  const std::string& name() const { return name_; }
+  double timestamp_period_ns() const { return timestamp_period_ns_; }
+
+  // Of a type that has all of `wanted`; throws if there is none.
+  uint32_t memory_type(uint32_t bits, vk::MemoryPropertyFlags wanted) const;
+
+ private:
+  vk::PhysicalDevice physical_;
+  uint32_t queue_family_ = 0;
+  std::string name_;
+  double timestamp_period_ns_ = 0;
+  vk::UniqueDevice device_;
+  vk::Queue queue_;
+  std::unique_ptr<raymeld::Context> context_;
+};
+
+}  // namespace postpass

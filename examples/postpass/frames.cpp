@@ -1,0 +1,81 @@
+#include "frames.h"
+
+#include "allocations.h"
+
+namespace postpass {
+
+Slot::Slot(const Device& device, const Renderer& renderer, vk::CommandPool pool)
+    : device_(device), renderer_(renderer) {
+  const vk::Device vk = device.get();
+  commands_ = std::move(vk.allocateCommandBuffersUnique({.commandPool = pool, .commandBufferCount = 1}).front());
+  done_ = vk.createFenceUnique({}, counting_callbacks());
+  queries_ =
+      vk.createQueryPoolUnique({.queryType = vk::QueryType::eTimestamp, .queryCount = kStamps}, counting_callbacks());
+  acquired_ = vk.createSemaphoreUnique({}, counting_callbacks());
+  const vk::Extent2D small = renderer.small_size(), shown = renderer.shown().size;
+  lrhs_ = make_readback_buffer(device, sizeof(float) * 3 * small.width * small.height);
+  image_ = make_readback_buffer(device, sizeof(float) * 4 * shown.width * shown.height);
+}
+
+vk::CommandBuffer Slot::begin() {
+  commands_->begin({.flags = vk::CommandBufferUsageFlagBits::eOneTimeSubmit});
+  return *commands_;
+}
+
+void Slot::record_copies(const Frame& frame, bool capture) {
+  has_lrhs_ = frame.view != kViewConverged;
+  captured_ = capture;
+  const vk::Extent2D small = renderer_.small_size(), size = renderer_.shown().size;
+  if (has_lrhs_)
+    commands_->copyBuffer(renderer_.lrhs(), *lrhs_.buffer,
+                          vk::BufferCopy{0, 0, sizeof(float) * 3 * small.width * small.height});
+  if (captured_)
+    commands_->copyImageToBuffer(
+        *renderer_.shown().image, vk::ImageLayout::eTransferSrcOptimal, *image_.buffer,
+        vk::BufferImageCopy{.imageSubresource = {vk::ImageAspectFlagBits::eColor, 0, 0, 1},
+                            .imageExtent = {size.width, size.height, 1}});
+  const vk::MemoryBarrier to_host{.srcAccessMask = vk::AccessFlagBits::eTransferWrite,
+                                  .dstAccessMask = vk::AccessFlagBits::eHostRead};
+  commands_->pipelineBarrier(vk::PipelineStageFlagBits::eTransfer, vk::PipelineStageFlagBits::eHost, {}, to_host, {},
+                             {});
+}
+
+void Slot::submit(vk::Semaphore waits_for, vk::Semaphore signals) {
+  commands_->end();
+  const vk::PipelineStageFlags stage = vk::PipelineStageFlagBits::eTransfer;
+  const vk::SubmitInfo info{.waitSemaphoreCount = waits_for ? 1u : 0u,
+                            .pWaitSemaphores = &waits_for,
+                            .pWaitDstStageMask = &stage,
+                            .commandBufferCount = 1,
+                            .pCommandBuffers = &*commands_,
+                            .signalSemaphoreCount = signals ? 1u : 0u,
+                            .pSignalSemaphores = &signals};
+  device_.queue().submit(info, *done_);
+  pending_ = true;
+}
+
+std::optional<FrameResult> Slot::finish(const raymeld::Fusion& fusion) {
+  if (!pending_) return {};
+  const vk::Device vk = device_.get();
+  (void)vk.waitForFences(*done_, true, UINT64_MAX);
+  vk.resetFences(*done_);
+  pending_ = false;
+  std::array<uint64_t, kStamps> stamps;
+  (void)vk.getQueryPoolResults(*queries_, 0, kStamps, sizeof(stamps), stamps.data(), sizeof(stamps[0]),
+                               vk::QueryResultFlagBits::e64 | vk::QueryResultFlagBits::eWait);
+  FrameResult result;
+  for (uint32_t i = 0; i < kParts; ++i)
+    result.part_ms[i] = 1e-6 * device_.timestamp_period_ns() * double(stamps[i + 1] - stamps[i]);
+  if (has_lrhs_) result.exposure = fusion.exposure(lrhs_.mapped);
+  if (captured_) result.image = image_.mapped;
+  return result;
+}
+
+Frames::Frames(const Device& device, const Renderer& renderer, uint32_t in_flight) {
+  pool_ = device.get().createCommandPoolUnique({.flags = vk::CommandPoolCreateFlagBits::eResetCommandBuffer,
+                                                .queueFamilyIndex = device.queue_family()});
+  slots_.reserve(in_flight);
+  for (uint32_t i = 0; i < in_flight; ++i) slots_.emplace_back(device, renderer, *pool_);
+}
+
+}  // namespace postpass

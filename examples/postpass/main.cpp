@@ -1,0 +1,60 @@
+#include <CLI/CLI.hpp>
+#include <cstdio>
+
+#include "demo.h"
+
+namespace {
+
+using namespace postpass;
+
+int run(const DemoOptions& options, bool check_allocations) {
+  Demo demo(options);
+  demo.run();
+  demo.times().print(stdout);
+  const Allocations made = demo.frame_allocations();
+  std::printf("allocations in %llu frames: %llu of the host, %llu for Vulkan objects\n",
+              static_cast<unsigned long long>(demo.frames_counted()), static_cast<unsigned long long>(made.host),
+              static_cast<unsigned long long>(made.vulkan));
+  if (options.validate) std::printf("validation messages: %u\n", demo.validation_messages());
+  const bool allocates = check_allocations && made != Allocations{};
+  return allocates || demo.validation_messages() > 0 ? 1 : 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app("A path tracer whose frames raymeld finishes.");
+  DemoOptions options;
+  std::string size = "256x256", script;
+  bool check_allocations = false;
+  options.models = POSTPASS_MODELS;
+  app.add_option("--models", options.models, "folder of models")->capture_default_str();
+  app.add_option("--model", options.model)->capture_default_str();
+  app.add_option("--size", size, "of the image")->capture_default_str();
+  app.add_flag("--headless", options.headless, "no window");
+  app.add_option("--zoom", options.zoom, "a window's pixels to one of the image")->check(CLI::Range(1, 16))->capture_default_str();
+  app.add_option("--frames", options.frames, "0: until the window is closed, headless 60")->capture_default_str();
+  app.add_option("--in-flight", options.in_flight, "frames")->check(CLI::Range(2, 3))->capture_default_str();
+  app.add_option("--device", options.device, "index")->capture_default_str();
+  app.add_flag("--history", options.history, "blend with the frames before");
+  app.add_flag("--still", options.still, "the camera does not move");
+  app.add_flag("--validate", options.validate, "with the validation layer, any of whose messages is a failure");
+  app.add_flag("!--no-overlay", options.overlay, "no text over the image");
+  app.add_option("--script", script, "as 60:key=h,120:resize=320x256,180:minimise,200:restore");
+  app.add_option("--png", options.png, "where the last frame goes");
+  app.add_option("--y4m", options.y4m, "where all frames go");
+  app.add_option("--lrhs-samples", options.renderer.lrhs_samples, "a pixel; 0: the square of the scale");
+  app.add_option("--hrls-samples", options.renderer.hrls_samples, "a pixel")->check(CLI::Range(1, 1024));
+  app.add_option("--adaptive", options.renderer.adaptive_threshold, "raymeld's adaptive_threshold");
+  app.add_flag("--check-allocations", check_allocations, "any allocation within a frame is a failure");
+  CLI11_PARSE(app, argc, argv);
+  try {
+    options.size = parse_size(size);
+    options.script = parse_script(script);
+    if (options.headless && options.frames == 0) options.frames = 60;
+    return run(options, check_allocations);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "postpass: %s\n", error.what());
+    return 1;
+  }
+}

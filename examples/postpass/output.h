@@ -1,0 +1,31 @@
+// Images as files: RGBA floats, sRGB, of which RGB is written.
+#pragma once
+
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <vector>
+#include <vulkan/vulkan.hpp>
+
+namespace postpass {
+
+// Whole, or not at all.
+void write_png(const std::filesystem::path& path, const float* image, vk::Extent2D size);
+
+// YUV4MPEG2, 4:4:4, BT.709, of frames of one size.
+class Y4mFile {
+ public:
+  Y4mFile(const std::filesystem::path& path, vk::Extent2D size, double frames_per_second);
+  void write(const float* image);
+
+ private:
+  struct Close {
+    void operator()(std::FILE* file) const { std::fclose(file); }
+  };
+  std::unique_ptr<std::FILE, Close> file_;
+  std::filesystem::path path_;
+  vk::Extent2D size_;
+  std::vector<unsigned char> planes_;
+};
+
+}  // namespace postpass

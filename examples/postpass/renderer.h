@@ -1,0 +1,71 @@
+// What a frame is made of: both renders, raymeld, the history, the image that is shown.
+#pragma once
+
+#include <array>
+#include <raymeld/raymeld.hpp>
+
+#include "params.h"
+#include "passes.h"
+#include "resources.h"
+
+namespace postpass {
+
+struct RendererOptions {
+  uint32_t lrhs_samples = 0;  // a pixel; 0: the square of the scale
+  uint32_t hrls_samples = 1;
+  float history_weight = 0.1f;
+  float history_tolerance = 0.03f;
+  raymeld_precision precision = RAYMELD_PRECISION_AUTO;
+  float adaptive_threshold = 0;
+};
+
+// The parts of a frame that are timed, in order.
+enum class Part { kLrhs, kHrls, kFusion, kHistory, kShow };
+constexpr uint32_t kParts = 5;
+constexpr std::array<const char*, kParts> kPartNames = {"LRHS", "HRLS", "fusion", "history", "show"};
+constexpr uint32_t kStamps = kParts + 1;
+
+struct Frame {
+  Camera camera;
+  uint32_t view = kViewFused;  // of params.h; of kViewBlended the history is kept
+  float exposure = 1;          // for raymeld
+  uint32_t text_rows = 0;
+  const char (*text)[kTextColumns] = nullptr;
+};
+
+class Renderer {
+ public:
+  // For images of this size; what is rendered is rounded up to a multiple of the model's scale.
+  Renderer(const Device& device, const raymeld::SharedModel& model, vk::Extent2D size,
+           const RendererOptions& options);
+
+  // Writes shown(), which copies may then read, in the layout for them. Fills kStamps timestamps of `queries`, which are reset.
+  void record(vk::CommandBuffer commands, const Frame& frame, vk::QueryPool queries);
+  // The same for another view of the last frame.
+  void record_again(vk::CommandBuffer commands, uint32_t view) const;
+
+  const Image& shown() const { return shown_; }
+  vk::Extent2D full_size() const { return full_; }
+  vk::Extent2D small_size() const { return small_; }
+  uint32_t lrhs_samples() const { return constants_.lrhs_samples; }
+  uint32_t accumulated_frames() const { return accumulated_; }
+  vk::Buffer lrhs() const { return *buffers_[kLrhs].buffer; }  // (3, height, width) of small_size()
+  raymeld::Fusion& fusion() { return fusion_; }
+
+ private:
+  void update_constants(vk::CommandBuffer commands, const Frame& frame);
+  void record_view(vk::CommandBuffer commands, uint32_t view) const;
+  void record_end(vk::CommandBuffer commands) const;
+
+  vk::Extent2D small_, full_;
+  raymeld::Fusion fusion_;
+  std::array<Buffer, kShown> buffers_;
+  Image shown_;
+  Passes passes_;
+  Constants constants_;
+  bool first_ = true;
+  uint32_t history_ = 0;      // frames that may be blended in
+  uint32_t accumulated_ = 0;  // frames in the converged image
+};
+
+}  // namespace postpass

@@ -1,0 +1,10 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+namespace postpass::shaders {
+
+extern const std::span<const uint32_t> kTrace, kVariance, kAccumulate, kHistory, kShow, kOverlay;
+
+}  // namespace postpass::shaders

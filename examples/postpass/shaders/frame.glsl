@@ -1,0 +1,42 @@
+// Bindings and addressing of all passes.
+#include "params.h"
+
+layout(local_size_x = kGroup, local_size_y = kGroup) in;
+
+layout(std430, binding = kConstants) readonly buffer ConstantsBlock { Constants constants; };
+layout(std430, binding = kLrhs) buffer LrhsBlock { float lrhs[]; };
+layout(std430, binding = kHrls) buffer HrlsBlock { float hrls[]; };
+layout(std430, binding = kFused) readonly buffer FusedBlock { float fused[]; };
+layout(std430, binding = kHistory) buffer HistoryBlock { float history[]; };
+layout(std430, binding = kGuides) buffer GuidesBlock { float guides[]; };
+layout(std430, binding = kAccumulated) buffer AccumulatedBlock { float accumulated[]; };
+layout(binding = kShown, rgba32f) uniform image2D shown;
+
+ivec2 full_size() { return ivec2(constants.width, constants.height); }
+ivec2 small_size() { return full_size() / int(constants.scale); }
+
+bool inside(ivec2 pixel, ivec2 size) { return all(lessThan(pixel, size)); }
+
+// Of channel c of a planar image.
+uint at(uint c, ivec2 pixel, ivec2 size) { return (c * size.y + pixel.y) * size.x + pixel.x; }
+
+// Light as the eye takes it, [0, 1), and back.
+vec3 tone(vec3 light) { return 1 - exp(-max(light, 0)); }
+vec3 untone(vec3 toned) { return -log(max(1 - toned, 1e-4)); }
+
+vec3 srgb(vec3 x) { return mix(12.92 * x, 1.055 * pow(max(x, 0.0031308), vec3(1 / 2.4)) - 0.055, greaterThan(x, vec3(0.0031308))); }
+
+// The point of the image, in pixels from its top-left corner, as a direction.
+vec3 direction_of(Camera camera, vec2 point, vec2 size) {
+  const vec2 ndc = 2 * point / size - 1;
+  return normalize(camera.forward.xyz + ndc.x * camera.right.xyz - ndc.y * camera.up.xyz);
+}
+
+// Where a point of the world is in the image, in pixels; its depth along `forward` is z.
+vec3 project(Camera camera, vec3 point, vec2 size) {
+  const vec3 to = point - camera.position.xyz;
+  const float depth = dot(to, camera.forward.xyz);
+  const vec3 right = camera.right.xyz, up = camera.up.xyz;
+  const vec2 ndc = vec2(dot(to, right) / dot(right, right), -dot(to, up) / dot(up, up)) / depth;
+  return vec3((ndc + 1) / 2 * size, depth);
+}

@@ -1,0 +1,63 @@
+// What the host and the shaders share: included by C++ and GLSL.
+#ifndef POSTPASS_PARAMS_H
+#define POSTPASS_PARAMS_H
+
+#ifdef __cplusplus
+#include <cstdint>
+namespace postpass {
+using uint = uint32_t;
+struct vec4 {
+  float x = 0, y = 0, z = 0, w = 0;
+};
+#endif
+
+// Bindings of the one descriptor set. Images are planar floats, (channels, height, width), but `shown`.
+const uint kConstants = 0;
+const uint kLrhs = 1;         // (3, height / scale, width / scale)
+const uint kHrls = 2;         // (18, height, width): color, albedo, normal, diffuse, specular, variance
+const uint kFused = 3;        // (3, height, width)
+const uint kHistory = 4;      // two of (4, height, width): color and the number of frames in it
+const uint kGuides = 5;       // two of (4, height, width): normal and depth of the pixel's centre
+const uint kAccumulated = 6;  // (3, height, width): the sum of HRLS colors
+const uint kShown = 7;        // a storage image: sRGB
+const uint kBindings = 8;
+
+const uint kGroup = 8;  // workgroups are square
+
+const uint kColor = 0, kAlbedo = 3, kNormal = 6, kDiffuse = 9, kSpecular = 12, kVariance = 15;
+const uint kHrlsChannels = 18;
+
+// What is shown; kBlended is kFused with the history.
+const uint kViewLrhs = 0, kViewHrls = 1, kViewFused = 2, kViewConverged = 3, kViewBlended = 4;
+
+const uint kTextColumns = 32, kTextRows = 12;
+
+struct Camera {
+  vec4 position;
+  vec4 right;  // to the edge of the image, from its centre; both are at a distance of 1
+  vec4 up;
+  vec4 forward;
+};
+
+struct Constants {
+  Camera camera;
+  Camera last_camera;
+  uint width;  // of HRLS; a multiple of scale
+  uint height;
+  uint scale;
+  uint lrhs_samples;
+  uint hrls_samples;
+  uint frame;  // the seed of its noise
+  uint slot;   // of history and guides: this frame's, the other one is the last frame's
+  uint history_frames;      // those before this one that may be blended in
+  uint accumulated_frames;  // before this one
+  uint text_rows;
+  float history_weight;  // of this frame, once there are enough before it
+  float history_tolerance;
+  uint text[kTextRows * kTextColumns / 4];  // ASCII, four to one, the first one lowest
+};
+
+#ifdef __cplusplus
+}  // namespace postpass
+#endif
+#endif

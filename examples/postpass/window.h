@@ -1,0 +1,65 @@
+// A window through GLFW, and its swapchain.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "device.h"
+#include "events.h"
+#include "resources.h"
+
+struct GLFWwindow;
+
+namespace postpass {
+
+class Window {
+ public:
+  // Opened by open(), as instances need extensions() first. Throws where there is no display.
+  Window();
+  ~Window();
+  Window(const Window&) = delete;
+  Window& operator=(const Window&) = delete;
+
+  std::span<const char* const> extensions() const;
+  void open(const Instance& instance, vk::Extent2D size);
+
+  vk::SurfaceKHR surface() const { return *surface_; }
+  vk::Extent2D size() const;  // in pixels; zero while it is minimised
+  void resize(vk::Extent2D size);
+  // What happened since the last call, for as long as there is no other. With `wait`, waits for something.
+  std::span<const Event> poll(bool wait);
+
+ private:
+  static void on_key(GLFWwindow* window, int key, int, int action, int);
+  static void on_resize(GLFWwindow* window, int width, int height);
+  static void on_minimise(GLFWwindow* window, int minimised);
+
+  GLFWwindow* window_ = nullptr;
+  vk::UniqueSurfaceKHR surface_;
+  std::vector<Event> events_;
+};
+
+class Swapchain {
+ public:
+  Swapchain(const Device& device, const Window& window);
+
+  vk::Extent2D size() const { return size_; }
+  // False: the swapchain is of no more use. `acquired` is signalled when the image may be written to.
+  bool acquire(vk::Semaphore acquired);
+  // Scales the image, which is in the layout for copies from it, to the window.
+  void record_blit(vk::CommandBuffer commands, const Image& image) const;
+  vk::Semaphore written() const { return *written_[index_]; }  // for the submission to signal
+  bool present();                                              // false as of acquire()
+
+ private:
+  const Device& device_;
+  vk::Extent2D size_;
+  vk::UniqueSwapchainKHR swapchain_;
+  std::vector<vk::Image> images_;
+  std::vector<vk::UniqueSemaphore> written_;  // of each image
+  uint32_t index_ = 0;
+};
+
+}  // namespace postpass
