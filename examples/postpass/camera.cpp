@@ -8,8 +8,8 @@ namespace {
 
 using Vector = std::array<double, 3>;
 
-constexpr Vector kTarget = {0.1, 0.62, 0};
-constexpr double kTanHalfHeight = 0.42;
+constexpr Vector kTarget = {0.1, 0.7, -0.2};
+constexpr double kTanHalfHeight = 0.55;
 
 Vector normalized(const Vector& v) {
   const double length = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
@@ -27,8 +27,8 @@ vec4 scaled(const Vector& v, double factor = 1) {
 }  // namespace
 
 Camera camera_at(double time_s, double aspect) {
-  const double angle = 0.75 * std::sin(0.45 * time_s), height = 1.25 + 0.3 * std::sin(0.31 * time_s);
-  const Vector position = {2.1 * std::sin(angle), height, 2.45 * std::cos(angle)};
+  const double angle = 0.75 * std::sin(0.45 * time_s), height = 1.2 + 0.25 * std::sin(0.31 * time_s);
+  const Vector position = {2.1 * std::sin(angle), height, 2.5 * std::cos(angle)};
   const Vector forward =
       normalized({kTarget[0] - position[0], kTarget[1] - position[1], kTarget[2] - position[2]});
   const Vector right = normalized(cross(forward, {0, 1, 0}));

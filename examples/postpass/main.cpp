@@ -2,12 +2,13 @@
 #include <cstdio>
 
 #include "demo.h"
+#include "measure.h"
 
 namespace {
 
 using namespace postpass;
 
-int run(const DemoOptions& options, bool check_allocations) {
+int run_demo(const DemoOptions& options, bool check_allocations) {
   Demo demo(options);
   demo.run();
   demo.times().print(stdout);
@@ -47,12 +48,23 @@ int main(int argc, char** argv) {
   app.add_option("--hrls-samples", options.renderer.hrls_samples, "a pixel")->check(CLI::Range(1, 1024));
   app.add_option("--adaptive", options.renderer.adaptive_threshold, "raymeld's adaptive_threshold");
   app.add_flag("--check-allocations", check_allocations, "any allocation within a frame is a failure");
+  MeasureOptions measure_options;
+  bool measures = false;
+  app.add_flag("--measure", measures, "prints flicker and PSNR of a still and a moving camera, with and without history");
+  app.add_option("--measure-frames", measure_options.frames)->capture_default_str();
+  app.add_option("--measure-samples", measure_options.converged_samples, "of a converged image")->capture_default_str();
+  app.add_option("--reference-samples", measure_options.reference_samples, "of the truth for a moving frame")
+      ->capture_default_str();
+  app.add_option("--images", measure_options.images, "folder for what the last frame measured looks like");
+  app.add_option("--history-weight", options.renderer.history_weight, "of the newest frame")->capture_default_str();
+  app.add_option("--history-tolerance", options.renderer.history_tolerance)->capture_default_str();
   CLI11_PARSE(app, argc, argv);
   try {
     options.size = parse_size(size);
     options.script = parse_script(script);
     if (options.headless && options.frames == 0) options.frames = 60;
-    return run(options, check_allocations);
+    if (measures) return measure(options, measure_options) > 0 ? 1 : 0;
+    return run_demo(options, check_allocations);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "postpass: %s\n", error.what());
     return 1;

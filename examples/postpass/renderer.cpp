@@ -83,7 +83,7 @@ void Renderer::update_constants(vk::CommandBuffer commands, const Frame& frame) 
   constants_.camera = frame.camera;
   ++constants_.frame;
   constants_.slot = 1 - constants_.slot;
-  accumulated_ = frame.view == kViewConverged && still ? accumulated_ : 0;
+  accumulated_ = frame.view == kViewConverged && still && !frame.restarts ? accumulated_ : 0;
   history_ = frame.view == kViewBlended ? history_ : 0;
   constants_.accumulated_frames = accumulated_;
   constants_.history_frames = history_;
@@ -147,7 +147,9 @@ void Renderer::record_end(vk::CommandBuffer commands) const {
                                          vk::ImageLayout::eGeneral, vk::ImageLayout::eTransferSrcOptimal));
 }
 
-void Renderer::record_again(vk::CommandBuffer commands, uint32_t view) const {
+void Renderer::record_again(vk::CommandBuffer commands, uint32_t view, vk::QueryPool queries) const {
+  commands.resetQueryPool(queries, 0, kStamps);
+  for (uint32_t i = 0; i < kStamps; ++i) commands.writeTimestamp(Stage::eComputeShader, queries, i);
   record_view(commands, view);
   record_end(commands);
 }

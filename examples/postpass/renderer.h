@@ -26,9 +26,10 @@ constexpr std::array<const char*, kParts> kPartNames = {"LRHS", "HRLS", "fusion"
 constexpr uint32_t kStamps = kParts + 1;
 
 struct Frame {
-  Camera camera;
+  Camera camera = {};
   uint32_t view = kViewFused;  // of params.h; of kViewBlended the history is kept
   float exposure = 1;          // for raymeld
+  bool restarts = false;  // of kViewConverged: nothing accumulated before counts
   uint32_t text_rows = 0;
   const char (*text)[kTextColumns] = nullptr;
 };
@@ -42,7 +43,7 @@ class Renderer {
   // Writes shown(), which copies may then read, in the layout for them. Fills kStamps timestamps of `queries`, which are reset.
   void record(vk::CommandBuffer commands, const Frame& frame, vk::QueryPool queries);
   // The same for another view of the last frame.
-  void record_again(vk::CommandBuffer commands, uint32_t view) const;
+  void record_again(vk::CommandBuffer commands, uint32_t view, vk::QueryPool queries) const;
 
   const Image& shown() const { return shown_; }
   vk::Extent2D full_size() const { return full_; }
@@ -62,7 +63,7 @@ class Renderer {
   std::array<Buffer, kShown> buffers_;
   Image shown_;
   Passes passes_;
-  Constants constants_;
+  Constants constants_{};
   bool first_ = true;
   uint32_t history_ = 0;      // frames that may be blended in
   uint32_t accumulated_ = 0;  // frames in the converged image

@@ -16,7 +16,7 @@ const uint kRoom = 0, kLamp = 1, kTallBox = 2, kLowBox = 3, kPlinth = 4, kGlassB
 
 const vec3 kRoomLow = vec3(-2.2, 0, -2.6), kRoomHigh = vec3(2.2, 2.5, 2.6);
 const vec2 kLampCentre = vec2(0.1, -0.2), kLampHalf = vec2(0.75, 0.5);  // x, z
-const vec3 kEmission = vec3(9, 8.2, 7);
+const vec3 kEmission = vec3(17, 15.5, 13);
 
 const vec4 kGlass = vec4(-0.42, 0.36, 0.78, 0.36), kGold = vec4(0.42, 0.84, -0.5, 0.32);  // centre, radius
 const vec4 kMirror = vec4(0.62, 0.3, 0.7, 0.3), kRed = vec4(0.05, 0.17, 1.12, 0.17);

@@ -1,0 +1,175 @@
+#include "measure.h"
+
+#include <cmath>
+
+#include "camera.h"
+
+namespace postpass {
+namespace {
+
+using Pixels = std::vector<float>;  // RGBA, sRGB
+
+// Frames one at a time, each waited for.
+class Studio {
+ public:
+  Studio(const Device& device, const raymeld::SharedModel& model, vk::Extent2D size, const RendererOptions& options)
+      : renderer_(device, model, size, options),
+        frames_(device, renderer_, 1),
+        aspect_(double(renderer_.full_size().width) / renderer_.full_size().height) {}
+
+  // Renders a frame; returns it as `view` shows it.
+  Pixels frame(double camera_s, uint32_t view) {
+    return submit({.camera = camera_at(camera_s, aspect_), .view = view, .exposure = exposure_});
+  }
+  // The same frame as another view.
+  Pixels again(uint32_t view) {
+    Slot& slot = frames_.next();
+    renderer_.record_again(slot.begin(), view, slot.queries());
+    return submit(slot, {.view = view});
+  }
+  // The mean of so many frames of HRLS.
+  Pixels converged(double camera_s, uint32_t frames) {
+    Frame frame{.camera = camera_at(camera_s, aspect_), .view = kViewConverged};
+    Pixels pixels;
+    for (uint32_t i = 0; i < frames; ++i) {
+      frame.restarts = i == 0;
+      pixels = submit(frame);
+    }
+    return pixels;
+  }
+
+  vk::Extent2D size() const { return renderer_.shown().size; }
+
+ private:
+  Pixels submit(const Frame& frame) {
+    Slot& slot = frames_.next();
+    renderer_.record(slot.begin(), frame, slot.queries());
+    return submit(slot, frame);
+  }
+  Pixels submit(Slot& slot, const Frame& frame) {
+    slot.record_copies(frame, true);
+    slot.submit(nullptr, nullptr);
+    const FrameResult result = slot.finish(renderer_.fusion()).value();
+    if (result.exposure > 0) exposure_ = result.exposure;
+    return {result.image, result.image + size_t{4} * size().width * size().height};
+  }
+
+  Renderer renderer_;
+  Frames frames_;
+  double aspect_;
+  float exposure_ = 1;
+};
+
+// Mean and variance of each value over images.
+class Moments {
+ public:
+  void add(const Pixels& image) {
+    sum_.resize(image.size());
+    squares_.resize(image.size());
+    for (size_t i = 0; i < image.size(); ++i) {
+      sum_[i] += image[i];
+      squares_[i] += double(image[i]) * image[i];
+    }
+    ++count_;
+  }
+  Pixels mean() const {
+    Pixels mean;
+    for (const double sum : sum_) mean.push_back(float(sum / count_));
+    return mean;
+  }
+  double flicker() const {
+    double total = 0;
+    for (size_t i = 0; i < sum_.size(); ++i) {
+      if (i % 4 == 3) continue;
+      const double mean = sum_[i] / count_;
+      total += std::sqrt(std::max(0.0, squares_[i] - count_ * mean * mean) / (count_ - 1));
+    }
+    return 255 * total / (double(sum_.size()) * 3 / 4);
+  }
+
+ private:
+  std::vector<double> sum_, squares_;
+  double count_ = 0;
+};
+
+double psnr(const Pixels& image, const Pixels& truth) {
+  double sum = 0;
+  for (size_t i = 0; i < image.size(); ++i)
+    if (i % 4 < 3) sum += std::pow(double(image[i]) - truth[i], 2);
+  return -10 * std::log10(sum / (double(image.size()) * 3 / 4));
+}
+
+constexpr double kStill_s = 1.7;
+constexpr uint32_t kTruthSamples = 16;  // of a frame of a converged image
+
+void measure_still(Studio& studio, Studio& truths, const MeasureOptions& options) {
+  Moments converged, fused, blended;
+  for (uint32_t i = 0; i < options.frames; ++i) 
+    converged.add(truths.converged(kStill_s, options.converged_samples / kTruthSamples));
+  const Pixels truth = converged.mean();
+  constexpr uint32_t kWarmUp = 32;
+  double lrhs_psnr = 0, hrls_psnr = 0, fused_psnr = 0, blended_psnr = 0;
+  for (uint32_t i = 0; i < kWarmUp + options.frames; ++i) {
+    const Pixels image = studio.frame(kStill_s, kViewBlended);
+    if (i < kWarmUp) continue;
+    const Pixels plain = studio.again(kViewFused);
+    blended.add(image);
+    fused.add(plain);
+    blended_psnr += psnr(image, truth) / options.frames;
+    fused_psnr += psnr(plain, truth) / options.frames;
+    lrhs_psnr += psnr(studio.again(kViewLrhs), truth) / options.frames;
+    hrls_psnr += psnr(studio.again(kViewHrls), truth) / options.frames;
+  }
+  std::printf("still camera, flicker: fused %.3f, with history %.3f, converged (%u samples) %.3f\n", fused.flicker(),
+              blended.flicker(), options.converged_samples, converged.flicker());
+  std::printf("still camera, PSNR: LRHS, bicubic %.2f, HRLS %.2f, fused %.2f, with history %.2f dB\n", lrhs_psnr,
+              hrls_psnr, fused_psnr, blended_psnr);
+}
+
+void measure_moving(Studio& studio, Studio& truths, const MeasureOptions& options) {
+  double fused_sum = 0, blended_sum = 0;
+  uint32_t count = 0;
+  const uint32_t warm_up = 8;
+  for (uint32_t i = 0; i < warm_up + options.frames; ++i) {
+    const double camera_s = kStill_s + i / 30.0;
+    const Pixels blended = studio.frame(camera_s, kViewBlended);
+    if (i < warm_up || (i - warm_up) % options.reference_every > 0) continue;
+    const Pixels fused = studio.again(kViewFused);
+    const Pixels lrhs = studio.again(kViewLrhs), hrls = studio.again(kViewHrls);
+    const uint32_t last = warm_up + (options.frames - 1) / options.reference_every * options.reference_every;
+    const Pixels truth = truths.converged(camera_s, options.reference_samples / kTruthSamples);
+    const double fused_psnr = psnr(fused, truth), blended_psnr = psnr(blended, truth);
+    std::printf("moving camera, frame %u, PSNR: fused %.2f, with history %.2f dB\n", i, fused_psnr, blended_psnr);
+    fused_sum += fused_psnr;
+    blended_sum += blended_psnr;
+    ++count;
+    if (options.images.empty() || i < last) continue;
+    std::filesystem::create_directories(options.images);
+    write_png(options.images / "lrhs.png", lrhs.data(), studio.size());
+    write_png(options.images / "hrls.png", hrls.data(), studio.size());
+    write_png(options.images / "fused.png", fused.data(), studio.size());
+    write_png(options.images / "history.png", blended.data(), studio.size());
+    write_png(options.images / "converged.png", truth.data(), studio.size());
+  }
+  std::printf("moving camera, mean PSNR: fused %.2f, with history %.2f dB\n", fused_sum / count, blended_sum / count);
+}
+
+}  // namespace
+
+uint32_t measure(const DemoOptions& options, const MeasureOptions& measure) {
+  if (measure.frames < 2 || measure.converged_samples % kTruthSamples || measure.reference_samples % kTruthSamples)
+    throw std::runtime_error("measuring takes two frames or more, and multiples of " +
+                             std::to_string(kTruthSamples) + " samples");
+  const Instance instance({}, options.validate);
+  const Device device(instance, options.device, nullptr);
+  const Models models(options.models);
+  const raymeld::SharedModel& model = models[models.find(options.model)];
+  RendererOptions truth_options = options.renderer;
+  truth_options.hrls_samples = kTruthSamples;
+  Studio studio(device, model, options.size, options.renderer), truths(device, model, options.size, truth_options);
+  measure_still(studio, truths, measure);
+  measure_moving(studio, truths, measure);
+  return instance.messages();
+}
+
+}  // namespace postpass
