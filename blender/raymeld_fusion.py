@@ -59,12 +59,44 @@ class RaymeldSettings(bpy.types.PropertyGroup):
     )
 
 
+def curves_of(thing):
+    """All curves that animate an object: keyframes and drivers."""
+    animation = thing.animation_data
+    if not animation:
+        return []
+    curves, action = list(animation.drivers), animation.action
+    if hasattr(action, "fcurves"):
+        curves += action.fcurves
+    elif action:  # of slots, from Blender 5 on
+        bags = [strip.channelbag(animation.action_slot) for layer in action.layers for strip in layer.strips]
+        curves += [curve for bag in bags if bag for curve in bag.fcurves]
+    return curves
+
+
+def path_of(thing, name):
+    """As curves have it; None of what cannot be animated."""
+    try:
+        return thing.path_from_id(name)
+    except ValueError:
+        return None
+
+
 @contextlib.contextmanager
 def changed(pairs):
     """Sets (object, attribute, value), and all back at the end; in the given order, as a file format decides what depths
-    there are."""
-    before = [(thing, name, getattr(thing, name)) for thing, name, _ in pairs]
+    there are. What is animated stays as it is set: a render would put it back."""
+    animated = [
+        curve
+        for thing, name, _ in pairs
+        if thing.id_data
+        for curve in curves_of(thing.id_data)
+        if curve.data_path == path_of(thing, name)
+    ]
+    before = [(curve, "mute", curve.mute) for curve in animated]
+    before += [(thing, name, getattr(thing, name)) for thing, name, _ in pairs]
     try:
+        for curve in animated:
+            curve.mute = True
         for thing, name, value in pairs:
             setattr(thing, name, value)
         yield
@@ -77,9 +109,12 @@ def size_of(render):
     return tuple(n * render.resolution_percentage // 100 for n in (render.resolution_x, render.resolution_y))
 
 
-def fit_of(camera, size):
-    """The pixels along the side that the camera's shift is measured by."""
-    return {"AUTO": max(size), "HORIZONTAL": size[0], "VERTICAL": size[1]}[camera.sensor_fit]
+def pixels_of_shift(camera, render, size):
+    """How many pixels a camera's shift of 1 is, in x and in y: it is measured by one side of the image, whose pixels need
+    not be square."""
+    width, height = size[0] * render.pixel_aspect_x, size[1] * render.pixel_aspect_y
+    side = {"AUTO": max(width, height), "HORIZONTAL": width, "VERTICAL": height}[camera.sensor_fit]
+    return side / render.pixel_aspect_x, side / render.pixel_aspect_y
 
 
 def small_render(scene, scale):
@@ -91,21 +126,24 @@ def small_render(scene, scale):
         raise Failure(f"the render of {width} x {height} pixels is not a multiple of the scale, {scale}")
     if camera.type == "PANO":
         raise Failure("a panoramic camera has no shift, which the small render takes")
-    offset = (scale - 1) / 2 / fit_of(camera, (width, height))
+    across, down = pixels_of_shift(camera, render, (width, height))
+    offset = (scale - 1) / 2  # pixels
     return [
         (render, "resolution_percentage", 100),
         (render, "resolution_x", width // scale),
         (render, "resolution_y", height // scale),
         (scene.cycles, "filter_width", scene.cycles.filter_width / scale),
-        (camera, "shift_x", camera.shift_x - offset),
-        (camera, "shift_y", camera.shift_y + offset),
+        (camera, "shift_x", camera.shift_x - offset / across),
+        (camera, "shift_y", camera.shift_y + offset / down),
     ]
 
 
 def plain_render(scene, layer):
     """One layer as Cycles gives it, in OpenEXR."""
     render, image, cycles = scene.render, scene.render.image_settings, scene.cycles
-    return [
+    # From Blender 5 on it decides what formats there are.
+    media = [(image, "media_type", "MULTI_LAYER_IMAGE")] if hasattr(image, "media_type") else []
+    return media + [
         (render, "use_compositing", False),
         (render, "use_sequencer", False),
         (render, "use_single_layer", True),

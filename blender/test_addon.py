@@ -80,22 +80,59 @@ class Test(unittest.TestCase):
         numpy.testing.assert_array_equal(shown, pixels_of(again))
 
         # It is the image of many samples, in the same place: nearer than what either render gives, or a shift.
-        scene = self.scene
-        scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.use_adaptive_sampling = 256, False, False
-        scene.render.image_settings.file_format = "OPEN_EXR"
-        scene.render.image_settings.color_depth = "32"
-        scene.render.filepath = str(folder / "reference.exr")
-        bpy.ops.render.render(write_still=True)
-        reference = pixels_of(folder / "reference.exr")
+        reference = self.render_reference(folder)
         fused = psnr(shown, reference)
         for dy, dx in ((0, 1), (1, 0), (0, -1), (-1, 0)):
             self.assertGreater(fused, psnr(numpy.roll(shown, (dy, dx), (0, 1)), reference))
         self.assertGreater(fused, 26)
 
         # Once more takes the place of the image.
+        scene = self.scene
         scene.raymeld.scale, scene.raymeld.quality, scene.raymeld.folder = "2", "fast", ""
         self.assertEqual(bpy.ops.render.raymeld(), {"FINISHED"})
         self.assertEqual([i.name for i in bpy.data.images if i.name.startswith("Raymeld")], ["Raymeld"])
+
+    def render_reference(self, folder):
+        scene = self.scene
+        scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.use_adaptive_sampling = 256, False, False
+        scene.render.image_settings.file_format = "OPEN_EXR"
+        scene.render.image_settings.color_depth = "32"
+        scene.render.filepath = str(folder / "reference.exr")
+        bpy.ops.render.render(write_still=True)
+        return pixels_of(folder / "reference.exr")
+
+    def expect_every_fourth_pixel(self):
+        """Of the full-size render, from the top left, is what the small render has."""
+        folder, addon = pathlib.Path(self.folder.name), sys.modules[MODULE]
+        with addon.changed(addon.small_render(self.scene, 4)):
+            small = self.render_reference(folder)
+        reference = self.render_reference(folder)
+        for dy, dx in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+            shifted = numpy.roll(reference, (dy, dx), (0, 1))
+            # Rows begin below.
+            self.assertGreater(psnr(small, reference[3::4, ::4]), psnr(small, shifted[3::4, ::4]) + 3)
+
+    def test_pixels_that_are_not_square(self):
+        self.scene.render.pixel_aspect_x, self.scene.render.pixel_aspect_y = 1, 2.5  # the side is the height
+        self.expect_every_fourth_pixel()
+
+    def test_what_is_animated(self):
+        scene, camera = self.scene, self.scene.camera.data
+        for frame, shift in ((1, 0.0), (11, 0.3)):
+            camera.shift_x = shift
+            camera.keyframe_insert("shift_x", frame=frame)
+            scene.cycles.filter_width = 1.5
+            scene.cycles.keyframe_insert("filter_width", frame=frame)
+        scene.cycles.driver_add("seed").driver.expression = "frame"
+        scene.frame_set(3)
+        before, shift = settings_of(scene), camera.shift_x
+        self.assertNotEqual(shift, 0)
+        self.assertEqual(bpy.ops.render.raymeld(), {"FINISHED"})
+        self.assertEqual(settings_of(scene), before)
+        self.assertFalse(any(curve.mute for curve in camera.animation_data.action.fcurves))
+        self.expect_every_fourth_pixel()
+        scene.frame_set(5)
+        self.assertGreater(camera.shift_x, shift)
 
     def expect_failure(self, text):
         before = settings_of(self.scene)

@@ -13,8 +13,17 @@ install(DIRECTORY models/ DESTINATION ${CMAKE_INSTALL_DATADIR}/raymeld/models CO
 set(package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/raymeld)
 install(EXPORT raymeld NAMESPACE raymeld:: DESTINATION ${package_dir} COMPONENT dev)
 file(WRITE ${CMAKE_BINARY_DIR}/raymeldConfig.cmake [=[
-include(CMakeFindDependencyMacro)
-find_dependency(Vulkan)
+# Vulkan's headers are all it takes: the loader is opened at run time, if at all.
+if(NOT TARGET Vulkan::Headers)
+  find_path(Vulkan_INCLUDE_DIR vulkan/vulkan_core.h HINTS $ENV{VULKAN_SDK}/include)
+  if(NOT Vulkan_INCLUDE_DIR)
+    set(raymeld_FOUND FALSE)
+    set(raymeld_NOT_FOUND_MESSAGE "Vulkan's headers were not found (Vulkan_INCLUDE_DIR); Debian's libvulkan-dev has them")
+    return()
+  endif()
+  add_library(Vulkan::Headers INTERFACE IMPORTED)
+  set_target_properties(Vulkan::Headers PROPERTIES INTERFACE_INCLUDE_DIRECTORIES "${Vulkan_INCLUDE_DIR}")
+endif()
 include(${CMAKE_CURRENT_LIST_DIR}/raymeld.cmake)
 ]=])
 write_basic_package_version_file(${CMAKE_BINARY_DIR}/raymeldConfigVersion.cmake
@@ -29,6 +38,8 @@ prefix=${pcfiledir}/@prefix@
 Name: raymeld
 Description: Fuses two cheap renders into a good one, on a Vulkan device
 Version: @PROJECT_VERSION@
+# For its headers.
+Requires.private: vulkan
 Cflags: -I${prefix}/@CMAKE_INSTALL_INCLUDEDIR@
 Libs: -L${prefix}/@CMAKE_INSTALL_LIBDIR@ -lraymeld
 ]=])

@@ -132,23 +132,23 @@ void Fuser::prepare(TileSize size) {
   place->second.program.set_threshold(options_.threshold);
 }
 
-Status Fuser::status() const {
-  if (!program_) return {};
-  Status sum = program_->status();
+RecordedReport Fuser::take_report() {
+  if (!program_) return {};  // a fuse() failed since
+  RecordedReport report{program_->status(), 0};
+  if (recorded_program_) report.settled_share = recorded_program_->settled_share();
   for (const auto& [size, other] : prepared_) {
     if (!other.program.has_own_status()) continue;
-    sum.saturated += other.program.status().saturated;
-    sum.not_finite += other.program.status().not_finite;
+    report.status.saturated += other.program.status().saturated;
+    report.status.not_finite += other.program.status().not_finite;
   }
-  return sum;
+  reset_status();
+  return report;
 }
 
 void Fuser::reset_status() {
   if (program_) program_->reset_status();
   for (auto& [size, other] : prepared_) other.program.reset_status();
 }
-
-double Fuser::settled_share() const { return recorded_program_ ? recorded_program_->settled_share() : 0; }
 
 float Fuser::exposure(const float* lrhs) const {
   if (options_.exposure != 0) return options_.exposure;
@@ -229,6 +229,11 @@ FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const
     }
     last_frame_->begin(lrhs, hrls, factor);
   }
+  // However this ends, the next count is of recorded frames.
+  struct Reset {
+    Fuser& fuser;
+    ~Reset() { fuser.reset_status(); }
+  } const reset{*this};
   const FuseReport report =
       run_within_memory(lrhs, hrls, last_frame_ ? last_frame_->fused() : fused, factor, progress);
   if (report.status.not_finite > 0) {

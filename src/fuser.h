@@ -36,6 +36,12 @@ struct FuseReport {
   std::vector<PassTime> kernels;
 };
 
+// Of recorded frames.
+struct RecordedReport {
+  Status status;             // of all of them
+  double settled_share = 0;  // of the last one: see FuseReport
+};
+
 // Called with the share of a frame that is done, in [0, 1]; false stops the frame with Cancelled.
 using Progress = std::function<bool(double)>;
 
@@ -71,7 +77,7 @@ class Fuser {
   // this device. h and w are plan().tiling.tile: a frame of several tiles is recorded tile by tile, with
   // views that start at each tile. The inputs must be visible to VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT /
   // VK_ACCESS_SHADER_READ_BIT; the output is written by that stage with VK_ACCESS_SHADER_WRITE_BIT, and made
-  // visible to the host, as is status(), which counts what went wrong. At most kFramesInFlight recordings may
+  // visible to the host, as is what take_report() reads. At most kFramesInFlight recordings may
   // be pending, each submitted at most once, to one queue. `exposure`: what radiance is multiplied by for the
   // network; FuserOptions::exposure has no say here. Throws Error when a view passes the device's limits, and
   // with FuserOptions::changed_only, as the inputs are not looked at.
@@ -92,11 +98,8 @@ class Fuser {
     return size == plan_.tiling.tile || prepared_.contains({size.height, size.width});
   }
 
-  // Of recordings of all sizes since reset_status() or a fuse(); read when they are done.
-  Status status() const;
-  void reset_status();
-  // Of the last one: see FuseReport.
-  double settled_share() const;
+  // What recordings counted since the last call or the last fuse(), for when they are done.
+  RecordedReport take_report();
 
   // Which of the kFramesInFlight recordings the next one takes the place of.
   uint32_t next_frame() const { return next_set_; }
@@ -144,6 +147,7 @@ class Fuser {
   auto within_memory(const Work& work);
   void take_smaller_tiles(const OutOfMemory& refused);
   Program& made_program();
+  void reset_status();
   void check_sizes(const Image& lrhs, const Image& hrls) const;
   std::array<Shape, 3> image_shapes(TileSize tile) const;
   FrameBindings bindings(const FrameBuffer& lrhs, const FrameBuffer& hrls, const FrameBuffer& fused) const;

@@ -35,6 +35,7 @@ namespace {
   X(SetDebugUtilsObjectNameEXT)                      \
   X(BindBufferMemory)                                \
   X(MapMemory)                                       \
+  X(FlushMappedMemoryRanges)                         \
   X(InvalidateMappedMemoryRanges)                    \
   X(AllocateDescriptorSets)                          \
   X(AllocateCommandBuffers)                          \

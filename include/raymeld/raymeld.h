@@ -6,7 +6,7 @@
  *
  * Structures begin with their size, by which a library knows which version of them a program was compiled
  * with: struct_size = sizeof(the structure). All else may be zero, which asks for the default; in C++ all
- * members have initializers.
+ * members have initializers. Reserved members must be zero.
  *
  * Handles may be destroyed in any order: what is made with another one keeps what it needs of it. What
  * belongs to the caller (Vulkan objects and memory) must outlive what is made with it, and destroying a
@@ -68,11 +68,11 @@ typedef struct raymeld_feature {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_feature));
   uint32_t bit RAYMELD_IS(0);              /* of raymeld_feature_bits */
   VkBool32 supported RAYMELD_IS(VK_FALSE); /* by the device that was asked */
-  uint32_t extension_count RAYMELD_IS(0);  /* device extensions */
-  const char* const* extensions RAYMELD_IS(NULL);
-  uint32_t member_count RAYMELD_IS(0); /* as "VkPhysicalDeviceFeatures::shaderInt64" */
-  const char* const* members RAYMELD_IS(NULL);
-  const char* without RAYMELD_IS(NULL); /* what happens where it is not enabled */
+  uint32_t extension_count RAYMELD_IS(0);
+  uint32_t member_count RAYMELD_IS(0);
+  const char* const* extensions RAYMELD_IS(NULL); /* of the device */
+  const char* const* members RAYMELD_IS(NULL);    /* as "VkPhysicalDeviceFeatures::shaderInt64" */
+  const char* without RAYMELD_IS(NULL);           /* what happens where it is not enabled */
 } raymeld_feature;
 
 /* Lists them, of a physical device. `features` may be NULL; else it has room for *count, each of the size
@@ -93,8 +93,8 @@ typedef struct raymeld_context_desc {
   VkInstance instance RAYMELD_IS(VK_NULL_HANDLE);
   VkPhysicalDevice physical_device RAYMELD_IS(VK_NULL_HANDLE);
   VkDevice device RAYMELD_IS(VK_NULL_HANDLE);
-  /* That does compute. Functions that submit, which say so, take turns in all threads; the caller's own use
-   * of it must not coincide with them. */
+  /* Of queue_family, which does compute. Functions that submit, which say so, take turns in all threads; the
+   * caller's own use of it must not coincide with them. */
   VkQueue queue RAYMELD_IS(VK_NULL_HANDLE);
   uint32_t queue_family RAYMELD_IS(0);
   uint32_t enabled_features RAYMELD_IS(0); /* raymeld_feature_bits that `device` was created with */
@@ -175,9 +175,10 @@ typedef struct raymeld_model_info {
   const char* name RAYMELD_IS(NULL);
   uint32_t scale RAYMELD_IS(0);       /* full-size pixels to one of LRHS, in each direction: 2, 4 or 8 */
   uint32_t layer_count RAYMELD_IS(0); /* of HRLS, three channels each */
+  uint32_t optional_layer_count RAYMELD_IS(0);
+  uint32_t reserved RAYMELD_IS(0);
   /* In order: color, albedo, normal, diffuse, specular, variance or some of them. */
   const char* const* layers RAYMELD_IS(NULL);
-  uint32_t optional_layer_count RAYMELD_IS(0);
   const char* const* optional_layers RAYMELD_IS(NULL); /* that it was trained to do without */
   uint64_t parameters RAYMELD_IS(0);
 } raymeld_model_info;
@@ -218,7 +219,9 @@ typedef struct raymeld_fusion_desc {
   raymeld_precision precision RAYMELD_IS(RAYMELD_PRECISION_AUTO);
   raymeld_kernels kernels RAYMELD_IS(RAYMELD_KERNELS_AUTO);
   raymeld_sampling lrhs_sampling RAYMELD_IS(RAYMELD_SAMPLING_MODEL);
-  uint64_t max_memory_bytes RAYMELD_IS(0); /* of all that is made on the device; 0: what it has to give */
+  uint32_t reserved RAYMELD_IS(0);
+  /* Of all that is made on the device, and of the activations in `memory` as well; 0: what it has to give. */
+  uint64_t max_memory_bytes RAYMELD_IS(0);
   /* What raymeld_fuse() multiplies radiance by for the network, from 2^-24 to 2^24, and divides its output
    * by; 0: what suits the model, see raymeld_exposure(). */
   float exposure RAYMELD_IS(0);
@@ -240,8 +243,9 @@ typedef struct raymeld_fusion_desc {
   uint32_t absent_layer_count RAYMELD_IS(0);
   const char* const* absent_layers RAYMELD_IS(NULL);
   /* The caller's memory for the activations, as raymeld_get_memory_needs() asks for it: size_bytes from
-   * memory_offset_bytes on. Between frames it may serve other purposes. VK_NULL_HANDLE: raymeld allocates
-   * it. */
+   * memory_offset_bytes on. A frame reads and writes it in VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT and
+   * VK_PIPELINE_STAGE_TRANSFER_BIT; between frames it may serve other purposes, behind barriers of the
+   * caller's that make those wait for these and these for those. VK_NULL_HANDLE: raymeld allocates it. */
   VkDeviceMemory memory RAYMELD_IS(VK_NULL_HANDLE);
   VkDeviceSize memory_offset_bytes RAYMELD_IS(0);
   VkDeviceSize memory_size_bytes RAYMELD_IS(0);
@@ -277,14 +281,14 @@ typedef struct raymeld_fusion_info {
   raymeld_precision precision RAYMELD_IS(RAYMELD_PRECISION_AUTO); /* never AUTO */
   uint32_t scale RAYMELD_IS(0);
   uint32_t layer_count RAYMELD_IS(0); /* of HRLS, as it is read: without absent ones, three channels each */
+  uint32_t frames_in_flight RAYMELD_IS(0); /* that may be recorded and not yet done on the device */
   const char* const* layers RAYMELD_IS(NULL);
   /* The LRHS size that one recording computes: (height, width) of the description unless memory or limits
    * force tiles. A raymeld_fuse() that finds the device out of memory makes it smaller, unless
    * raymeld_record() was called before. */
   uint32_t tile_height RAYMELD_IS(0);
   uint32_t tile_width RAYMELD_IS(0);
-  uint32_t frames_in_flight RAYMELD_IS(0); /* that may be recorded and not yet done on the device */
-  uint64_t memory_bytes RAYMELD_IS(0);     /* on the device, so far */
+  uint64_t memory_bytes RAYMELD_IS(0); /* on the device, so far */
 } raymeld_fusion_info;
 
 RAYMELD_API raymeld_result raymeld_fusion_get_info(raymeld_fusion fusion, raymeld_fusion_info* info);
@@ -315,10 +319,10 @@ typedef struct raymeld_image {
   uint32_t pixel_stride RAYMELD_IS(0);
   uint32_t row_stride RAYMELD_IS(0);
   uint32_t channel_stride RAYMELD_IS(0);
-  VkImageView view RAYMELD_IS(VK_NULL_HANDLE);
-  /* That it is in when the recording runs, and left in: of inputs GENERAL or SHADER_READ_ONLY_OPTIMAL, of the
-   * output GENERAL. UNDEFINED: GENERAL. */
+  /* Of an image of Vulkan: what it is in when the recording runs, and left in. GENERAL or, of inputs,
+   * SHADER_READ_ONLY_OPTIMAL; UNDEFINED stands for GENERAL. */
   VkImageLayout layout RAYMELD_IS(VK_IMAGE_LAYOUT_UNDEFINED);
+  VkImageView view RAYMELD_IS(VK_NULL_HANDLE);
   uint32_t x RAYMELD_IS(0); /* the texel that is the first pixel */
   uint32_t y RAYMELD_IS(0);
   float value_scale RAYMELD_IS(0); /* of inputs; 0 is 1. 2, with a bias of -1, for normals in [0, 1] */
@@ -357,8 +361,8 @@ RAYMELD_API raymeld_result raymeld_prepare_size(raymeld_fusion fusion, uint32_t 
  * device or waits, unless a raymeld_fuse() before failed for want of memory, after which everything is made
  * anew. The inputs must be visible to VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with VK_ACCESS_SHADER_READ_BIT, and
  * the output ready to be written there; it is written in that stage with VK_ACCESS_SHADER_WRITE_BIT, and made
- * visible to the host; what else reads it waits for that. All layouts stay. At most frames_in_flight
- * recordings may be pending, on one queue, each submitted once. */
+ * visible to the host like what raymeld_take_status() reads; what else reads it waits for that. All layouts
+ * stay. At most frames_in_flight recordings may be pending, on one queue, each submitted once. */
 RAYMELD_API raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands,
                                           const raymeld_frame* frame);
 
@@ -391,8 +395,9 @@ typedef struct raymeld_status {
   uint32_t not_finite RAYMELD_IS(0); /* output values that were NaN or infinite, written as 0 */
   /* Of raymeld_fuse(), AUTO: which fp16 could not hold, computed again in fp32. */
   uint32_t redone_tiles RAYMELD_IS(0);
-  float settled_share RAYMELD_IS(0); /* of the last frame: adaptive_threshold */
+  float settled_share RAYMELD_IS(0); /* of the last frame, 0 without one: adaptive_threshold */
   float kept_share RAYMELD_IS(0);    /* of raymeld_fuse(): changed_only */
+  uint32_t reserved RAYMELD_IS(0);
 } raymeld_status;
 
 /* Counts of recorded and submitted frames since the last call or the last raymeld_fuse(); for when those of

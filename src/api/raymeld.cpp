@@ -47,6 +47,8 @@ raymeld_result guarded(raymeld_result of_error, const Work& work) noexcept {
     return failed(RAYMELD_ERROR_INVALID_ARGUMENT, error.what());
   } catch (const OutOfMemory& error) {
     return failed(RAYMELD_ERROR_OUT_OF_MEMORY, error.what());
+  } catch (const OutOfHostMemory& error) {
+    return failed(RAYMELD_ERROR_OUT_OF_MEMORY, error.what());
   } catch (const DeviceLost& error) {
     return failed(RAYMELD_ERROR_DEVICE_LOST, error.what());
   } catch (const NotFinite& error) {
@@ -68,9 +70,12 @@ T& given(T* argument, const char* name) {
   return *argument;
 }
 
+// No version has a structure as large as this: what is beyond was never written.
+constexpr size_t kLargestStruct = 4096;
+
 template <typename Struct>
 size_t size_of(const Struct& value, const char* name) {
-  if (value.struct_size < sizeof(size_t))
+  if (value.struct_size < sizeof(size_t) || value.struct_size > kLargestStruct)
     throw InvalidArgument("{}: struct_size is {}, expected sizeof({})", name, value.struct_size, name);
   return value.struct_size;
 }
@@ -87,6 +92,9 @@ Struct read(const Struct& from, const char* name) {
   Struct value;
   std::memset(static_cast<void*>(&value), 0, sizeof(value));
   std::memcpy(static_cast<void*>(&value), &from, std::min(size, sizeof(Struct)));
+  if constexpr (requires { value.reserved; }) {
+    if (value.reserved != 0) throw InvalidArgument("{}: reserved is {}, expected 0", name, value.reserved);
+  }
   return value;
 }
 
@@ -213,6 +221,7 @@ FuserOptions fuser_options(const raymeld_fusion_desc& desc, const ContextState& 
   const Device& device = *context.device;
   FuserOptions options;
   options.storage = storage_for(static_cast<Precision>(desc.precision), device.info(), model);
+  check_storage(device.info(), options.storage);
   options.max_memory_bytes = desc.max_memory_bytes;
   const bool centered = desc.lrhs_sampling == RAYMELD_SAMPLING_MODEL
                             ? model.architecture().lrhs_centered
@@ -684,12 +693,13 @@ raymeld_result raymeld_take_status(raymeld_fusion fusion, raymeld_status* status
   return guarded(RAYMELD_ERROR_DEVICE, [&] {
     raymeld_fusion_t& made = given(fusion, "fusion");
     made.wait_for_submitted();
+    size_of(given(status, "status"), "raymeld_status");
+    const RecordedReport report = made.fuser.take_report();
     raymeld_status known;
-    known.saturated = made.fuser.status().saturated;
-    known.not_finite = made.fuser.status().not_finite;
-    known.settled_share = float(made.fuser.settled_share());
-    write(known, given(status, "status"), "raymeld_status");
-    made.fuser.reset_status();
+    known.saturated = report.status.saturated;
+    known.not_finite = report.status.not_finite;
+    known.settled_share = float(report.settled_share);
+    write(known, *status, "raymeld_status");
   });
 }
 
@@ -702,14 +712,7 @@ raymeld_result raymeld_fuse(raymeld_fusion fusion, const float* lrhs, const floa
       throw InvalidArgument("raymeld_fuse() takes buffers: a fusion of images is for raymeld_record()");
     if (status) size_of(*status, "raymeld_status");
     fusion->wait_for_submitted();
-    FuseReport report;
-    try {
-      report = fuser.fuse(&given(lrhs, "lrhs"), &given(hrls, "hrls"), &given(fused, "fused"));
-    } catch (const NotFinite&) {
-      fuser.reset_status();  // the next count is of recorded frames
-      throw;
-    }
-    fuser.reset_status();
+    const FuseReport report = fuser.fuse(&given(lrhs, "lrhs"), &given(hrls, "hrls"), &given(fused, "fused"));
     raymeld_status known;
     known.saturated = report.status.saturated;
     known.not_finite = report.status.not_finite;

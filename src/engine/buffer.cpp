@@ -138,11 +138,22 @@ Buffer& Buffer::operator=(Buffer&& other) noexcept {
   return *this;
 }
 
-void Buffer::invalidate() const {
-  if (coherent_) return;
+VkMappedMemoryRange Buffer::whole() const {
   auto range = vk_struct<VkMappedMemoryRange>(VK_STRUCTURE_TYPE_MAPPED_MEMORY_RANGE);
   range.memory = memory_;
   range.size = VK_WHOLE_SIZE;
+  return range;
+}
+
+void Buffer::flush() const {
+  if (coherent_) return;
+  const VkMappedMemoryRange range = whole();
+  check(device_->vk().FlushMappedMemoryRanges(device_->handle(), 1, &range), "uploading");
+}
+
+void Buffer::invalidate() const {
+  if (coherent_) return;
+  const VkMappedMemoryRange range = whole();
   check(device_->vk().InvalidateMappedMemoryRanges(device_->handle(), 1, &range), "reading back");
 }
 

@@ -34,12 +34,15 @@ class Buffer {
   VkDeviceAddress address() const { return address_; }
   // The host's view for the buffer's whole life; null when the host does not see the memory.
   void* mapped() const { return mapped_; }
+  // Makes what the host wrote to mapped() visible to what is submitted from then on; needed for kDevice.
+  void flush() const;
   // Makes the device's writes visible to the host; needed before reading mapped() of a kReadback buffer.
   void invalidate() const;
 
  private:
   VkMemoryRequirements create(const Device& device, const std::string& name, const std::string& what);
   void bind(VkDeviceMemory memory, uint64_t offset_bytes, const std::string& what);
+  VkMappedMemoryRange whole() const;
 
   const Device* device_ = nullptr;
   VkBuffer buffer_ = VK_NULL_HANDLE;

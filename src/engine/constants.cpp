@@ -16,6 +16,7 @@ std::shared_ptr<const Constants> ConstantPool::get(const Device& device, std::ve
   made->buffer = Buffer(device, size_bytes, Memory::kDevice, "constants");
   if (made->buffer.mapped()) {
     std::memcpy(made->buffer.mapped(), content.data(), size_bytes);
+    made->buffer.flush();
   } else {
     const Buffer staging(device, size_bytes, Memory::kUpload, "constants staging");
     std::memcpy(staging.mapped(), content.data(), size_bytes);

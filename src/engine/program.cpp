@@ -16,12 +16,13 @@ namespace {
 // offset.
 constexpr uint64_t kExposureStrideBytes = 256;
 
+constexpr VkAccessFlags kShaderAccess = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT;
+
 // Between dispatches; `indirect`: and what is read of how large they are.
 void full_barrier(const VulkanFunctions& vk, VkCommandBuffer commands, bool indirect) {
-  constexpr VkAccessFlags kBoth = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT;
   VkPipelineStageFlags stages = VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT;
   auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
-  barrier.srcAccessMask = barrier.dstAccessMask = kBoth;
+  barrier.srcAccessMask = barrier.dstAccessMask = kShaderAccess;
   if (indirect) {
     stages |= VK_PIPELINE_STAGE_DRAW_INDIRECT_BIT;
     barrier.dstAccessMask |= VK_ACCESS_INDIRECT_COMMAND_READ_BIT;
@@ -32,7 +33,6 @@ void full_barrier(const VulkanFunctions& vk, VkCommandBuffer commands, bool indi
 // Behind what earlier passes do with it, and before what later ones do.
 void fill_zero(const VulkanFunctions& vk, VkCommandBuffer commands, VkBuffer buffer,
                VkDeviceSize offset_bytes, VkDeviceSize size_bytes) {
-  constexpr VkAccessFlags kBoth = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT;
   const auto wait = [&](VkPipelineStageFlags from, VkAccessFlags wrote, VkPipelineStageFlags to,
                         VkAccessFlags access) {
     auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
@@ -44,7 +44,7 @@ void fill_zero(const VulkanFunctions& vk, VkCommandBuffer commands, VkBuffer buf
        VK_ACCESS_TRANSFER_WRITE_BIT);
   vk.CmdFillBuffer(commands, buffer, offset_bytes, size_bytes, 0);
   wait(VK_PIPELINE_STAGE_TRANSFER_BIT, VK_ACCESS_TRANSFER_WRITE_BIT, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT,
-       kBoth);
+       kShaderAccess);
 }
 
 // How much behind the status a sparse graph has, in words.
@@ -83,16 +83,18 @@ WorkLimits limits_for(const DeviceInfo& info) {
   return {dispatch_work, 8 * dispatch_work};
 }
 
+void check_storage(const DeviceInfo& device, Storage storage) {
+  if (storage == Storage::kFloat16 && !device.storage_16bit)
+    throw Error("device {} has no 16-bit storage (storageBuffer16BitAccess); use fp32", device.name);
+}
+
 Program::Program(const Device& device, const Graph& graph, PipelineCache& cache, uint32_t sets,
                  const std::optional<WorkLimits>& limits, const std::optional<MemoryRange>& activations)
     : device_(device),
       graph_(graph),
       common_(std::make_shared<Common>()),
       limits_(limits.value_or(limits_for(device.info()))) {
-  if (graph.storage() == Storage::kFloat16 && !device.info().storage_16bit) {
-    throw Error("device {} has no 16-bit storage (storageBuffer16BitAccess); use --precision fp32",
-                device.info().name);
-  }
+  check_storage(device.info(), graph.storage());
   // This limit has 32 bits, so the shaders' 32-bit addresses reach whatever is bound.
   if (graph.largest_binding_bytes() > device.info().max_storage_range_bytes) {
     throw Error("a layer binds {} bytes; device {} binds at most {}", graph.largest_binding_bytes(),
@@ -145,7 +147,10 @@ Program::Program(const Program& larger, const Graph& graph, PipelineCache& cache
 }
 
 void Program::prepare(PipelineCache& cache, uint32_t sets) {
-  if (graph_.sparse()) prepare_sparse();
+  if (graph_.sparse()) {
+    prepare_sparse();
+    reset_status();
+  }
   create_kernels(cache);
   try {
     create_sets(sets);
@@ -238,7 +243,8 @@ uint32_t Program::settled_blocks() const {
 }
 
 double Program::settled_share() const {
-  return graph_.sparse() ? double(settled_blocks()) / graph_.sparse()->blocks() : 0;
+  if (!graph_.sparse()) return 0;
+  return 1 - double(words()[RAYMELD_SPARSE_COUNTS]) / graph_.sparse()->blocks();
 }
 
 double Program::work_share() const {
@@ -531,7 +537,10 @@ Status Program::status() const {
   return status;
 }
 
-void Program::reset_status() { std::memset(status_->mapped(), 0, sizeof(Status)); }
+void Program::reset_status() {
+  std::memset(status_->mapped(), 0, sizeof(Status));
+  if (graph_.sparse()) words()[RAYMELD_SPARSE_COUNTS] = graph_.sparse()->blocks();
+}
 
 void Program::write(const Tensor& tensor, std::span<const float> values) {
   const uint64_t size_bytes = graph_.size_bytes(tensor), pixels = tensor.shape.pixels();

@@ -32,6 +32,9 @@ struct WorkLimits {
 // What suits a device's kind.
 WorkLimits limits_for(const DeviceInfo& device);
 
+// Throws Error where the device has no 16-bit storage and is asked for it.
+void check_storage(const DeviceInfo& device, Storage storage);
+
 class Program {
  public:
   // Allocates the constants, the activations and the status, packs and uploads the constants, compiles the
@@ -77,7 +80,8 @@ class Program {
   // Of those of a sparse graph's blocks that were needed for all the host knew, how many the last frame found
   // settled; read when the device is idle.
   uint32_t settled_blocks() const;
-  // Of all blocks.
+  // The share of all blocks that the last frame found settled, where all were needed; read when the device is
+  // idle. 0 after a reset_status(), and of other graphs.
   double settled_share() const;
   // How much of all passes' work it was.
   double work_share() const;

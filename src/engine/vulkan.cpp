@@ -91,6 +91,7 @@ std::string result_name(VkResult result) {
 void check(VkResult result, const std::string& what) {
   if (result == VK_SUCCESS) return;
   if (result == VK_ERROR_OUT_OF_DEVICE_MEMORY) throw OutOfMemory("{}: {}", what, result_name(result));
+  if (result == VK_ERROR_OUT_OF_HOST_MEMORY) throw OutOfHostMemory("{}: {}", what, result_name(result));
   if (result != VK_ERROR_DEVICE_LOST) throw Error("{}: {}", what, result_name(result));
   throw DeviceLost(
       "{}: {}: the driver has reset the device or lost it, as after a hang, a crash or too long a piece of "

@@ -42,6 +42,7 @@
   X(FreeMemory)                     \
   X(BindBufferMemory)               \
   X(MapMemory)                      \
+  X(FlushMappedMemoryRanges)        \
   X(InvalidateMappedMemoryRanges)   \
   X(CreateShaderModule)             \
   X(DestroyShaderModule)            \
@@ -129,6 +130,12 @@ class OutOfMemory : public Error {
   using Error::Error;
 };
 
+// The host has not, which smaller buffers would not help.
+class OutOfHostMemory : public Error {
+ public:
+  using Error::Error;
+};
+
 // A device that its driver gave up: nothing that was made on it works any more, but a new Device may.
 class DeviceLost : public Error {
  public:
@@ -136,7 +143,7 @@ class DeviceLost : public Error {
 };
 
 // Throws Error "WHAT: VK_ERROR_..." unless the call succeeded: OutOfMemory for VK_ERROR_OUT_OF_DEVICE_MEMORY,
-// DeviceLost for VK_ERROR_DEVICE_LOST.
+// OutOfHostMemory for VK_ERROR_OUT_OF_HOST_MEMORY, DeviceLost for VK_ERROR_DEVICE_LOST.
 void check(VkResult result, const std::string& what);
 
 }  // namespace raymeld

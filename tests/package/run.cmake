@@ -1,5 +1,5 @@
 # Installs BUILD into a folder of its own, moves it, builds the consumers against it, runs them and the installed program;
-# then the Debian packages. CPACK is the program.
+# then the Debian packages. CPACK is the program, LIBDIR where libraries are installed.
 set(work ${BUILD}/package-test)
 file(REMOVE_RECURSE ${work})
 execute_process(COMMAND ${CMAKE_COMMAND} --install ${BUILD} --prefix ${work}/installed OUTPUT_QUIET
@@ -7,7 +7,7 @@ execute_process(COMMAND ${CMAKE_COMMAND} --install ${BUILD} --prefix ${work}/ins
 file(RENAME ${work}/installed ${work}/prefix)
 
 # The C interface is all that the library shows.
-file(GLOB library ${work}/prefix/lib*/libraymeld.so ${work}/prefix/lib*/*/libraymeld.so)
+set(library ${work}/prefix/${LIBDIR}/libraymeld.so)
 execute_process(COMMAND nm --dynamic --defined-only --format=posix ${library} OUTPUT_VARIABLE symbols
                 COMMAND_ERROR_IS_FATAL ANY)
 string(REGEX MATCHALL "[^\n]+" symbols "${symbols}")
@@ -18,9 +18,10 @@ if(others OR count LESS 22)
   message(FATAL_ERROR "${library} shows ${count} symbols, among them ${others}")
 endif()
 
-get_filename_component(libraries ${library} DIRECTORY)
-execute_process(COMMAND ${CMAKE_COMMAND} -E env PKG_CONFIG_PATH=${libraries}/pkgconfig
+# No loader is needed.
+execute_process(COMMAND ${CMAKE_COMMAND} -E env PKG_CONFIG_PATH=${work}/prefix/${LIBDIR}/pkgconfig
                         ${CMAKE_COMMAND} -G Ninja -S ${SOURCE} -B ${work}/build -DCMAKE_PREFIX_PATH=${work}/prefix
+                        -DCMAKE_DISABLE_FIND_PACKAGE_Vulkan=ON
                         -DCMAKE_C_FLAGS=${FLAGS} -DCMAKE_CXX_FLAGS=${FLAGS} COMMAND_ERROR_IS_FATAL ANY)
 execute_process(COMMAND ${CMAKE_COMMAND} --build ${work}/build COMMAND_ERROR_IS_FATAL ANY)
 foreach(consumer consumer_cpp consumer_c consumer_pkg)
@@ -56,7 +57,7 @@ foreach(field "Package: libraymeld0.1\nDepends: [^\n]*libc6 " "Depends: librayme
     message(FATAL_ERROR "no package says ${field}:\n${control}")
   endif()
 endforeach()
-foreach(file bin/raymeld include/raymeld/raymeld.h lib/libraymeld.so.0.1 lib/pkgconfig/raymeld.pc
+foreach(file bin/raymeld include/raymeld/raymeld.h ${LIBDIR}/libraymeld.so.0.1 ${LIBDIR}/pkgconfig/raymeld.pc
              lib/python3/dist-packages)
   if(NOT EXISTS ${work}/debian/usr/${file})
     message(FATAL_ERROR "no package has usr/${file}")
@@ -65,5 +66,5 @@ endforeach()
 execute_process(COMMAND ${work}/debian/usr/bin/raymeld graph --model x4 --size 256x256 OUTPUT_QUIET
                 COMMAND_ERROR_IS_FATAL ANY)
 file(COPY_FILE ${MODEL} ${work}/debian/usr/share/raymeld/models/unpacked.safetensors)
-execute_process(COMMAND ${CMAKE_COMMAND} -E env --unset=RAYMELD_MODELS LD_LIBRARY_PATH=${work}/debian/usr/lib
+execute_process(COMMAND ${CMAKE_COMMAND} -E env --unset=RAYMELD_MODELS LD_LIBRARY_PATH=${work}/debian/usr/${LIBDIR}
                         ${work}/build/consumer_c unpacked COMMAND_ERROR_IS_FATAL ANY)
