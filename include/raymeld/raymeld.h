@@ -351,18 +351,18 @@ typedef struct raymeld_frame {
 
 /* For dynamic resolution: makes ready what it takes to record frames with LRHS of another size, at most
  * (tile_height, tile_width) of a fusion that has no tiles. They use the memory, the weights and the pipelines
- * of the fusion, so that sizes may change from frame to frame, and have the bits of a fusion of that size with
- * the same kernels. Takes some milliseconds of the host for each size, once; may allocate a little on the
- * device with adaptive_threshold; does not wait, and recordings may be pending. raymeld_fuse() has the
+ * of the fusion, so that sizes may change from frame to frame, and have the bits of a fusion of that size
+ * with the same kernels. Takes some milliseconds of the host for each size, once; may allocate a little on
+ * the device with adaptive_threshold; does not wait, and recordings may be pending. raymeld_fuse() has the
  * description's size always. */
 RAYMELD_API raymeld_result raymeld_prepare_size(raymeld_fusion fusion, uint32_t height, uint32_t width);
 
 /* Records a frame into the caller's command buffer, outside of a render pass; never submits, allocates on the
  * device or waits, unless a raymeld_fuse() before failed for want of memory, after which everything is made
- * anew. The inputs must be visible to VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with VK_ACCESS_SHADER_READ_BIT, and
- * the output ready to be written there; it is written in that stage with VK_ACCESS_SHADER_WRITE_BIT, and made
- * visible to the host like what raymeld_take_status() reads; what else reads it waits for that. All layouts
- * stay. At most frames_in_flight recordings may be pending, on one queue, each submitted once. */
+ * anew. The inputs must be visible to VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with VK_ACCESS_SHADER_READ_BIT,
+ * and the output ready to be written there; it is written in that stage with VK_ACCESS_SHADER_WRITE_BIT, and
+ * made visible to the host like what raymeld_take_status() reads; what else reads it waits for that. All
+ * layouts stay. At most frames_in_flight recordings may be pending, on one queue, each submitted once. */
 RAYMELD_API raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands,
                                           const raymeld_frame* frame);
 
