@@ -124,7 +124,9 @@ float lrhs_phase(bool centered, uint32_t scale) noexcept {
 std::array<Shape, 3> frame_shapes(const Model& model, TileSize tile, const ConstantLayers& constants) {
   const Architecture& a = model.architecture();
   const uint32_t height = a.scale * tile.height, width = a.scale * tile.width;
-  const auto layers = static_cast<uint32_t>(image_layers(a, constants).size());
+  // As of image_layers(), without its strings: this is asked in every frame that is recorded.
+  const auto layers = static_cast<uint32_t>(std::ranges::count_if(
+      a.hrls_layers, [&](const std::string& layer) { return !constants.contains(layer); }));
   return {Shape{tile.height, tile.width, 3}, Shape{height, width, 3 * layers}, Shape{height, width, 3}};
 }
 

@@ -28,11 +28,10 @@ vk::Extent2D divided(vk::Extent2D size, uint32_t zoom) {
 
 Demo::Demo(const DemoOptions& options)
     : options_(options), models_(options.models), model_(models_.find(options.model)) {
-  if (!options_.headless) window_ = std::make_unique<Window>();
-  instance_ = std::make_unique<Instance>(window_ ? window_->extensions() : std::span<const char* const>{},
-                                         options_.validate);
-  if (window_)
-    window_->open(*instance_, {options_.zoom * options_.size.width, options_.zoom * options_.size.height});
+  instance_ = std::make_unique<Instance>(
+      options_.headless ? std::span<const char* const>{} : window_extensions(), options_.validate);
+  const vk::Extent2D window{options_.zoom * options_.size.width, options_.zoom * options_.size.height};
+  if (!options_.headless) window_ = std::make_unique<Window>(*instance_, window);
   make_device();
   make_renderer();
   if (!options_.y4m.empty()) y4m_.emplace(options_.y4m, options_.size, 1 / kFrameSeconds);
@@ -59,7 +58,7 @@ void Demo::drop_renderer() {
   }
   frames_.reset();
   renderer_.reset();
-  changed_ = true;
+  settle();
 }
 
 void Demo::make_renderer() {
@@ -90,7 +89,7 @@ void Demo::handle(const Event& event) {
     case Event::kMinimise:
     case Event::kRestore:
       minimised_ = event.kind == Event::kMinimise;
-      changed_ = true;
+      settle();
       return say("window", minimised_ ? "minimised" : "restored");
     case Event::kQuit:
       quit_ = true;
@@ -108,7 +107,7 @@ void Demo::handle_key(char key) {
     case '3':
     case '4':
       view_ = uint32_t(key - '1');
-      changed_ = true;
+      settle();
       return say("shows", kViewNames[view_]);
     case 's':
       return use(models_.next_scale(model_));
@@ -118,7 +117,7 @@ void Demo::handle_key(char key) {
       return use(models_.next_quality(model_));
     case 'h':
       options_.history = !options_.history;
-      changed_ = true;
+      settle();
       return say("history", options_.history ? "on" : "off");
     case ' ':
       options_.still = !options_.still;
@@ -150,11 +149,12 @@ void Demo::run() {
     }
     if (quit_) break;
     if (minimised_) continue;
-    const bool counts = !changed_;
-    changed_ = false;
     const Allocations before = allocations_so_far();
     frame();
-    if (!counts || changed_) continue;
+    if (settling_ > 0) {
+      --settling_;
+      continue;
+    }
     ++frames_counted_;
     const Allocations after = allocations_so_far();
     frame_allocations_.host += after.host - before.host;

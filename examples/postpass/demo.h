@@ -43,7 +43,7 @@ class Demo {
   void run();
 
   uint32_t validation_messages() const { return instance_->messages(); }
-  // Of frames after which nothing was made anew: what they allocated.
+  // What frames allocated, but the first ones after something was made anew, for which drivers compile.
   Allocations frame_allocations() const { return frame_allocations_; }
   uint64_t frames_counted() const { return frames_counted_; }
   const Times& times() const { return times_; }
@@ -54,6 +54,7 @@ class Demo {
   void make_device();
   void make_renderer();
   void drop_renderer();
+  void settle() { settling_ = 2 * options_.in_flight; }
   void frame();
   void finish(const FrameResult& result);
   Frame describe_frame();
@@ -63,8 +64,8 @@ class Demo {
   DemoOptions options_;
   Models models_;
   size_t model_;
-  std::unique_ptr<Window> window_;
   std::unique_ptr<Instance> instance_;
+  std::unique_ptr<Window> window_;
   std::unique_ptr<Device> device_;
   std::unique_ptr<Swapchain> swapchain_;
   std::unique_ptr<Renderer> renderer_;
@@ -73,7 +74,8 @@ class Demo {
 
   uint32_t view_ = kViewFused;
   uint64_t frame_ = 0;
-  bool minimised_ = false, quit_ = false, changed_ = true;
+  bool minimised_ = false, quit_ = false;
+  uint32_t settling_ = 0;  // frames to come that may allocate, as something was made anew
   float exposure_ = 1;
   double camera_s_ = 0;
   Times times_;

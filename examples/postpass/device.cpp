@@ -69,8 +69,7 @@ Device::Device(const Instance& instance, uint32_t index, vk::SurfaceKHR surface)
                                           .queueCreateInfoCount = 1,
                                           .pQueueCreateInfos = &queue,
                                           .enabledExtensionCount = uint32_t(extensions.size()),
-                                          .ppEnabledExtensionNames = extensions.data()},
-                                         counting_callbacks());
+                                          .ppEnabledExtensionNames = extensions.data()});
   queue_ = device_->getQueue(queue_family_, 0);
 
   const VkAllocationCallbacks& callbacks = counting_callbacks();

@@ -37,26 +37,16 @@ bool usable(vk::Result result, const char* what) {
 
 }  // namespace
 
-Window::Window() {
+std::span<const char* const> window_extensions() {
   if (!glfwInit()) fail("opening a window (--headless needs none)");
-  if (!glfwVulkanSupported()) fail("a window with Vulkan");
-  events_.reserve(64);
-}
-
-Window::~Window() {
-  surface_.reset();
-  if (window_) glfwDestroyWindow(window_);
-  glfwTerminate();
-}
-
-std::span<const char* const> Window::extensions() const {
   uint32_t count = 0;
   const char** const names = glfwGetRequiredInstanceExtensions(&count);
   if (!names) fail("a window with Vulkan");
   return {names, count};
 }
 
-void Window::open(const Instance& instance, vk::Extent2D size) {
+Window::Window(const Instance& instance, vk::Extent2D size) {
+  events_.reserve(64);
   glfwWindowHint(GLFW_CLIENT_API, GLFW_NO_API);
   window_ = glfwCreateWindow(int(size.width), int(size.height), "raymeld postpass", nullptr, nullptr);
   if (!window_) fail("opening a window");
@@ -68,6 +58,12 @@ void Window::open(const Instance& instance, vk::Extent2D size) {
   vk::resultCheck(vk::Result(glfwCreateWindowSurface(instance.get(), window_, nullptr, &surface)),
                   "making a surface");
   surface_ = vk::UniqueSurfaceKHR(surface, instance.get());
+}
+
+Window::~Window() {
+  surface_.reset();
+  if (window_) glfwDestroyWindow(window_);
+  glfwTerminate();
 }
 
 vk::Extent2D Window::size() const {

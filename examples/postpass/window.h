@@ -14,16 +14,15 @@ struct GLFWwindow;
 
 namespace postpass {
 
+// What an instance needs for windows. Throws where there is no display.
+std::span<const char* const> window_extensions();
+
 class Window {
  public:
-  // Opened by open(), as instances need extensions() first. Throws where there is no display.
-  Window();
+  Window(const Instance& instance, vk::Extent2D size);
   ~Window();
   Window(const Window&) = delete;
   Window& operator=(const Window&) = delete;
-
-  std::span<const char* const> extensions() const;
-  void open(const Instance& instance, vk::Extent2D size);
 
   vk::SurfaceKHR surface() const { return *surface_; }
   vk::Extent2D size() const;  // in pixels; zero while it is minimised

@@ -7,8 +7,8 @@ layout(std430, binding = kConstants) readonly buffer ConstantsBlock { Constants 
 layout(std430, binding = kLrhs) buffer LrhsBlock { float lrhs[]; };
 layout(std430, binding = kHrls) buffer HrlsBlock { float hrls[]; };
 layout(std430, binding = kFused) readonly buffer FusedBlock { float fused[]; };
-layout(std430, binding = kHistory) buffer HistoryBlock { float history[]; };
-layout(std430, binding = kGuides) buffer GuidesBlock { float guides[]; };
+layout(std430, binding = kHistory) buffer HistoryBlock { vec4 history[]; };
+layout(std430, binding = kGuides) buffer GuidesBlock { vec4 guides[]; };
 layout(std430, binding = kAccumulated) buffer AccumulatedBlock { float accumulated[]; };
 layout(binding = kShown, rgba32f) uniform image2D shown;
 
@@ -19,6 +19,9 @@ bool inside(ivec2 pixel, ivec2 size) { return all(lessThan(pixel, size)); }
 
 // Of channel c of a planar image.
 uint at(uint c, ivec2 pixel, ivec2 size) { return (c * size.y + pixel.y) * size.x + pixel.x; }
+
+// In history and guides.
+uint slot_at(uint slot, ivec2 pixel, ivec2 size) { return at(slot, pixel, size); }
 
 // Light as the eye takes it, [0, 1), and back.
 vec3 tone(vec3 light) { return 1 - exp(-max(light, 0)); }

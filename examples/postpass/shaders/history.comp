@@ -12,7 +12,7 @@ vec3 fused_at(ivec2 pixel, ivec2 size) {
   return tone(vec3(fused[at(0, pixel, size)], fused[at(1, pixel, size)], fused[at(2, pixel, size)]));
 }
 
-uint slot_at(uint slot, uint c, ivec2 pixel, ivec2 size) { return at(4 * slot + c, pixel, size); }
+const float kSnap = 1e-3;  // pixels of motion, and weights, that are none
 
 // Catmull-Rom weights of the four samples around a place between the middle two.
 vec4 cubic(float x) {
@@ -27,8 +27,7 @@ void main() {
   const vec3 point = ray.origin + hit.t * ray.direction;
   const float depth = hit.t * dot(ray.direction, constants.camera.forward.xyz);
   const uint slot = constants.slot, last = 1 - slot;
-  for (uint c = 0; c < 3; ++c) guides[slot_at(slot, c, pixel, size)] = hit.normal[c];
-  guides[slot_at(slot, 3, pixel, size)] = depth;
+  guides[slot_at(slot, pixel, size)] = vec4(hit.normal, depth);
 
   const vec3 now = fused_at(pixel, size);
   vec3 mean = vec3(0), square = vec3(0);
@@ -39,36 +38,46 @@ void main() {
   }
   const vec3 deviation = sqrt(max(square - mean * mean, 0));
 
-  vec4 before = vec4(0);  // color and number of frames
-  float found = 0, all_weights = 0;
+  // By a cubic filter; and, with the number of frames, by a linear one of what agrees, for where not all of it does.
+  vec3 cubic_sum = vec3(0);
+  vec4 linear_sum = vec4(0);
+  float linear_weight = 0;
+  bool all_agree = true;
   const vec3 place = project(constants.last_camera, point, vec2(size));
   if (constants.history_frames > 0 && place.z > 0) {
-    const vec2 corner = floor(place.xy - 0.5);
-    const vec2 part = place.xy - 0.5 - corner;
+    const vec2 corner = floor(place.xy - 0.5 + kSnap);
+    const vec2 part = max(place.xy - 0.5 - corner, 0);
     const vec4 wx = cubic(part.x), wy = cubic(part.y);
     for (int i = 0; i < 16; ++i) {
-      const ivec2 near = ivec2(corner) + ivec2(i % 4, i / 4) - 1;
+      const ivec2 to = ivec2(i % 4, i / 4) - 1, near = ivec2(corner) + to;
       const float weight = wx[i % 4] * wy[i / 4];
-      if (any(lessThan(near, ivec2(0))) || !inside(near, size) || weight == 0) continue;
-      const vec3 normal = vec3(guides[slot_at(last, 0, near, size)], guides[slot_at(last, 1, near, size)],
-                               guides[slot_at(last, 2, near, size)]);
-      const float distance = abs(guides[slot_at(last, 3, near, size)] - place.z);
-      all_weights += abs(weight);
-      if (dot(normal, hit.normal) < 0.8 || distance > 0.03 * place.z + 0.01) continue;
-      for (uint c = 0; c < 4; ++c) before[c] += weight * history[slot_at(last, c, near, size)];
-      found += weight;
+      if (abs(weight) < kSnap) continue;
+      if (any(lessThan(near, ivec2(0))) || !inside(near, size)) {
+        all_agree = false;
+        continue;
+      }
+      const vec4 value = history[slot_at(last, near, size)];
+      cubic_sum += weight * value.rgb;
+      if (any(lessThan(to, ivec2(0))) || any(greaterThan(to, ivec2(1)))) continue;
+      const vec4 guide = guides[slot_at(last, near, size)];
+      if (dot(guide.xyz, hit.normal) < 0.8 || abs(guide.w - place.z) > 0.03 * place.z + 0.01) {
+        all_agree = false;
+        continue;
+      }
+      const vec2 linear = mix(1 - part, part, vec2(to));
+      linear_sum += linear.x * linear.y * value;
+      linear_weight += linear.x * linear.y;
     }
   }
   vec3 blended = now;
   float frames = 0;
-  if (found > 0.25) {
-    before /= found;
-    const float moved = length(place.xy - (vec2(pixel) + 0.5));
+  if (linear_weight > 0.1) {
+    const vec4 linear = linear_sum / linear_weight;
+    const vec3 before = all_agree ? cubic_sum : linear.rgb;
     const vec3 tolerance = deviation + constants.history_tolerance;
-    const vec3 kept = clamp(before.rgb, mean - tolerance, mean + tolerance);
-    frames = min(before.w, float(constants.history_frames));
+    const vec3 kept = clamp(before, mean - tolerance, mean + tolerance);
+    frames = clamp(linear.w, 0, float(constants.history_frames));
     blended = mix(kept, now, max(constants.history_weight, 1 / (frames + 1)));
   }
-  for (uint c = 0; c < 3; ++c) history[slot_at(slot, c, pixel, size)] = blended[c];
-  history[slot_at(slot, 3, pixel, size)] = frames + 1;
+  history[slot_at(slot, pixel, size)] = vec4(blended, frames + 1);
 }

@@ -11,13 +11,13 @@ struct vec4 {
 };
 #endif
 
-// Bindings of the one descriptor set. Images are planar floats, (channels, height, width), but `shown`.
+// Bindings of the one descriptor set. Images are floats.
 const uint kConstants = 0;
 const uint kLrhs = 1;         // (3, height / scale, width / scale)
 const uint kHrls = 2;         // (18, height, width): color, albedo, normal, diffuse, specular, variance
 const uint kFused = 3;        // (3, height, width)
-const uint kHistory = 4;      // two of (4, height, width): color and the number of frames in it
-const uint kGuides = 5;       // two of (4, height, width): normal and depth of the pixel's centre
+const uint kHistory = 4;      // two of (height, width, 4): toned color and the number of frames in it
+const uint kGuides = 5;       // two of (height, width, 4): normal and depth of the pixel's centre
 const uint kAccumulated = 6;  // (3, height, width): the sum of HRLS colors
 const uint kShown = 7;        // a storage image: sRGB
 const uint kBindings = 8;

@@ -31,15 +31,16 @@ void main() {
   vec3 toned;
   if (view == kViewLrhs) {
     toned = tone(bicubic_lrhs(pixel));
+  } else if (view == kViewBlended) {
+    toned = history[slot_at(constants.slot, pixel, size)].rgb;
   } else {
     for (uint c = 0; c < 3; ++c) {
       const uint i = at(c, pixel, size);
-      toned[c] = view == kViewBlended ? history[at(4 * constants.slot + c, pixel, size)]
-                 : view == kViewHrls  ? hrls[i]
+      toned[c] = view == kViewHrls    ? hrls[i]
                  : view == kViewFused ? fused[i]
                                       : accumulated[i] / (constants.accumulated_frames + 1);
     }
-    if (view != kViewBlended) toned = tone(toned);
+    toned = tone(toned);
   }
   imageStore(shown, pixel, vec4(srgb(clamp(toned, 0, 1)), 1));
 }
