@@ -11,6 +11,12 @@ struct Allocations {
   uint64_t vulkan = 0;  // of the driver, for objects made with counting_callbacks()
 
   bool operator==(const Allocations&) const = default;
+  Allocations operator-(const Allocations& other) const { return {host - other.host, vulkan - other.vulkan}; }
+  Allocations& operator+=(const Allocations& other) {
+    host += other.host;
+    vulkan += other.vulkan;
+    return *this;
+  }
 };
 
 Allocations allocations_so_far();

@@ -151,14 +151,10 @@ void Demo::run() {
     if (minimised_) continue;
     const Allocations before = allocations_so_far();
     frame();
-    if (settling_ > 0) {
-      --settling_;
-      continue;
-    }
-    ++frames_counted_;
-    const Allocations after = allocations_so_far();
-    frame_allocations_.host += after.host - before.host;
-    frame_allocations_.vulkan += after.vulkan - before.vulkan;
+    FrameAllocations& counted = settling_ > 0 ? first_ : settled_;
+    settling_ -= settling_ > 0;
+    ++counted.frames;
+    counted.made += allocations_so_far() - before;
   }
   drop_renderer();
 }

@@ -34,6 +34,11 @@ struct DemoOptions {
   RendererOptions renderer;
 };
 
+struct FrameAllocations {
+  uint64_t frames = 0;
+  Allocations made;
+};
+
 class Demo {
  public:
   explicit Demo(const DemoOptions& options);
@@ -43,9 +48,9 @@ class Demo {
   void run();
 
   uint32_t validation_messages() const { return instance_->messages(); }
-  // What frames allocated, but the first ones after something was made anew, for which drivers compile.
-  Allocations frame_allocations() const { return frame_allocations_; }
-  uint64_t frames_counted() const { return frames_counted_; }
+  // Of the first frames after something was made anew, for which drivers compile; and of all others.
+  const FrameAllocations& first_allocations() const { return first_; }
+  const FrameAllocations& allocations() const { return settled_; }
   const Times& times() const { return times_; }
 
  private:
@@ -82,8 +87,7 @@ class Demo {
   char text_[kTextRows][kTextColumns];
   uint32_t text_rows_ = 0;
   std::optional<double> last_s_;
-  Allocations frame_allocations_;
-  uint64_t frames_counted_ = 0;
+  FrameAllocations first_, settled_;
 };
 
 }  // namespace postpass

@@ -8,16 +8,20 @@ namespace {
 
 using namespace postpass;
 
+void print(const char* what, const FrameAllocations& counted) {
+  using Number = unsigned long long;
+  std::printf("%s %llu frames: %llu of the host, %llu for Vulkan objects\n", what, Number(counted.frames),
+              Number(counted.made.host), Number(counted.made.vulkan));
+}
+
 int run_demo(const DemoOptions& options, bool check_allocations) {
   Demo demo(options);
   demo.run();
   demo.times().print(stdout);
-  const Allocations made = demo.frame_allocations();
-  std::printf("allocations in %llu frames: %llu of the host, %llu for Vulkan objects\n",
-              static_cast<unsigned long long>(demo.frames_counted()), static_cast<unsigned long long>(made.host),
-              static_cast<unsigned long long>(made.vulkan));
+  print("allocations in the first", demo.first_allocations());
+  print("allocations in", demo.allocations());
   if (options.validate) std::printf("validation messages: %u\n", demo.validation_messages());
-  const bool allocates = check_allocations && made != Allocations{};
+  const bool allocates = check_allocations && demo.allocations().made != Allocations{};
   return allocates || demo.validation_messages() > 0 ? 1 : 0;
 }
 
