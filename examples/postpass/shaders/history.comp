@@ -38,8 +38,9 @@ void main() {
   }
   const vec3 deviation = sqrt(max(square - mean * mean, 0));
 
-  // By a cubic filter; and, with the number of frames, by a linear one of what agrees, for where not all of it does.
-  vec3 cubic_sum = vec3(0);
+  // By a cubic filter, kept from ringing; and, with the number of frames, by a linear one of what agrees, for where not
+  // all of it does.
+  vec3 cubic_sum = vec3(0), low = vec3(1), high = vec3(0);
   vec4 linear_sum = vec4(0);
   float linear_weight = 0;
   bool all_agree = true;
@@ -64,6 +65,8 @@ void main() {
         all_agree = false;
         continue;
       }
+      low = min(low, value.rgb);
+      high = max(high, value.rgb);
       const vec2 linear = mix(1 - part, part, vec2(to));
       linear_sum += linear.x * linear.y * value;
       linear_weight += linear.x * linear.y;
@@ -73,7 +76,7 @@ void main() {
   float frames = 0;
   if (linear_weight > 0.1) {
     const vec4 linear = linear_sum / linear_weight;
-    const vec3 before = all_agree ? cubic_sum : linear.rgb;
+    const vec3 before = all_agree ? clamp(cubic_sum, low, high) : linear.rgb;
     const vec3 tolerance = deviation + constants.history_tolerance;
     const vec3 kept = clamp(before, mean - tolerance, mean + tolerance);
     frames = clamp(linear.w, 0, float(constants.history_frames));
