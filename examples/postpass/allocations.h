@@ -21,8 +21,8 @@ struct Allocations {
 
 Allocations allocations_so_far();
 
-// For all objects on the device, raymeld's too, but command pools: where a driver keeps what is recorded, with
-// the callbacks of the pool or of the device, is its own affair.
+// For all objects on the device, raymeld's too, but command pools: where a driver keeps what is recorded,
+// with the callbacks of the pool or of the device, is its own affair.
 const vk::AllocationCallbacks& counting_callbacks();
 
 }  // namespace postpass

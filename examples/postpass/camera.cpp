@@ -32,8 +32,8 @@ Camera camera_at(double time_s, double aspect) {
   const Vector forward =
       normalized({kTarget[0] - position[0], kTarget[1] - position[1], kTarget[2] - position[2]});
   const Vector right = normalized(cross(forward, {0, 1, 0}));
-  return {scaled(position), scaled(right, kTanHalfHeight * aspect), scaled(cross(right, forward), kTanHalfHeight),
-          scaled(forward)};
+  return {scaled(position), scaled(right, kTanHalfHeight * aspect),
+          scaled(cross(right, forward), kTanHalfHeight), scaled(forward)};
 }
 
 }  // namespace postpass

@@ -18,7 +18,9 @@ double now_s() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-std::string text_of(vk::Extent2D size) { return std::to_string(size.width) + "x" + std::to_string(size.height); }
+std::string text_of(vk::Extent2D size) {
+  return std::to_string(size.width) + "x" + std::to_string(size.height);
+}
 
 vk::Extent2D divided(vk::Extent2D size, uint32_t zoom) {
   return {std::max(1u, size.width / zoom), std::max(1u, size.height / zoom)};
@@ -176,7 +178,8 @@ Frame Demo::describe_frame() {
 void Demo::frame() {
   Slot& slot = frames_->next();
   if (const auto result = slot.finish(renderer_->fusion())) finish(*result);
-  if (swapchain_ && !swapchain_->acquire(slot.acquired())) return handle({.kind = Event::kResize, .size = options_.size});
+  if (swapchain_ && !swapchain_->acquire(slot.acquired()))
+    return handle({.kind = Event::kResize, .size = options_.size});
 
   const double now = now_s();
   const double since_s = last_s_ ? now - *last_s_ : 0;
@@ -216,8 +219,10 @@ void Demo::write_text() {
        options_.in_flight);
   if (view_ == kViewConverged)
     line("%u samples", renderer_->accumulated_frames() * options_.renderer.hrls_samples);
-  line("lrhs %5.1f ms  %ux%u, %u spp", times_.part_ms(0), small.width, small.height, renderer_->lrhs_samples());
-  line("hrls %5.1f ms  %ux%u, %u spp", times_.part_ms(1), full.width, full.height, options_.renderer.hrls_samples);
+  line("lrhs %5.1f ms  %ux%u, %u spp", times_.part_ms(0), small.width, small.height,
+       renderer_->lrhs_samples());
+  line("hrls %5.1f ms  %ux%u, %u spp", times_.part_ms(1), full.width, full.height,
+       options_.renderer.hrls_samples);
   line("fuse %5.1f ms", times_.part_ms(2));
   line("hist %5.1f ms", times_.part_ms(3));
   line("show %5.1f ms", times_.part_ms(4));

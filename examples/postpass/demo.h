@@ -21,8 +21,8 @@ struct DemoOptions {
   std::string model = "x4-fast";
   vk::Extent2D size{256, 256};
   bool headless = false;
-  uint32_t zoom = 2;        // a window's pixels to one of the image
-  uint64_t frames = 0;      // 0: until the window is closed
+  uint32_t zoom = 2;    // a window's pixels to one of the image
+  uint64_t frames = 0;  // 0: until the window is closed
   uint32_t in_flight = 2;
   uint32_t device = 0;
   bool history = false;

@@ -11,7 +11,7 @@ namespace postpass {
 struct Event {
   enum Kind { kKey, kResize, kMinimise, kRestore, kQuit };
   Kind kind = kKey;
-  char key = 0;       // of kKey, in lower case
+  char key = 0;            // of kKey, in lower case
   vk::Extent2D size = {};  // of kResize
 };
 

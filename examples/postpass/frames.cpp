@@ -7,10 +7,11 @@ namespace postpass {
 Slot::Slot(const Device& device, const Renderer& renderer, vk::CommandPool pool)
     : device_(device), renderer_(renderer) {
   const vk::Device vk = device.get();
-  commands_ = std::move(vk.allocateCommandBuffersUnique({.commandPool = pool, .commandBufferCount = 1}).front());
+  commands_ =
+      std::move(vk.allocateCommandBuffersUnique({.commandPool = pool, .commandBufferCount = 1}).front());
   done_ = vk.createFenceUnique({}, counting_callbacks());
-  queries_ =
-      vk.createQueryPoolUnique({.queryType = vk::QueryType::eTimestamp, .queryCount = kStamps}, counting_callbacks());
+  queries_ = vk.createQueryPoolUnique({.queryType = vk::QueryType::eTimestamp, .queryCount = kStamps},
+                                      counting_callbacks());
   acquired_ = vk.createSemaphoreUnique({}, counting_callbacks());
   const vk::Extent2D small = renderer.small_size(), shown = renderer.shown().size;
   lrhs_ = make_readback_buffer(device, sizeof(float) * 3 * small.width * small.height);
@@ -36,8 +37,8 @@ void Slot::record_copies(const Frame& frame, bool capture) {
                             .imageExtent = {size.width, size.height, 1}});
   const vk::MemoryBarrier to_host{.srcAccessMask = vk::AccessFlagBits::eTransferWrite,
                                   .dstAccessMask = vk::AccessFlagBits::eHostRead};
-  commands_->pipelineBarrier(vk::PipelineStageFlagBits::eTransfer, vk::PipelineStageFlagBits::eHost, {}, to_host, {},
-                             {});
+  commands_->pipelineBarrier(vk::PipelineStageFlagBits::eTransfer, vk::PipelineStageFlagBits::eHost, {},
+                             to_host, {}, {});
 }
 
 void Slot::submit(vk::Semaphore waits_for, vk::Semaphore signals) {

@@ -12,8 +12,8 @@ namespace postpass {
 struct FrameResult {
   std::array<double, kParts> part_ms{};
   float exposure = 0;            // of its LRHS, for frames to come; 0: it had none
-  const float* image = nullptr;  // RGBA, sRGB, of the size of Renderer::shown(), if it was captured; until the
-                                 // slot is used again
+  const float* image = nullptr;  // RGBA, sRGB, of the size of Renderer::shown(), if it was captured; until
+                                 // the slot is used again
 };
 
 class Slot {

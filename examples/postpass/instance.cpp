@@ -29,7 +29,8 @@ Instance::Instance(std::span<const char* const> extensions, bool validate) {
                                            .pEnabledValidationFeatures = &synchronization};
   if (validate) {
     const auto all = vk::enumerateInstanceLayerProperties();
-    if (std::none_of(all.begin(), all.end(), [](auto& layer) { return !std::strcmp(layer.layerName, kLayer); }))
+    if (std::none_of(all.begin(), all.end(),
+                     [](auto& layer) { return !std::strcmp(layer.layerName, kLayer); }))
       throw std::runtime_error(std::string("--validate needs ") + kLayer +
                                ", in Debian the package vulkan-validationlayers");
     layers = {kLayer};
@@ -43,10 +44,10 @@ Instance::Instance(std::span<const char* const> extensions, bool validate) {
                                         .ppEnabledExtensionNames = enabled.data()});
   if (!validate) return;
   const vk::DebugUtilsMessengerCreateInfoEXT info{
-      .messageSeverity =
-          vk::DebugUtilsMessageSeverityFlagBitsEXT::eWarning | vk::DebugUtilsMessageSeverityFlagBitsEXT::eError,
-      .messageType =
-          vk::DebugUtilsMessageTypeFlagBitsEXT::eValidation | vk::DebugUtilsMessageTypeFlagBitsEXT::ePerformance,
+      .messageSeverity = vk::DebugUtilsMessageSeverityFlagBitsEXT::eWarning |
+                         vk::DebugUtilsMessageSeverityFlagBitsEXT::eError,
+      .messageType = vk::DebugUtilsMessageTypeFlagBitsEXT::eValidation |
+                     vk::DebugUtilsMessageTypeFlagBitsEXT::ePerformance,
       .pfnUserCallback = print,
       .pUserData = &messages_};
   const auto create = reinterpret_cast<PFN_vkCreateDebugUtilsMessengerEXT>(

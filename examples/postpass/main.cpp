@@ -37,13 +37,17 @@ int main(int argc, char** argv) {
   app.add_option("--model", options.model)->capture_default_str();
   app.add_option("--size", size, "of the image")->capture_default_str();
   app.add_flag("--headless", options.headless, "no window");
-  app.add_option("--zoom", options.zoom, "a window's pixels to one of the image")->check(CLI::Range(1, 16))->capture_default_str();
-  app.add_option("--frames", options.frames, "0: until the window is closed, headless 60")->capture_default_str();
+  app.add_option("--zoom", options.zoom, "a window's pixels to one of the image")
+      ->check(CLI::Range(1, 16))
+      ->capture_default_str();
+  app.add_option("--frames", options.frames, "0: until the window is closed, headless 60")
+      ->capture_default_str();
   app.add_option("--in-flight", options.in_flight, "frames")->check(CLI::Range(2, 3))->capture_default_str();
   app.add_option("--device", options.device, "index")->capture_default_str();
   app.add_flag("--history", options.history, "blend with the frames before");
   app.add_flag("--still", options.still, "the camera does not move");
-  app.add_flag("--validate", options.validate, "with the validation layer, any of whose messages is a failure");
+  app.add_flag("--validate", options.validate,
+               "with the validation layer, any of whose messages is a failure");
   app.add_flag("!--no-overlay", options.overlay, "no text over the image");
   app.add_option("--script", script, "as 60:key=h,120:resize=320x256,180:minimise,200:restore");
   app.add_option("--png", options.png, "where the last frame goes");
@@ -54,13 +58,16 @@ int main(int argc, char** argv) {
   app.add_flag("--check-allocations", check_allocations, "any allocation within a frame is a failure");
   MeasureOptions measure_options;
   bool measures = false;
-  app.add_flag("--measure", measures, "prints flicker and PSNR of a still and a moving camera, with and without history");
+  app.add_flag("--measure", measures,
+               "prints flicker and PSNR of a still and a moving camera, with and without history");
   app.add_option("--measure-frames", measure_options.frames)->capture_default_str();
-  app.add_option("--measure-samples", measure_options.converged_samples, "of a converged image")->capture_default_str();
+  app.add_option("--measure-samples", measure_options.converged_samples, "of a converged image")
+      ->capture_default_str();
   app.add_option("--reference-samples", measure_options.reference_samples, "of the truth for a moving frame")
       ->capture_default_str();
   app.add_option("--images", measure_options.images, "folder for what the last frame measured looks like");
-  app.add_option("--history-weight", options.renderer.history_weight, "of the newest frame")->capture_default_str();
+  app.add_option("--history-weight", options.renderer.history_weight, "of the newest frame")
+      ->capture_default_str();
   app.add_option("--history-tolerance", options.renderer.history_tolerance)->capture_default_str();
   CLI11_PARSE(app, argc, argv);
   try {

@@ -12,7 +12,8 @@ using Pixels = std::vector<float>;  // RGBA, sRGB
 // Frames one at a time, each waited for.
 class Studio {
  public:
-  Studio(const Device& device, const raymeld::SharedModel& model, vk::Extent2D size, const RendererOptions& options)
+  Studio(const Device& device, const raymeld::SharedModel& model, vk::Extent2D size,
+         const RendererOptions& options)
       : renderer_(device, model, size, options),
         frames_(device, renderer_, 1),
         aspect_(double(renderer_.full_size().width) / renderer_.full_size().height) {}
@@ -104,7 +105,7 @@ constexpr uint32_t kTruthSamples = 16;  // of a frame of a converged image
 
 void measure_still(Studio& studio, Studio& truths, const MeasureOptions& options) {
   Moments converged, fused, blended;
-  for (uint32_t i = 0; i < options.frames; ++i) 
+  for (uint32_t i = 0; i < options.frames; ++i)
     converged.add(truths.converged(kStill_s, options.converged_samples / kTruthSamples));
   const Pixels truth = converged.mean();
   constexpr uint32_t kWarmUp = 32;
@@ -120,10 +121,10 @@ void measure_still(Studio& studio, Studio& truths, const MeasureOptions& options
     lrhs_psnr += psnr(studio.again(kViewLrhs), truth) / options.frames;
     hrls_psnr += psnr(studio.again(kViewHrls), truth) / options.frames;
   }
-  std::printf("still camera, flicker: fused %.3f, with history %.3f, converged (%u samples) %.3f\n", fused.flicker(),
-              blended.flicker(), options.converged_samples, converged.flicker());
-  std::printf("still camera, PSNR: LRHS, bicubic %.2f, HRLS %.2f, fused %.2f, with history %.2f dB\n", lrhs_psnr,
-              hrls_psnr, fused_psnr, blended_psnr);
+  std::printf("still camera, flicker: fused %.3f, with history %.3f, converged (%u samples) %.3f\n",
+              fused.flicker(), blended.flicker(), options.converged_samples, converged.flicker());
+  std::printf("still camera, PSNR: LRHS, bicubic %.2f, HRLS %.2f, fused %.2f, with history %.2f dB\n",
+              lrhs_psnr, hrls_psnr, fused_psnr, blended_psnr);
 }
 
 void measure_moving(Studio& studio, Studio& truths, const MeasureOptions& options) {
@@ -139,7 +140,8 @@ void measure_moving(Studio& studio, Studio& truths, const MeasureOptions& option
     const uint32_t last = warm_up + (options.frames - 1) / options.reference_every * options.reference_every;
     const Pixels truth = truths.converged(camera_s, options.reference_samples / kTruthSamples);
     const double fused_psnr = psnr(fused, truth), blended_psnr = psnr(blended, truth);
-    std::printf("moving camera, frame %u, PSNR: fused %.2f, with history %.2f dB\n", i, fused_psnr, blended_psnr);
+    std::printf("moving camera, frame %u, PSNR: fused %.2f, with history %.2f dB\n", i, fused_psnr,
+                blended_psnr);
     fused_sum += fused_psnr;
     blended_sum += blended_psnr;
     ++count;
@@ -151,13 +153,15 @@ void measure_moving(Studio& studio, Studio& truths, const MeasureOptions& option
     write_png(options.images / "history.png", blended.data(), studio.size());
     write_png(options.images / "converged.png", truth.data(), studio.size());
   }
-  std::printf("moving camera, mean PSNR: fused %.2f, with history %.2f dB\n", fused_sum / count, blended_sum / count);
+  std::printf("moving camera, mean PSNR: fused %.2f, with history %.2f dB\n", fused_sum / count,
+              blended_sum / count);
 }
 
 }  // namespace
 
 uint32_t measure(const DemoOptions& options, const MeasureOptions& measure) {
-  if (measure.frames < 2 || measure.converged_samples % kTruthSamples || measure.reference_samples % kTruthSamples)
+  if (measure.frames < 2 || measure.converged_samples % kTruthSamples ||
+      measure.reference_samples % kTruthSamples)
     throw std::runtime_error("measuring takes two frames or more, and multiples of " +
                              std::to_string(kTruthSamples) + " samples");
   const Instance instance({}, options.validate);
@@ -166,7 +170,8 @@ uint32_t measure(const DemoOptions& options, const MeasureOptions& measure) {
   const raymeld::SharedModel& model = models[models.find(options.model)];
   RendererOptions truth_options = options.renderer;
   truth_options.hrls_samples = kTruthSamples;
-  Studio studio(device, model, options.size, options.renderer), truths(device, model, options.size, truth_options);
+  Studio studio(device, model, options.size, options.renderer),
+      truths(device, model, options.size, truth_options);
   measure_still(studio, truths, measure);
   measure_moving(studio, truths, measure);
   return instance.messages();

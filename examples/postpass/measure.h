@@ -15,9 +15,9 @@ struct MeasureOptions {
 
 // Prints flicker and PSNR of a still and of a moving camera.
 //
-// Flicker is the mean over pixels and channels of the standard deviation over time of what is shown (sRGB), in
-// steps of an 8-bit display; PSNR is of what is shown as well, against a converged render.
-// Returns the number of validation messages.
+// Flicker is the mean over pixels and channels of the standard deviation over time of what is shown (sRGB),
+// in steps of an 8-bit display; PSNR is of what is shown as well, against a converged render. Returns the
+// number of validation messages.
 uint32_t measure(const DemoOptions& options, const MeasureOptions& measure);
 
 }  // namespace postpass

@@ -7,7 +7,8 @@
 namespace postpass {
 
 Models::Models(const std::filesystem::path& folder) {
-  if (!std::filesystem::is_directory(folder)) throw std::runtime_error(folder.string() + " is no folder of models");
+  if (!std::filesystem::is_directory(folder))
+    throw std::runtime_error(folder.string() + " is no folder of models");
   for (const auto& file : std::filesystem::directory_iterator(folder)) {
     if (file.path().extension() != ".safetensors") continue;
     raymeld::SharedModel model(file.path().string());

@@ -9,7 +9,9 @@
 namespace postpass {
 namespace {
 
-unsigned char to_byte(double value) { return static_cast<unsigned char>(std::lround(std::clamp(value, 0.0, 255.0))); }
+unsigned char to_byte(double value) {
+  return static_cast<unsigned char>(std::lround(std::clamp(value, 0.0, 255.0)));
+}
 
 }  // namespace
 
@@ -47,7 +49,8 @@ void Y4mFile::write(const float* image) {
     planes_[pixels + i] = to_byte(128 + 224 * (b - y) / 1.8556);
     planes_[2 * pixels + i] = to_byte(128 + 224 * (r - y) / 1.5748);
   }
-  if (std::fputs("FRAME\n", file_.get()) < 0 || std::fwrite(planes_.data(), planes_.size(), 1, file_.get()) != 1)
+  if (std::fputs("FRAME\n", file_.get()) < 0 ||
+      std::fwrite(planes_.data(), planes_.size(), 1, file_.get()) != 1)
     throw std::runtime_error("writing " + path_.string() + " failed");
 }
 

@@ -46,14 +46,16 @@ Passes::Passes(const Device& device, std::span<const Buffer, kShown> buffers, co
   const std::array<vk::DescriptorPoolSize, 2> sizes = {{{eStorageBuffer, kShown}, {eStorageImage, 1}}};
   pool_ = vk.createDescriptorPoolUnique(
       {.maxSets = 1, .poolSizeCount = sizes.size(), .pPoolSizes = sizes.data()}, counting_callbacks());
-  set_ = vk.allocateDescriptorSets({.descriptorPool = *pool_, .descriptorSetCount = 1, .pSetLayouts = &*set_layout_})
+  set_ = vk.allocateDescriptorSets(
+               {.descriptorPool = *pool_, .descriptorSetCount = 1, .pSetLayouts = &*set_layout_})
              .front();
 
   std::vector<vk::DescriptorBufferInfo> infos(kShown);
   const vk::DescriptorImageInfo image{.imageView = *shown.view, .imageLayout = vk::ImageLayout::eGeneral};
   std::vector<vk::WriteDescriptorSet> writes(kBindings);
   for (uint32_t i = 0; i < kBindings; ++i) {
-    writes[i] = {.dstSet = set_, .dstBinding = i, .descriptorCount = 1, .descriptorType = bindings[i].descriptorType};
+    writes[i] = {
+        .dstSet = set_, .dstBinding = i, .descriptorCount = 1, .descriptorType = bindings[i].descriptorType};
     if (i == kShown) {
       writes[i].pImageInfo = &image;
     } else {

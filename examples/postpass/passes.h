@@ -1,5 +1,5 @@
-// The demo's own compute passes: one descriptor set, in which each binding of params.h is a whole buffer or the shown
-// image, and a pipeline for each pass.
+// The demo's own compute passes: one descriptor set, in which each binding of params.h is a whole buffer or
+// the shown image, and a pipeline for each pass.
 #pragma once
 
 #include <array>

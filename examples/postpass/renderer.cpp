@@ -40,7 +40,8 @@ using Access = vk::AccessFlagBits;
 
 void barrier(vk::CommandBuffer commands, vk::PipelineStageFlags before, vk::AccessFlags written,
              vk::PipelineStageFlags after, vk::AccessFlags used) {
-  commands.pipelineBarrier(before, after, {}, vk::MemoryBarrier{.srcAccessMask = written, .dstAccessMask = used}, {}, {});
+  commands.pipelineBarrier(before, after, {},
+                           vk::MemoryBarrier{.srcAccessMask = written, .dstAccessMask = used}, {}, {});
 }
 
 // Between passes, which read what those before wrote, or overwrite what they read.
@@ -62,9 +63,10 @@ Renderer::Renderer(const Device& device, const raymeld::SharedModel& model, vk::
   const uint32_t scale = model.info().scale;
   const std::vector<std::string> layers = fusion_.layers();
   if (layers != std::vector<std::string>{"color", "albedo", "normal", "diffuse", "specular", "variance"})
-    throw std::runtime_error("the model " + std::string(model.info().name) +
-                             " reads other layers than this program renders, which are color, albedo, normal, "
-                             "diffuse, specular and variance");
+    throw std::runtime_error(
+        "the model " + std::string(model.info().name) +
+        " reads other layers than this program renders, which are color, albedo, normal, "
+        "diffuse, specular and variance");
   if (const raymeld_fusion_info info = fusion_.info();
       info.tile_height != small_.height || info.tile_width != small_.width)
     throw std::runtime_error("the device has no room for a frame in one tile");
@@ -95,9 +97,7 @@ void Renderer::update_constants(vk::CommandBuffer commands, const Frame& frame) 
 }
 
 void Renderer::record(vk::CommandBuffer commands, const Frame& frame, vk::QueryPool queries) {
-  const auto stamp = [&](uint32_t index) {
-    commands.writeTimestamp(Stage::eComputeShader, queries, index);
-  };
+  const auto stamp = [&](uint32_t index) { commands.writeTimestamp(Stage::eComputeShader, queries, index); };
   // The frames before may be at work on the same buffers.
   barrier(commands, Stage::eComputeShader | Stage::eTransfer, Access::eShaderWrite | Access::eTransferWrite,
           Stage::eTransfer | Stage::eComputeShader,
@@ -159,7 +159,8 @@ void Renderer::record_view(vk::CommandBuffer commands, uint32_t view) const {
   commands.pipelineBarrier(
       Stage::eTransfer | Stage::eComputeShader, Stage::eComputeShader, {},
       vk::MemoryBarrier{.srcAccessMask = Access::eShaderWrite, .dstAccessMask = Access::eShaderRead}, {},
-      image_barrier(*shown_.image, {}, Access::eShaderWrite, vk::ImageLayout::eUndefined, vk::ImageLayout::eGeneral));
+      image_barrier(*shown_.image, {}, Access::eShaderWrite, vk::ImageLayout::eUndefined,
+                    vk::ImageLayout::eGeneral));
   passes_.record(commands, Pass::kShow, shown_.size, view);
 }
 

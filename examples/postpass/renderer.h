@@ -29,7 +29,7 @@ struct Frame {
   Camera camera = {};
   uint32_t view = kViewFused;  // of params.h; of kViewBlended the history is kept
   float exposure = 1;          // for raymeld
-  bool restarts = false;  // of kViewConverged: nothing accumulated before counts
+  bool restarts = false;       // of kViewConverged: nothing accumulated before counts
   uint32_t text_rows = 0;
   const char (*text)[kTextColumns] = nullptr;
 };
@@ -40,7 +40,8 @@ class Renderer {
   Renderer(const Device& device, const raymeld::SharedModel& model, vk::Extent2D size,
            const RendererOptions& options);
 
-  // Writes shown(), which copies may then read, in the layout for them. Fills kStamps timestamps of `queries`, which are reset.
+  // Writes shown(), which copies may then read, in the layout for them. Fills kStamps timestamps of
+  // `queries`, which are reset.
   void record(vk::CommandBuffer commands, const Frame& frame, vk::QueryPool queries);
   // The same for another view of the last frame.
   void record_again(vk::CommandBuffer commands, uint32_t view, vk::QueryPool queries) const;

@@ -50,11 +50,12 @@ Image make_image(const Device& device, vk::Extent2D size) {
   made.memory = allocate(device, device.get().getImageMemoryRequirements(*made.image),
                          vk::MemoryPropertyFlagBits::eDeviceLocal);
   device.get().bindImageMemory(*made.image, *made.memory, 0);
-  made.view = device.get().createImageViewUnique({.image = *made.image,
-                                                  .viewType = vk::ImageViewType::e2D,
-                                                  .format = kFormat,
-                                                  .subresourceRange = {vk::ImageAspectFlagBits::eColor, 0, 1, 0, 1}},
-                                                 counting_callbacks());
+  made.view =
+      device.get().createImageViewUnique({.image = *made.image,
+                                          .viewType = vk::ImageViewType::e2D,
+                                          .format = kFormat,
+                                          .subresourceRange = {vk::ImageAspectFlagBits::eColor, 0, 1, 0, 1}},
+                                         counting_callbacks());
   return made;
 }
 

@@ -24,7 +24,8 @@ std::vector<Event>& events_of(GLFWwindow* window) {
 // Values are sRGB already.
 vk::SurfaceFormatKHR choose_format(const Device& device, vk::SurfaceKHR surface) {
   for (const vk::SurfaceFormatKHR& format : device.physical().getSurfaceFormatsKHR(surface))
-    if (format.format == vk::Format::eB8G8R8A8Unorm || format.format == vk::Format::eR8G8B8A8Unorm) return format;
+    if (format.format == vk::Format::eB8G8R8A8Unorm || format.format == vk::Format::eR8G8B8A8Unorm)
+      return format;
   throw std::runtime_error("the window takes no 8-bit images");
 }
 
@@ -108,40 +109,42 @@ Swapchain::Swapchain(const Device& device, const Window& window) : device_(devic
     throw std::runtime_error("the window takes no copies");
   const vk::Extent2D wanted = can.currentExtent.width == UINT32_MAX ? window.size() : can.currentExtent;
   size_ = vk::Extent2D{std::clamp(wanted.width, can.minImageExtent.width, can.maxImageExtent.width),
-           std::clamp(wanted.height, can.minImageExtent.height, can.maxImageExtent.height)};
+                       std::clamp(wanted.height, can.minImageExtent.height, can.maxImageExtent.height)};
   const uint32_t most = can.maxImageCount ? can.maxImageCount : UINT32_MAX;
-  swapchain_ = device.get().createSwapchainKHRUnique({.surface = window.surface(),
-                                                      .minImageCount = std::min(can.minImageCount + 1, most),
-                                                      .imageFormat = format.format,
-                                                      .imageColorSpace = format.colorSpace,
-                                                      .imageExtent = size_,
-                                                      .imageArrayLayers = 1,
-                                                      .imageUsage = vk::ImageUsageFlagBits::eTransferDst,
-                                                      .preTransform = can.currentTransform,
-                                                      .compositeAlpha = vk::CompositeAlphaFlagBitsKHR::eOpaque,
-                                                      .presentMode = vk::PresentModeKHR::eFifo,
-                                                      .clipped = true},
-                                                     counting_callbacks());
+  swapchain_ =
+      device.get().createSwapchainKHRUnique({.surface = window.surface(),
+                                             .minImageCount = std::min(can.minImageCount + 1, most),
+                                             .imageFormat = format.format,
+                                             .imageColorSpace = format.colorSpace,
+                                             .imageExtent = size_,
+                                             .imageArrayLayers = 1,
+                                             .imageUsage = vk::ImageUsageFlagBits::eTransferDst,
+                                             .preTransform = can.currentTransform,
+                                             .compositeAlpha = vk::CompositeAlphaFlagBitsKHR::eOpaque,
+                                             .presentMode = vk::PresentModeKHR::eFifo,
+                                             .clipped = true},
+                                            counting_callbacks());
   images_ = device.get().getSwapchainImagesKHR(*swapchain_);
   for (size_t i = 0; i < images_.size(); ++i)
     written_.push_back(device.get().createSemaphoreUnique({}, counting_callbacks()));
 }
 
 bool Swapchain::acquire(vk::Semaphore acquired) {
-  const vk::Result result = device_.get().acquireNextImageKHR(*swapchain_, UINT64_MAX, acquired, nullptr, &index_);
+  const vk::Result result =
+      device_.get().acquireNextImageKHR(*swapchain_, UINT64_MAX, acquired, nullptr, &index_);
   // A suboptimal image was acquired, and is shown.
   return result == vk::Result::eSuboptimalKHR || usable(result, "acquiring an image");
 }
 
 void Swapchain::record_blit(vk::CommandBuffer commands, const Image& image) const {
   using Stage = vk::PipelineStageFlagBits;
-  const auto change = [&](vk::ImageLayout from, vk::ImageLayout to, vk::AccessFlags before, vk::AccessFlags after,
-                          vk::PipelineStageFlags next) {
+  const auto change = [&](vk::ImageLayout from, vk::ImageLayout to, vk::AccessFlags before,
+                          vk::AccessFlags after, vk::PipelineStageFlags next) {
     commands.pipelineBarrier(Stage::eTransfer, next, {}, {}, {},
                              image_barrier(images_[index_], before, after, from, to));
   };
-  change(vk::ImageLayout::eUndefined, vk::ImageLayout::eTransferDstOptimal, {}, vk::AccessFlagBits::eTransferWrite,
-         Stage::eTransfer);
+  change(vk::ImageLayout::eUndefined, vk::ImageLayout::eTransferDstOptimal, {},
+         vk::AccessFlagBits::eTransferWrite, Stage::eTransfer);
   const auto whole = [](vk::Extent2D size) {
     return std::array<vk::Offset3D, 2>{{{}, {int32_t(size.width), int32_t(size.height), 1}}};
   };
@@ -150,10 +153,10 @@ void Swapchain::record_blit(vk::CommandBuffer commands, const Image& image) cons
                            .srcOffsets = whole(image.size),
                            .dstSubresource = layers,
                            .dstOffsets = whole(size_)};
-  commands.blitImage(*image.image, vk::ImageLayout::eTransferSrcOptimal, images_[index_], vk::ImageLayout::eTransferDstOptimal,
-                     blit, vk::Filter::eNearest);
-  change(vk::ImageLayout::eTransferDstOptimal, vk::ImageLayout::ePresentSrcKHR, vk::AccessFlagBits::eTransferWrite,
-         {}, Stage::eBottomOfPipe);
+  commands.blitImage(*image.image, vk::ImageLayout::eTransferSrcOptimal, images_[index_],
+                     vk::ImageLayout::eTransferDstOptimal, blit, vk::Filter::eNearest);
+  change(vk::ImageLayout::eTransferDstOptimal, vk::ImageLayout::ePresentSrcKHR,
+         vk::AccessFlagBits::eTransferWrite, {}, Stage::eBottomOfPipe);
 }
 
 bool Swapchain::present() {
