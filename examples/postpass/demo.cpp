@@ -2,7 +2,6 @@
 
 #include <cctype>
 #include <chrono>
-#include <cstdarg>
 #include <cstring>
 
 #include "camera.h"
@@ -60,6 +59,7 @@ void Demo::drop_renderer() {
   }
   frames_.reset();
   renderer_.reset();
+  last_.reset();
   settle();
 }
 
@@ -158,7 +158,9 @@ void Demo::run() {
     ++counted.frames;
     counted.made += allocations_so_far() - before;
   }
+  if (!options_.png.empty()) write_last();
   drop_renderer();
+  if (y4m_) y4m_->close();
 }
 
 Frame Demo::describe_frame() {
@@ -188,9 +190,10 @@ void Demo::frame() {
   if (!options_.still) camera_s_ += window_ ? since_s : kFrameSeconds;
 
   const Frame frame = describe_frame();
+  last_ = frame;
   const vk::CommandBuffer commands = slot.begin();
   renderer_->record(commands, frame, slot.queries());
-  slot.record_copies(frame, y4m_ || (!options_.png.empty() && frame_ + 1 == options_.frames));
+  slot.record_copies(frame, y4m_.has_value());
   if (swapchain_) swapchain_->record_blit(commands, renderer_->shown());
   slot.submit(swapchain_ ? slot.acquired() : nullptr, swapchain_ ? swapchain_->written() : nullptr);
   if (swapchain_ && !swapchain_->present()) handle({.kind = Event::kResize, .size = options_.size});
@@ -199,9 +202,17 @@ void Demo::frame() {
 void Demo::finish(const FrameResult& result) {
   times_.add_parts(result.part_ms);
   if (result.exposure > 0) exposure_ = result.exposure;
-  if (!result.image) return;
-  if (y4m_ && renderer_->shown().size == options_.size) y4m_->write(result.image);
-  if (!options_.png.empty()) write_png(options_.png, result.image, renderer_->shown().size);
+  if (y4m_ && result.image) y4m_->write(result.image, renderer_->shown().size);
+}
+
+void Demo::write_last() {
+  if (!last_) throw std::runtime_error("no frame was rendered that " + options_.png.string() + " could hold");
+  Slot& slot = frames_->next();
+  if (const auto result = slot.finish(renderer_->fusion())) finish(*result);
+  renderer_->record_again(slot.begin(), last_->view, slot.queries());
+  slot.record_copies(*last_, true);
+  slot.submit(nullptr, nullptr);
+  write_png(options_.png, slot.finish(renderer_->fusion())->image, renderer_->shown().size);
 }
 
 void Demo::write_text() {

@@ -63,6 +63,7 @@ class Demo {
   void frame();
   void finish(const FrameResult& result);
   Frame describe_frame();
+  void write_last();
   void write_text();
   void say(const char* what, const std::string& value) const;
 
@@ -77,6 +78,7 @@ class Demo {
   std::unique_ptr<Frames> frames_;
   std::optional<Y4mFile> y4m_;
 
+  std::optional<Frame> last_;  // that was rendered, of this renderer
   uint32_t view_ = kViewFused;
   uint64_t frame_ = 0;
   bool minimised_ = false, quit_ = false;

@@ -50,8 +50,8 @@ int main(int argc, char** argv) {
                "with the validation layer, any of whose messages is a failure");
   app.add_flag("!--no-overlay", options.overlay, "no text over the image");
   app.add_option("--script", script, "as 60:key=h,120:resize=320x256,180:minimise,200:restore");
-  app.add_option("--png", options.png, "where the last frame goes");
-  app.add_option("--y4m", options.y4m, "where all frames go");
+  app.add_option("--png", options.png, "file for the last frame");
+  app.add_option("--y4m", options.y4m, "file for all frames, YUV4MPEG2 of one size");
   app.add_option("--lrhs-samples", options.renderer.lrhs_samples, "a pixel; 0: the square of the scale");
   app.add_option("--hrls-samples", options.renderer.hrls_samples, "a pixel")->check(CLI::Range(1, 1024));
   app.add_option("--adaptive", options.renderer.adaptive_threshold, "raymeld's adaptive_threshold");

@@ -33,13 +33,25 @@ void write_png(const std::filesystem::path& path, const float* image, vk::Extent
 }
 
 Y4mFile::Y4mFile(const std::filesystem::path& path, vk::Extent2D size, double frames_per_second)
-    : file_(std::fopen(path.c_str(), "wb")), path_(path), size_(size) {
+    : path_(path), partial_(path.string() + ".part"), size_(size) {
+  file_.reset(std::fopen(partial_.c_str(), "wb"));
   if (!file_) throw std::runtime_error("cannot write " + path.string());
   std::fprintf(file_.get(), "YUV4MPEG2 W%u H%u F%ld:1000 Ip A1:1 C444\n", size.width, size.height,
                std::lround(1000 * frames_per_second));
 }
 
-void Y4mFile::write(const float* image) {
+Y4mFile::~Y4mFile() {
+  std::error_code none;
+  if (file_) std::filesystem::remove(partial_, none);
+}
+
+void Y4mFile::close() {
+  if (std::fclose(file_.release()) != 0) throw std::runtime_error("writing " + path_.string() + " failed");
+  std::filesystem::rename(partial_, path_);
+}
+
+void Y4mFile::write(const float* image, vk::Extent2D size) {
+  if (size != size_) throw std::runtime_error("the frames of " + path_.string() + " are to have one size");
   const size_t pixels = size_t{size_.width} * size_.height;
   planes_.resize(3 * pixels);
   for (size_t i = 0; i < pixels; ++i) {

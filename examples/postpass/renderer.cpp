@@ -133,10 +133,6 @@ void Renderer::record(vk::CommandBuffer commands, const Frame& frame, vk::QueryP
   if (frame.view == kViewBlended) passes_.record(commands, Pass::kHistory, full_);
   stamp(4);
   record_view(commands, frame.view);
-  if (frame.text_rows) {
-    barrier(commands);
-    passes_.record(commands, Pass::kOverlay, shown_.size);
-  }
   stamp(5);
   record_end(commands);
 }
@@ -162,6 +158,9 @@ void Renderer::record_view(vk::CommandBuffer commands, uint32_t view) const {
       image_barrier(*shown_.image, {}, Access::eShaderWrite, vk::ImageLayout::eUndefined,
                     vk::ImageLayout::eGeneral));
   passes_.record(commands, Pass::kShow, shown_.size, view);
+  if (constants_.text_rows == 0) return;
+  barrier(commands);
+  passes_.record(commands, Pass::kOverlay, shown_.size);
 }
 
 }  // namespace postpass

@@ -116,9 +116,12 @@ class Headless(unittest.TestCase):
             (("--script", "5:key"), "key=K"),
             (("--script", "key=h"), "FRAME:EVENT"),
             (("--in-flight", "7"), "in-flight"),
+            (("--size", "16x16", "--script", "0:minimise", "--frames", "2"), "no frame"),
+            (("--size", "16x16", "--script", "2:resize=8x8", "--frames", "6", "--y4m", FOLDER / "two.y4m"), "one size"),
         ):
             self.assertIn(message, run("--headless", "--png", png, *arguments, fails=True))
         self.assertFalse(png.exists())
+        self.assertEqual(list(FOLDER.glob("two.y4m*")), [])
 
 
 class Measure(unittest.TestCase):
@@ -202,7 +205,7 @@ class Window(unittest.TestCase):
             display.xdotool("mousemove", "--window", window, 20, 200)
             for key, line in (("h", "history on"), ("4", "shows converged"), ("3", "shows fused"), ("f", "in flight 3"),
                               ("space", "camera moves"), ("d", "device"), ("q", "renders x4-balanced"),
-                              ("q", "renders x4-fast"), ("s", "renders x8-fast"), ("m", "renders x2-fast"), 
+                              ("q", "renders x4-fast"), ("s", "renders x8-fast"), ("m", "renders x2-fast"),
                               ("m", "renders x4-balanced"), ("m", "renders x4-fast")):  # fmt: skip
                 before = self.log.read_text()
                 display.xdotool("key", key)
