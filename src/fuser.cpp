@@ -130,6 +130,7 @@ void Fuser::prepare(TileSize size) {
   const auto [place, is_new] =
       prepared_.try_emplace({size.height, size.width}, std::move(graph), made_program(), cache_);
   place->second.program.set_threshold(options_.threshold);
+  cache_.save();
 }
 
 RecordedReport Fuser::take_report() {

@@ -28,6 +28,15 @@ Graph make_graph(const Model& model, TileSize tile, bool part, const FuserOption
   return graph;
 }
 
+// Of the frame's images those that are buffers.
+std::vector<Shape> buffer_shapes(const Model& model, TileSize tile, const FuserOptions& options) {
+  const auto [lrhs, hrls, fused] = frame_shapes(model, tile, options.constants);
+  std::vector<Shape> shapes;
+  if (!options.frame_images.inputs) shapes = {lrhs, hrls};
+  if (!options.frame_images.output) shapes.push_back(fused);
+  return shapes;
+}
+
 FusePlan describe(const Model& model, TileSize tile, bool part, const DeviceInfo& device,
                   const FuserOptions& options, const StorageExponents& exponents) {
   std::vector<std::pair<Conv2dShape, Conv2dKernel>> kernels;
@@ -40,8 +49,7 @@ FusePlan describe(const Model& model, TileSize tile, bool part, const DeviceInfo
       .tiling = make_tiling(tile, 1, 1, 0), .graph = std::move(graph), .kernels = std::move(kernels)};
   plan.frame_bytes =
       Program::host_bytes(kFramesInFlight + 1, plan.graph, options.work_limits.value_or(limits_for(device)));
-  for (const Shape& shape : frame_shapes(model, tile, options.constants))
-    plan.frame_bytes += frame_bytes(shape);
+  for (const Shape& shape : buffer_shapes(model, tile, options)) plan.frame_bytes += frame_bytes(shape);
   for (const Pass& pass : plan.graph.passes()) plan.flop += pass.flop;
   return plan;
 }
@@ -155,7 +163,7 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
   std::optional<std::string> reason;
   const auto fits = [&](TileSize tile) {
     plan = describe(model, tile, tile.height < height || tile.width < width, device, options, exponents);
-    reason = obstacle(*plan, frame_shapes(model, tile, options.constants), device, most_bytes);
+    reason = obstacle(*plan, buffer_shapes(model, tile, options), device, most_bytes);
     if (!reason && options.fp32_kernels) reason = wide_obstacle(*plan, model, device, options);
     // Every layer's output stays readable in a frame of one tile only.
     if (reason && options.keep_activations)
@@ -172,11 +180,11 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
 Graph graph_within(const FusePlan& plan, const Model& model, TileSize size, const FuserOptions& options) {
   const TileSize most = plan.tiling.frame;
   if (plan.tiling.count() > 1)
-    throw Error("frames of {} x {} LRHS pixels take {} tiles: they have one size", most.width, most.height,
-                plan.tiling.count());
+    throw SizeError("frames of {} x {} LRHS pixels take {} tiles: they have one size", most.width,
+                    most.height, plan.tiling.count());
   if (size.height == 0 || size.width == 0 || size.height > most.height || size.width > most.width)
-    throw Error("frames of {} x {} LRHS pixels, expected at most {} x {}", size.width, size.height,
-                most.width, most.height);
+    throw SizeError("frames of {} x {} LRHS pixels, expected at most {} x {}", size.width, size.height,
+                    most.width, most.height);
   size_t next = 0;
   const Conv2dChoice choose = [&](const Conv2dShape&) {
     auto [shape, kernel] = plan.kernels.at(next++);

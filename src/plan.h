@@ -92,8 +92,14 @@ FuserOptions wide_options(const DeviceInfo& device, FuserOptions options, uint64
 FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const DeviceInfo& device,
                      const FuserOptions& options);
 
+// Frames cannot have a size that was asked for.
+class SizeError : public Error {
+ public:
+  using Error::Error;
+};
+
 // The graph of frames of (size.height, size.width) LRHS pixels for a device that runs `plan`, of one tile
-// that is no smaller: by the same kernels, in the same memory. Throws Error.
+// that is no smaller: by the same kernels, in the same memory. Throws Error, and SizeError.
 Graph graph_within(const FusePlan& plan, const Model& model, TileSize size, const FuserOptions& options);
 
 // The images of a tile, as frames bring and take them: LRHS, HRLS without its constant layers, fused.

@@ -56,7 +56,8 @@ std::vector<std::string> stock_models() {
   std::error_code error;
   for (const fs::path& folder : model_folders()) {
     for (const auto& entry : fs::directory_iterator(folder, error)) {
-      if (entry.path().extension() == kExtension) names.insert(entry.path().stem().string());
+      if (entry.path().extension() == kExtension && entry.is_regular_file(error))
+        names.insert(entry.path().stem().string());
     }
   }
   return {names.begin(), names.end()};

@@ -309,7 +309,7 @@ TEST_F(ChangedTest, WhoCannotKnowWhatChangedIsTold) {
   const Model model = model_of(a);
   Fuser fuser = make(model, {}), whole = make(model, {}, false),
         settling = make(model, {.threshold = 0.1f}, false);
-  EXPECT_ERROR(fuser.record(VK_NULL_HANDLE, {}, {}, {}), "record()", "changed_only");
+  EXPECT_ERROR(fuser.record(VK_NULL_HANDLE, FrameBindings{}), "record()", "changed_only");
   EXPECT_ERROR(fuser.program().set_needed({true}), "1 blocks", "69");
   for (Fuser* other : {&whole, &settling})
     EXPECT_ERROR(other->program().set_needed({true}), "not for the host to tell");

@@ -39,7 +39,7 @@ Demo::Demo(const DemoOptions& options)
 }
 
 Demo::~Demo() {
-  if (device_) device_->get().waitIdle();
+  if (device_) vkDeviceWaitIdle(device_->get());
 }
 
 void Demo::make_device() {
@@ -47,6 +47,7 @@ void Demo::make_device() {
   swapchain_.reset();
   device_.reset();
   device_ = std::make_unique<Device>(*instance_, options_.device, window_ ? window_->surface() : nullptr);
+  if (window_) swapchain_ = Swapchain::make(*device_, *window_);
   say("device", device_->name());
 }
 
@@ -65,11 +66,26 @@ void Demo::drop_renderer() {
 
 void Demo::make_renderer() {
   drop_renderer();
-  if (window_ && !swapchain_) swapchain_ = std::make_unique<Swapchain>(*device_, *window_);
   if (swapchain_) options_.size = divided(swapchain_->size(), options_.zoom);
   renderer_ = std::make_unique<Renderer>(*device_, models_[model_], options_.size, options_.renderer);
   frames_ = std::make_unique<Frames>(*device_, *renderer_, options_.in_flight);
   say("renders", models_.name(model_) + ", " + text_of(options_.size));
+}
+
+// The size of the image stays where it can: what rounds to it, and a window without area.
+void Demo::fit_window() {
+  resized_ = false;
+  device_->get().waitIdle();
+  swapchain_.reset();
+  swapchain_ = Swapchain::make(*device_, *window_);
+  settle();
+  if (swapchain_ && divided(swapchain_->size(), options_.zoom) != options_.size) make_renderer();
+}
+
+// Frames to come may allocate, as something was made anew, which took its time.
+void Demo::settle() {
+  settling_ = 2 * options_.in_flight;
+  last_s_.reset();
 }
 
 void Demo::say(const char* what, const std::string& value) const {
@@ -83,8 +99,8 @@ void Demo::handle(const Event& event) {
       return handle_key(event.key);
     case Event::kResize:
       if (window_) {
-        drop_renderer();
-        swapchain_.reset();
+        resized_ = true;  // once, however often
+        return;
       }
       options_.size = event.size;
       return make_renderer();
@@ -139,9 +155,10 @@ void Demo::handle_key(char key) {
 
 void Demo::run() {
   size_t scripted = 0;
-  for (; !quit_ && (options_.frames == 0 || frame_ < options_.frames); ++frame_) {
+  while (!quit_ && (options_.frames == 0 || frame_ < options_.frames)) {
+    const bool hidden = minimised_ || (window_ && !swapchain_);
     if (window_)
-      for (const Event& event : window_->poll(minimised_)) handle(event);
+      for (const Event& event : window_->poll(hidden)) handle(event);
     for (; scripted < options_.script.size() && options_.script[scripted].frame <= frame_; ++scripted) {
       const Event& event = options_.script[scripted].event;
       if (window_ && event.kind == Event::kResize)
@@ -150,9 +167,14 @@ void Demo::run() {
         handle(event);
     }
     if (quit_) break;
-    if (minimised_) continue;
+    if (minimised_) {
+      ++frame_;
+      continue;
+    }
+    if (window_ && (resized_ || !swapchain_)) fit_window();
     const Allocations before = allocations_so_far();
-    frame();
+    if (!frame()) continue;
+    ++frame_;
     FrameAllocations& counted = settling_ > 0 ? first_ : settled_;
     settling_ -= settling_ > 0;
     ++counted.frames;
@@ -177,11 +199,16 @@ Frame Demo::describe_frame() {
   return frame;
 }
 
-void Demo::frame() {
+// Whether there is one: not while the window takes none.
+bool Demo::frame() {
+  if (window_ && !swapchain_) return false;
   Slot& slot = frames_->next();
   if (const auto result = slot.finish(renderer_->fusion())) finish(*result);
-  if (swapchain_ && !swapchain_->acquire(slot.acquired()))
-    return handle({.kind = Event::kResize, .size = options_.size});
+  if (swapchain_) {
+    const Outcome outcome = swapchain_->acquire(slot.acquired());
+    resized_ |= outcome == Outcome::kStale;
+    if (outcome != Outcome::kDone) return false;
+  }
 
   const double now = now_s();
   const double since_s = last_s_ ? now - *last_s_ : 0;
@@ -196,7 +223,8 @@ void Demo::frame() {
   slot.record_copies(frame, y4m_.has_value());
   if (swapchain_) swapchain_->record_blit(commands, renderer_->shown());
   slot.submit(swapchain_ ? slot.acquired() : nullptr, swapchain_ ? swapchain_->written() : nullptr);
-  if (swapchain_ && !swapchain_->present()) handle({.kind = Event::kResize, .size = options_.size});
+  if (swapchain_) resized_ |= swapchain_->present() == Outcome::kStale;
+  return true;
 }
 
 void Demo::finish(const FrameResult& result) {

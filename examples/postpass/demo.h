@@ -59,8 +59,9 @@ class Demo {
   void make_device();
   void make_renderer();
   void drop_renderer();
-  void settle() { settling_ = 2 * options_.in_flight; }
-  void frame();
+  void fit_window();
+  void settle();
+  bool frame();
   void finish(const FrameResult& result);
   Frame describe_frame();
   void write_last();
@@ -81,7 +82,7 @@ class Demo {
   std::optional<Frame> last_;  // that was rendered, of this renderer
   uint32_t view_ = kViewFused;
   uint64_t frame_ = 0;
-  bool minimised_ = false, quit_ = false;
+  bool minimised_ = false, quit_ = false, resized_ = false;
   uint32_t settling_ = 0;  // frames to come that may allocate, as something was made anew
   float exposure_ = 1;
   double camera_s_ = 0;

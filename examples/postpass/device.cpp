@@ -39,15 +39,18 @@ uint32_t features_of(vk::Instance instance, vk::PhysicalDevice device) {
 Device::Device(const Instance& instance, uint32_t index, vk::SurfaceKHR surface) {
   std::vector<std::pair<vk::PhysicalDevice, uint32_t>> fit;
   for (const vk::PhysicalDevice device : instance.get().enumeratePhysicalDevices()) {
+    if (device.getProperties().apiVersion < VK_API_VERSION_1_1) continue;
     const int family = find_queue_family(device, surface);
     if (family >= 0 && (!surface || has_swapchains(device))) fit.emplace_back(device, family);
   }
   if (fit.empty())
-    throw std::runtime_error("no Vulkan device with a queue for graphics and compute, with timestamps");
+    throw std::runtime_error(
+        "no device of Vulkan 1.1 with a queue for graphics and compute, with timestamps");
   std::tie(physical_, queue_family_) = fit[index % fit.size()];
   const vk::PhysicalDeviceProperties properties = physical_.getProperties();
   name_ = properties.deviceName.data();
   timestamp_period_ns_ = properties.limits.timestampPeriod;
+  timestamp_mask_ = ~0ull >> (64 - physical_.getQueueFamilyProperties()[queue_family_].timestampValidBits);
 
   const uint32_t features = features_of(instance.get(), physical_);
   std::vector<const char*> extensions;
@@ -85,10 +88,12 @@ Device::Device(const Instance& instance, uint32_t index, vk::SurfaceKHR surface)
   context_ = std::make_unique<raymeld::Context>(desc);
 }
 
-uint32_t Device::memory_type(uint32_t bits, vk::MemoryPropertyFlags wanted) const {
+uint32_t Device::memory_type(uint32_t bits, vk::MemoryPropertyFlags wanted,
+                             vk::MemoryPropertyFlags better) const {
   const vk::PhysicalDeviceMemoryProperties memory = physical_.getMemoryProperties();
-  for (uint32_t i = 0; i < memory.memoryTypeCount; ++i)
-    if ((bits & 1u << i) && (memory.memoryTypes[i].propertyFlags & wanted) == wanted) return i;
+  for (const vk::MemoryPropertyFlags all : {wanted | better, wanted})
+    for (uint32_t i = 0; i < memory.memoryTypeCount; ++i)
+      if ((bits & 1u << i) && (memory.memoryTypes[i].propertyFlags & all) == all) return i;
   throw std::runtime_error(name_ + " has no memory that is " + vk::to_string(wanted));
 }
 

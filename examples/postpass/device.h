@@ -14,7 +14,7 @@ class Device {
  public:
   // `index` counts the devices that can do it, and starts again after the last.
   Device(const Instance& instance, uint32_t index, vk::SurfaceKHR surface);
-  ~Device() { device_->waitIdle(); }
+  ~Device() { vkDeviceWaitIdle(*device_); }
   Device(const Device&) = delete;
   Device& operator=(const Device&) = delete;
 
@@ -24,16 +24,21 @@ class Device {
   uint32_t queue_family() const { return queue_family_; }
   const raymeld::Context& raymeld() const { return *context_; }
   const std::string& name() const { return name_; }
-  double timestamp_period_ns() const { return timestamp_period_ns_; }
+  // Between two timestamps of its queue.
+  double elapsed_ms(uint64_t from, uint64_t to) const {
+    return 1e-6 * timestamp_period_ns_ * double((to - from) & timestamp_mask_);
+  }
 
-  // Of a type that has all of `wanted`; throws if there is none.
-  uint32_t memory_type(uint32_t bits, vk::MemoryPropertyFlags wanted) const;
+  // Of a type that has all of `wanted`, and of `better` if there is one; throws if there is none.
+  uint32_t memory_type(uint32_t bits, vk::MemoryPropertyFlags wanted,
+                       vk::MemoryPropertyFlags better = {}) const;
 
  private:
   vk::PhysicalDevice physical_;
   uint32_t queue_family_ = 0;
   std::string name_;
   double timestamp_period_ns_ = 0;
+  uint64_t timestamp_mask_ = 0;
   vk::UniqueDevice device_;
   vk::Queue queue_;
   std::unique_ptr<raymeld::Context> context_;

@@ -65,8 +65,7 @@ std::optional<FrameResult> Slot::finish(const raymeld::Fusion& fusion) {
   (void)vk.getQueryPoolResults(*queries_, 0, kStamps, sizeof(stamps), stamps.data(), sizeof(stamps[0]),
                                vk::QueryResultFlagBits::e64 | vk::QueryResultFlagBits::eWait);
   FrameResult result;
-  for (uint32_t i = 0; i < kParts; ++i)
-    result.part_ms[i] = 1e-6 * device_.timestamp_period_ns() * double(stamps[i + 1] - stamps[i]);
+  for (uint32_t i = 0; i < kParts; ++i) result.part_ms[i] = device_.elapsed_ms(stamps[i], stamps[i + 1]);
   if (has_lrhs_) result.exposure = fusion.exposure(lrhs_.mapped);
   if (captured_) result.image = image_.mapped;
   return result;

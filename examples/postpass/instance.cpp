@@ -24,9 +24,10 @@ Instance::Instance(std::span<const char* const> extensions, bool validate) {
   std::vector<const char*> enabled(extensions.begin(), extensions.end());
   std::vector<const char*> layers;
   const vk::ApplicationInfo application{.pApplicationName = "postpass", .apiVersion = VK_API_VERSION_1_1};
-  const auto synchronization = vk::ValidationFeatureEnableEXT::eSynchronizationValidation;
+  bool synchronization = false;
+  const auto feature = vk::ValidationFeatureEnableEXT::eSynchronizationValidation;
   const vk::ValidationFeaturesEXT features{.enabledValidationFeatureCount = 1,
-                                           .pEnabledValidationFeatures = &synchronization};
+                                           .pEnabledValidationFeatures = &feature};
   if (validate) {
     const auto all = vk::enumerateInstanceLayerProperties();
     if (std::none_of(all.begin(), all.end(),
@@ -34,9 +35,13 @@ Instance::Instance(std::span<const char* const> extensions, bool validate) {
       throw std::runtime_error(std::string("--validate needs ") + kLayer +
                                ", in Debian the package vulkan-validationlayers");
     layers = {kLayer};
+    for (const auto& extension : vk::enumerateInstanceExtensionProperties(std::string(kLayer)))
+      if (!std::strcmp(extension.extensionName, VK_EXT_VALIDATION_FEATURES_EXTENSION_NAME))
+        synchronization = true;
+    if (synchronization) enabled.push_back(VK_EXT_VALIDATION_FEATURES_EXTENSION_NAME);
     enabled.push_back(VK_EXT_DEBUG_UTILS_EXTENSION_NAME);
   }
-  instance_ = vk::createInstanceUnique({.pNext = validate ? &features : nullptr,
+  instance_ = vk::createInstanceUnique({.pNext = synchronization ? &features : nullptr,
                                         .pApplicationInfo = &application,
                                         .enabledLayerCount = uint32_t(layers.size()),
                                         .ppEnabledLayerNames = layers.data(),

@@ -34,7 +34,7 @@ int main(int argc, char** argv) {
   bool check_allocations = false;
   options.models = POSTPASS_MODELS;
   app.add_option("--models", options.models, "folder of models")->capture_default_str();
-  app.add_option("--model", options.model)->capture_default_str();
+  app.add_option("--model", options.model, "one of that folder, without .safetensors")->capture_default_str();
   app.add_option("--size", size, "of the image")->capture_default_str();
   app.add_flag("--headless", options.headless, "no window");
   app.add_option("--zoom", options.zoom, "a window's pixels to one of the image")
@@ -52,7 +52,8 @@ int main(int argc, char** argv) {
   app.add_option("--script", script, "as 60:key=h,120:resize=320x256,180:minimise,200:restore");
   app.add_option("--png", options.png, "file for the last frame");
   app.add_option("--y4m", options.y4m, "file for all frames, YUV4MPEG2 of one size");
-  app.add_option("--lrhs-samples", options.renderer.lrhs_samples, "a pixel; 0: the square of the scale");
+  app.add_option("--lrhs-samples", options.renderer.lrhs_samples, "a pixel; 0: the square of the scale")
+      ->check(CLI::Range(0, 4096));
   app.add_option("--hrls-samples", options.renderer.hrls_samples, "a pixel")->check(CLI::Range(1, 1024));
   app.add_option("--adaptive", options.renderer.adaptive_threshold, "raymeld's adaptive_threshold");
   app.add_flag("--check-allocations", check_allocations, "any allocation within a frame is a failure");

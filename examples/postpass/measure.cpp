@@ -160,8 +160,8 @@ void measure_moving(Studio& studio, Studio& truths, const MeasureOptions& option
 }  // namespace
 
 uint32_t measure(const DemoOptions& options, const MeasureOptions& measure) {
-  if (measure.frames < 2 || measure.converged_samples % kTruthSamples ||
-      measure.reference_samples % kTruthSamples)
+  const auto fits = [](uint32_t samples) { return samples > 0 && samples % kTruthSamples == 0; };
+  if (measure.frames < 2 || !fits(measure.converged_samples) || !fits(measure.reference_samples))
     throw std::runtime_error("measuring takes two frames or more, and multiples of " +
                              std::to_string(kTruthSamples) + " samples");
   const Instance instance({}, options.validate);

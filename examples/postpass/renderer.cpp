@@ -138,7 +138,10 @@ void Renderer::record(vk::CommandBuffer commands, const Frame& frame, vk::QueryP
 }
 
 void Renderer::record_end(vk::CommandBuffer commands) const {
-  commands.pipelineBarrier(Stage::eComputeShader, Stage::eTransfer, {}, {}, {},
+  // Copies read LRHS too.
+  const vk::MemoryBarrier buffers{.srcAccessMask = Access::eShaderWrite,
+                                  .dstAccessMask = Access::eTransferRead};
+  commands.pipelineBarrier(Stage::eComputeShader, Stage::eTransfer, {}, buffers, {},
                            image_barrier(*shown_.image, Access::eShaderWrite, Access::eTransferRead,
                                          vk::ImageLayout::eGeneral, vk::ImageLayout::eTransferSrcOptimal));
 }

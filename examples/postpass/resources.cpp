@@ -6,18 +6,20 @@ namespace postpass {
 namespace {
 
 vk::UniqueDeviceMemory allocate(const Device& device, const vk::MemoryRequirements& needs,
-                                vk::MemoryPropertyFlags wanted) {
+                                vk::MemoryPropertyFlags wanted, vk::MemoryPropertyFlags better = {}) {
   return device.get().allocateMemoryUnique(
-      {.allocationSize = needs.size, .memoryTypeIndex = device.memory_type(needs.memoryTypeBits, wanted)},
+      {.allocationSize = needs.size,
+       .memoryTypeIndex = device.memory_type(needs.memoryTypeBits, wanted, better)},
       counting_callbacks());
 }
 
-Buffer make(const Device& device, vk::DeviceSize size_bytes, vk::MemoryPropertyFlags wanted) {
+Buffer make(const Device& device, vk::DeviceSize size_bytes, vk::MemoryPropertyFlags wanted,
+            vk::MemoryPropertyFlags better = {}) {
   const auto usage = vk::BufferUsageFlagBits::eStorageBuffer | vk::BufferUsageFlagBits::eTransferSrc |
                      vk::BufferUsageFlagBits::eTransferDst;
   Buffer made;
   made.buffer = device.get().createBufferUnique({.size = size_bytes, .usage = usage}, counting_callbacks());
-  made.memory = allocate(device, device.get().getBufferMemoryRequirements(*made.buffer), wanted);
+  made.memory = allocate(device, device.get().getBufferMemoryRequirements(*made.buffer), wanted, better);
   device.get().bindBufferMemory(*made.buffer, *made.memory, 0);
   return made;
 }
@@ -30,7 +32,8 @@ Buffer make_buffer(const Device& device, vk::DeviceSize size_bytes) {
 
 Buffer make_readback_buffer(const Device& device, vk::DeviceSize size_bytes) {
   Buffer made = make(device, size_bytes,
-                     vk::MemoryPropertyFlagBits::eHostVisible | vk::MemoryPropertyFlagBits::eHostCoherent);
+                     vk::MemoryPropertyFlagBits::eHostVisible | vk::MemoryPropertyFlagBits::eHostCoherent,
+                     vk::MemoryPropertyFlagBits::eHostCached);
   made.mapped = static_cast<const float*>(device.get().mapMemory(*made.memory, 0, VK_WHOLE_SIZE));
   return made;
 }

@@ -29,11 +29,19 @@ vk::SurfaceFormatKHR choose_format(const Device& device, vk::SurfaceKHR surface)
   throw std::runtime_error("the window takes no 8-bit images");
 }
 
-// Whether an image may still be used after this; "suboptimal" is not an error, but calls for a new swapchain.
-bool usable(vk::Result result, const char* what) {
-  if (result == vk::Result::eErrorOutOfDateKHR || result == vk::Result::eSuboptimalKHR) return false;
-  vk::resultCheck(result, what);
-  return true;
+// A suboptimal swapchain shows images; where its size is wrong, the window says so.
+Outcome outcome_of(vk::Result result, const char* what) {
+  if (result == vk::Result::eErrorOutOfDateKHR) return Outcome::kStale;
+  if (result == vk::Result::eTimeout) return Outcome::kNotNow;
+  if (result != vk::Result::eSuboptimalKHR) vk::resultCheck(result, what);
+  return Outcome::kDone;
+}
+
+vk::CompositeAlphaFlagBitsKHR choose_alpha(vk::CompositeAlphaFlagsKHR supported) {
+  using Alpha = vk::CompositeAlphaFlagBitsKHR;
+  for (const Alpha alpha : {Alpha::eOpaque, Alpha::eInherit, Alpha::ePreMultiplied, Alpha::ePostMultiplied})
+    if (supported & alpha) return alpha;
+  throw std::runtime_error("the window blends images in no way that is known");
 }
 
 }  // namespace
@@ -102,38 +110,41 @@ void Window::on_minimise(GLFWwindow* window, int minimised) {
   events_of(window).push_back({.kind = minimised ? Event::kMinimise : Event::kRestore});
 }
 
-Swapchain::Swapchain(const Device& device, const Window& window) : device_(device) {
+std::unique_ptr<Swapchain> Swapchain::make(const Device& device, const Window& window) {
   const vk::SurfaceCapabilitiesKHR can = device.physical().getSurfaceCapabilitiesKHR(window.surface());
   const vk::SurfaceFormatKHR format = choose_format(device, window.surface());
   if (!(can.supportedUsageFlags & vk::ImageUsageFlagBits::eTransferDst))
     throw std::runtime_error("the window takes no copies");
   const vk::Extent2D wanted = can.currentExtent.width == UINT32_MAX ? window.size() : can.currentExtent;
-  size_ = vk::Extent2D{std::clamp(wanted.width, can.minImageExtent.width, can.maxImageExtent.width),
-                       std::clamp(wanted.height, can.minImageExtent.height, can.maxImageExtent.height)};
+  const vk::Extent2D size{std::clamp(wanted.width, can.minImageExtent.width, can.maxImageExtent.width),
+                          std::clamp(wanted.height, can.minImageExtent.height, can.maxImageExtent.height)};
+  if (wanted.width == 0 || wanted.height == 0 || size.width == 0 || size.height == 0) return nullptr;
+  std::unique_ptr<Swapchain> made(new Swapchain(device));
+  made->size_ = size;
   const uint32_t most = can.maxImageCount ? can.maxImageCount : UINT32_MAX;
-  swapchain_ =
+  made->swapchain_ =
       device.get().createSwapchainKHRUnique({.surface = window.surface(),
                                              .minImageCount = std::min(can.minImageCount + 1, most),
                                              .imageFormat = format.format,
                                              .imageColorSpace = format.colorSpace,
-                                             .imageExtent = size_,
+                                             .imageExtent = size,
                                              .imageArrayLayers = 1,
                                              .imageUsage = vk::ImageUsageFlagBits::eTransferDst,
                                              .preTransform = can.currentTransform,
-                                             .compositeAlpha = vk::CompositeAlphaFlagBitsKHR::eOpaque,
+                                             .compositeAlpha = choose_alpha(can.supportedCompositeAlpha),
                                              .presentMode = vk::PresentModeKHR::eFifo,
                                              .clipped = true},
                                             counting_callbacks());
-  images_ = device.get().getSwapchainImagesKHR(*swapchain_);
-  for (size_t i = 0; i < images_.size(); ++i)
-    written_.push_back(device.get().createSemaphoreUnique({}, counting_callbacks()));
+  made->images_ = device.get().getSwapchainImagesKHR(*made->swapchain_);
+  for (size_t i = 0; i < made->images_.size(); ++i)
+    made->written_.push_back(device.get().createSemaphoreUnique({}, counting_callbacks()));
+  return made;
 }
 
-bool Swapchain::acquire(vk::Semaphore acquired) {
-  const vk::Result result =
-      device_.get().acquireNextImageKHR(*swapchain_, UINT64_MAX, acquired, nullptr, &index_);
-  // A suboptimal image was acquired, and is shown.
-  return result == vk::Result::eSuboptimalKHR || usable(result, "acquiring an image");
+Outcome Swapchain::acquire(vk::Semaphore acquired) {
+  constexpr uint64_t kMost_ns = 1'000'000'000;
+  return outcome_of(device_.get().acquireNextImageKHR(*swapchain_, kMost_ns, acquired, nullptr, &index_),
+                    "acquiring an image");
 }
 
 void Swapchain::record_blit(vk::CommandBuffer commands, const Image& image) const {
@@ -159,13 +170,13 @@ void Swapchain::record_blit(vk::CommandBuffer commands, const Image& image) cons
          vk::AccessFlagBits::eTransferWrite, {}, Stage::eBottomOfPipe);
 }
 
-bool Swapchain::present() {
+Outcome Swapchain::present() {
   const vk::PresentInfoKHR info{.waitSemaphoreCount = 1,
                                 .pWaitSemaphores = &*written_[index_],
                                 .swapchainCount = 1,
                                 .pSwapchains = &*swapchain_,
                                 .pImageIndices = &index_};
-  return usable(device_.queue().presentKHR(&info), "presenting");
+  return outcome_of(device_.queue().presentKHR(&info), "presenting");
 }
 
 }  // namespace postpass

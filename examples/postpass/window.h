@@ -40,19 +40,29 @@ class Window {
   std::vector<Event> events_;
 };
 
+// What an attempt to acquire or present an image came to.
+enum class Outcome {
+  kDone,
+  kNotNow,  // no image for some time, as of a window that is hidden
+  kStale,   // the window has changed: make another swapchain
+};
+
 class Swapchain {
  public:
-  Swapchain(const Device& device, const Window& window);
+  // Null while the window has no area.
+  static std::unique_ptr<Swapchain> make(const Device& device, const Window& window);
 
   vk::Extent2D size() const { return size_; }
-  // False: the swapchain is of no more use. `acquired` is signalled when the image may be written to.
-  bool acquire(vk::Semaphore acquired);
+  // `acquired` is signalled when the image may be written to.
+  Outcome acquire(vk::Semaphore acquired);
   // Scales the image, which is in the layout for copies from it, to the window.
   void record_blit(vk::CommandBuffer commands, const Image& image) const;
   vk::Semaphore written() const { return *written_[index_]; }  // for the submission to signal
-  bool present();                                              // false as of acquire()
+  Outcome present();
 
  private:
+  explicit Swapchain(const Device& device) : device_(device) {}
+
   const Device& device_;
   vk::Extent2D size_;
   vk::UniqueSwapchainKHR swapchain_;

@@ -128,16 +128,19 @@ typedef struct raymeld_import_desc {
   uint32_t handle_type RAYMELD_IS(0);
   VkDeviceSize memory_size_bytes RAYMELD_IS(0); /* what was allocated */
   uint32_t memory_type_index RAYMELD_IS(0);     /* what it was allocated as; not of a dma_buf */
-  VkBool32 dedicated RAYMELD_IS(VK_FALSE);      /* whether with VkMemoryDedicatedAllocateInfo */
-  VkDeviceSize offset_bytes RAYMELD_IS(0);      /* of the buffer */
+  /* Whether with VkMemoryDedicatedAllocateInfo, of a buffer of size_bytes with the usages STORAGE_BUFFER,
+   * TRANSFER_SRC and TRANSFER_DST, all the memory being its. */
+  VkBool32 dedicated RAYMELD_IS(VK_FALSE);
+  VkDeviceSize offset_bytes RAYMELD_IS(0); /* of the buffer */
   VkDeviceSize size_bytes RAYMELD_IS(0);
 } raymeld_import_desc;
 
 /* A buffer for storage and transfer in that memory, on the context's device, which has
  * RAYMELD_FEATURE_EXTERNAL_MEMORY_FD enabled; one of raymeld's own has where there is such a feature. The
  * descriptor is raymeld's from then on, and stays the caller's when the import fails. raymeld_submit()
- * acquires such buffers from VK_QUEUE_FAMILY_EXTERNAL and releases them to it; where raymeld_record() is
- * used, that is for the caller to record. */
+ * acquires such buffers from VK_QUEUE_FAMILY_EXTERNAL and releases them to it, which is for what the same
+ * physical device exported; of others, and where raymeld_record() is used, that is for the caller to record.
+ */
 RAYMELD_API raymeld_result raymeld_import_buffer(raymeld_context context, const raymeld_import_desc* desc,
                                                  raymeld_buffer* buffer);
 RAYMELD_API void raymeld_buffer_destroy(raymeld_buffer buffer); /* NULL is none; no frame may be pending */
@@ -285,7 +288,7 @@ typedef struct raymeld_fusion_info {
   const char* const* layers RAYMELD_IS(NULL);
   /* The LRHS size that one recording computes: (height, width) of the description unless memory or limits
    * force tiles. A raymeld_fuse() that finds the device out of memory makes it smaller, unless
-   * raymeld_record() was called before. */
+   * raymeld_record(), raymeld_submit() or raymeld_prepare_size() was called before. */
   uint32_t tile_height RAYMELD_IS(0);
   uint32_t tile_width RAYMELD_IS(0);
   uint64_t memory_bytes RAYMELD_IS(0); /* on the device, so far */
@@ -353,8 +356,8 @@ typedef struct raymeld_frame {
  * (tile_height, tile_width) of a fusion that has no tiles. They use the memory, the weights and the pipelines
  * of the fusion, so that sizes may change from frame to frame, and have the bits of a fusion of that size
  * with the same kernels. Takes some milliseconds of the host for each size, once; may allocate a little on
- * the device with adaptive_threshold; does not wait, and recordings may be pending. raymeld_fuse() has the
- * description's size always. */
+ * the device with adaptive_threshold, and compile where of two widths one is even and the other odd; does not
+ * wait, and recordings may be pending. raymeld_fuse() has the description's size always. */
 RAYMELD_API raymeld_result raymeld_prepare_size(raymeld_fusion fusion, uint32_t height, uint32_t width);
 
 /* Records a frame into the caller's command buffer, outside of a render pass; never submits, allocates on the
@@ -381,9 +384,9 @@ typedef struct raymeld_semaphores {
 
 /* Records a frame as raymeld_record() does, into a command buffer of raymeld's own, and submits it to the
  * queue. Does not wait for it, but does, on the host, for the one that was submitted frames_in_flight frames
- * before, unless that is done; frames of raymeld_record() count among them. The first call allocates. All of
- * the frame comes behind what it waits for. `semaphores` may be NULL. raymeld_take_status(), raymeld_fuse()
- * and raymeld_fusion_destroy() wait for all that was submitted. */
+ * before, unless that is done; those of raymeld_record() count among them, but are the caller's to wait for.
+ * The first call allocates. All of the frame comes behind what it waits for. `semaphores` may be NULL.
+ * raymeld_take_status(), raymeld_fuse() and raymeld_fusion_destroy() wait for all that was submitted. */
 RAYMELD_API raymeld_result raymeld_submit(raymeld_fusion fusion, const raymeld_frame* frame,
                                           const raymeld_semaphores* semaphores);
 

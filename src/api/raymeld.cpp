@@ -2,6 +2,7 @@
 #include "raymeld/raymeld.h"
 
 #include <fmt/ranges.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -44,6 +45,8 @@ raymeld_result guarded(raymeld_result of_error, const Work& work) noexcept {
     work();
     return RAYMELD_SUCCESS;
   } catch (const InvalidArgument& error) {
+    return failed(RAYMELD_ERROR_INVALID_ARGUMENT, error.what());
+  } catch (const SizeError& error) {
     return failed(RAYMELD_ERROR_INVALID_ARGUMENT, error.what());
   } catch (const OutOfMemory& error) {
     return failed(RAYMELD_ERROR_OUT_OF_MEMORY, error.what());
@@ -236,7 +239,9 @@ FuserOptions fuser_options(const raymeld_fusion_desc& desc, const ContextState& 
                                                 : Kernels{};
   };
   options.kernels = kernels(options.storage);
-  if (desc.precision == RAYMELD_PRECISION_AUTO && options.storage == Storage::kFloat16)
+  // raymeld_fuse() alone computes again.
+  if (desc.precision == RAYMELD_PRECISION_AUTO && options.storage == Storage::kFloat16 &&
+      !options.frame_images.any())
     options.fp32_kernels = kernels(Storage::kFloat32);
   if (desc.memory) options.scratch = {desc.memory, desc.memory_offset_bytes, desc.memory_size_bytes};
   options.phase = lrhs_phase(centered, model.architecture().scale);
@@ -252,6 +257,9 @@ void check_desc(const raymeld_fusion_desc& desc) {
   check_given_exposure(desc.exposure);
   if (!(desc.adaptive_threshold >= 0 && desc.adaptive_threshold <= 1))
     throw InvalidArgument("an adaptive_threshold of {}, expected one from 0 to 1", desc.adaptive_threshold);
+  if (desc.changed_only && (desc.input_images || desc.output_image))
+    throw InvalidArgument(
+        "changed_only is for raymeld_fuse(), which takes buffers: input_images and output_image are not");
 }
 
 // Which image of a frame; put into words only where something is wrong with it.
@@ -307,8 +315,12 @@ FrameBinding binding_of(const raymeld_image* from, const Shape& shape, bool is_i
 
 // Element i of an array whose elements have the size that the first one says.
 const raymeld_image* element(const raymeld_image* first, uint32_t i) {
-  return reinterpret_cast<const raymeld_image*>(reinterpret_cast<const char*>(first) +
-                                                i * first->struct_size);
+  const auto* at =
+      reinterpret_cast<const raymeld_image*>(reinterpret_cast<const char*>(first) + i * first->struct_size);
+  if (at->struct_size != first->struct_size)
+    throw InvalidArgument("hrls[{}]: struct_size is {}, but that of hrls[0] {}", i, at->struct_size,
+                          first->struct_size);
+  return at;
 }
 
 // The images of a frame by slot, of the sizes of a tile.
@@ -330,6 +342,10 @@ std::vector<SemaphoreValue> semaphores_of(uint32_t count, const VkSemaphore* sem
                                           const uint64_t* values, const char* role, const Device& device) {
   std::vector<SemaphoreValue> all;
   if (count > 0) given(semaphores, role);
+  if (count > 0 && device.is_own())
+    throw InvalidArgument(
+        "raymeld_semaphores: {} to {}, but the device is raymeld's own, which has none of the caller's",
+        count, role);
   for (uint32_t i = 0; i < count; ++i) {
     const SemaphoreValue one{semaphores[i], values ? values[i] : 0};
     if (!one.semaphore) throw InvalidArgument("raymeld_semaphores: {}[{}] is VK_NULL_HANDLE", role, i);
@@ -530,6 +546,7 @@ raymeld_result raymeld_import_buffer(raymeld_context context, const raymeld_impo
                               .dedicated = asked.dedicated != VK_FALSE,
                               .offset_bytes = asked.offset_bytes,
                               .size_bytes = asked.size_bytes});
+    close(asked.fd);
   });
 }
 
@@ -642,9 +659,7 @@ raymeld_result raymeld_fusion_get_info(raymeld_fusion fusion, raymeld_fusion_inf
 }
 
 raymeld_result raymeld_prepare_size(raymeld_fusion fusion, uint32_t height, uint32_t width) {
-  return guarded(RAYMELD_ERROR_INVALID_ARGUMENT, [&] {
-    given(fusion, "fusion").fuser.prepare({height, width});
-  });
+  return guarded(RAYMELD_ERROR_DEVICE, [&] { given(fusion, "fusion").fuser.prepare({height, width}); });
 }
 
 raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands, const raymeld_frame* frame) {
@@ -655,6 +670,10 @@ raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands, c
     if (made.options.changed_only)
       throw InvalidArgument("raymeld_record() does not look at the inputs, as changed_only asks for");
     check_given_exposure(asked.exposure);
+    if (made.ring && made.ring->is_pending(made.fuser.next_frame()))
+      throw InvalidArgument(
+          "raymeld_record(): {} frames are pending, the first of which raymeld_submit() submitted",
+          kFramesInFlight);
     const TileSize tile = made.fuser.plan().tiling.tile;
     const TileSize size{asked.height ? asked.height : tile.height, asked.width ? asked.width : tile.width};
     if (!made.fuser.is_prepared(size))

@@ -198,15 +198,18 @@ void Device::submit(const VkSubmitInfo& submit, VkFence fence) const {
 }
 
 void Device::submit_and_wait(VkCommandBuffer commands) const {
-  auto submit = vk_struct<VkSubmitInfo>(VK_STRUCTURE_TYPE_SUBMIT_INFO);
-  submit.commandBufferCount = 1;
-  submit.pCommandBuffers = &commands;
-  const std::lock_guard lock(*queue_mutex_);
+  auto info = vk_struct<VkSubmitInfo>(VK_STRUCTURE_TYPE_SUBMIT_INFO);
+  info.commandBufferCount = 1;
+  info.pCommandBuffers = &commands;
+  const std::lock_guard turn(fence_mutex_);
   check(vk_.ResetFences(device_, 1, &fence_), "resetting a fence");
-  check(vk_.QueueSubmit(queue_, 1, &submit, fence_), "submitting to " + info_.name);
+  submit(info, fence_);
   const VkResult waited = vk_.WaitForFences(device_, 1, &fence_, VK_TRUE, UINT64_MAX);
   // The caller will free what the device may still be working on.
-  if (waited != VK_SUCCESS) vk_.QueueWaitIdle(queue_);
+  if (waited != VK_SUCCESS) {
+    const std::lock_guard lock(*queue_mutex_);
+    vk_.QueueWaitIdle(queue_);
+  }
   check(waited, "waiting for " + info_.name);
 }
 

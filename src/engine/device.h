@@ -83,6 +83,9 @@ class Device {
 
   ConstantPool& constants() const { return *constants_; }
 
+  // Or the caller's.
+  bool is_own() const { return owns_; }
+
   // Warnings and errors of the validation layers since creation, oldest first.
   std::vector<std::string> messages() const;
 
@@ -96,7 +99,7 @@ class Device {
   void submit(const VkSubmitInfo& submit, VkFence fence) const;
 
   // Submits one command buffer and waits until the device has done it, as far as it can be waited for.
-  // Threads take turns, for all of that time.
+  // Threads that share this Device take turns, for all of that time.
   void submit_and_wait(VkCommandBuffer commands) const;
 
  private:
@@ -122,7 +125,8 @@ class Device {
   const VkAllocationCallbacks* allocator_ = nullptr;
   VkPipelineCache pipeline_cache_ = VK_NULL_HANDLE;
   std::shared_ptr<std::mutex> queue_mutex_;
-  VkFence fence_ = VK_NULL_HANDLE;
+  VkFence fence_ = VK_NULL_HANDLE;  // of submit_and_wait()
+  mutable std::mutex fence_mutex_;
   std::unique_ptr<ConstantPool> constants_;
   DeviceInfo info_;
   VkPhysicalDeviceProperties properties_{};

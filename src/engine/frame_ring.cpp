@@ -60,6 +60,11 @@ void FrameRing::wait_for(Frame& frame) {
   frame.is_pending = false;
 }
 
+bool FrameRing::is_pending(uint32_t index) const {
+  const Frame& frame = frames_.at(index);
+  return frame.is_pending && device_.vk().GetFenceStatus(device_.handle(), frame.fence) == VK_NOT_READY;
+}
+
 void FrameRing::wait() {
   for (Frame& frame : frames_) wait_for(frame);
 }

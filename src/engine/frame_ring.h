@@ -23,6 +23,8 @@ class FrameRing {
   VkCommandBuffer begin(uint32_t frame);
   // Ends and submits it; all of its commands wait. Threads take turns, as in Device::submit(). Throws Error.
   void submit(uint32_t frame, std::span<const SemaphoreValue> wait, std::span<const SemaphoreValue> signal);
+  // Whether the device has not done the last submit of command buffer `frame`.
+  bool is_pending(uint32_t frame) const;
   // For all that was submitted. Throws Error.
   void wait();
 

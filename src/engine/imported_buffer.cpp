@@ -53,7 +53,6 @@ ImportedBuffer::ImportedBuffer(const Device& device, const MemoryFd& from) : dev
     destroy();
     throw;
   }
-  close(from.fd);
 }
 
 void ImportedBuffer::destroy() {
@@ -80,10 +79,11 @@ void ImportedBuffer::create(const MemoryFd& from) {
   VkMemoryRequirements needs;
   vk.GetBufferMemoryRequirements(device_.handle(), buffer_, &needs);
   if (from.offset_bytes % needs.alignment != 0 || from.offset_bytes > from.memory_size_bytes ||
-      from.memory_size_bytes - from.offset_bytes < needs.size || (memory.dedicated && from.offset_bytes != 0))
+      from.memory_size_bytes - from.offset_bytes < needs.size ||
+      (memory.dedicated && (from.offset_bytes != 0 || from.memory_size_bytes != needs.size)))
     throw Error("{}: a buffer of {} bytes at {} of {} bytes, expected {} bytes for it at {}", kWhat,
                 from.size_bytes, from.offset_bytes, from.memory_size_bytes, needs.size,
-                memory.dedicated ? "0, as the memory is dedicated"
+                memory.dedicated ? "0 of as many, as the memory is dedicated"
                                  : fmt::format("a multiple of {}", needs.alignment));
   import(memory, needs);
   check(vk.BindBufferMemory(device_.handle(), buffer_, memory_, from.offset_bytes), kWhat);

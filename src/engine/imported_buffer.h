@@ -17,8 +17,8 @@ struct MemoryFd {
 
 class ImportedBuffer {
  public:
-  // Owns `from.fd` from then on. Throws Error, and leaves it to the caller: where the device cannot import
-  // such memory, or a buffer cannot lie there.
+  // `from.fd` stays the caller's, who may close it. Throws Error: where the device cannot import such memory,
+  // or a buffer cannot lie there.
   ImportedBuffer(const Device& device, const MemoryFd& from);
   ~ImportedBuffer() { destroy(); }
   ImportedBuffer(const ImportedBuffer&) = delete;

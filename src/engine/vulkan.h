@@ -68,6 +68,7 @@
   X(CreateFence)                    \
   X(DestroyFence)                   \
   X(ResetFences)                    \
+  X(GetFenceStatus)                 \
   X(WaitForFences)                  \
   X(CreateQueryPool)                \
   X(DestroyQueryPool)               \
