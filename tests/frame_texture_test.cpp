@@ -383,6 +383,10 @@ TEST_F(FrameTextureTest, WhatAnImageLacksIsSaid) {
   bad.value_scale = std::numeric_limits<float>::infinity();
   EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, run(fusion, good, {bad, good, good}, good), "hrls",
                  "value_scale is inf");
+  bad = good;
+  --bad.struct_size;
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, run(fusion, good, {good, bad, good}, good),
+                 "hrls[1]: struct_size");
 
   raymeld_context_desc without = context_desc(caller_.external());
   without.enabled_features &= ~uint32_t{RAYMELD_FEATURE_IMAGE_WRITES};

@@ -284,6 +284,9 @@ TEST_F(ImportTest, TheDescriptorIsTakenOverOnSuccessOnly) {
   refused(context, with(&Desc::offset_bytes, VkDeviceSize{4}), RAYMELD_ERROR_DEVICE, "a multiple of");
   refused(context, with(&Desc::offset_bytes, ~VkDeviceSize{0} / 1024 * 1024), RAYMELD_ERROR_DEVICE,
           "expected");
+  raymeld_import_desc part = with(&Desc::dedicated, VkBool32{VK_TRUE});
+  part.memory_size_bytes += 4096;
+  refused(context, part, RAYMELD_ERROR_DEVICE, "as the memory is dedicated");
   refused(context, with(&Desc::memory_type_index, 31u), RAYMELD_ERROR_DEVICE, "memory of type 31");
   const int file = open(file_.c_str(), O_RDWR | O_CLOEXEC);
   refused(context, with(&Desc::fd, file), RAYMELD_ERROR_DEVICE, "importing memory");

@@ -356,6 +356,26 @@ TEST_F(SubmitTest, WhatIsWrongIsNamed) {
                  plain.submit(frame->frame, semaphores({}, Point{timeline.get(), 5})),
                  "signal_values[0] is 5", "RAYMELD_FEATURE_TIMELINE_SEMAPHORE");
   plain.submit(frame->frame);
+  Fusion own(Context(), *model_, fusion_desc(subject_));
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT,
+                 own.submit(frame->frame, semaphores({}, Point{timeline.get(), 5})), "raymeld's own");
+}
+
+// What a recording writes over may still be read.
+TEST_F(SubmitTest, ARecordingIsRefusedInPlaceOfAPendingFrame) {
+  Fusion fusion = make_fusion();
+  const Semaphore start(*device_, VK_SEMAPHORE_TYPE_TIMELINE);
+  const auto frame = make_frame(80);
+  const uint32_t in_flight = fusion.info().frames_in_flight;
+  for (uint32_t i = 0; i < in_flight; ++i) fusion.submit(frame->frame, semaphores(Point{start.get(), 1}, {}));
+  Commands pool(*device_);
+  const VkCommandBuffer commands = pool.begin("the caller's");
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.record(commands, frame->frame),
+                 std::to_string(in_flight) + " frames are pending");
+  start.signal(1);
+  fusion.take_status();
+  fusion.record(commands, frame->frame);
+  pool.end(commands);
 }
 
 TEST_F(SubmitTest, ALostDeviceIsTold) {

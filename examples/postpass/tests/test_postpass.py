@@ -116,6 +116,7 @@ class Headless(unittest.TestCase):
             (("--script", "5:key"), "key=K"),
             (("--script", "key=h"), "FRAME:EVENT"),
             (("--in-flight", "7"), "in-flight"),
+            (("--measure", "--measure-samples", "0"), "multiples of 16"),
             (("--size", "16x16", "--script", "0:minimise", "--frames", "2"), "no frame"),
             (("--size", "16x16", "--script", "2:resize=8x8", "--frames", "6", "--y4m", FOLDER / "two.y4m"), "one size"),
         ):
