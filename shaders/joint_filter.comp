@@ -1,6 +1,7 @@
 // One level of an a-trous filter (Dammertz et al. 2010): the mean of 3x3 pixels `step` apart, edges replicated, weighted
 // by a binomial kernel, by how alike their albedo, normal and brightness are, and by their certainty, channel 3, of which
-// the mean is passed on (normalized convolution, Knutsson and Westin 1993). One invocation for each pixel.
+// the mean is passed on (normalized convolution, Knutsson and Westin 1993). One invocation for each strip of pixels, `step`
+// apart below one another, which share what is around them.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -24,29 +25,71 @@ layout(std430, binding = 5) writeonly buffer Target { STORAGE v[]; } target;
 #include "left_out.glsl"
 #include "guides.glsl"
 
+const int kStrip = RAYMELD_JOINT_STRIP;
+
+struct Tap {
+  Surface surface;
+  float brightness;
+};
+
+struct Sums {
+  vec3 light;
+  float certainty, weight;
+};
+
+uint address_of(ivec2 pixel) {
+  ivec2 inside = clamp(pixel, ivec2(0), ivec2(p.width, p.height) - 1);
+  return address(0, inside.y, inside.x, p.plane, p.width);
+}
+
+Tap tap_at(uint i) { return Tap(surface_of(i, p.plane), float(brightness.v[i])); }
+
+void add(inout Sums sums, Tap own, Tap tap, vec4 value, float kernel) {
+  float difference = (tap.brightness - own.brightness) / RAYMELD_BRIGHTNESS_WIDTH;
+  float weight = kernel * exp(-(squared_distance(tap.surface, own.surface) + difference * difference));
+  float certainty = weight * value.w;
+  sums.light += certainty * value.xyz;
+  sums.certainty += certainty;
+  sums.weight += weight;
+}
+
+bool is_wanted(uvec2 pixel) { return pixel.y < p.height && !is_left_out(pixel); }
+
 void main() {
   uvec2 id = gl_GlobalInvocationID.xy;
-  if (id.x >= p.width || id.y >= p.height || is_left_out(id.xy)) return;
-  uint own = address(0, id.y, id.x, p.plane, p.width);
-  Surface own_surface = surface_of(own, p.plane);
-  float own_brightness = float(brightness.v[own]);
-  vec3 sum = vec3(0.0);
-  float certainties = 0.0, weights = 0.0;
-  for (int dy = -1; dy <= 1; ++dy) {
-    for (int dx = -1; dx <= 1; ++dx) {
-      ivec2 tap = clamp(ivec2(id) + int(p.step) * ivec2(dx, dy), ivec2(0), ivec2(p.width, p.height) - 1);
-      uint i = address(0, tap.y, tap.x, p.plane, p.width), j = i + p.plane, k = j + p.plane;
-      float difference = (float(brightness.v[i]) - own_brightness) / RAYMELD_BRIGHTNESS_WIDTH;
-      float distance = squared_distance(surface_of(i, p.plane), own_surface) + difference * difference;
-      float weight = binomial(dx, dy) * exp(-distance);
-      float certainty = weight * float(source.v[k + p.plane]);
-      sum += certainty * vec3(source.v[i], source.v[j], source.v[k]);
-      certainties += certainty;
-      weights += weight;
+  ivec2 first = ivec2(id.x, id.y / p.step * p.step * kStrip + id.y % p.step), next = ivec2(0, p.step);
+  bool any = false;
+  [[unroll]] for (int k = 0; k < kStrip; ++k) any = any || is_wanted(uvec2(first + k * next));
+  if (first.x >= p.width || !any) return;
+  Tap own[kStrip];
+  Sums sums[kStrip];
+  [[unroll]] for (int k = 0; k < kStrip; ++k) {
+    own[k] = tap_at(address_of(first + k * next));
+    sums[k] = Sums(vec3(0.0), 0.0, 0.0);
+  }
+  [[unroll]] for (int row = -1; row <= kStrip; ++row) {
+    [[unroll]] for (int dx = -1; dx <= 1; ++dx) {
+      uint i = address_of(first + row * next + ivec2(dx * int(p.step), 0)), j = i + p.plane, k = j + p.plane;
+      Tap tap;
+      if (dx == 0 && row >= 0 && row < kStrip) {
+        tap = own[row];
+      } else {
+        tap = tap_at(i);
+      }
+      vec4 value = vec4(source.v[i], source.v[j], source.v[k], source.v[k + p.plane]);
+      [[unroll]] for (int dy = -1; dy <= 1; ++dy) {
+        int of = row - dy;
+        if (of >= 0 && of < kStrip) add(sums[of], own[of], tap, value, binomial(dx, dy));
+      }
     }
   }
-  for (uint c = 0; c < 3; ++c) {
-    target.v[own + c * p.plane] = STORAGE(storable(sum[c] / certainties));
+  [[unroll]] for (int k = 0; k < kStrip; ++k) {
+    uvec2 pixel = uvec2(first + k * next);
+    if (!is_wanted(pixel)) continue;
+    uint i = address(0, pixel.y, pixel.x, p.plane, p.width);
+    for (uint c = 0; c < 3; ++c) {
+      target.v[i + c * p.plane] = STORAGE(storable(sums[k].light[c] / sums[k].certainty));
+    }
+    target.v[i + 3 * p.plane] = STORAGE(storable(sums[k].certainty / sums[k].weight));
   }
-  target.v[own + 3 * p.plane] = STORAGE(storable(certainties / weights));
 }

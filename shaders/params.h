@@ -206,6 +206,7 @@ struct Decode {
 #define RAYMELD_ALBEDO_WIDTH 1.5
 #define RAYMELD_NORMAL_WIDTH 1.2
 #define RAYMELD_BRIGHTNESS_WIDTH 0.0667
+#define RAYMELD_JOINT_STRIP 4 // pixels that an invocation of the joint filter makes
 #define RAYMELD_FIREFLY 20.0
 #define RAYMELD_FIREFLY_FLOOR 1e-3
 

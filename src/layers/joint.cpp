@@ -81,7 +81,8 @@ void joint_filter(Graph& graph, const std::string& name, const Tensor& in, const
   if (step == 0) throw Error("layer {}: a step of 0 pixels", name);
   Pass pass = pass_of(graph, name, shaders::kJointFilter, {in, albedo, normal, brightness}, out);
   pass.set_push(params::JointFilter{shape.height, shape.width, graph.plane(out), step});
-  pass.groups = pixel_groups(shape);
+  const Shape strips{divide_up(shape.height, RAYMELD_JOINT_STRIP * step) * step, shape.width, 1};
+  pass.groups = pixel_groups(strips);
   constexpr double kFlopOfTap = 34;
   pass.flop = 9 * kFlopOfTap * static_cast<double>(shape.pixels());
   pass.footprint = pixel_footprint(graph, out.shape, step);
