@@ -127,10 +127,11 @@ void Fuser::record(VkCommandBuffer commands, const FrameBindings& frame, float e
 void Fuser::prepare(TileSize size) {
   if (is_prepared(size)) return;
   Graph graph = graph_within(plan_, model_, size, options_);
+  const size_t compiled = made_program().pipelines();
   const auto [place, is_new] =
       prepared_.try_emplace({size.height, size.width}, std::move(graph), made_program(), cache_);
   place->second.program.set_threshold(options_.threshold);
-  cache_.save();
+  if (made_program().pipelines() > compiled) cache_.save();
 }
 
 RecordedReport Fuser::take_report() {

@@ -110,11 +110,12 @@ class Fuser {
   // Fuses one frame: lrhs (3, h, w) and hrls (K, s h, s w) to fused (3, s h, s w), scene linear. Runs tile by
   // tile and waits. The first call allocates and records, and so does the first that does a tile again; other
   // ones only submit. No frame of record() may be pending. When the device runs out of memory, the frame
-  // starts again with smaller tiles, unless record() or prepare() was called before: recordings may still be
-  // submitted. Throws Error, also with FuserOptions::frame_images, NotFinite and Cancelled; `fused` may then
-  // hold some tiles, and the next call works if the device does. With FuserOptions::changed_only the inputs
-  // and the output are kept for the next call, and the bits are those of a first call. `exposure`: what
-  // radiance is multiplied by for the network, for parts of a larger frame; 0: exposure().
+  // starts again with smaller tiles, unless record() or prepare(), of another size, was called before:
+  // recordings may still be submitted. Throws Error, also with FuserOptions::frame_images, NotFinite and
+  // Cancelled; `fused` may then hold some tiles, and the next call works if the device does. With
+  // FuserOptions::changed_only the inputs and the output are kept for the next call, and the bits are those
+  // of a first call. `exposure`: what radiance is multiplied by for the network, for parts of a larger frame;
+  // 0: exposure().
   FuseReport fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress = {},
                   float exposure = 0);
   // The same on planar, dense memory of the caller's, whose sizes are not checked.

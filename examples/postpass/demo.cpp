@@ -56,6 +56,7 @@ void Demo::drop_renderer() {
   if (frames_) {
     for (size_t i = 0; i < frames_->size(); ++i)
       if (const auto result = frames_->next().finish(renderer_->fusion())) finish(*result);
+    if (last_ && !options_.png.empty()) keep_last();
     device_->get().waitIdle();
   }
   frames_.reset();
@@ -180,9 +181,12 @@ void Demo::run() {
     ++counted.frames;
     counted.made += allocations_so_far() - before;
   }
-  if (!options_.png.empty()) write_last();
   drop_renderer();
   if (y4m_) y4m_->close();
+  if (options_.png.empty()) return;
+  if (kept_.empty())
+    throw std::runtime_error("no frame was rendered that " + options_.png.string() + " could hold");
+  write_png(options_.png, kept_.data(), kept_size_);
 }
 
 Frame Demo::describe_frame() {
@@ -233,14 +237,15 @@ void Demo::finish(const FrameResult& result) {
   if (y4m_ && result.image) y4m_->write(result.image, renderer_->shown().size);
 }
 
-void Demo::write_last() {
-  if (!last_) throw std::runtime_error("no frame was rendered that " + options_.png.string() + " could hold");
+// All slots are idle.
+void Demo::keep_last() {
   Slot& slot = frames_->next();
-  if (const auto result = slot.finish(renderer_->fusion())) finish(*result);
   renderer_->record_again(slot.begin(), last_->view, slot.queries());
   slot.record_copies(*last_, true);
   slot.submit(nullptr, nullptr);
-  write_png(options_.png, slot.finish(renderer_->fusion())->image, renderer_->shown().size);
+  const float* image = slot.finish(renderer_->fusion())->image;
+  kept_size_ = renderer_->shown().size;
+  kept_.assign(image, image + size_t{4} * kept_size_.width * kept_size_.height);
 }
 
 void Demo::write_text() {

@@ -64,7 +64,7 @@ class Demo {
   bool frame();
   void finish(const FrameResult& result);
   Frame describe_frame();
-  void write_last();
+  void keep_last();
   void write_text();
   void say(const char* what, const std::string& value) const;
 
@@ -80,6 +80,8 @@ class Demo {
   std::optional<Y4mFile> y4m_;
 
   std::optional<Frame> last_;  // that was rendered, of this renderer
+  std::vector<float> kept_;    // what it looks like, for a PNG
+  vk::Extent2D kept_size_;
   uint32_t view_ = kViewFused;
   uint64_t frame_ = 0;
   bool minimised_ = false, quit_ = false, resized_ = false;

@@ -26,12 +26,25 @@ bool has_swapchains(vk::PhysicalDevice device) {
   return false;
 }
 
-// The features of raymeld that this program knows how to enable, as far as the device has them.
-uint32_t features_of(vk::Instance instance, vk::PhysicalDevice device) {
+// VK_KHR_cooperative_matrix is newer than the headers of Debian 12.
+struct CooperativeMatrixFeatures {
+  VkStructureType sType = VkStructureType(1000506000);
+  void* pNext = nullptr;
+  VkBool32 cooperativeMatrix = VK_TRUE, cooperativeMatrixRobustBufferAccess = VK_FALSE;
+};
+
+// Those that make raymeld faster, as far as the device has them; adds what they take to `extensions`.
+uint32_t choose_features(vk::Instance instance, vk::PhysicalDevice device,
+                         std::vector<const char*>& extensions) {
+  constexpr uint32_t kWanted = RAYMELD_FEATURE_STORAGE_16BIT | RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS |
+                               RAYMELD_FEATURE_COOPERATIVE_MATRIX;
   uint32_t bits = 0;
-  for (const raymeld_feature& feature : raymeld::list_features(vkGetInstanceProcAddr, instance, device))
-    if (feature.supported) bits |= feature.bit;
-  return bits & (RAYMELD_FEATURE_STORAGE_16BIT | RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS);
+  for (const raymeld_feature& feature : raymeld::list_features(vkGetInstanceProcAddr, instance, device)) {
+    if (!feature.supported || !(feature.bit & kWanted)) continue;
+    bits |= feature.bit;
+    extensions.insert(extensions.end(), feature.extensions, feature.extensions + feature.extension_count);
+  }
+  return bits;
 }
 
 }  // namespace
@@ -52,8 +65,8 @@ Device::Device(const Instance& instance, uint32_t index, vk::SurfaceKHR surface)
   timestamp_period_ns_ = properties.limits.timestampPeriod;
   timestamp_mask_ = ~0ull >> (64 - physical_.getQueueFamilyProperties()[queue_family_].timestampValidBits);
 
-  const uint32_t features = features_of(instance.get(), physical_);
   std::vector<const char*> extensions;
+  const uint32_t features = choose_features(instance.get(), physical_, extensions);
   if (surface) extensions.push_back(VK_KHR_SWAPCHAIN_EXTENSION_NAME);
   vk::PhysicalDeviceBufferDeviceAddressFeatures addresses{.bufferDeviceAddress = true};
   vk::PhysicalDevice16BitStorageFeatures half{.storageBuffer16BitAccess = true};
@@ -63,7 +76,17 @@ Device::Device(const Instance& instance, uint32_t index, vk::SurfaceKHR surface)
   if (features & RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS) {
     enable(addresses);
     enabled.features.shaderInt64 = true;
-    extensions.push_back(VK_KHR_BUFFER_DEVICE_ADDRESS_EXTENSION_NAME);
+  }
+  CooperativeMatrixFeatures matrices;
+  vk::PhysicalDeviceVulkanMemoryModelFeatures model{.vulkanMemoryModel = true,
+                                                    .vulkanMemoryModelDeviceScope = true};
+  vk::PhysicalDeviceShaderFloat16Int8Features float16{.shaderFloat16 = true};
+  vk::PhysicalDeviceSubgroupSizeControlFeatures subgroups{.computeFullSubgroups = true};
+  if (features & RAYMELD_FEATURE_COOPERATIVE_MATRIX) {
+    enable(matrices);
+    enable(model);
+    enable(float16);
+    enable(subgroups);
   }
   const float priority = 1;
   const vk::DeviceQueueCreateInfo queue{

@@ -56,6 +56,7 @@ std::span<const char* const> window_extensions() {
 
 Window::Window(const Instance& instance, vk::Extent2D size) {
   events_.reserve(64);
+  polled_.reserve(64);
   glfwWindowHint(GLFW_CLIENT_API, GLFW_NO_API);
   window_ = glfwCreateWindow(int(size.width), int(size.height), "raymeld postpass", nullptr, nullptr);
   if (!window_) fail("opening a window");
@@ -84,13 +85,15 @@ vk::Extent2D Window::size() const {
 void Window::resize(vk::Extent2D size) { glfwSetWindowSize(window_, int(size.width), int(size.height)); }
 
 std::span<const Event> Window::poll(bool wait) {
-  events_.clear();
   if (wait)
     glfwWaitEventsTimeout(0.05);
   else
     glfwPollEvents();
   if (glfwWindowShouldClose(window_)) events_.push_back({.kind = Event::kQuit});
-  return events_;
+  // Those to come may come of what these lead to.
+  polled_.swap(events_);
+  events_.clear();
+  return polled_;
 }
 
 void Window::on_key(GLFWwindow* window, int key, int, int action, int) {

@@ -37,7 +37,7 @@ class Window {
 
   GLFWwindow* window_ = nullptr;
   vk::UniqueSurfaceKHR surface_;
-  std::vector<Event> events_;
+  std::vector<Event> events_, polled_;
 };
 
 // What an attempt to acquire or present an image came to.

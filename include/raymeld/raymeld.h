@@ -288,7 +288,7 @@ typedef struct raymeld_fusion_info {
   const char* const* layers RAYMELD_IS(NULL);
   /* The LRHS size that one recording computes: (height, width) of the description unless memory or limits
    * force tiles. A raymeld_fuse() that finds the device out of memory makes it smaller, unless
-   * raymeld_record(), raymeld_submit() or raymeld_prepare_size() was called before. */
+   * raymeld_record(), raymeld_submit() or, for another size, raymeld_prepare_size() was called before. */
   uint32_t tile_height RAYMELD_IS(0);
   uint32_t tile_width RAYMELD_IS(0);
   uint64_t memory_bytes RAYMELD_IS(0); /* on the device, so far */
@@ -335,8 +335,18 @@ typedef struct raymeld_image {
 } raymeld_image;
 
 /* Scene linear; of the tile size: lrhs (tile_height, tile_width, 3), hrls s times as large with 3 channels
- * for each of the fusion's layers, fused s times as large with 3. As images of Vulkan, hrls are as many as
- * the fusion has layers, in an array. */
+ * for each of the fusion's layers, fused s times as large with 3. Row 0 is the top. As images of Vulkan, hrls
+ * are as many as the fusion has layers, in an array, all of one struct_size.
+ *
+ * What layers hold, as Cycles gives them, which the stock models were trained on:
+ *   color     radiance, as LRHS has it
+ *   albedo    of the first surface that neither mirrors nor refracts; of a lamp its light, up to 1
+ *   normal    of that surface, of length 1, in the camera's space: x to the right, y up, z away from it; 0
+ * where there is none diffuse   the part of color that was first reflected diffusely, with the albedo
+ *   specular  the part that was first mirrored, refracted or glossy, with its colour
+ *   variance  of color: in each channel the mean square less the squared mean over 3x3 pixels, edges
+ * replicated NaN is read as 0; radiance and variance as no less than 0 and no more than the model was trained
+ * for, albedo as in [0, 1], normals in [-1, 1]. */
 typedef struct raymeld_frame {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_frame));
   const raymeld_image* lrhs RAYMELD_IS(NULL);
@@ -365,7 +375,21 @@ RAYMELD_API raymeld_result raymeld_prepare_size(raymeld_fusion fusion, uint32_t 
  * anew. The inputs must be visible to VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with VK_ACCESS_SHADER_READ_BIT,
  * and the output ready to be written there; it is written in that stage with VK_ACCESS_SHADER_WRITE_BIT, and
  * made visible to the host like what raymeld_take_status() reads; what else reads it waits for that. All
- * layouts stay. At most frames_in_flight recordings may be pending, on one queue, each submitted once. */
+ * layouts stay. At most frames_in_flight recordings may be pending, on one queue, each submitted once, which
+ * is not checked; the next recording takes the place of the oldest, whether that was submitted or not.
+ *
+ * The command buffer is a primary one, for the context's queue family, to which images and buffers belong
+ * that are not shared between families. What it has bound for compute (pipeline, descriptor sets, push
+ * constants) is not as before. Nothing is needed between recordings for what raymeld keeps itself. `frame` is
+ * read here only; what it names lives until the recording is done, and inputs may be overwritten behind
+ * VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT.
+ *
+ * Images have one sample and at least (y + height, x + width) texels, and their formats the features
+ * SAMPLED_IMAGE or, of the output, STORAGE_IMAGE; the output's view has no swizzle. Vulkan's validation layer
+ * sees such mistakes, raymeld does not.
+ *
+ * RAYMELD_ERROR_INVALID_ARGUMENT: what was given, or its size, is wrong, and nothing was recorded. Behind
+ * other errors the command buffer may hold a part of the frame. */
 RAYMELD_API raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands,
                                           const raymeld_frame* frame);
 

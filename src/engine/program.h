@@ -102,6 +102,8 @@ class Program {
   uint64_t allocated_bytes() const;
   // What it has beside that of the Program of larger frames.
   uint64_t own_bytes() const { return has_own_status() ? status_->size_bytes() : 0; }
+  // Of frames of all sizes.
+  size_t pipelines() const { return common_->kernels.size(); }
   // What a Program takes beside its graph's constants and activations.
   static uint64_t host_bytes(uint32_t sets, const Graph& graph, const WorkLimits& limits);
 
