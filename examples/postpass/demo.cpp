@@ -207,7 +207,8 @@ Frame Demo::describe_frame() {
 bool Demo::frame() {
   if (window_ && !swapchain_) return false;
   Slot& slot = frames_->next();
-  if (const auto result = slot.finish(renderer_->fusion())) finish(*result);
+  const auto result = slot.finish(renderer_->fusion());
+  if (result) finish(*result);
   if (swapchain_) {
     const Outcome outcome = swapchain_->acquire(slot.acquired());
     resized_ |= outcome == Outcome::kStale;
@@ -216,7 +217,8 @@ bool Demo::frame() {
 
   const double now = now_s();
   const double since_s = last_s_ ? now - *last_s_ : 0;
-  if (last_s_) times_.add_frame(1e3 * since_s);
+  // The first frames in flight wait for none.
+  if (last_s_ && result) times_.add_frame(1e3 * since_s);
   last_s_ = now;
   if (!options_.still) camera_s_ += window_ ? since_s : kFrameSeconds;
 
@@ -270,7 +272,7 @@ void Demo::write_text() {
   line("fuse %5.1f ms", times_.part_ms(2));
   line("hist %5.1f ms", times_.part_ms(3));
   line("show %5.1f ms", times_.part_ms(4));
-  line("all  %5.1f ms  %.1f fps", times_.frame_ms(), times_.frame_ms() > 0 ? 1e3 / times_.frame_ms() : 0);
+  if (times_.frame_ms() > 0) line("all  %5.1f ms  %.1f fps", times_.frame_ms(), 1e3 / times_.frame_ms());
 }
 
 }  // namespace postpass
