@@ -339,14 +339,15 @@ typedef struct raymeld_image {
  * are as many as the fusion has layers, in an array, all of one struct_size.
  *
  * What layers hold, as Cycles gives them, which the stock models were trained on:
- *   color     radiance, as LRHS has it
- *   albedo    of the first surface that neither mirrors nor refracts; of a lamp its light, up to 1
- *   normal    of that surface, of length 1, in the camera's space: x to the right, y up, z away from it; 0
- * where there is none diffuse   the part of color that was first reflected diffusely, with the albedo
- *   specular  the part that was first mirrored, refracted or glossy, with its colour
- *   variance  of color: in each channel the mean square less the squared mean over 3x3 pixels, edges
- * replicated NaN is read as 0; radiance and variance as no less than 0 and no more than the model was trained
- * for, albedo as in [0, 1], normals in [-1, 1]. */
+ * - color: radiance, as LRHS has it
+ * - albedo: of the first surface that neither mirrors nor refracts; of a lamp its light, up to 1
+ * - normal: of that surface, of length 1, in the camera's space (x to the right, y up, z away from it), or 0
+ * - diffuse: the part of color that was first reflected diffusely, with the albedo
+ * - specular: the part that was first mirrored, refracted or glossy, with its colour
+ * - variance: of color; for each channel the mean square less the squared mean over 3x3 pixels
+ *
+ * NaN is read as 0; radiance and variance as no less than 0 and no more than the model was trained for,
+ * albedo as in [0, 1], normals in [-1, 1]. */
 typedef struct raymeld_frame {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_frame));
   const raymeld_image* lrhs RAYMELD_IS(NULL);
