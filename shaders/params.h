@@ -70,7 +70,7 @@ struct Pointwise {
   uint first_channel;  // of the part, whose first one is bound
   uint channels_out;
   uint blocks;
-  uint digits[8];  // 0 to 7: see uniform.glsl
+  uint digits[4];  // 0 to 3: see uniform.glsl
 };
 
 // The steps of a convolution by tiles, one band of rows at a time: see winograd.glsl. plane is that of the tensor bound,
@@ -99,7 +99,7 @@ struct WinogradMultiply {
   uint weights_stride;
   uint transformed_stride;
   uint products_stride;
-  uint digits[8];  // 0 to 7: see uniform.glsl
+  uint digits[4];  // 0 to 3: see uniform.glsl
 };
 
 struct WinogradOutput {

@@ -19,6 +19,7 @@ layout(constant_id = 3) const uint kFirst = 1;
 layout(constant_id = 4) const uint kLast = 1;
 layout(constant_id = 5) const uint kRelu = 0;
 layout(constant_id = 6) const uint kResiduals = 0;
+layout(constant_id = 7) const uint kVector = 0;
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Floats weights;
@@ -47,6 +48,7 @@ layout(std430, binding = 6) readonly buffer Residual2 { STORAGE v[]; } residual2
 #endif
 #include "place.glsl"
 #include "uniform.glsl"
+#include "vector.glsl"
 
 void store(uint at, float value, bool inside) {
   if (kRelu != 0) value = rectified(value);
@@ -55,6 +57,11 @@ void store(uint at, float value, bool inside) {
   if (kResiduals > 2) value += float(residual2.v[at]);
   // A plane's padding takes what lies beyond the last pixel.
   if (kItemColumns == 0 || inside) target.v[at] = STORAGE(storable(inside ? value : 0.0));
+}
+
+// Of an invocation's first output channel.
+uint sum_address(uint block, uint in_band) {
+  return (in_band / kLanes * p.blocks + block) * kOutputs * kLanes + in_band % kLanes;
 }
 
 void main() {
@@ -66,18 +73,27 @@ void main() {
     inside = all(lessThan(at, size));
     pixel = inside ? at.y * size.x + at.x : 0;
   }
-  uint sum_at = (in_band / kLanes * p.blocks + block) * kOutputs * kLanes + in_band % kLanes;
+  uint first = first_of_vector();  // in the band; vectors divide kLanes
+  uint sum_at = sum_address(block, in_band);
   Floats w = Floats(uint64_t(weights) + 4ul * ((block * p.channels_in + p.first_channel) * kOutputs));
   Floats b = Floats(uint64_t(bias) + 4ul * (block * kOutputs));
 #ifdef DATA_BY_ADDRESS
   const uint64_t step = uint64_t(p.plane) * STORAGE_BYTES;
-  uint64_t next = uint64_t(source) + uint64_t(pixel) * STORAGE_BYTES;
+  uint64_t next = uint64_t(source) + uint64_t(kVector == 0 ? pixel : place.first + first) * STORAGE_BYTES;
+  Floats before = Floats(uint64_t(sums) + 4ul * sum_address(block, first));
+#define SUM(at) read_vector(before, at)
+#else
+#define SUM(at) sums.v[sum_at + at]
 #endif
   float sum[kOutputs];
-  [[unroll]] for (uint o = 0; o < kOutputs; ++o) sum[o] = kFirst != 0 ? b.v[o] : sums.v[sum_at + o * kLanes];
+  [[unroll]] for (uint o = 0; o < kOutputs; ++o) sum[o] = kFirst != 0 ? b.v[o] : SUM(o * kLanes);
   [[unroll]] for (uint i = 0; i < kChannels; ++i) {
 #ifdef DATA_BY_ADDRESS
-    float value = float(Values(next).v[0]);
+#ifdef STORAGE_F16
+    float value = float(Values(next).v[0]);  // no vectors
+#else
+    float value = read_vector(Floats(next), 0);
+#endif
     next += step;
 #else
     float value = float(source.v[i * p.plane + pixel]);

@@ -18,6 +18,7 @@ layout(constant_id = 1) const uint kChannels = 64;
 layout(constant_id = 2) const uint kOutputs = 16;
 layout(constant_id = 3) const uint kAdd = 0;
 layout(constant_id = 4) const uint kOrder = 8;  // 0: never
+layout(constant_id = 5) const uint kVector = 0;
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Floats weights;
@@ -34,31 +35,37 @@ layout(std430, binding = 1) readonly buffer Transformed { float v[]; } transform
 layout(std430, binding = 2) buffer Products { float v[]; } products;
 #endif
 #include "uniform.glsl"
+#include "vector.glsl"
 
 void main() {
   uint block = uniform_number(gl_WorkGroupID.y), position = uniform_number(gl_WorkGroupID.z);
-  uint tile = gl_GlobalInvocationID.x;
   uint weight = position * p.weights_stride + (block * p.channels_in + p.first_channel) * kOutputs;
-  uint from = element(position, p.first_channel, tile, p.transformed_stride, p.channels_in);
-  uint to = element(position, block * kOutputs, tile, p.products_stride, p.blocks * kOutputs);
+  uint first = first_of_vector();  // tile; vectors divide kLanes
+  uint from = element(position, p.first_channel, first, p.transformed_stride, p.channels_in);
+  uint before = element(position, block * kOutputs, first, p.products_stride, p.blocks * kOutputs);
+  uint to = element(position, block * kOutputs, gl_GlobalInvocationID.x, p.products_stride, p.blocks * kOutputs);
   Floats w = Floats(uint64_t(weights) + 4ul * weight);
 #ifdef DATA_BY_ADDRESS
-  Floats inputs = Floats(uint64_t(transformed) + 4ul * from), results = Floats(uint64_t(products) + 4ul * to);
-  from = to = 0;
+  Floats inputs = Floats(uint64_t(transformed) + 4ul * from), sums = Floats(uint64_t(products) + 4ul * before);
+  Floats results = Floats(uint64_t(products) + 4ul * to);
+#define INPUT(at) read_vector(inputs, at)
+#define SUM(at) read_vector(sums, at)
+#define RESULT(at) results.v[at]
 #else
-#define inputs transformed
-#define results products
+#define INPUT(at) transformed.v[from + at]
+#define SUM(at) products.v[before + at]
+#define RESULT(at) products.v[to + at]
 #endif
   float sum[kOutputs];
-  [[unroll]] for (uint o = 0; o < kOutputs; ++o) sum[o] = kAdd != 0 ? results.v[to + o * kLanes] : 0.0;
+  [[unroll]] for (uint o = 0; o < kOutputs; ++o) sum[o] = kAdd != 0 ? SUM(o * kLanes) : 0.0;
   [[unroll]] for (uint i = 0; i < kChannels; ++i) {
-    float value = inputs.v[from + i * kLanes];
+    float value = INPUT(i * kLanes);
     [[unroll]] for (uint o = 0; o < kOutputs; ++o) sum[o] = fma(w.v[i * kOutputs + o], value, sum[o]);
     if (kOrder > 0 && (i + 1) % kOrder == 0 && i + 1 < kChannels) {
       float all = 0.0;
       [[unroll]] for (uint o = 0; o < kOutputs; ++o) all += sum[o];
-      results.v[to] = all;
+      RESULT(0) = all;
     }
   }
-  [[unroll]] for (uint o = 0; o < kOutputs; ++o) results.v[to + o * kLanes] = sum[o];
+  [[unroll]] for (uint o = 0; o < kOutputs; ++o) RESULT(o * kLanes) = sum[o];
 }

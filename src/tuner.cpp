@@ -14,7 +14,7 @@
 namespace raymeld {
 namespace {
 
-constexpr int kFormatVersion = 2;
+constexpr int kFormatVersion = 3;
 constexpr double kBudgetMs = 60;  // of one measurement
 constexpr uint32_t kLeastRows = 32;
 constexpr uint32_t kMostOrder = 256;
@@ -53,13 +53,15 @@ bool gathers(const DeviceInfo& device) {
   return at != std::string::npos && std::atoi(device.driver.c_str() + at + 5) >= 24;
 }
 
-Conv2dKernel default_conv2d(const Conv2dShape& shape) {
-  return shape.kernel == 1 ? Conv2dKernel{.tile = 1, .band = 2048} : Conv2dKernel{.tile = shape.most_tile};
+Conv2dKernel default_conv2d(const DeviceInfo& device, const Conv2dShape& shape) {
+  Conv2dKernel kernel{.tile = shape.most_tile, .vector = device.vector_lanes};
+  if (shape.kernel == 1) kernel.tile = 1, kernel.band = 2048;
+  return kernel;
 }
 
 // What the search starts from. GPUs have no use for an order, and want many workgroups.
 Conv2dKernel first_guess(const DeviceInfo& device, const Conv2dShape& shape) {
-  Conv2dKernel kernel = default_conv2d(shape);
+  Conv2dKernel kernel = default_conv2d(device, shape);
   if (!device.is_cpu) kernel.order = 0, kernel.band = 1u << 16;
   return kernel;
 }
@@ -67,6 +69,7 @@ Conv2dKernel first_guess(const DeviceInfo& device, const Conv2dShape& shape) {
 // Whether a device computes what may have been measured on another, or with more features enabled.
 bool is_for(const DeviceInfo& device, const Conv2dKernel& kernel) {
   return (kernel.tile == 0 || device.buffer_device_address) &&
+         (kernel.vector == 0 || kernel.vector == device.vector_lanes) &&
          (!kernel.matrix || kernel.matrix->matrix == device.cooperative_matrix);
 }
 
@@ -126,8 +129,13 @@ MatrixTiles tiles_from(const Json& j) {
 }
 
 Json to_json(const Conv2dKernel& k) {
-  return {{"tile", k.tile},   {"outputs", k.outputs}, {"channels", k.channels},
-          {"order", k.order}, {"band", k.band},       {"matrix", k.matrix ? to_json(*k.matrix) : Json()}};
+  return {{"tile", k.tile},
+          {"outputs", k.outputs},
+          {"channels", k.channels},
+          {"order", k.order},
+          {"band", k.band},
+          {"vector", k.vector},
+          {"matrix", k.matrix ? to_json(*k.matrix) : Json()}};
 }
 
 Conv2dKernel kernel_from(const Json& j) {
@@ -135,7 +143,8 @@ Conv2dKernel kernel_from(const Json& j) {
                       .outputs = number_at(j, "outputs"),
                       .channels = number_at(j, "channels"),
                       .order = number_at(j, "order"),
-                      .band = number_at(j, "band")};
+                      .band = number_at(j, "band"),
+                      .vector = number_at(j, "vector")};
   if (!j.at("matrix").is_null()) kernel.matrix = tiles_from(j.at("matrix"));
   return kernel;
 }
@@ -152,7 +161,7 @@ bool is_valid(const Conv2dShape& shape, const Conv2dKernel& kernel) {
   const bool matrix = !kernel.matrix || (kernel.tile == 0 && is_possible(*kernel.matrix, shape.kernel));
   return (is_1x1 || is_3x3) && matrix && shape.most_tile <= 4 && within(kernel.outputs, 4, 64) &&
          within(kernel.channels, 32, 256) && within(kernel.order, 0, kMostOrder) &&
-         within(kernel.band, kernel.tile == 1 ? 512 : 128, 1u << 20);
+         within(kernel.vector, 0, 64) && within(kernel.band, kernel.tile == 1 ? 512 : 128, 1u << 20);
 }
 
 struct Tuner {
@@ -214,6 +223,7 @@ struct Tuner {
       // What a 3x3 keeps of a band takes 36 floats a channel for each tile, a 1x1 one for each pixel.
       shape.kernel == 1 ? vary(&Conv2dKernel::band, {512, 1024, 4096})
                         : vary(&Conv2dKernel::band, {128, 512});
+      vary(&Conv2dKernel::vector, {0});
     } else {
       vary(&Conv2dKernel::band, {1u << 14, 1u << 18});
     }
@@ -261,7 +271,8 @@ Conv2dKernel first_matrix_guess(const CooperativeMatrix& matrix, const Conv2dSha
 
 Kernels default_kernels(const DeviceInfo& device) {
   if (!device.is_cpu || !device.buffer_device_address) return {};
-  return {.addressed = gathers(device), .conv2d = default_conv2d};
+  const auto choose = [device](const Conv2dShape& shape) { return default_conv2d(device, shape); };
+  return {.addressed = gathers(device), .conv2d = choose};
 }
 
 Kernels Tuning::kernels(const DeviceInfo& device) const {

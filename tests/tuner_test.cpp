@@ -26,13 +26,14 @@ Tuning example() {
   tuning.entries[{128, 128, 64, 64, 3, 2}] = {{.tile = 2, .order = 0}, 2.5, 30};
   tuning.entries[{512, 512, 16, 8, 3}] = {{}, 3, 3};
   tuning.entries[{64, 64, 64, 64, 3}] = {{.matrix = MatrixTiles{.matrix = kMatrix, .rows = 1}}, 0.5, 8};
-  tuning.entries[{128, 128, 320, 64, 1}] = {{.tile = 1, .band = 4096}, 4, 20};
+  tuning.entries[{128, 128, 320, 64, 1}] = {{.tile = 1, .band = 4096, .vector = 8}, 4, 20};
   return tuning;
 }
 
 DeviceInfo device_with_addresses() {
   DeviceInfo info;
   info.buffer_device_address = true;
+  info.vector_lanes = 8;
   return info;
 }
 
@@ -79,7 +80,7 @@ TEST(Tuning, ADamagedFileIsNoTuning) {
   EXPECT_EQ(entries_of(good), 5u);
   for (size_t length = 0; length + 2 < good.size(); length += 7)
     EXPECT_EQ(entries_of(good.substr(0, length)), 0u);
-  EXPECT_EQ(changed("\"format_version\": 2", "\"format_version\": 1"), 0u);
+  EXPECT_EQ(changed("\"format_version\": 3", "\"format_version\": 2"), 0u);
   EXPECT_EQ(changed("\"tile\": 4", "\"tile\": 3"), 0u);
   EXPECT_EQ(changed("\"tile\": 4", "\"tile\": \"4\""), 0u);
   EXPECT_EQ(changed("\"tile\": 2", "\"tile\": 4"), 0u);  // where it was refused
@@ -87,6 +88,7 @@ TEST(Tuning, ADamagedFileIsNoTuning) {
   EXPECT_EQ(changed("\"band\": 512", "\"band\": 4000000000"), 0u);
   EXPECT_EQ(changed("\"band\": 4096", "\"band\": 511"), 0u);
   EXPECT_EQ(changed("\"channels\": 64", "\"channels\": 31"), 0u);
+  EXPECT_EQ(changed("\"vector\": 8", "\"vector\": 65"), 0u);
   for (const char* height : {"-1", "1.5", "1e300", "4294967296", "null"})
     EXPECT_EQ(changed("\"height\": 128", fmt::format("\"height\": {}", height)), 0u) << height;
   EXPECT_EQ(changed("\n \"order\": 8", "\n \"order\": 257"), 0u);
@@ -122,6 +124,17 @@ TEST(Tuning, NeverAsksADeviceForWhatItCannot) {
   device.cooperative_matrix = kMatrix;
   EXPECT_EQ(tuning.kernels(device).conv2d(kByMatrices).matrix->rows, 1u);
   EXPECT_FALSE(default_kernels(device).conv2d(kByMatrices).matrix);
+}
+
+TEST(Tuning, ReadsByVectorsOfTheDevicesOwnOnly) {
+  constexpr Conv2dShape kByVectors{128, 128, 320, 64, 1};
+  DeviceInfo device = device_with_addresses();
+  EXPECT_EQ(example().kernels(device).conv2d(kByVectors).vector, 8u);
+  device.vector_lanes = 16;
+  EXPECT_EQ(example().kernels(device).conv2d(kByVectors).vector, 0u);
+  EXPECT_EQ(default_kernels(device).conv2d(kByVectors).vector, 0u);
+  device.is_cpu = true;
+  EXPECT_EQ(default_kernels(device).conv2d(kByVectors).vector, 16u);
 }
 
 TEST(Tuning, StartsTheSearchWithWhatFitsSharedMemory) {

@@ -34,8 +34,8 @@ std::string kernel_text(const Conv2dShape& shape, const Conv2dKernel& k) {
   }
   if (k.tile == 0) return "direct" + refused;
   const std::string name = k.tile == 1 ? "pointwise" : fmt::format("F({}, 3)", k.tile);
-  return fmt::format("{}, {} outputs, bands of {}, ordered by {}{}", name, k.outputs, k.band, k.order,
-                     refused);
+  return fmt::format("{}, {} outputs, bands of {}, ordered by {}{}{}", name, k.outputs, k.band, k.order,
+                     k.vector > 0 ? ", vectors" : "", refused);
 }
 
 void print_entry(const Conv2dShape& shape, const Tuning::Entry& entry) {

@@ -164,6 +164,10 @@ std::vector<Way> conv2d_ways(const DeviceInfo& device, uint32_t kernel) {
                       {.tile = tile, .outputs = 5, .channels = 4, .order = 2, .band = 12},
                       addressed});
     }
+    if (device.vector_lanes > 0) {
+      ways.push_back({ways.back().name + " and vectors", ways.back().kernel, true});
+      ways.back().kernel.vector = device.vector_lanes;
+    }
   }
   for (const MatrixTiles& tiles : matrix_tiles(device, kernel)) {
     const bool possible = is_possible(tiles, kernel);

@@ -32,6 +32,7 @@ struct DeviceInfo {
   uint32_t storage_alignment_bytes = 0;  // of a binding's offset
   std::array<uint32_t, 3> max_groups{};  // workgroups of one dispatch
   uint32_t subgroup_size = 0;
+  uint32_t vector_lanes = 0;  // of a driver that makes vectors of subgroups, side by side: see vector.glsl
   double timestamp_period_ns = 0;  // 0: no timestamps on compute queues
   bool is_cpu = false;
   bool storage_16bit = false;

@@ -216,6 +216,7 @@ DeviceInfo describe(const VulkanFunctions& vk, VkPhysicalDevice device, uint32_t
   std::copy_n(properties.limits.maxComputeWorkGroupCount, 3, info.max_groups.begin());
   info.storage_alignment_bytes = static_cast<uint32_t>(properties.limits.minStorageBufferOffsetAlignment);
   info.subgroup_size = subgroup.subgroupSize;
+  info.vector_lanes = driver.driverID == VK_DRIVER_ID_MESA_LLVMPIPE ? subgroup.subgroupSize : 0;
   info.timestamp_period_ns =
       properties.limits.timestampComputeAndGraphics ? properties.limits.timestampPeriod : 0.0;
   describe_features(vk, device, info);

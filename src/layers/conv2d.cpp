@@ -217,8 +217,11 @@ uint32_t parts_of(uint32_t channels, uint32_t most) {
 }
 
 uint32_t blocks_of(const Convolution& conv) {
-  constexpr uint32_t kMostBlocks = 64;
-  return std::min(divide_up(conv.channels_out, conv.options.how.outputs), kMostBlocks);
+  return std::min(divide_up(conv.channels_out, conv.options.how.outputs), kUniformNumbers);
+}
+
+uint32_t usable_vector(const Conv2dKernel& how, uint32_t items) {
+  return how.vector > 0 && items / how.vector <= kUniformNumbers ? how.vector : 0;
 }
 
 double tensor_bytes(const Graph& graph, const Convolution& conv) {

@@ -53,9 +53,14 @@ Binding residual_binding(const Convolution& conv, uint32_t i, const Tensor& othe
 // one size. Part i is channels [i * channels / parts, (i + 1) * channels / parts).
 uint32_t parts_of(uint32_t channels, uint32_t most);
 
+inline constexpr uint32_t kUniformNumbers = 4096;  // of uniform.glsl, from 0 on
+
 // Output channels are computed in as many blocks: of at most Conv2dKernel::outputs, unless these were more
 // than uniform.glsl numbers.
 uint32_t blocks_of(const Convolution& conv);
+
+// Conv2dKernel::vector, or 0 where uniform.glsl does not number the vectors of `items` tiles or pixels.
+uint32_t usable_vector(const Conv2dKernel& how, uint32_t items);
 
 // In three steps, band by band: shaders/winograd_*.comp. Each convolution but the first reads what the one
 // before wrote; in between, only as many rows as that takes are kept.

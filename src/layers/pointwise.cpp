@@ -61,6 +61,9 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
                      [=](std::byte* target) { pack_weights(target, conv, outputs, blocks); });
   const uint32_t bias = bias_constant(graph, conv, blocks * outputs);
   const Tensor sums = graph.scratch(conv.name + ".sums", uint64_t{band} * blocks * outputs);
+  const bool dense_floats = !footprint && graph.storage() == Storage::kFloat32;
+  const uint32_t vector = dense_floats ? usable_vector(how, band) : 0;
+  const bool by_address = graph.addressed() || vector > 0;
   const auto residuals = static_cast<uint32_t>(conv.options.residuals.size());
   for (uint32_t first = 0; first < pixels; first += band) {
     for (const auto& [source, channel] : parts) {
@@ -70,15 +73,16 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
       const double share = pixel_share * channels / conv.channels_in;
       Pass pass;
       pass.name = conv.name;
-      pass.shader = &shaders::kPointwise[graph.addressed()];
+      pass.shader = &shaders::kPointwise[by_address];
       pass.constants = {
-          channels, outputs, how.order, channel == 0, last, last && conv.options.relu, last ? residuals : 0};
+          channels, outputs, how.order, channel == 0, last, last && conv.options.relu, last ? residuals : 0,
+          vector};
       pass.bindings = {constant_binding(weights), constant_binding(bias), read_binding(source),
                        write_binding(sums), write_binding(conv.out)};
       for (uint32_t i = 0; i < kMostResiduals; ++i)
         pass.bindings.push_back(residual_binding(conv, i, conv.in));
       for (Binding& binding : pass.bindings)
-        binding.by_address = graph.addressed() || binding.kind == Binding::Kind::kConstant;
+        binding.by_address = by_address || binding.kind == Binding::Kind::kConstant;
       params::Pointwise push{graph.plane(conv.out), conv.channels_in, channel, conv.channels_out, blocks, {}};
       std::iota(std::begin(push.digits), std::end(push.digits), 0u);
       pass.set_push(push);

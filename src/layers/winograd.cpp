@@ -89,12 +89,13 @@ struct Steps {
   Tensor weights = graph.scratch(conv.name + ".weights", uint64_t{s.weights_stride} * s.positions);
   uint32_t bias = bias_constant(graph, conv, s.channels_out);
 
-  Pass pass(const shaders::Forms& forms, std::vector<Binding> bindings) const {
+  Pass pass(const shaders::Forms& forms, std::vector<Binding> bindings, bool by_address = false) const {
+    by_address |= graph.addressed();
     Pass result;
     result.name = conv.name;
-    result.shader = &forms[graph.addressed()];
+    result.shader = &forms[by_address];
     result.bindings = std::move(bindings);
-    for (Binding& binding : result.bindings) binding.by_address |= graph.addressed();
+    for (Binding& binding : result.bindings) binding.by_address |= by_address;
     return result;
   }
 
@@ -161,11 +162,12 @@ struct Steps {
 
   void multiply(uint32_t first_tile_row, uint32_t part) const {
     const uint32_t first = part * conv.channels_in / s.parts, end = (part + 1) * conv.channels_in / s.parts;
+    const uint32_t vector = usable_vector(conv.options.how, s.band_tiles);
     Binding weight = read_binding(weights);
     weight.by_address = true;
     Pass p = pass(shaders::kWinogradMultiply,
-                  {weight, read_binding(scratch.transformed), write_binding(scratch.products)});
-    p.constants = {s.tile, end - first, s.outputs, part > 0, conv.options.how.order};
+                  {weight, read_binding(scratch.transformed), write_binding(scratch.products)}, vector > 0);
+    p.constants = {s.tile, end - first, s.outputs, part > 0, conv.options.how.order, vector};
     params::WinogradMultiply push{conv.channels_in,  first, s.blocks, s.weights_stride, s.transformed_stride,
                                   s.products_stride, {}};
     std::iota(std::begin(push.digits), std::end(push.digits), 0u);
