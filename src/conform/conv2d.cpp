@@ -157,15 +157,15 @@ void run_values(Collector& collector, std::span<const Trial> trials, uint32_t ke
 std::vector<Way> conv2d_ways(const DeviceInfo& device, uint32_t kernel) {
   std::vector<Way> ways{{.name = "direct"}};
   for (const uint32_t tile : kernel == 1 ? std::vector<uint32_t>{1} : std::vector<uint32_t>{2, 4}) {
+    const std::string name = tile == 1 ? "pointwise" : fmt::format("F({}, 3)", tile);
     for (const bool addressed : {false, true}) {
-      const std::string name = tile == 1 ? "pointwise" : fmt::format("F({}, 3)", tile);
       // So small that there are several parts, blocks and bands.
       ways.push_back({name + (addressed ? " by address" : ""),
                       {.tile = tile, .outputs = 5, .channels = 4, .order = 2, .band = 12},
                       addressed});
     }
     if (device.vector_lanes > 0) {
-      ways.push_back({ways.back().name + " and vectors", ways.back().kernel, true});
+      ways.push_back({name + " by vectors", ways.back().kernel, true});
       ways.back().kernel.vector = device.vector_lanes;
     }
   }
