@@ -8,7 +8,8 @@
 // The first invocation along x of the own vector, or the own one.
 uint first_of_vector() {
   if (kVector == 0) return gl_GlobalInvocationID.x;
-  return kVector * uniform_number(gl_WorkGroupID.x * (gl_WorkGroupSize.x / kVector) + gl_SubgroupID);
+  const uint vectors = gl_WorkGroupSize.x / (kVector == 0 ? 1 : kVector);
+  return kVector * uniform_number(gl_WorkGroupID.x * vectors + gl_SubgroupID);
 }
 
 // What lies at `first` for the first of the vector, and one further for each other one. Only where `first` is a constant do
