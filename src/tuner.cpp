@@ -195,6 +195,7 @@ struct Tuner {
       Conv2dKernel kernel = first_guess(device.info(), shape);
       kernel.tile = tile;
       kernel.order = tuning.order;
+      if (tile == 1 && storage == Storage::kFloat16) kernel.vector = 0;  // that shader has none
       consider(kernel);
     }
     if (device.info().cooperative_matrix && storage == Storage::kFloat16) {
@@ -223,7 +224,7 @@ struct Tuner {
       // What a 3x3 keeps of a band takes 36 floats a channel for each tile, a 1x1 one for each pixel.
       shape.kernel == 1 ? vary(&Conv2dKernel::band, {512, 1024, 4096})
                         : vary(&Conv2dKernel::band, {128, 512});
-      vary(&Conv2dKernel::vector, {0});
+      if (best.kernel.vector > 0) vary(&Conv2dKernel::vector, {0});
     } else {
       vary(&Conv2dKernel::band, {1u << 14, 1u << 18});
     }

@@ -14,7 +14,8 @@
 namespace raymeld {
 
 // Without measurements. On CPUs with buffer addresses: F(4, 3), or F(2, 3) where that is not accurate enough,
-// and pointwise; activations by address where the driver gathers them. Otherwise the direct kernel.
+// and pointwise, whose products read vectors where the driver has them; activations by address where it
+// gathers them. Otherwise the direct kernel.
 Kernels default_kernels(const DeviceInfo& device);
 
 // By cooperative matrices; what the search starts from. Never a default.

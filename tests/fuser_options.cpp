@@ -7,12 +7,21 @@ namespace raymeld::test {
 
 std::vector<FuserOptions> all_options() {
   std::vector<FuserOptions> all;
-  Kernels addressed = default_kernels(gpu().info()), buffers = addressed;
-  buffers.addressed = false;
-  Kernels small = addressed;
-  small.conv2d = [](const Conv2dShape& shape) {
-    return Conv2dKernel{
-        .tile = shape.kernel == 1 ? 1u : 2u, .outputs = 5, .channels = 4, .order = 2, .band = 12};
+  const uint32_t lanes = gpu().info().vector_lanes;
+  const Kernels addressed = default_kernels(gpu().info());
+  Kernels buffers, small;
+  buffers.conv2d = [=](const Conv2dShape& shape) {
+    Conv2dKernel kernel = addressed.conv2d(shape);
+    kernel.vector = 0;
+    return kernel;
+  };
+  small.conv2d = [=](const Conv2dShape& shape) {
+    return Conv2dKernel{.tile = shape.kernel == 1 ? 1u : 2u,
+                        .outputs = 5,
+                        .channels = 4,
+                        .order = 2,
+                        .band = 12,
+                        .vector = lanes};
   };
   for (const auto precision : kPrecisions) {
     all.push_back({.storage = storage_of(precision)});

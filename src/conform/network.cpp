@@ -100,7 +100,11 @@ std::vector<Way> network_ways(const DeviceInfo& device, size_t index) {
     const bool addressed = (index + tile / 2) % 2 == 0;
     // Tiny networks have few channels: so that there are several parts and bands.
     ways.push_back({fmt::format("F({}, 3){}", tile, addressed ? " by address" : ""),
-                    {.tile = tile, .outputs = 8, .channels = 8, .band = 64, .vector = device.vector_lanes},
+                    {.tile = tile,
+                     .outputs = 8,
+                     .channels = 8,
+                     .band = 64,
+                     .vector = addressed ? device.vector_lanes : 0},
                     addressed});
   }
   // Those of 3x3 convolutions serve the 1x1 too.

@@ -59,7 +59,7 @@ inline constexpr uint32_t kUniformNumbers = 4096;  // of uniform.glsl, from 0 on
 // than uniform.glsl numbers.
 uint32_t blocks_of(const Convolution& conv);
 
-// Conv2dKernel::vector, or 0 where uniform.glsl does not number the vectors of `items` tiles or pixels.
+// Conv2dKernel::vector, or 0 where the shaders have no place for such vectors of `items` tiles or pixels.
 uint32_t usable_vector(const Conv2dKernel& how, uint32_t items);
 
 // In three steps, band by band: shaders/winograd_*.comp. Each convolution but the first reads what the one

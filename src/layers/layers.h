@@ -47,7 +47,7 @@ struct Conv2dKernel {
   uint32_t channels = 64;  // at most so many input channels are summed up by one dispatch
   uint32_t order = 8;      // see winograd_multiply.comp
   uint32_t band = 256;  // about so many tiles or pixels are worked on at a time, so that they stay in a cache
-  uint32_t vector = 0;  // DeviceInfo::vector_lanes, which then read as one what is 32 bits wide; or 0
+  uint32_t vector = 0;  // DeviceInfo::vector_lanes, which read dense activations of 32 bits as one; or 0
   uint32_t band_rows = 0;  // instead, of tiles: winograd_band_rows() of the same convolution of another size
   // Instead of all this, conv2d_matrix.comp: any kernel, shuffles in its loads and stores. Sums in 32 bits,
   // but a device may truncate where others round.
