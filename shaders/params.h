@@ -231,6 +231,10 @@ struct Decode {
 // The width of a workgroup's pixels in conv2d_matrix.comp.
 #define RAYMELD_MATRIX_COLUMNS 32
 
+// Tiles or pixels whose values of one channel lie side by side in the scratch of winograd_*.comp and pointwise.comp. Vectors
+// divide it: see vector.glsl.
+#define RAYMELD_LANES 16
+
 // Which borders of the image a pixel touches; biases may depend on it, see border.glsl.
 #define RAYMELD_TOP 1
 #define RAYMELD_BOTTOM 2

@@ -11,7 +11,7 @@
 #include "memory.glsl"
 
 layout(local_size_x = 64) in;
-const uint kLanes = 16;  // sums of neighbouring pixels lie side by side
+const uint kLanes = RAYMELD_LANES;  // sums of neighbouring pixels lie side by side
 layout(constant_id = 0) const uint kChannels = 64;
 layout(constant_id = 1) const uint kOutputs = 16;
 layout(constant_id = 2) const uint kOrder = 8;
@@ -73,7 +73,7 @@ void main() {
     inside = all(lessThan(at, size));
     pixel = inside ? at.y * size.x + at.x : 0;
   }
-  uint first = first_of_vector();  // in the band; vectors divide kLanes
+  uint first = first_of_vector();  // in the band
   uint sum_at = sum_address(block, in_band);
   Floats w = Floats(uint64_t(weights) + 4ul * ((block * p.channels_in + p.first_channel) * kOutputs));
   Floats b = Floats(uint64_t(bias) + 4ul * (block * kOutputs));

@@ -7,7 +7,7 @@ layout(constant_id = 0) const uint kTile = 4;  // 2 or 4
 const uint kKernel = 3;
 const uint kSide = kTile + kKernel - 1;        // there are kSide x kSide positions
 const uint kMostSide = 6;
-const uint kLanes = 16;
+const uint kLanes = RAYMELD_LANES;
 
 uint element(uint position, uint channel, uint tile, uint position_stride, uint channels) {
   return position * position_stride + (tile / kLanes * channels + channel) * kLanes + tile % kLanes;

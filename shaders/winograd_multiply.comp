@@ -40,7 +40,7 @@ layout(std430, binding = 2) buffer Products { float v[]; } products;
 void main() {
   uint block = uniform_number(gl_WorkGroupID.y), position = uniform_number(gl_WorkGroupID.z);
   uint weight = position * p.weights_stride + (block * p.channels_in + p.first_channel) * kOutputs;
-  uint first = first_of_vector();  // tile; vectors divide kLanes
+  uint first = first_of_vector();  // tile
   uint from = element(position, p.first_channel, first, p.transformed_stride, p.channels_in);
   uint before = element(position, block * kOutputs, first, p.products_stride, p.blocks * kOutputs);
   uint to = element(position, block * kOutputs, gl_GlobalInvocationID.x, p.products_stride, p.blocks * kOutputs);

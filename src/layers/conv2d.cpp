@@ -221,8 +221,9 @@ uint32_t blocks_of(const Convolution& conv) {
 }
 
 uint32_t usable_vector(const Conv2dKernel& how, uint32_t items) {
-  constexpr uint32_t kLanes = 16;  // of winograd.glsl and pointwise.comp, which vectors divide
-  return how.vector > 0 && kLanes % how.vector == 0 && items / how.vector <= kUniformNumbers ? how.vector : 0;
+  return how.vector > 0 && RAYMELD_LANES % how.vector == 0 && items / how.vector <= kUniformNumbers
+             ? how.vector
+             : 0;
 }
 
 double tensor_bytes(const Graph& graph, const Convolution& conv) {
