@@ -12,6 +12,7 @@
 #include "border.glsl"
 
 layout(local_size_x = 32, local_size_y = 2) in;
+#include "invocation.glsl"
 layout(constant_id = 0) const uint kKernel = 3;
 layout(constant_id = 1) const uint kVectors = 2;
 layout(constant_id = 2) const uint kRows = 4;
@@ -60,7 +61,7 @@ void store(uint o, uint y, uint x, float value) {
 void main() {
   uvec2 column = item();
   uint x = column.x, y0 = column.y * kRows;
-  uint block = gl_GlobalInvocationID.z;
+  uint block = global_invocation_id().z;
   if (x >= p.width || y0 >= p.height) return;
 
   vec4 sum[kRows][kVectors];

@@ -11,6 +11,7 @@
 #include "transfer.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;
+#include "invocation.glsl"
 #ifdef FRAME_IMAGE
 layout(binding = 1) uniform writeonly image2D frame;
 #else
@@ -63,7 +64,7 @@ float decoded(uint c, uvec2 pixel, Bilinear at, bool counted) {
 }
 
 void main() {
-  uvec3 id = gl_GlobalInvocationID;
+  uvec3 id = global_invocation_id();
   // The last pixel again, rather than a branch, in which drivers for CPUs load lane by lane.
   bool inside = id.x < p.of.width && id.y < p.of.height;
   id.xy = min(id.xy, uvec2(p.of.width, p.of.height) - 1);

@@ -10,6 +10,7 @@
 #include "frame.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;
+#include "invocation.glsl"
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Floats exposure;
@@ -24,7 +25,7 @@ layout(std430, binding = 3) writeonly buffer Target { STORAGE v[]; } target;
 #include "left_out.glsl"
 
 void main() {
-  uvec3 id = gl_GlobalInvocationID;
+  uvec3 id = global_invocation_id();
   // Selections rather than branches, in which drivers for CPUs load lane by lane.
   bool inside = id.x < p.width && id.y < p.height;
   if (is_left_out(min(id.xy, uvec2(p.width, p.height) - 1))) return;

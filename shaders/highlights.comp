@@ -8,6 +8,7 @@
 #include "frame.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;
+#include "invocation.glsl"
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Floats exposure;  // and its inverse
@@ -21,7 +22,7 @@ layout(std430, binding = 3) writeonly buffer Target { STORAGE v[]; } target;
 #endif
 
 void main() {
-  uvec3 id = gl_GlobalInvocationID;
+  uvec3 id = global_invocation_id();
   if (id.x >= p.width || id.y >= p.height) return;
   float value = frame_value(p.frame, id.z, id.xy) - p.clip * exposure.v[1];
   // Comparisons rather than max, whose result for NaN is undefined in GLSL.

@@ -8,6 +8,7 @@
 #include "transfer.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;
+#include "invocation.glsl"
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Values lrhs, albedo, normal, target;
@@ -49,7 +50,7 @@ float light_at(uint c, uvec2 at, float own) {
 }
 
 void main() {
-  uvec2 id = gl_GlobalInvocationID.xy;
+  uvec2 id = global_invocation_id().xy;
   if (id.x >= p.width || id.y >= p.height || is_left_out(id.xy)) return;
   Surface own = surface_at(id);
   vec3 sum = vec3(0.0);

@@ -10,6 +10,7 @@
 #include "transfer.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;
+#include "invocation.glsl"
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Values color, albedo, lrhs, target;
@@ -56,13 +57,13 @@ float firefly_limit(ivec2 pixel, float own) {
 vec3 irradiance_at(uint y, uint x) { return vec3(lrhs_at(3, y, x), lrhs_at(4, y, x), lrhs_at(5, y, x)); }
 
 void main() {
-  uvec2 id = gl_GlobalInvocationID.xy;
+  uvec2 id = global_invocation_id().xy;
   if (id.x >= p.of.width || id.y >= p.of.height || is_left_out(id.xy)) return;
   Bilinear at = bilinear_at(id, p.of.phase, p.of.inverse_scale, uvec2(p.of.lrhs_width, p.of.lrhs_height));
   vec3 corners[4] = {irradiance_at(at.low.y, at.low.x), irradiance_at(at.low.y, at.high.x),
                      irradiance_at(at.high.y, at.low.x), irradiance_at(at.high.y, at.high.x)};
   bool centered = p.of.phase > 0.0;
-  float certainty = centered || id % p.scale == uvec2(0) ? p.lrhs_certainty : 0.0;
+  float certainty = centered || (id & (p.scale - 1)) == uvec2(0) ? p.lrhs_certainty : 0.0;
   vec3 own = color_at(ivec2(id));
   own *= firefly_limit(ivec2(id), dot(own, kLuminance));
   vec3 irradiance;

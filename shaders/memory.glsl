@@ -16,4 +16,5 @@ layout(buffer_reference, std430, buffer_reference_align = 2) buffer Values { flo
 #else
 #define Values Floats
 #endif
+#define HAS_FLOATS
 #endif

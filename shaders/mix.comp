@@ -10,6 +10,7 @@
 #include "transfer.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;
+#include "invocation.glsl"
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Values rec, lrhs, albedo, filtered, target;
@@ -30,7 +31,7 @@ layout(std430, binding = 5) writeonly buffer Target { STORAGE v[]; } target;
 const uint kCandidates = 5;
 
 void main() {
-  uvec2 id = gl_GlobalInvocationID.xy;
+  uvec2 id = global_invocation_id().xy;
   if (id.x >= p.width || id.y >= p.height || is_left_out(id.xy)) return;
   uint pixel = address(0, id.y, id.x, p.plane, p.width);
   float weights[kCandidates], largest = float(rec.v[pixel + 3 * p.plane]), total = 0.0;

@@ -177,7 +177,8 @@ struct JointFilter {
   uint height;
   uint width;
   uint plane;
-  uint step;
+  uint step;       // a power of two
+  uint digits[4];  // 0 to 3: see uniform.glsl
 };
 
 struct Relight {

@@ -12,7 +12,7 @@ struct Item {
 };
 
 Item listed_item() {
-  uint index = place.first + gl_WorkGroupID.x * gl_WorkGroupSize.x * gl_WorkGroupSize.y + gl_LocalInvocationIndex;
+  uint index = place.first + gl_WorkGroupID.x * gl_WorkGroupSize.x * gl_WorkGroupSize.y + local_invocation_index();
   uint inner = index % (kItemColumns * kItemRows);
   uint at = status.words[place.begin] + index / (kItemColumns * kItemRows);
   uint block = at < status.words[place.end] ? sparse_word(at) : ~0u;
@@ -20,7 +20,7 @@ Item listed_item() {
 }
 
 uvec2 item() {
-  if (kItemColumns == 0) return gl_GlobalInvocationID.xy;
+  if (kItemColumns == 0) return global_invocation_id().xy;
   Item listed = listed_item();
   return listed.block * uvec2(kItemColumns, kItemRows) + listed.inner;
 }

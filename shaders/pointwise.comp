@@ -11,6 +11,7 @@
 #include "memory.glsl"
 
 layout(local_size_x = 64) in;
+#include "invocation.glsl"
 const uint kLanes = RAYMELD_LANES;  // sums of neighbouring pixels lie side by side
 layout(constant_id = 0) const uint kChannels = 64;
 layout(constant_id = 1) const uint kOutputs = 16;
@@ -65,7 +66,7 @@ uint sum_address(uint block, uint in_band) {
 }
 
 void main() {
-  uint block = uniform_number(gl_WorkGroupID.y), in_band = gl_GlobalInvocationID.x;
+  uint block = uniform_number(gl_WorkGroupID.y), in_band = global_invocation_id().x;
   uint pixel = place.first + in_band;
   bool inside = pixel < place.begin;
   if (kItemColumns != 0) {
@@ -73,7 +74,7 @@ void main() {
     inside = all(lessThan(at, size));
     pixel = inside ? at.y * size.x + at.x : 0;
   }
-  uint first = first_of_vector();  // in the band
+  uint first = first_of_vector().x;  // in the band
   uint sum_at = sum_address(block, in_band);
   Floats w = Floats(uint64_t(weights) + 4ul * ((block * p.channels_in + p.first_channel) * kOutputs));
   Floats b = Floats(uint64_t(bias) + 4ul * (block * kOutputs));

@@ -7,6 +7,7 @@
 #include "transfer.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;
+#include "invocation.glsl"
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Values light, albedo, target;
@@ -21,7 +22,7 @@ layout(std430, binding = 3) writeonly buffer Target { STORAGE v[]; } target;
 #include "left_out.glsl"
 
 void main() {
-  uvec3 id = gl_GlobalInvocationID;
+  uvec3 id = global_invocation_id();
   if (id.x >= p.width || id.y >= p.height || is_left_out(id.xy)) return;
   uint at = address(id.z, id.y, id.x, p.plane, p.width);
   float linear = (exp(RAYMELD_COMPRESS * float(light.v[at])) - 1.0) / RAYMELD_COMPRESS;

@@ -8,6 +8,7 @@
 #include "memory.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;
+#include "invocation.glsl"
 layout(constant_id = 0) const uint kResidual = 0;  // decode adds the upsampled LRHS
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
@@ -24,7 +25,7 @@ layout(std430, binding = 3) writeonly buffer Target { STORAGE v[]; } target;
 #include "sparse.glsl"
 
 void main() {
-  uvec2 id = gl_GlobalInvocationID.xy;
+  uvec2 id = global_invocation_id().xy;
   if (id.x >= p.width || id.y >= p.height) return;
   uint side = RAYMELD_SPARSE_SIDE * (p.width / p.lrhs_width), columns = (p.width + side - 1) / side;
   if (sparse_word(RAYMELD_SPARSE_DISTANCES + id.y / side * columns + id.x / side) == 0) return;

@@ -9,6 +9,7 @@
 #include "winograd.glsl"
 
 layout(local_size_x = 32) in;
+#include "invocation.glsl"
 layout(constant_id = 1) const uint kUnshuffle = 1;
 layout(constant_id = 2) const uint kPairs = 0;  // rows of the source are read by pairs of floats
 #ifdef DATA_BY_ADDRESS
@@ -78,7 +79,7 @@ void transform(inout vec2 d[kMostSide]) {
 }
 
 void main() {
-  uint tile = 2 * gl_GlobalInvocationID.x, channel = gl_GlobalInvocationID.z;
+  uint tile = 2 * global_invocation_id().x, channel = global_invocation_id().z;
   uvec2 corner = pair_corner(p.first_tile_row, p.tiles_x);
   // Above and left of the image, unsigned numbers wrap around to far outside of it.
   uint y0 = corner.y - kKernel / 2, x0 = corner.x - kKernel / 2;

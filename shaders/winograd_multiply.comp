@@ -14,6 +14,7 @@
 #include "winograd.glsl"
 
 layout(local_size_x = 64) in;
+#include "invocation.glsl"
 layout(constant_id = 1) const uint kChannels = 64;
 layout(constant_id = 2) const uint kOutputs = 16;
 layout(constant_id = 3) const uint kAdd = 0;
@@ -40,10 +41,10 @@ layout(std430, binding = 2) buffer Products { float v[]; } products;
 void main() {
   uint block = uniform_number(gl_WorkGroupID.y), position = uniform_number(gl_WorkGroupID.z);
   uint weight = position * p.weights_stride + (block * p.channels_in + p.first_channel) * kOutputs;
-  uint first = first_of_vector();  // tile
+  uint first = first_of_vector().x;  // tile
   uint from = element(position, p.first_channel, first, p.transformed_stride, p.channels_in);
   uint before = element(position, block * kOutputs, first, p.products_stride, p.blocks * kOutputs);
-  uint to = element(position, block * kOutputs, gl_GlobalInvocationID.x, p.products_stride, p.blocks * kOutputs);
+  uint to = element(position, block * kOutputs, global_invocation_id().x, p.products_stride, p.blocks * kOutputs);
   Floats w = Floats(uint64_t(weights) + 4ul * weight);
 #ifdef DATA_BY_ADDRESS
   Floats inputs = Floats(uint64_t(transformed) + 4ul * from), sums = Floats(uint64_t(products) + 4ul * before);

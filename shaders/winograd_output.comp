@@ -10,6 +10,7 @@
 #include "border.glsl"
 
 layout(local_size_x = 32) in;
+#include "invocation.glsl"
 layout(constant_id = 1) const uint kShuffle = 1;
 layout(constant_id = 2) const uint kRelu = 0;
 layout(constant_id = 3) const uint kResiduals = 0;
@@ -94,7 +95,7 @@ void transform(inout vec2 m[kMostSide]) {
 }
 
 void main() {
-  uint tile = 2 * gl_GlobalInvocationID.x, o = gl_GlobalInvocationID.z;
+  uint tile = 2 * global_invocation_id().x, o = global_invocation_id().z;
   uint at = element(0, o, tile, p.position_stride, p.channels);
   vec2 rows[kMostSide][kMostSide];  // [row][column], of both tiles
   [[unroll]] for (uint x = 0; x < kSide; ++x) {

@@ -9,6 +9,7 @@
 #include "winograd.glsl"
 
 layout(local_size_x = 64) in;
+#include "invocation.glsl"
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Values filters;
@@ -57,7 +58,7 @@ void transform(vec2 g0, vec2 g1, vec2 g2, out vec2 u[kMostSide]) {
 }
 
 void main() {
-  uint at = 2 * gl_GlobalInvocationID.x;
+  uint at = 2 * global_invocation_id().x;
   vec2 columns[kKernel][kMostSide];  // [column of g][row of G g]
   [[unroll]] for (uint x = 0; x < kKernel; ++x)
     transform(load(at + x * p.count), load(at + (kKernel + x) * p.count), load(at + (2 * kKernel + x) * p.count), columns[x]);

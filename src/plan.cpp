@@ -24,6 +24,7 @@ Graph make_graph(const Model& model, TileSize tile, bool part, const FuserOption
     sparse = {tile.height, tile.width, options.threshold > 0, options.changed_only || part};
   Graph graph(options.storage, options.kernels.addressed, options.keep_activations, sparse,
               options.frame_images);
+  graph.read_vectors(options.kernels.vector);
   network(graph, model, tile.height, tile.width, options.phase, choose, exponents, options.constants);
   return graph;
 }

@@ -273,7 +273,7 @@ Conv2dKernel first_matrix_guess(const CooperativeMatrix& matrix, const Conv2dSha
 Kernels default_kernels(const DeviceInfo& device) {
   if (!device.is_cpu || !device.buffer_device_address) return {};
   const auto choose = [device](const Conv2dShape& shape) { return default_conv2d(device, shape); };
-  return {.addressed = gathers(device), .conv2d = choose};
+  return {.addressed = gathers(device), .vector = device.vector_lanes, .conv2d = choose};
 }
 
 Kernels Tuning::kernels(const DeviceInfo& device) const {
@@ -299,7 +299,9 @@ Kernels Tuning::kernels(const DeviceInfo& device) const {
     }
     return nearest ? *nearest : fallback(shape);
   };
-  return {.addressed = addressed && device.buffer_device_address, .conv2d = choose};
+  return {.addressed = addressed && device.buffer_device_address,
+          .vector = default_kernels(device).vector,
+          .conv2d = choose};
 }
 
 std::filesystem::path tuning_file(const std::filesystem::path& folder, const Device& device,

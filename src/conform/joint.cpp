@@ -96,6 +96,7 @@ void check_filter(Check& check, const Trial& c) {
   const Planes x = concat(c.image(3, c.full(), 4, [](double u) { return 30 * u; }), certainty);
   const int step = 1 << c.seed % 5;
   LayerRun run(c.target, c.precision, c.way.addressed);
+  run.graph().read_vectors(c.way.kernel.vector);
   const Tensor in = run.input("in", x), high = run.input("hrls", hrls);
   std::vector<std::pair<Planes, Tensor>> outputs;  // by brightness
   for (const double range : {0.1, c.clip()}) {
@@ -168,8 +169,12 @@ constexpr Layer kLayers[] = {{"irradiance", check_irradiance},
 void conform_joint(Collector& collector) {
   constexpr size_t kCombinations = 2 * 3 * 2;  // of transfer, scale and phase
   const auto sizes = collector.sizes();
-  Collector::for_each(plain_ways(), [&](const Way& way, Precision precision) {
+  std::vector<Way> ways(plain_ways().begin(), plain_ways().end());
+  const uint32_t lanes = collector.device().info().vector_lanes;
+  if (lanes > 0) ways.push_back({.name = "by vectors", .kernel = {.vector = lanes}});
+  Collector::for_each(ways, [&](const Way& way, Precision precision) {
     for (const Layer& layer : kLayers) {
+      if (way.kernel.vector > 0 && layer.check != check_filter) continue;  // the others read none
       for (size_t i = 0; i < std::max(kCombinations, sizes.size()); ++i) {
         const int scale = 2 << i % 3;
         const Trial trial{.target = collector.target(),
@@ -184,7 +189,7 @@ void conform_joint(Collector& collector) {
                       [&](Check& check) { layer.check(check, trial); });
       }
     }
-    if (precision != Precision::kFp16) return;
+    if (precision != Precision::kFp16 || way.kernel.vector > 0) return;
     collector.run("relight", way, precision, "what 16 bits cannot store, 1 x 1",
                   [&](Check& check) { check_saturation(check, collector.target(), way); });
   });

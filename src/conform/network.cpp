@@ -29,7 +29,9 @@ std::string reference_name(const std::string& pass, const Graph& graph, const Ar
 }
 
 Kernels kernels_of(const Way& way) {
-  return {.addressed = way.addressed, .conv2d = [kernel = way.kernel](const Conv2dShape& shape) {
+  return {.addressed = way.addressed,
+          .vector = way.kernel.vector,
+          .conv2d = [kernel = way.kernel](const Conv2dShape& shape) {
             Conv2dKernel result = kernel;
             if (result.tile > 0 && shape.kernel == 1) result.tile = 1;
             return result;

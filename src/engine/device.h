@@ -33,6 +33,7 @@ struct DeviceInfo {
   std::array<uint32_t, 3> max_groups{};  // workgroups of one dispatch
   uint32_t subgroup_size = 0;
   uint32_t vector_lanes = 0;  // of a driver that makes vectors of subgroups, side by side: see vector.glsl
+  uint32_t id_lanes = 0;      // the same where the driver divides to find ids: see invocation.glsl
   double timestamp_period_ns = 0;  // 0: no timestamps on compute queues
   bool is_cpu = false;
   bool storage_16bit = false;

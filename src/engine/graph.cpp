@@ -131,13 +131,14 @@ void Graph::place(const std::function<bool(const TensorRecord&)>& which) {
 }
 
 void Graph::plan() {
-  activation_bytes_ = 0;
+  activation_bytes_ = kGuardBytes;
   if (starts_clear()) {
     place([](const TensorRecord& tensor) { return tensor.scratch; });
     place([](const TensorRecord& tensor) { return !tensor.scratch; });
   } else {
     place([](const TensorRecord&) { return true; });
   }
+  activation_bytes_ += kGuardBytes;
   place_barriers();
   if (sparse_) find_radii();
 }

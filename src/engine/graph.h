@@ -168,6 +168,7 @@ struct ConstantRecord {
 
 class Graph {
  public:
+  static constexpr uint64_t kGuardBytes = 512;  // see plan()
   // `frame_images`: whose layers come in slots of their own. `addressed`: shaders that can read and write
   // activations by address, which is faster on some devices. `keep`: all activations can still be read when
   // the frame is done; none share memory. `sparse`: passes compute what some blocks take.
@@ -179,6 +180,9 @@ class Graph {
   bool addressed() const { return addressed_; }
   bool keep() const { return keep_; }
   FrameImages frame_images() const { return frame_images_; }
+  // DeviceInfo::vector_lanes, if passes that are added from now on shall read pixels side by side as vectors.
+  void read_vectors(uint32_t lanes) { vector_ = lanes; }
+  uint32_t vector() const { return vector_; }
   const std::optional<SparseGrid>& sparse() const { return sparse_; }
   // Pixels of a tensor of this shape by pixel of LRHS, in each direction; of a sparse graph.
   uint32_t scale_of(const Shape& shape) const { return shape.width / sparse_->width; }
@@ -209,7 +213,8 @@ class Graph {
   // Passes run in the order in which they were added.
   void add(Pass pass);
 
-  // Gives every tensor its place: those whose lifetimes do not meet share memory, but see keep().
+  // Gives every tensor its place: those whose lifetimes do not meet share memory, but see keep(). In front of
+  // and behind them all are kGuardBytes, as vectors may begin or end outside of a tensor.
   void plan();
   // The same, but with the places that the tensors have in the graph of the same network for larger frames:
   // it takes no more memory, whatever the size. Throws Error where they do not fit there.
@@ -250,6 +255,7 @@ class Graph {
   Storage storage_;
   bool addressed_;
   bool keep_;
+  uint32_t vector_ = 0;
   std::optional<SparseGrid> sparse_;
   FrameImages frame_images_;
   uint32_t reach_ = 0;

@@ -25,10 +25,12 @@ Kernel::Kernel(const Device& device, VkPipelineCache cache, std::span<const uint
   std::vector<VkSpecializationMapEntry> entries;
   for (uint32_t id = 0; id < constants.size(); ++id) entries.push_back({id, id * 4, 4});
   std::vector<uint32_t> values(constants.begin(), constants.end());
-  for (uint32_t i = 0; i < blocks.size(); ++i) {
-    entries.push_back({kBlocksId + i, static_cast<uint32_t>(values.size()) * 4, 4});
-    values.push_back(blocks[i]);
-  }
+  const auto specialize = [&](uint32_t id, uint32_t value) {
+    entries.push_back({id, static_cast<uint32_t>(values.size()) * 4, 4});
+    values.push_back(value);
+  };
+  specialize(kIdLanesId, device.info().id_lanes);
+  for (uint32_t i = 0; i < blocks.size(); ++i) specialize(kBlocksId + i, blocks[i]);
   const VkSpecializationInfo specialization{static_cast<uint32_t>(entries.size()), entries.data(),
                                             values.size() * sizeof(uint32_t), values.data()};
   auto info = vk_struct<VkComputePipelineCreateInfo>(VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO);

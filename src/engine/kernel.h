@@ -17,12 +17,13 @@ struct Shader {
   std::span<const uint32_t> f16;
 };
 
-// A compute pipeline: a shader with its specialization constants (ids 0, 1, 2, ...; kBlocksId and the next
-// what passes of a sparse graph know of its blocks). `descriptors` are by binding; push constants fill
-// push_bytes. Move-only.
+// A compute pipeline: a shader with its specialization constants (ids 0, 1, 2, ...; kIdLanesId the
+// device's id_lanes; kBlocksId and the next what passes of a sparse graph know of its blocks). `descriptors`
+// are by binding; push constants fill push_bytes. Move-only.
 class Kernel {
  public:
-  static constexpr uint32_t kBlocksId = 30;  // place.glsl, left_out.glsl
+  static constexpr uint32_t kIdLanesId = 29;  // invocation.glsl
+  static constexpr uint32_t kBlocksId = 30;   // place.glsl, left_out.glsl
   Kernel(const Device& device, VkPipelineCache cache, std::span<const uint32_t> spirv,
          const std::string& name, std::span<const uint32_t> constants, std::array<uint32_t, 2> blocks,
          std::span<const VkDescriptorType> descriptors, uint32_t push_bytes,

@@ -53,8 +53,6 @@ Binding residual_binding(const Convolution& conv, uint32_t i, const Tensor& othe
 // one size. Part i is channels [i * channels / parts, (i + 1) * channels / parts).
 uint32_t parts_of(uint32_t channels, uint32_t most);
 
-inline constexpr uint32_t kUniformNumbers = 4096;  // of uniform.glsl, from 0 on
-
 // Output channels are computed in as many blocks: of at most Conv2dKernel::outputs, unless these were more
 // than uniform.glsl numbers.
 uint32_t blocks_of(const Convolution& conv);

@@ -1,4 +1,7 @@
 // The layers of the joint base.
+#include <bit>
+#include <numeric>
+
 #include "layers/upsampled.h"
 
 namespace raymeld {
@@ -23,17 +26,18 @@ Shape enlarged(const Shape& shape, uint32_t scale, uint32_t channels) {
 }
 
 Pass pass_of(const Graph& graph, const std::string& name, const shaders::Forms& shader,
-             std::initializer_list<Tensor> inputs, const Tensor& out) {
+             std::initializer_list<Tensor> inputs, const Tensor& out, bool by_address = false) {
+  by_address |= graph.addressed();
   Pass pass;
   pass.name = name;
-  pass.shader = &shader[graph.addressed()];
+  pass.shader = &shader[by_address];
   for (const Tensor& input : inputs) {
     pass.bindings.push_back(read_binding(input));
     pass.bytes += traffic(graph, input);
   }
   pass.bindings.push_back(write_binding(out));
   pass.bytes += traffic(graph, out);
-  for (Binding& binding : pass.bindings) binding.by_address = graph.addressed();
+  for (Binding& binding : pass.bindings) binding.by_address = by_address;
   return pass;
 }
 
@@ -78,10 +82,15 @@ void joint_filter(Graph& graph, const std::string& name, const Tensor& in, const
   expect_shape(name, "the normal", normal, guide);
   expect_shape(name, "the brightness", brightness, with_channels(shape, 1));
   expect_shape(name, "the output", out, shape);
-  if (step == 0) throw Error("layer {}: a step of 0 pixels", name);
-  Pass pass = pass_of(graph, name, shaders::kJointFilter, {in, albedo, normal, brightness}, out);
-  pass.set_push(params::JointFilter{shape.height, shape.width, graph.plane(out), step});
+  if (!std::has_single_bit(step))
+    throw Error("layer {}: a step of {} pixels, expected a power of two", name, step);
   const Shape strips{divide_up(shape.height, RAYMELD_JOINT_STRIP * step) * step, shape.width, 1};
+  const uint32_t vector = vector_of_pixels(graph, strips, step);
+  Pass pass = pass_of(graph, name, shaders::kJointFilter, {in, albedo, normal, brightness}, out, vector > 0);
+  pass.constants = {vector};
+  params::JointFilter push{shape.height, shape.width, graph.plane(out), step, {}};
+  std::iota(std::begin(push.digits), std::end(push.digits), 0u);
+  pass.set_push(push);
   pass.groups = pixel_groups(strips);
   constexpr double kFlopOfTap = 34;
   pass.flop = 9 * kFlopOfTap * static_cast<double>(shape.pixels());

@@ -77,6 +77,7 @@ inline Conv2dKernel conv2d_direct(const Conv2dShape&) { return {}; }
 // How a graph is computed on a device; the default runs on all of them.
 struct Kernels {
   bool addressed = false;  // see Graph
+  uint32_t vector = 0;     // see Graph::read_vectors
   Conv2dChoice conv2d = conv2d_direct;
 };
 

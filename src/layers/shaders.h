@@ -56,14 +56,28 @@ inline Binding frame_binding(const Graph& graph, FrameSlot slot) {
 // Of passes with a frame_binding() only.
 inline Binding exposure_binding() { return {.kind = Binding::Kind::kExposure, .access = Access::kRead}; }
 
-// Workgroups of the shaders with one invocation for each element, 64 x 2 to a workgroup.
+inline constexpr uint32_t kUniformNumbers = 4096;  // of uniform.glsl, from 0 on
+
+inline constexpr uint32_t kPixelsX = 64, kPixelsY = 2;  // of a workgroup
+
+// Workgroups of the shaders with one invocation for each element.
 constexpr std::array<uint32_t, 3> element_groups(const Shape& shape) {
-  return {divide_up(shape.width, 64), divide_up(shape.height, 2), shape.channels};
+  return {divide_up(shape.width, kPixelsX), divide_up(shape.height, kPixelsY), shape.channels};
 }
 
 // And of those with one for each pixel.
 constexpr std::array<uint32_t, 3> pixel_groups(const Shape& shape) {
-  return {divide_up(shape.width, 64), divide_up(shape.height, 2), 1};
+  return element_groups({shape.height, shape.width, 1});
+}
+
+// Graph::vector(), or 0 where shaders with such workgroups cannot read such vectors `reach` pixels beside
+// their own.
+inline uint32_t vector_of_pixels(const Graph& graph, const Shape& invocations, uint32_t reach) {
+  const uint32_t lanes = graph.vector();
+  if (lanes == 0 || kPixelsX % lanes != 0 || graph.sparse() || graph.storage() != Storage::kFloat32) return 0;
+  const auto [x, y, z] = pixel_groups(invocations);
+  const bool numbered = x * (kPixelsX / lanes) <= kUniformNumbers && y * kPixelsY <= kUniformNumbers;
+  return numbered && (kPixelsX + reach) * sizeof(float) <= Graph::kGuardBytes ? lanes : 0;
 }
 
 // Of a pass that computes pixels of `shape` one by one, and reads `reach` pixels around each.
