@@ -11,10 +11,16 @@ Surface surface_of(uint i, uint plane) {
   return Surface(vec3(albedo.v[i], albedo.v[j], albedo.v[k]), vec3(normal.v[i], normal.v[j], normal.v[k]));
 }
 
-float squared(vec3 v) { return dot(v, v); }
+// Precise: see joint_filter.comp; what calls a function does not make it so.
+float squared(vec3 v) {
+  precise float sum = v.x * v.x + v.y * v.y + v.z * v.z;
+  return sum;
+}
 
 float squared_distance(Surface a, Surface b) {
-  return squared((a.albedo - b.albedo) / RAYMELD_ALBEDO_WIDTH) + squared((a.normal - b.normal) / RAYMELD_NORMAL_WIDTH);
+  precise vec3 color = (a.albedo - b.albedo) / RAYMELD_ALBEDO_WIDTH, facing = (a.normal - b.normal) / RAYMELD_NORMAL_WIDTH;
+  precise float sum = squared(color) + squared(facing);
+  return sum;
 }
 
 // Of the pixel dx and dy (-1, 0 or 1) away.

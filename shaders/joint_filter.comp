@@ -26,6 +26,7 @@ layout(std430, binding = 5) writeonly buffer Target { STORAGE v[]; } target;
 #endif
 #include "left_out.glsl"
 #include "guides.glsl"
+#define KEEPS_ORDER
 #include "uniform.glsl"
 #include "vector.glsl"
 

@@ -169,7 +169,7 @@ struct Upsampled {
 
 struct JointLight {
   Upsampled of;
-  uint scale;
+  uint scale;            // a power of two
   float lrhs_certainty;  // of a full-size pixel that LRHS tells of; HRLS has 1
 };
 

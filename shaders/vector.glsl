@@ -26,6 +26,7 @@ float read_vector(Floats from, uint first) {
 }
 #endif
 
+#ifdef KEEPS_ORDER
 // Compilers would move all loads to the front, and spill: what is kept here later loads might depend on, for all they know.
 // Which lane's sum that is does not matter; end_order() reads it lest it be left out, and is false, as no sum is a
 // signalling NaN.
@@ -37,3 +38,4 @@ bool end_order() {
   memoryBarrierShared();
   return floatBitsToUint(in_order[uniform_number(gl_SubgroupID)]) == 0x7f812345u;
 }
+#endif

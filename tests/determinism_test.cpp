@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "cli_fixture.h"
+#include "conform/model_file.h"
 #include "fuser.h"
 #include "subject.h"
 #include "tuner.h"
@@ -94,6 +95,19 @@ TEST_F(DeterminismTest, EverySplitOfTheWorkGivesTheSameBits) {
       submits = std::max(submits, split.submits);
     }
     EXPECT_GT(submits, 10);
+  }
+}
+
+// Dispatches begin at any workgroup, those of vectors of pixels among them.
+TEST_F(DeterminismTest, EverySplitOfAJointFilterGivesTheSameBits) {
+  const Subject subject = make_subject(joint_architecture(2), 20, 70, 1);
+  const Model model(conform::model_file(subject.architecture, subject.weights), "joint");
+  Image whole, split;
+  for (const WorkLimits& limits : {WorkLimits{1e12, 1e12}, {1e5, 1e6}, {1e4, 1e12}}) {
+    Fuser fuser(gpu(), model, 20, 70, {.kernels = default_kernels(gpu().info()), .work_limits = limits},
+                shared_cache_folder());
+    fuser.fuse(image_of(subject.lrhs), image_of(subject.hrls), whole.data.empty() ? whole : split);
+    EXPECT_TRUE(split.data.empty() || same_bits(split.data, whole.data)) << limits.dispatch_work;
   }
 }
 

@@ -198,7 +198,7 @@ TEST_F(DynamicSizeTest, AnySizeFitsInTheMemoryOfALargerOne) {
                                  : Conv2dKernel{.tile = shape.most_tile, .band = band};
       };
       FuserOptions options;
-      options.kernels = {.addressed = true, .conv2d = choose};
+      options.kernels = {.addressed = true, .vector = 8, .conv2d = choose};
       for (const float threshold : {0.0f, 0.1f}) {
         options.threshold = threshold;
         const FusePlan plan = plan_fusion(model, 50, 67, device, options);
@@ -206,6 +206,7 @@ TEST_F(DynamicSizeTest, AnySizeFitsInTheMemoryOfALargerOne) {
           for (uint32_t width = 1; width <= 67; width += 3) {
             const Graph graph = graph_within(plan, model, {height, width}, options);
             EXPECT_EQ(graph.activation_bytes(), plan.graph.activation_bytes());
+            EXPECT_TRUE(has_guards(graph));
             EXPECT_LE(graph.passes().size(), plan.graph.passes().size());
           }
         }

@@ -10,6 +10,7 @@ std::vector<FuserOptions> all_options() {
   const uint32_t lanes = gpu().info().vector_lanes;
   const Kernels addressed = default_kernels(gpu().info());
   Kernels buffers, small;
+  small.vector = lanes;  // by address, where the rest is in buffers
   buffers.conv2d = [=](const Conv2dShape& shape) {
     Conv2dKernel kernel = addressed.conv2d(shape);
     kernel.vector = 0;
@@ -33,8 +34,9 @@ std::vector<FuserOptions> all_options() {
 }
 
 std::string describe(const FuserOptions& options) {
-  return fmt::format("{} bytes, tile {}, addressed {}", element_bytes(options.storage),
-                     options.kernels.conv2d({8, 8, 4, 4, 3}).tile, options.kernels.addressed);
+  return fmt::format("{} bytes, tile {}, addressed {}, {} lanes", element_bytes(options.storage),
+                     options.kernels.conv2d({8, 8, 4, 4, 3}).tile, options.kernels.addressed,
+                     options.kernels.vector);
 }
 
 }  // namespace raymeld::test

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 
+#include "conform/model_file.h"
 #include "error_of.h"
 #include "gpu.h"
 #include "layers/shaders.h"
@@ -97,7 +98,45 @@ TEST(Barriers, ReusedMemory) {
   EXPECT_EQ(plain.barriers(), (Barriers{false, true, false}));
   EXPECT_EQ(aliased.barriers(), (Barriers{false, true, true}));
   EXPECT_LT(aliased.graph.activation_bytes(), plain.graph.activation_bytes());
-  EXPECT_EQ(aliased.graph.unaliased_bytes(), plain.graph.activation_bytes());
+  EXPECT_EQ(aliased.graph.unaliased_bytes() + 2 * Graph::kGuardBytes, plain.graph.activation_bytes());
+}
+
+// Vectors of pixels may begin in front of a tensor and end behind it.
+TEST(Graph, GuardsAreInFrontOfAndBehindAllTensors) {
+  const TemporaryDirectory folder;
+  const Subject subject = make_subject(joint_architecture(4), 24, 16, 1);
+  const Model model(conform::model_file(subject.architecture, subject.weights), "joint");
+  for (const Storage storage : {Storage::kFloat32, Storage::kFloat16}) {
+    for (const bool keep : {false, true}) {
+      for (const auto& sparse : {std::optional<SparseGrid>(), std::optional(SparseGrid{24, 16})}) {
+        Graph graph(storage, true, keep, sparse);
+        network(graph, model, 24, 16, 0);
+        graph.plan();
+        EXPECT_TRUE(has_guards(graph));
+      }
+    }
+  }
+}
+
+TEST(Graph, VectorsOfPixelsAreForDenseFloatsAndAsManyAsShadersNumber) {
+  const auto lanes_of = [](uint32_t lanes, const Shape& invocations, uint32_t reach = 16,
+                           Storage storage = Storage::kFloat32, std::optional<SparseGrid> sparse = {}) {
+    Graph graph(storage, true, false, sparse);
+    graph.read_vectors(lanes);
+    return vector_of_pixels(graph, invocations, reach);
+  };
+  for (const uint32_t lanes : {4u, 8u, 16u}) {
+    EXPECT_EQ(lanes_of(lanes, {1, 1, 1}), lanes);
+    EXPECT_EQ(lanes_of(lanes, {4096, 4096 * lanes, 1}), lanes);
+    EXPECT_EQ(lanes_of(lanes, {1, 4096 * lanes + 1, 1}), 0u);
+  }
+  EXPECT_EQ(lanes_of(8, {4097, 1, 1}), 0u);
+  EXPECT_EQ(lanes_of(8, {1, 1, 1}, 64), 8u);
+  EXPECT_EQ(lanes_of(8, {1, 1, 1}, 65), 0u);
+  EXPECT_EQ(lanes_of(0, {1, 1, 1}), 0u);
+  EXPECT_EQ(lanes_of(128, {1, 1, 1}), 0u);
+  EXPECT_EQ(lanes_of(8, {1, 1, 1}, 16, Storage::kFloat16), 0u);
+  EXPECT_EQ(lanes_of(8, {8, 8, 1}, 16, Storage::kFloat32, SparseGrid{8, 8}), 0u);
 }
 
 TEST(Graph, ReadingWhatNothingWroteIsAnError) {

@@ -53,5 +53,15 @@ TEST(Joint, WrongShapesAreErrors) {
   });
 }
 
+TEST(Joint, StepsArePowersOfTwo) {
+  for (const uint32_t step : {0u, 3u, 12u}) {
+    Graph graph(Storage::kFloat32);
+    const Tensor image = graph.input("image", {8, 12, 4}), guide = image.slice(0, 3);
+    EXPECT_ERROR(joint_filter(graph, "odd one", image, guide, guide, image.slice(3, 1),
+                              graph.tensor("out", {8, 12, 4}), step),
+                 "odd one", fmt::format("{} pixels", step));
+  }
+}
+
 }  // namespace
 }  // namespace raymeld::test

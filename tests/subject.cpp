@@ -35,6 +35,16 @@ Architecture joint_architecture(int scale) {
   return a;
 }
 
+bool has_guards(const Graph& graph) {
+  for (const TensorRecord& tensor : graph.tensors()) {
+    if (tensor.first_use < 0) continue;
+    if (tensor.offset_bytes < Graph::kGuardBytes ||
+        tensor.offset_bytes + tensor.size_bytes + Graph::kGuardBytes > graph.activation_bytes())
+      return false;
+  }
+  return true;
+}
+
 Image image_of(const Planes& planes) {
   Image image(planes.w, planes.h, planes.c);
   image.data = floats(planes);

@@ -16,6 +16,9 @@ reference::Architecture guided_architecture(int scale);
 // That with a joint base and the log transfer.
 reference::Architecture joint_architecture(int scale);
 
+// Whether Graph::kGuardBytes are in front of and behind all tensors.
+bool has_guards(const Graph& graph);
+
 Image image_of(const reference::Planes& planes);
 reference::Planes planes_of(const Image& image);
 

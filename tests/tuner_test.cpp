@@ -135,6 +135,11 @@ TEST(Tuning, ReadsByVectorsOfTheDevicesOwnOnly) {
   EXPECT_EQ(default_kernels(device).conv2d(kByVectors).vector, 0u);
   device.is_cpu = true;
   EXPECT_EQ(default_kernels(device).conv2d(kByVectors).vector, 16u);
+  EXPECT_EQ(default_kernels(device).vector, 16u);
+  EXPECT_EQ(example().kernels(device).vector, 16u);
+  device.buffer_device_address = false;
+  EXPECT_EQ(default_kernels(device).vector, 0u);
+  EXPECT_EQ(example().kernels(device).vector, 0u);
 }
 
 TEST(Tuning, StartsTheSearchWithWhatFitsSharedMemory) {

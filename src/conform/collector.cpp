@@ -19,7 +19,8 @@ std::string missing_feature(const DeviceInfo& device, const Way& way, Precision 
   if (precision == Precision::kFp16 && !device.storage_16bit) return "16-bit storage";
   // What no 1x1 convolution can do, no 3x3 can.
   if (way.kernel.matrix && !is_possible(*way.kernel.matrix, 1)) return "cooperative matrix";
-  if ((way.addressed || way.kernel.tile > 0) && !device.buffer_device_address) return "buffer device address";
+  const bool by_address = way.addressed || way.kernel.tile > 0 || way.kernel.vector > 0;
+  if (by_address && !device.buffer_device_address) return "buffer device address";
   return {};
 }
 

@@ -217,7 +217,8 @@ DeviceInfo describe(const VulkanFunctions& vk, VkPhysicalDevice device, uint32_t
   info.storage_alignment_bytes = static_cast<uint32_t>(properties.limits.minStorageBufferOffsetAlignment);
   info.subgroup_size = subgroup.subgroupSize;
   info.vector_lanes = driver.driverID == VK_DRIVER_ID_MESA_LLVMPIPE ? subgroup.subgroupSize : 0;
-  // That of Mesa 25.0 counts along x, y and z instead, that of 26.2 divides.
+  // That of Mesa 25.0 does not gain by it, that of 26.2 does; nothing but time depends on what those between
+  // do.
   info.id_lanes = properties.driverVersion >= VK_MAKE_API_VERSION(0, 26, 0, 0) ? info.vector_lanes : 0;
   info.timestamp_period_ns =
       properties.limits.timestampComputeAndGraphics ? properties.limits.timestampPeriod : 0.0;
