@@ -86,6 +86,7 @@ struct WinogradInput {
   uint channels;
   uint first_channel;  // of those of the source
   uint position_stride;
+  uint digits[4];  // 0 to 3: see uniform.glsl
 };
 
 struct WinogradWeights {
@@ -114,6 +115,7 @@ struct WinogradOutput {
   uint first_tile_row;
   uint channels;  // a multiple of what a block has
   uint position_stride;
+  uint digits[4];  // 0 to 3: see uniform.glsl
 };
 
 // Of the smaller image and of the larger one, whose sides are r times as long.

@@ -1,8 +1,10 @@
 #include "place.glsl"
 
-// n / d, without the division of integers that few devices have: exact below 2^20, as a quotient of floats is wrong by 2.5
-// units in the last place at most.
-uint quotient(uint n, uint d) { return uint((float(n) + 0.5) / float(d)); }
+// Of a tile of a dense graph, in pixels.
+uvec2 corner(uint tile, uint first_tile_row, uint tiles_x) {
+  uint row = quotient(tile, tiles_x);
+  return uvec2(tile - row * tiles_x, first_tile_row + row) * kTile;
+}
 
 // Of the two tiles side by side that an invocation makes, in pixels. `first_tile_row`: of the image or, in a sparse graph, of
 // each block, which is as many tiles wide as high.

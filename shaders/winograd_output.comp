@@ -1,6 +1,6 @@
 // Last of three steps of a convolution: A^T m A of every tile and output channel of a band of rows, then bias, ReLU and
 // residuals as in conv2d.comp. With kShuffle r > 1, pixel_shuffle() by r of that is stored, residuals being of the
-// shuffled shape. Each invocation makes two tiles side by side; z is the output channel.
+// shuffled shape. Each invocation makes two tiles, side by side but for pairs that vectors made; z is the output channel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -16,6 +16,7 @@ layout(constant_id = 2) const uint kRelu = 0;
 layout(constant_id = 3) const uint kResiduals = 0;
 layout(constant_id = 4) const uint kPairs = 0;  // rows of the target and of residuals are accessed by pairs of floats
 layout(constant_id = 5) const uint kBorders = 0;  // the bias is a table, see border.glsl
+layout(constant_id = 6) const uint kVector = 0;   // the products lie as pairs
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Pairs products;
@@ -38,10 +39,17 @@ layout(std430, binding = 4) readonly buffer Residual0 { STORAGE v[]; } residual0
 layout(std430, binding = 5) readonly buffer Residual1 { STORAGE v[]; } residual1;
 layout(std430, binding = 6) readonly buffer Residual2 { STORAGE v[]; } residual2;
 #endif
+#define KEEPS_ORDER
+#include "uniform.glsl"
+#include "vector.glsl"
 #include "tile_pair.glsl"
 
 vec2 load(uint at) {
 #ifdef DATA_BY_ADDRESS
+  if (kVector != 0) {
+    Floats both = Floats(uint64_t(products) + 4ul * at);
+    return vec2(read_vector(both, 0), read_vector(both, kVector));
+  }
   return floats(products.v[at / 2]);
 #else
   return vec2(products.v[at], products.v[at + 1]);
@@ -95,33 +103,38 @@ void transform(inout vec2 m[kMostSide]) {
 }
 
 void main() {
-  uint tile = 2 * global_invocation_id().x, o = global_invocation_id().z;
-  uint at = element(0, o, tile, p.position_stride, p.channels);
+  uint o = kVector != 0 ? uniform_number(gl_WorkGroupID.z) : global_invocation_id().z;
+  uint tile = 2 * first_of_vector().x, at = element(0, o, tile, p.position_stride, p.channels);
   vec2 rows[kMostSide][kMostSide];  // [row][column], of both tiles
   [[unroll]] for (uint x = 0; x < kSide; ++x) {
     vec2 m[kMostSide];
     [[unroll]] for (uint y = 0; y < kSide; ++y) m[y] = load(at + (y * kSide + x) * p.position_stride);
     transform(m);
     [[unroll]] for (uint y = 0; y < kTile; ++y) rows[y][x] = m[y];
+    if (kVector != 0) keep_order(rows[0][x].x + rows[0][x].y);
   }
-  uvec2 corner = pair_corner(p.first_tile_row, p.tiles_x);
-  uint y0 = corner.y, x0 = corner.x;
+  if (kVector != 0 && end_order()) return;
+  uvec2 corners[2];
+  if (kVector != 0) {
+    uint lane = gl_SubgroupInvocationID;
+    [[unroll]] for (uint i = 0; i < 2; ++i)
+      corners[i] = corner(tile + tile_of_pairs(i * kVector + lane, kVector), p.first_tile_row, p.tiles_x);
+  } else {
+    corners[0] = pair_corner(p.first_tile_row, p.tiles_x);
+    corners[1] = corners[0] + uvec2(kTile, 0);
+  }
   float inside = bias.v[o];
   [[unroll]] for (uint y = 0; y < kTile; ++y) {
     vec2 m[kMostSide];
     [[unroll]] for (uint x = 0; x < kSide; ++x) m[x] = rows[y][x];
     transform(m);
-    [[unroll]] for (uint x = 0; x < kTile; ++x)
-      m[x] += vec2(bias_at(o, y0 + y, x0 + x, inside), bias_at(o, y0 + y, x0 + kTile + x, inside));
-    if (kPairs != 0) {
-      [[unroll]] for (uint x = 0; x < kTile; x += 2) {
-        store_pair(o, y0 + y, x0 + x, vec2(m[x].x, m[x + 1].x));
-        store_pair(o, y0 + y, x0 + kTile + x, vec2(m[x].y, m[x + 1].y));
-      }
-    } else {
-      [[unroll]] for (uint x = 0; x < kTile; ++x) {
-        store(o, y0 + y, x0 + x, m[x].x);
-        store(o, y0 + y, x0 + kTile + x, m[x].y);
+    [[unroll]] for (uint side = 0; side < 2; ++side) {
+      uint y0 = corners[side].y + y, x0 = corners[side].x;
+      [[unroll]] for (uint x = 0; x < kTile; ++x) m[x][side] += bias_at(o, y0, x0 + x, inside);
+      if (kPairs != 0) {
+        [[unroll]] for (uint x = 0; x < kTile; x += 2) store_pair(o, y0, x0 + x, vec2(m[x][side], m[x + 1][side]));
+      } else {
+        [[unroll]] for (uint x = 0; x < kTile; ++x) store(o, y0, x0 + x, m[x][side]);
       }
     }
   }

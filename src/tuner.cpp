@@ -55,7 +55,11 @@ bool gathers(const DeviceInfo& device) {
 
 Conv2dKernel default_conv2d(const DeviceInfo& device, const Conv2dShape& shape) {
   Conv2dKernel kernel{.tile = shape.most_tile, .vector = device.vector_lanes};
-  if (shape.kernel == 1) kernel.tile = 1, kernel.band = 2048;
+  if (shape.kernel == 1) {
+    kernel.tile = 1, kernel.band = 2048;
+  } else if (gathers(device) && device.vector_lanes == kPairedVector) {
+    kernel.outputs = 6, kernel.order = 4;  // of two tiles each
+  }
   return kernel;
 }
 

@@ -129,6 +129,20 @@ void check_shuffled(Check& check, const Target& target, const Way& way, Precisio
                reference::pixel_shuffle(expected(deep, conv, true, precision, bounded, way), r));
 }
 
+// Rows of whole vectors, several of them; the bits are those of lane by lane.
+void check_vectors(Check& check, const Target& target, const Way& way, Precision precision) {
+  const Trial trial{9, 7, true, 1, 4};
+  Way lane_by_lane = way;
+  lane_by_lane.kernel.vector = 0;
+  LayerRun run(target, precision, way.addressed);
+  const Size size{10, 128};
+  const Convolved vectors = add_values(run, trial, 3, size, Fill::kUniform, 1, way, precision);
+  const Convolved lanes = add_values(run, trial, 3, size, Fill::kUniform, 1, lane_by_lane, precision);
+  run.run();
+  check.within(run.read(vectors.out), vectors.expected);
+  check.same_bits(run.read(vectors.out), run.read(lanes.out), "lane by lane");
+}
+
 // Every size with one trial, every trial with some sizes; a quick test has two trials, as what takes long is
 // to compile their kernels.
 void run_values(Collector& collector, std::span<const Trial> trials, uint32_t kernel,
@@ -149,6 +163,10 @@ void run_values(Collector& collector, std::span<const Trial> trials, uint32_t ke
     if (kernel == 1) return;
     collector.run(layer, way, precision, "of space to depth, to pixel shuffle, 8 -> 12 channels, 5 x 35",
                   [&](Check& check) { check_shuffled(check, collector.target(), way, precision); });
+    if (way.kernel.vector == 0) return;
+    collector.run(layer, way, precision,
+                  "rows of whole vectors, 5 and 4 -> 7 channels, ReLU, 1 residual, 10 x 128",
+                  [&](Check& check) { check_vectors(check, collector.target(), way, precision); });
   });
 }
 

@@ -216,7 +216,11 @@ DeviceInfo describe(const VulkanFunctions& vk, VkPhysicalDevice device, uint32_t
   std::copy_n(properties.limits.maxComputeWorkGroupCount, 3, info.max_groups.begin());
   info.storage_alignment_bytes = static_cast<uint32_t>(properties.limits.minStorageBufferOffsetAlignment);
   info.subgroup_size = subgroup.subgroupSize;
-  info.vector_lanes = driver.driverID == VK_DRIVER_ID_MESA_LLVMPIPE ? subgroup.subgroupSize : 0;
+  constexpr VkSubgroupFeatureFlags kNeeded = VK_SUBGROUP_FEATURE_BASIC_BIT | VK_SUBGROUP_FEATURE_SHUFFLE_BIT;
+  const bool vectors = driver.driverID == VK_DRIVER_ID_MESA_LLVMPIPE &&
+                       (subgroup.supportedStages & VK_SHADER_STAGE_COMPUTE_BIT) &&
+                       (subgroup.supportedOperations & kNeeded) == kNeeded;
+  info.vector_lanes = vectors ? subgroup.subgroupSize : 0;
   // That of Mesa 25.0 does not gain by it, that of 26.2 does; nothing but time depends on what those between
   // do.
   info.id_lanes = properties.driverVersion >= VK_MAKE_API_VERSION(0, 26, 0, 0) ? info.vector_lanes : 0;

@@ -56,6 +56,9 @@ struct Conv2dKernel {
   bool operator==(const Conv2dKernel&) const = default;
 };
 
+// Conv2dKernel::vector of which an invocation takes two at a time, so that it makes products of two tiles.
+inline constexpr uint32_t kPairedVector = 8;
+
 // What a choice among them may depend on; height, width and channels are those between the shuffles.
 struct Conv2dShape {
   uint32_t height, width, channels_in, channels_out, kernel;

@@ -9,6 +9,7 @@ extern const std::span<const uint32_t> k_conv2d_matrix;
 RAYMELD_SPIRV_FORMS(pointwise)
 RAYMELD_SPIRV_FORMS(winograd_weights)
 RAYMELD_SPIRV_FORMS(winograd_input)
+RAYMELD_SPIRV(winograd_input_vectors, buffers)
 RAYMELD_SPIRV_FORMS(winograd_multiply)
 RAYMELD_SPIRV_FORMS(winograd_output)
 RAYMELD_SPIRV(space_to_depth, buffers)
@@ -47,6 +48,7 @@ const Shader kConv2dMatrix{"conv2d_matrix", {}, k_conv2d_matrix};
 const Forms kPointwise RAYMELD_FORMS(pointwise);
 const Forms kWinogradWeights RAYMELD_FORMS(winograd_weights);
 const Forms kWinogradInput RAYMELD_FORMS(winograd_input);
+const Shader kWinogradInputVectors{"winograd_input.vectors", k_winograd_input_vectors_buffers_f32, {}};
 const Forms kWinogradMultiply RAYMELD_FORMS(winograd_multiply);
 const Forms kWinogradOutput RAYMELD_FORMS(winograd_output);
 const Shader kSpaceToDepth RAYMELD_SHADER(space_to_depth);

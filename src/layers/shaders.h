@@ -16,6 +16,7 @@ using Forms = std::array<Shader, 2>;
 extern const Forms kPointwise;
 extern const Forms kWinogradWeights;
 extern const Forms kWinogradInput;
+extern const Shader kWinogradInputVectors;  // by address and of 32-bit storage only
 extern const Forms kWinogradMultiply;
 extern const Forms kWinogradOutput;
 extern const Forms kEncode;

@@ -16,6 +16,8 @@ namespace {
 constexpr uint32_t kWeightsLocal = 64;               // of winograd_weights.comp
 constexpr uint32_t kMultiplyLocal = 64;              // tiles of a workgroup of winograd_multiply.comp
 constexpr uint32_t kTransformLocal = 64;             // and of the transforms
+constexpr uint32_t kInputVector = 8;                 // of winograd_input_vectors.comp
+constexpr uint32_t kInputVectorPixels = 64;          // of that many pairs of tiles
 constexpr uint64_t kMostScratchElements = 1u << 24;  // bands are lower where they would need more
 constexpr uint32_t kPaddingElements = 16;  // keeps positions from falling into the same set of a cache
 
@@ -88,6 +90,9 @@ struct Steps {
   Scratch scratch;
   Tensor weights = graph.scratch(conv.name + ".weights", uint64_t{s.weights_stride} * s.positions);
   uint32_t bias = bias_constant(graph, conv, s.channels_out);
+  uint32_t zeros = graph.constant(
+      conv.name + ".zeros", kInputVectorPixels * sizeof(float),
+      [](std::byte* target) { std::fill_n(reinterpret_cast<float*>(target), kInputVectorPixels, 0.0f); });
 
   Pass pass(const shaders::Forms& forms, std::vector<Binding> bindings, bool by_address = false) const {
     by_address |= graph.addressed();
@@ -128,6 +133,20 @@ struct Steps {
     return graph.addressed() && graph.storage() == Storage::kFloat32 && shuffle == 1 && conv.width % 2 == 0;
   }
 
+  // Whether winograd_input_vectors.comp can read such rows.
+  bool by_vectors(uint32_t unshuffle) const {
+    return by_pairs(unshuffle) && !graph.sparse() && s.tile == 4 && conv.width % kInputVectorPixels == 0 &&
+           conv.channels_in <= kUniformNumbers &&
+           usable_vector(conv.options.how, s.band_tiles) == kInputVector;
+  }
+
+  // Whether an invocation of winograd_multiply.comp makes products of two vectors of tiles.
+  bool paired() const {
+    static_assert(2 * kPairedVector == RAYMELD_LANES);
+    return graph.addressed() && !graph.sparse() && conv.channels_out <= kUniformNumbers &&
+           usable_vector(conv.options.how, s.band_tiles) == kPairedVector;
+  }
+
   void transform_weights() const {
     const uint64_t filters_bytes = uint64_t{9} * s.weights_stride * element_bytes(graph.storage());
     const uint32_t filters =
@@ -148,9 +167,24 @@ struct Steps {
       const uint32_t u = conv.options.unshuffle, channels = in.shape.channels * u * u;
       Pass p = pass(shaders::kWinogradInput, {read_binding(in), write_binding(scratch.transformed)});
       p.constants = {s.tile, u, by_pairs(u)};
-      p.set_push(params::WinogradInput{conv.height, conv.width, graph.plane(in), graph.rows_mask(in),
-                                       s.tiles_x, row_of(first_tile_row), conv.channels_in, channel,
-                                       s.transformed_stride});
+      if (by_vectors(u)) {
+        p.shader = &shaders::kWinogradInputVectors;
+        p.constants = {s.tile};
+        p.bindings.insert(p.bindings.begin() + 1, constant_binding(zeros));
+        for (Binding& binding : p.bindings) binding.by_address = true;
+      }
+      params::WinogradInput push{conv.height,
+                                 conv.width,
+                                 graph.plane(in),
+                                 graph.rows_mask(in),
+                                 s.tiles_x,
+                                 row_of(first_tile_row),
+                                 conv.channels_in,
+                                 channel,
+                                 s.transformed_stride,
+                                 {}};
+      std::iota(std::begin(push.digits), std::end(push.digits), 0u);
+      p.set_push(push);
       p.set_place();
       set_items(p, first_tile_row, 2, kTransformLocal / 2);
       p.groups = {s.band_tiles / kTransformLocal, 1, channels};
@@ -167,7 +201,8 @@ struct Steps {
     weight.by_address = true;
     Pass p = pass(shaders::kWinogradMultiply,
                   {weight, read_binding(scratch.transformed), write_binding(scratch.products)}, vector > 0);
-    p.constants = {s.tile, end - first, s.outputs, part > 0, conv.options.how.order, vector};
+    const uint32_t local = paired() ? kMultiplyLocal / 2 : kMultiplyLocal;
+    p.constants = {s.tile, end - first, s.outputs, part > 0, conv.options.how.order, vector, local, paired()};
     params::WinogradMultiply push{conv.channels_in,  first, s.blocks, s.weights_stride, s.transformed_stride,
                                   s.products_stride, {}};
     std::iota(std::begin(push.digits), std::end(push.digits), 0u);
@@ -191,7 +226,8 @@ struct Steps {
                    conv.options.relu,
                    static_cast<uint32_t>(residuals.size()),
                    by_pairs(conv.options.shuffle),
-                   conv.has_borders()};
+                   conv.has_borders(),
+                   paired() ? conv.options.how.vector : 0};
     const Tensor& residual = residuals.empty() ? conv.out : residuals.front();
     for (const Tensor& other : residuals) {
       if (graph.rows_mask(other) != graph.rows_mask(residual))
@@ -200,9 +236,20 @@ struct Steps {
     // What lies below the band is the next one's.
     const uint32_t end =
         graph.sparse() ? conv.height : std::min(conv.height, (first_tile_row + s.band_rows) * s.tile);
-    p.set_push(params::WinogradOutput{
-        end, conv.height, conv.width, graph.plane(conv.out), graph.rows_mask(conv.out), graph.plane(residual),
-        graph.rows_mask(residual), s.tiles_x, row_of(first_tile_row), s.channels_out, s.products_stride});
+    params::WinogradOutput push{end,
+                                conv.height,
+                                conv.width,
+                                graph.plane(conv.out),
+                                graph.rows_mask(conv.out),
+                                graph.plane(residual),
+                                graph.rows_mask(residual),
+                                s.tiles_x,
+                                row_of(first_tile_row),
+                                s.channels_out,
+                                s.products_stride,
+                                {}};
+    std::iota(std::begin(push.digits), std::end(push.digits), 0u);
+    p.set_push(push);
     p.set_place();
     set_items(p, first_tile_row, 2, kTransformLocal / 2);
     p.groups = {s.band_tiles / kTransformLocal, 1, conv.channels_out};

@@ -1,0 +1,103 @@
+// winograd_input.comp with F(4, 3) for drivers that make vectors of eight invocations: see vector.glsl. The 64 pixels of a
+// vector's eight pairs of tiles are read as vectors of neighbours, which are transposed between the vertical transform and the
+// horizontal one. Rows of tiles must be whole numbers of vectors. Outside of the image `zeros` are read, 64 of them: compilers
+// make a load for each lane of what a condition chooses behind it.
+#version 450
+#extension GL_GOOGLE_include_directive : require
+#extension GL_KHR_shader_subgroup_shuffle : require
+#include "params.h"
+#include "tensor.glsl"
+#define WEIGHTS_BY_ADDRESS
+#include "memory.glsl"
+#include "winograd.glsl"
+#include "winograd_input.glsl"
+
+layout(local_size_x = 32) in;
+#include "invocation.glsl"
+const uint kVector = 8;
+const uint kColumns = 8;  // of a pair of tiles, without the one on either side
+layout(push_constant) uniform Push {
+  Floats source;
+  Floats zeros;
+  Floats transformed;
+  WinogradInput p;
+  Place place;
+};
+#define KEEPS_ORDER
+#include "uniform.glsl"
+#include "vector.glsl"
+
+// What is at `address`, or zeros. A conditional of pointers would be a branch.
+Floats where(bool inside, uint64_t address) {
+  return Floats(uint64_t(zeros) ^ ((address ^ uint64_t(zeros)) & (0ul - uint64_t(inside))));
+}
+
+// Lane i of v[k] and lane k of v[i] change places. Were the lanes that change places constants, compilers would load each
+// value by itself, right where it belongs.
+void transpose(inout float v[kVector]) {
+  [[unroll]] for (uint side = kVector / 2; side > 0; side /= 2) {
+    bool upper = (gl_SubgroupInvocationID & side) != 0;
+    uint other = gl_SubgroupInvocationID ^ uniform_number(side);
+    [[unroll]] for (uint i = 0; i < kVector; ++i) {
+      if ((i & side) != 0) continue;
+      float moved = subgroupShuffle(upper ? v[i] : v[i + side], other);
+      v[i] = upper ? moved : v[i];
+      v[i + side] = upper ? v[i + side] : moved;
+    }
+  }
+}
+
+void main() {
+  uint first = first_of_vector().x, channel = uniform_number(gl_WorkGroupID.z);
+  uint pairs = p.tiles_x / 2, row = quotient(first, pairs), left = kColumns * (first - row * pairs);
+  uint y0 = (p.first_tile_row + row) * kTile - kKernel / 2;  // above the image it wraps around
+  Floats rows[kMostSide], before[kMostSide], behind[kMostSide];
+  [[unroll]] for (uint y = 0; y < kSide; ++y) {
+    bool inside = y0 + y < p.height;
+    uint64_t at = uint64_t(source) + 4ul * address(channel, (y0 + y) & p.rows_mask, left, p.plane, p.width);
+    rows[y] = where(inside, at);
+    before[y] = where(inside && left > 0, at - 4ul);
+    behind[y] = where(inside && left + kVector * kColumns < p.width, at + 4ul * kVector * kColumns);
+  }
+  float columns[kMostSide][kColumns];  // of neighbours
+  vec2 sides[kMostSide];               // the column before and the one behind all of them
+  [[unroll]] for (uint x = 0; x <= kColumns; x += 2) {
+    vec2 d[kMostSide];
+    [[unroll]] for (uint y = 0; y < kSide; ++y) {
+      if (x < kColumns) {
+        d[y] = vec2(read_vector(rows[y], x * kVector), read_vector(rows[y], (x + 1) * kVector));
+      } else {
+        d[y] = vec2(before[y].v[0], behind[y].v[0]);
+      }
+    }
+    transform(d);
+    float all = 0.0;
+    [[unroll]] for (uint y = 0; y < kSide; ++y) {
+      all += d[y].x + d[y].y;
+      if (x < kColumns) {
+        columns[y][x] = d[y].x;
+        columns[y][x + 1] = d[y].y;
+      } else {
+        sides[y] = d[y];
+      }
+    }
+    keep_order(all);
+  }
+  if (end_order()) return;
+  uint lane = gl_SubgroupInvocationID;
+  uint one_left = (lane + uniform_number(kVector - 1)) % kVector, one_right = (lane + uniform_number(1)) % kVector;
+  uint to = element(0, p.first_channel + channel, 2 * first, p.position_stride, p.channels);
+  [[unroll]] for (uint y = 0; y < kSide; ++y) {
+    transpose(columns[y]);  // now each lane has its own pair of tiles
+    float own[kColumns + 2];
+    [[unroll]] for (uint x = 0; x < kColumns; ++x) own[x + 1] = columns[y][x];
+    float left_one = subgroupShuffle(own[kColumns], one_left), right_one = subgroupShuffle(own[1], one_right);
+    own[0] = lane == 0 ? sides[y].x : left_one;
+    own[kColumns + 1] = lane == kVector - 1 ? sides[y].y : right_one;
+    vec2 d[kMostSide];
+    [[unroll]] for (uint x = 0; x < kSide; ++x) d[x] = vec2(own[x], own[x + kColumns / 2]);
+    transform(d);
+    [[unroll]] for (uint x = 0; x < kSide; ++x)
+      Pairs(uint64_t(transformed) + 4ul * (to + (y * kSide + x) * p.position_stride)).v[lane] = pair(d[x]);
+  }
+}
