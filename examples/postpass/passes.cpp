@@ -76,7 +76,9 @@ void Passes::record(vk::CommandBuffer commands, Pass pass, vk::Extent2D pixels, 
   commands.bindPipeline(vk::PipelineBindPoint::eCompute, *pipelines_[size_t(pass)]);
   commands.bindDescriptorSets(vk::PipelineBindPoint::eCompute, *layout_, 0, set_, {});
   commands.pushConstants(*layout_, vk::ShaderStageFlagBits::eCompute, 0, sizeof(view), &view);
-  commands.dispatch((pixels.width + kGroup - 1) / kGroup, (pixels.height + kGroup - 1) / kGroup, 1);
+  const bool strips = pass == Pass::kVariance || pass == Pass::kHistory;
+  const uint32_t rows = strips ? kGroup * kStrip : kGroup;
+  commands.dispatch((pixels.width + kGroup - 1) / kGroup, (pixels.height + rows - 1) / rows, 1);
 }
 
 }  // namespace postpass

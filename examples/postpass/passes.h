@@ -18,7 +18,8 @@ class Passes {
   // `buffers`: of the bindings 0 to kShown - 1.
   Passes(const Device& device, std::span<const Buffer, kShown> buffers, const Image& shown);
 
-  // An invocation for each pixel, without barriers. `view` is what kShow shows.
+  // An invocation for each pixel, or for each kStrip below each other, without barriers. `view` is what kShow
+  // shows.
   void record(vk::CommandBuffer commands, Pass pass, vk::Extent2D pixels, uint32_t view = 0) const;
 
  private:

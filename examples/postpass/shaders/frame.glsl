@@ -17,6 +17,9 @@ ivec2 small_size() { return full_size() / int(constants.scale); }
 
 bool inside(ivec2 pixel, ivec2 size) { return all(lessThan(pixel, size)); }
 
+// Of passes whose invocations go down kStrip pixels each, the first one.
+ivec2 strip_start() { return ivec2(gl_GlobalInvocationID.xy) * ivec2(1, kStrip); }
+
 // Of channel c of a planar image.
 uint at(uint c, ivec2 pixel, ivec2 size) { return (c * size.y + pixel.y) * size.x + pixel.x; }
 

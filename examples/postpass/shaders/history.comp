@@ -2,7 +2,8 @@
 //
 // Motion is that of the first surface at the pixel's centre. A neighbour of that place in the last frame is taken as far
 // as its depth and normal agree, and the mean of those is moved to where this frame's neighbourhood makes it likely
-// (variance clipping, Salvi 2016). All means are of toned light, so that a bright pixel counts no more than it shows.
+// (variance clipping, Salvi 2016). All means are of toned light, so that a bright pixel counts no more than it shows. An
+// invocation goes down a strip of pixels, so that each row is toned once for the three that it is a neighbour of.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"
@@ -19,24 +20,30 @@ vec4 cubic(float x) {
   return vec4(((2 - x) * x - 1) * x, (3 * x - 5) * x * x + 2, ((4 - 3 * x) * x + 1) * x, (x - 1) * x * x) / 2;
 }
 
-void main() {
-  const ivec2 pixel = ivec2(gl_GlobalInvocationID.xy), size = full_size();
-  if (!inside(pixel, size)) return;
+// Sums over three pixels side by side, edges replicated, and the one in the middle.
+struct Row {
+  vec3 middle, sum, square;
+};
+
+Row row_at(ivec2 pixel, ivec2 size) {
+  Row row = Row(vec3(0), vec3(0), vec3(0));
+  for (int i = 0; i < 3; ++i) {
+    const vec3 near = fused_at(clamp(pixel + ivec2(i - 1, 0), ivec2(0), size - 1), size);
+    if (i == 1) row.middle = near;
+    row.sum += near;
+    row.square += near * near;
+  }
+  return row;
+}
+
+// `mean` and `deviation`: of the 3x3 pixels around.
+void blend(ivec2 pixel, ivec2 size, vec3 now, vec3 mean, vec3 deviation) {
   const Ray ray = Ray(constants.camera.position.xyz, direction_of(constants.camera, pixel + 0.5, vec2(size)));
   const Hit hit = intersect(ray);
   const vec3 point = ray.origin + hit.t * ray.direction;
   const float depth = hit.t * dot(ray.direction, constants.camera.forward.xyz);
   const uint slot = constants.slot, last = 1 - slot;
   guides[slot_at(slot, pixel, size)] = vec4(hit.normal, depth);
-
-  const vec3 now = fused_at(pixel, size);
-  vec3 mean = vec3(0), square = vec3(0);
-  for (int i = 0; i < 9; ++i) {
-    const vec3 near = fused_at(clamp(pixel + ivec2(i % 3, i / 3) - 1, ivec2(0), size - 1), size);
-    mean += near / 9;
-    square += near * near / 9;
-  }
-  const vec3 deviation = sqrt(max(square - mean * mean, 0));
 
   // By a cubic filter, kept from ringing; and, with the number of frames, by a linear one of what agrees, for where not
   // all of it does.
@@ -83,4 +90,19 @@ void main() {
     blended = mix(kept, now, max(constants.history_weight, 1 / (frames + 1)));
   }
   history[slot_at(slot, pixel, size)] = vec4(blended, frames + 1);
+}
+
+void main() {
+  const ivec2 size = full_size();
+  ivec2 pixel = strip_start();
+  Row above = row_at(pixel - ivec2(0, 1), size), own = row_at(pixel, size);
+  for (uint i = 0; i < kStrip; ++i) {
+    const Row below = row_at(pixel + ivec2(0, 1), size);
+    const vec3 mean = (above.sum + own.sum + below.sum) / 9;
+    const vec3 square = (above.square + own.square + below.square) / 9;
+    if (inside(pixel, size)) blend(pixel, size, own.middle, mean, sqrt(max(square - mean * mean, 0)));
+    above = own;
+    own = below;
+    ++pixel.y;
+  }
 }

@@ -23,6 +23,7 @@ const uint kShown = 7;        // a storage image: sRGB
 const uint kBindings = 8;
 
 const uint kGroup = 8;  // workgroups are square
+const uint kStrip = 8;  // rows of an invocation of kVariance and kHistory
 
 const uint kColor = 0, kAlbedo = 3, kNormal = 6, kDiffuse = 9, kSpecular = 12, kVariance = 15;
 const uint kHrlsChannels = 18;
