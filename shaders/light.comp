@@ -1,6 +1,7 @@
 // What the joint filter filters and what guides it: channels 0 to 2 are log(1 + compress * light) / compress, light
 // being HRLS without its fireflies and its albedo, averaged with that of LRHS; channel 3 is the certainty of it, channel
-// 4 the luminance of the upsampled irradiance. One invocation for each pixel.
+// 4 the luminance of the upsampled irradiance. One invocation for RAYMELD_LIGHT_STRIP pixels below each other, so that each
+// pixel's luminance is computed once for the three rows that it is a neighbour of.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "bilinear.glsl"
@@ -37,38 +38,32 @@ vec3 color_at(ivec2 at) {
   return rgb;
 }
 
-// What to multiply a pixel by, whose luminance is `own`, so that it is no firefly: not many times as bright as the second
-// brightest of its neighbours. Outside of the image it is dark.
-float firefly_limit(ivec2 pixel, float own) {
+const uint kStrip = RAYMELD_LIGHT_STRIP;
+
+// What to multiply a pixel by so that it is no firefly: not many times as bright as the second brightest of its neighbours. It
+// is in the middle of the 3x3 luminances from `row` on; outside of the image it is dark.
+float firefly_limit(float luminances[kStrip + 2][3], uint row) {
   float first = 0.0, second = 0.0;
-  for (int dy = -1; dy <= 1; ++dy) {
-    for (int dx = -1; dx <= 1; ++dx) {
-      ivec2 at = pixel + ivec2(dx, dy);
-      bool inside = all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, ivec2(p.of.width, p.of.height)));
-      if (!inside || at == pixel) continue;
-      float near = dot(color_at(at), kLuminance);
-      second = max(second, min(first, near));
-      first = max(first, near);
-    }
+  [[unroll]] for (uint i = 0; i < 9; ++i) {
+    if (i == 4) continue;
+    float near = luminances[row + i / 3][i % 3];
+    second = max(second, min(first, near));
+    first = max(first, near);
   }
-  return min(1.0, (RAYMELD_FIREFLY * second + RAYMELD_FIREFLY_FLOOR) / max(own, RAYMELD_FIREFLY_FLOOR));
+  return min(1.0, (RAYMELD_FIREFLY * second + RAYMELD_FIREFLY_FLOOR) / max(luminances[row + 1][1], RAYMELD_FIREFLY_FLOOR));
 }
 
 vec3 irradiance_at(uint y, uint x) { return vec3(lrhs_at(3, y, x), lrhs_at(4, y, x), lrhs_at(5, y, x)); }
 
-void main() {
-  uvec2 id = global_invocation_id().xy;
-  if (id.x >= p.of.width || id.y >= p.of.height || is_left_out(id.xy)) return;
-  Bilinear at = bilinear_at(id, p.of.phase, p.of.inverse_scale, uvec2(p.of.lrhs_width, p.of.lrhs_height));
+void light(uvec2 pixel, vec3 own) {
+  Bilinear at = bilinear_at(pixel, p.of.phase, p.of.inverse_scale, uvec2(p.of.lrhs_width, p.of.lrhs_height));
   vec3 corners[4] = {irradiance_at(at.low.y, at.low.x), irradiance_at(at.low.y, at.high.x),
                      irradiance_at(at.high.y, at.low.x), irradiance_at(at.high.y, at.high.x)};
   bool centered = p.of.phase > 0.0;
-  float certainty = centered || (id & (p.scale - 1)) == uvec2(0) ? p.lrhs_certainty : 0.0;
-  vec3 own = color_at(ivec2(id));
-  own *= firefly_limit(ivec2(id), dot(own, kLuminance));
+  float certainty = centered || (pixel & (p.scale - 1)) == uvec2(0) ? p.lrhs_certainty : 0.0;
   vec3 irradiance;
-  for (uint c = 0; c < 3; ++c) {
-    uint element = address(c, id.y, id.x, p.of.plane, p.of.width);
+  [[unroll]] for (uint c = 0; c < 3; ++c) {
+    uint element = address(c, pixel.y, pixel.x, p.of.plane, p.of.width);
     float surface = float(albedo.v[element]) + RAYMELD_ALBEDO_FLOOR;
     irradiance[c] = blended(at, vec4(corners[0][c], corners[1][c], corners[2][c], corners[3][c]));
     float light = own[c] / surface;
@@ -79,6 +74,31 @@ void main() {
     }
     target.v[element] = STORAGE(storable(log(1.0 + RAYMELD_COMPRESS * light) / RAYMELD_COMPRESS));
   }
-  target.v[address(3, id.y, id.x, p.of.plane, p.of.width)] = STORAGE(storable(1.0 + certainty));
-  target.v[address(4, id.y, id.x, p.of.plane, p.of.width)] = STORAGE(storable(dot(irradiance, kLuminance)));
+  target.v[address(3, pixel.y, pixel.x, p.of.plane, p.of.width)] = STORAGE(storable(1.0 + certainty));
+  target.v[address(4, pixel.y, pixel.x, p.of.plane, p.of.width)] = STORAGE(storable(dot(irradiance, kLuminance)));
+}
+
+bool is_wanted(uvec2 pixel) { return pixel.x < p.of.width && pixel.y < p.of.height && !is_left_out(pixel); }
+
+void main() {
+  uvec2 id = global_invocation_id().xy;
+  id.y *= kStrip;
+  bool any = false;
+  [[unroll]] for (uint k = 0; k < kStrip; ++k) any = any || is_wanted(uvec2(id.x, id.y + k));
+  if (!any) return;
+  vec3 own[kStrip];
+  float luminances[kStrip + 2][3];
+  [[unroll]] for (uint row = 0; row < kStrip + 2; ++row) {
+    [[unroll]] for (uint column = 0; column < 3; ++column) {
+      ivec2 at = ivec2(id) + ivec2(column, row) - 1, last = ivec2(p.of.width, p.of.height) - 1;
+      ivec2 inside = clamp(at, ivec2(0), last);
+      vec3 color = color_at(inside);
+      luminances[row][column] = at == inside ? dot(color, kLuminance) : 0.0;
+      if (column == 1 && row >= 1 && row <= kStrip) own[row - 1] = color;
+    }
+  }
+  [[unroll]] for (uint k = 0; k < kStrip; ++k) {
+    uvec2 pixel = uvec2(id.x, id.y + k);
+    if (is_wanted(pixel)) light(pixel, own[k] * firefly_limit(luminances, k));
+  }
 }

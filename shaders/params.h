@@ -238,6 +238,11 @@ struct Decode {
 // divide it: see vector.glsl.
 #define RAYMELD_LANES 16
 
+// Pixels that an invocation makes.
+#define RAYMELD_ENCODE_STRIP 4
+#define RAYMELD_LIGHT_STRIP 4
+#define RAYMELD_RELIGHT_STRIP 4
+
 // Which borders of the image a pixel touches; biases may depend on it, see border.glsl.
 #define RAYMELD_TOP 1
 #define RAYMELD_BOTTOM 2

@@ -1,4 +1,5 @@
-// Filtered light with the albedo again, as the network reads radiance. One invocation for each element; z is the channel.
+// Filtered light with the albedo again, as the network reads radiance. One invocation for RAYMELD_RELIGHT_STRIP elements below
+// each other, as in encode.comp; z is the channel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -21,11 +22,26 @@ layout(std430, binding = 3) writeonly buffer Target { STORAGE v[]; } target;
 #endif
 #include "left_out.glsl"
 
+const uint kStrip = RAYMELD_RELIGHT_STRIP;
+
 void main() {
   uvec3 id = global_invocation_id();
-  if (id.x >= p.width || id.y >= p.height || is_left_out(id.xy)) return;
-  uint at = address(id.z, id.y, id.x, p.plane, p.width);
-  float linear = (exp(RAYMELD_COMPRESS * float(light.v[at])) - 1.0) / RAYMELD_COMPRESS;
-  float value = to_network(linear * (float(albedo.v[at]) + RAYMELD_ALBEDO_FLOOR), p.log_transfer);
-  target.v[at] = STORAGE(storable(value));
+  uint at[kStrip];
+  // Selections rather than branches, in which drivers for CPUs load lane by lane.
+  bool wanted[kStrip], any = false;
+  [[unroll]] for (uint k = 0; k < kStrip; ++k) {
+    uvec2 pixel = uvec2(id.x, kStrip * id.y + k), inside = min(pixel, uvec2(p.width, p.height) - 1);
+    at[k] = address(id.z, inside.y, inside.x, p.plane, p.width);
+    wanted[k] = pixel == inside && !is_left_out(inside);
+    any = any || wanted[k];
+  }
+  if (kBlockSide != 0 && !any) return;
+  float values[kStrip];
+  [[unroll]] for (uint k = 0; k < kStrip; ++k) {
+    float linear = (exp(RAYMELD_COMPRESS * float(light.v[at[k]])) - 1.0) / RAYMELD_COMPRESS;
+    values[k] = to_network(linear * (float(albedo.v[at[k]]) + RAYMELD_ALBEDO_FLOOR), p.log_transfer);
+  }
+  [[unroll]] for (uint k = 0; k < kStrip; ++k) {
+    if (wanted[k]) target.v[at[k]] = STORAGE(storable(values[k]));
+  }
 }

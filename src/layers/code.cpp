@@ -45,7 +45,8 @@ void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor&
   pass.bindings = {frame_binding(graph, slot), exposure_binding(), write_binding(out)};
   pass.bindings[1].by_address = pass.bindings[2].by_address = graph.addressed();
   pass.set_push(params);
-  pass.groups = element_groups(out.shape);
+  pass.groups = element_groups(
+      {divide_up(out.shape.height, RAYMELD_ENCODE_STRIP), out.shape.width, out.shape.channels});
   if (needed) pass.footprint = pixel_footprint(graph, out.shape);
   pass.bytes = elements(out) * static_cast<double>(element_bytes(graph.storage())) +
                static_cast<double>(4 * (channels.size() - constants) * out.shape.pixels());
