@@ -1,6 +1,7 @@
 // Last of three steps of a convolution: A^T m A of every tile and output channel of a band of rows, then bias, ReLU and
 // residuals as in conv2d.comp. With kShuffle r > 1, pixel_shuffle() by r of that is stored, residuals being of the
-// shuffled shape. Each invocation makes two tiles, side by side but for pairs that vectors made; z is the output channel.
+// shuffled shape. Each invocation makes two tiles, side by side but for pairs that vectors made, of kOutputs output channels;
+// z counts these.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -17,6 +18,7 @@ layout(constant_id = 3) const uint kResiduals = 0;
 layout(constant_id = 4) const uint kPairs = 0;  // rows of the target and of residuals are accessed by pairs of floats
 layout(constant_id = 5) const uint kBorders = 0;  // the bias is a table, see border.glsl
 layout(constant_id = 6) const uint kVector = 0;   // the products lie as pairs
+layout(constant_id = 7) const uint kOutputs = 1;  // 2 with pairs of what is shuffled: of neighbours after that
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Pairs products;
@@ -75,16 +77,19 @@ void store(uint o, uint y, uint x, float value) {
   target.v[address(c, y & p.rows_mask, x, p.plane, width)] = STORAGE(storable(value));
 }
 
-// The same at x and x + 1, of an even x and an even width.
+// The same of two that are neighbours where they are stored, the first one where x is even.
 void store_pair(uint o, uint y, uint x, vec2 values) {
 #if defined(DATA_BY_ADDRESS) && !defined(STORAGE_F16)
   if (y >= p.height || x >= p.width) return;
+  uint c = o / (kShuffle * kShuffle), width = kShuffle * p.width;
+  y = kShuffle * y + o / kShuffle % kShuffle;
+  x = kShuffle * x + o % kShuffle;
   values = vec2(activated(values.x), activated(values.y));
-  uint from = address(o, y & p.residual_rows_mask, x, p.residual_plane, p.width) / 2;
+  uint from = address(c, y & p.residual_rows_mask, x, p.residual_plane, width) / 2;
   if (kResiduals > 0) values += floats(Pairs(uint64_t(residual0)).v[from]);
   if (kResiduals > 1) values += floats(Pairs(uint64_t(residual1)).v[from]);
   if (kResiduals > 2) values += floats(Pairs(uint64_t(residual2)).v[from]);
-  Pairs(uint64_t(target)).v[address(o, y & p.rows_mask, x, p.plane, p.width) / 2] = pair(values);
+  Pairs(uint64_t(target)).v[address(c, y & p.rows_mask, x, p.plane, width) / 2] = pair(values);
 #endif
 }
 
@@ -103,17 +108,8 @@ void transform(inout vec2 m[kMostSide]) {
 }
 
 void main() {
-  uint o = kVector != 0 ? uniform_number(gl_WorkGroupID.z) : global_invocation_id().z;
-  uint tile = 2 * first_of_vector().x, at = element(0, o, tile, p.position_stride, p.channels);
-  vec2 rows[kMostSide][kMostSide];  // [row][column], of both tiles
-  [[unroll]] for (uint x = 0; x < kSide; ++x) {
-    vec2 m[kMostSide];
-    [[unroll]] for (uint y = 0; y < kSide; ++y) m[y] = load(at + (y * kSide + x) * p.position_stride);
-    transform(m);
-    [[unroll]] for (uint y = 0; y < kTile; ++y) rows[y][x] = m[y];
-    if (kVector != 0) keep_order(rows[0][x].x + rows[0][x].y);
-  }
-  if (kVector != 0 && end_order()) return;
+  uint o = kOutputs * (kVector != 0 ? uniform_number(gl_WorkGroupID.z) : global_invocation_id().z);
+  uint tile = 2 * first_of_vector().x;
   uvec2 corners[2];
   if (kVector != 0) {
     uint lane = gl_SubgroupInvocationID;
@@ -123,18 +119,38 @@ void main() {
     corners[0] = pair_corner(p.first_tile_row, p.tiles_x);
     corners[1] = corners[0] + uvec2(kTile, 0);
   }
-  float inside = bias.v[o];
+  vec2 result[2][kMostSide][kMostSide];  // [row][column], of both tiles
+  [[unroll]] for (uint k = 0; k < kOutputs; ++k) {
+    uint at = element(0, o + k, tile, p.position_stride, p.channels);
+    [[unroll]] for (uint x = 0; x < kSide; ++x) {
+      vec2 m[kMostSide];
+      [[unroll]] for (uint y = 0; y < kSide; ++y) m[y] = load(at + (y * kSide + x) * p.position_stride);
+      transform(m);
+      [[unroll]] for (uint y = 0; y < kTile; ++y) result[k][y][x] = m[y];
+      if (kVector != 0) keep_order(result[k][0][x].x + result[k][0][x].y);
+    }
+    float inside = bias.v[o + k];
+    [[unroll]] for (uint y = 0; y < kTile; ++y) {
+      transform(result[k][y]);
+      [[unroll]] for (uint side = 0; side < 2; ++side) {
+        [[unroll]] for (uint x = 0; x < kTile; ++x)
+          result[k][y][x][side] += bias_at(o + k, corners[side].y + y, corners[side].x + x, inside);
+      }
+    }
+  }
+  if (kVector != 0 && end_order()) return;
   [[unroll]] for (uint y = 0; y < kTile; ++y) {
-    vec2 m[kMostSide];
-    [[unroll]] for (uint x = 0; x < kSide; ++x) m[x] = rows[y][x];
-    transform(m);
     [[unroll]] for (uint side = 0; side < 2; ++side) {
       uint y0 = corners[side].y + y, x0 = corners[side].x;
-      [[unroll]] for (uint x = 0; x < kTile; ++x) m[x][side] += bias_at(o, y0, x0 + x, inside);
-      if (kPairs != 0) {
-        [[unroll]] for (uint x = 0; x < kTile; x += 2) store_pair(o, y0, x0 + x, vec2(m[x][side], m[x + 1][side]));
-      } else {
-        [[unroll]] for (uint x = 0; x < kTile; ++x) store(o, y0, x0 + x, m[x][side]);
+      [[unroll]] for (uint x = 0; x < kTile; ++x) {
+        float value = result[0][y][x][side];
+        if (kPairs == 0) {
+          store(o, y0, x0 + x, value);
+        } else if (kOutputs == 2) {
+          store_pair(o, y0, x0 + x, vec2(value, result[1][y][x][side]));
+        } else if (x % 2 == 0) {
+          store_pair(o, y0, x0 + x, vec2(value, result[0][y][x + 1][side]));
+        }
       }
     }
   }

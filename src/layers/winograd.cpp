@@ -128,15 +128,16 @@ struct Steps {
     return double(std::min(s.band_rows, s.tile_rows - first_tile_row)) / s.tile_rows;
   }
 
-  // Whether rows of an image that is shuffled by `shuffle` can be accessed by aligned pairs of floats.
+  // Whether rows of an image that is shuffled by `shuffle` can be written by aligned pairs of floats.
   bool by_pairs(uint32_t shuffle) const {
-    return graph.addressed() && graph.storage() == Storage::kFloat32 && shuffle == 1 && conv.width % 2 == 0;
+    const uint32_t neighbours = shuffle == 1 ? conv.width : shuffle;
+    return graph.addressed() && graph.storage() == Storage::kFloat32 && neighbours % 2 == 0;
   }
 
   // Whether winograd_input_vectors.comp can read such rows.
   bool by_vectors(uint32_t unshuffle) const {
-    return by_pairs(unshuffle) && !graph.sparse() && s.tile == 4 && conv.width % kInputVectorPixels == 0 &&
-           conv.channels_in <= kUniformNumbers &&
+    return unshuffle == 1 && by_pairs(unshuffle) && !graph.sparse() && s.tile == 4 &&
+           conv.width % kInputVectorPixels == 0 && conv.channels_in <= kUniformNumbers &&
            usable_vector(conv.options.how, s.band_tiles) == kInputVector;
   }
 
@@ -166,7 +167,7 @@ struct Steps {
     for (const Tensor& in : conv.inputs()) {
       const uint32_t u = conv.options.unshuffle, channels = in.shape.channels * u * u;
       Pass p = pass(shaders::kWinogradInput, {read_binding(in), write_binding(scratch.transformed)});
-      p.constants = {s.tile, u, by_pairs(u)};
+      p.constants = {s.tile, u, u == 1 && by_pairs(u)};
       if (by_vectors(u)) {
         p.shader = &shaders::kWinogradInputVectors;
         p.constants = {s.tile};
@@ -221,13 +222,16 @@ struct Steps {
     for (uint32_t i = 0; i < kMostResiduals; ++i)
       bindings.push_back(residual_binding(conv, i, scratch.products));
     Pass p = pass(shaders::kWinogradOutput, std::move(bindings));
+    const bool pairs = by_pairs(conv.options.shuffle);
+    const uint32_t outputs = pairs && conv.options.shuffle > 1 ? 2 : 1;
     p.constants = {s.tile,
                    conv.options.shuffle,
                    conv.options.relu,
                    static_cast<uint32_t>(residuals.size()),
-                   by_pairs(conv.options.shuffle),
+                   pairs,
                    conv.has_borders(),
-                   paired() ? conv.options.how.vector : 0};
+                   paired() ? conv.options.how.vector : 0,
+                   outputs};
     const Tensor& residual = residuals.empty() ? conv.out : residuals.front();
     for (const Tensor& other : residuals) {
       if (graph.rows_mask(other) != graph.rows_mask(residual))
@@ -252,7 +256,7 @@ struct Steps {
     p.set_push(push);
     p.set_place();
     set_items(p, first_tile_row, 2, kTransformLocal / 2);
-    p.groups = {s.band_tiles / kTransformLocal, 1, conv.channels_out};
+    p.groups = {s.band_tiles / kTransformLocal, 1, conv.channels_out / outputs};
     p.bytes = share(first_tile_row) * traffic(graph, conv.out) * (1.0 + double(residuals.size()));
     graph.add(std::move(p));
   }
