@@ -1,7 +1,7 @@
 // From the network's output, plus the upsampled encoded LRHS where the model predicts a residual, to scene linear values
 // in [0, 65504], un-exposed. The network sees no more than the clip: what LRHS has beyond it is added where the
 // output is near the clip, fully from a quarter of it on and not at all below an eighth, so that the edges that the network
-// drew stay. One invocation for each element, z being the channel; with FRAME_IMAGE for each pixel, of three.
+// drew stay. One invocation for a strip of elements, z being the channel; with FRAME_IMAGE of pixels, of three.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -30,7 +30,7 @@ layout(std430, binding = 3) readonly buffer Source { STORAGE v[]; } source;
 layout(std430, binding = 4) readonly buffer Lrhs { STORAGE v[]; } lrhs;
 layout(std430, binding = 5) readonly buffer Bright { STORAGE v[]; } highlights;
 #endif
-#include "left_out.glsl"
+#include "strip.glsl"
 #define UPSAMPLED p.of
 #include "lrhs.glsl"
 
@@ -65,18 +65,21 @@ float decoded(uint c, uvec2 pixel, Bilinear at, bool counted) {
 
 void main() {
   uvec3 id = global_invocation_id();
-  // The last pixel again, rather than a branch, in which drivers for CPUs load lane by lane.
-  bool inside = id.x < p.of.width && id.y < p.of.height;
-  id.xy = min(id.xy, uvec2(p.of.width, p.of.height) - 1);
-  if (is_left_out(id.xy)) return;
-  Bilinear at = bilinear_at(id.xy, p.of.phase, p.of.inverse_scale, uvec2(p.of.lrhs_width, p.of.lrhs_height));
+  Strip strip;
+  if (!find_strip(id.xy, uvec2(p.of.width, p.of.height), strip)) return;
+  [[unroll]] for (uint k = 0; k < kStrip; ++k) {
+    uvec2 at = strip.pixels[k];
+    bool wanted = strip.wanted[k];
+    Bilinear low = bilinear_at(at, p.of.phase, p.of.inverse_scale, uvec2(p.of.lrhs_width, p.of.lrhs_height));
 #ifdef FRAME_IMAGE
-  vec4 pixel = vec4(decoded(0, id.xy, at, inside), decoded(1, id.xy, at, inside), decoded(2, id.xy, at, inside), 1.0);
-  if (inside) imageStore(frame, ivec2(id.xy + uvec2(p.frame.x, p.frame.y)), pixel);
+    vec4 pixel = vec4(decoded(0, at, low, wanted), decoded(1, at, low, wanted), decoded(2, at, low, wanted), 1.0);
+    if (wanted) imageStore(frame, ivec2(at + uvec2(p.frame.x, p.frame.y)), pixel);
 #else
-  float value = decoded(id.z, id.xy, at, inside);
-  if (!inside) return;
-  frame[p.frame.offset + id.z * p.frame.channel_stride + id.y * p.frame.row_stride + id.x * p.frame.pixel_stride] =
-      value;
+    float value = decoded(id.z, at, low, wanted);
+    if (wanted) {
+      frame[p.frame.offset + id.z * p.frame.channel_stride + at.y * p.frame.row_stride + at.x * p.frame.pixel_stride] =
+          value;
+    }
 #endif
+  }
 }

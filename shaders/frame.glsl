@@ -11,11 +11,13 @@ vec3 unfolded(vec2 folded) {
   return normalize(v);
 }
 
-float frame_value(TextureView view, uint channel, uvec2 at) {
+vec4 frame_texel(TextureView view, uvec2 at) {
   vec4 texel = texelFetch(frame, ivec2(at + uvec2(view.x, view.y)), 0) * view.scale + view.bias;
   if (view.octahedral != 0) texel.xyz = unfolded(texel.xy);
-  return texel[channel];
+  return texel;
 }
+
+float frame_value(TextureView view, uint channel, uvec2 at) { return frame_texel(view, at)[channel]; }
 #else
 layout(std430, binding = 1) readonly buffer Frame { float frame[]; };
 

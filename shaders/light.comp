@@ -1,6 +1,6 @@
 // What the joint filter filters and what guides it: channels 0 to 2 are log(1 + compress * light) / compress, light
 // being HRLS without its fireflies and its albedo, averaged with that of LRHS; channel 3 is the certainty of it, channel
-// 4 the luminance of the upsampled irradiance. One invocation for RAYMELD_LIGHT_STRIP pixels below each other, so that each
+// 4 the luminance of the upsampled irradiance. One invocation for a strip of pixels, so that each
 // pixel's luminance is computed once for the three rows that it is a neighbour of.
 #version 450
 #extension GL_GOOGLE_include_directive : require
@@ -24,7 +24,7 @@ layout(std430, binding = 2) readonly buffer Albedo { STORAGE v[]; } albedo;
 layout(std430, binding = 3) readonly buffer Lrhs { STORAGE v[]; } lrhs;
 layout(std430, binding = 4) writeonly buffer Target { STORAGE v[]; } target;
 #endif
-#include "left_out.glsl"
+#include "strip.glsl"
 #define UPSAMPLED p.of
 #include "lrhs.glsl"
 
@@ -37,8 +37,6 @@ vec3 color_at(ivec2 at) {
   }
   return rgb;
 }
-
-const uint kStrip = RAYMELD_LIGHT_STRIP;
 
 // What to multiply a pixel by so that it is no firefly: not many times as bright as the second brightest of its neighbours. It
 // is in the middle of the 3x3 luminances from `row` on; outside of the image it is dark.
@@ -78,19 +76,15 @@ void light(uvec2 pixel, vec3 own) {
   target.v[address(4, pixel.y, pixel.x, p.of.plane, p.of.width)] = STORAGE(storable(dot(irradiance, kLuminance)));
 }
 
-bool is_wanted(uvec2 pixel) { return pixel.x < p.of.width && pixel.y < p.of.height && !is_left_out(pixel); }
-
 void main() {
   uvec2 id = global_invocation_id().xy;
-  id.y *= kStrip;
-  bool any = false;
-  [[unroll]] for (uint k = 0; k < kStrip; ++k) any = any || is_wanted(uvec2(id.x, id.y + k));
-  if (!any) return;
+  Strip strip;
+  if (!find_strip(id, uvec2(p.of.width, p.of.height), strip)) return;
   vec3 own[kStrip];
   float luminances[kStrip + 2][3];
   [[unroll]] for (uint row = 0; row < kStrip + 2; ++row) {
     [[unroll]] for (uint column = 0; column < 3; ++column) {
-      ivec2 at = ivec2(id) + ivec2(column, row) - 1, last = ivec2(p.of.width, p.of.height) - 1;
+      ivec2 at = ivec2(id.x, kStrip * id.y) + ivec2(column, row) - 1, last = ivec2(p.of.width, p.of.height) - 1;
       ivec2 inside = clamp(at, ivec2(0), last);
       vec3 color = color_at(inside);
       luminances[row][column] = at == inside ? dot(color, kLuminance) : 0.0;
@@ -98,7 +92,6 @@ void main() {
     }
   }
   [[unroll]] for (uint k = 0; k < kStrip; ++k) {
-    uvec2 pixel = uvec2(id.x, id.y + k);
-    if (is_wanted(pixel)) light(pixel, own[k] * firefly_limit(luminances, k));
+    if (strip.wanted[k]) light(strip.pixels[k], own[k] * firefly_limit(luminances, k));
   }
 }

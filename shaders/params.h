@@ -73,6 +73,16 @@ struct Pointwise {
   uint digits[4];  // 0 to 3: see uniform.glsl
 };
 
+// A 1x1 convolution of unshuffled cells; plane and width are of the image, plane_out of the output, which has `rows` rows.
+struct PointwiseCells {
+  uint plane;
+  uint width;
+  uint plane_out;
+  uint rows;
+  uint channels_out;
+  uint digits[4];  // 0 to 3: see uniform.glsl
+};
+
 // The steps of a convolution by tiles, one band of rows at a time: see winograd.glsl. plane is that of the tensor bound,
 // its row y is at y & rows_mask;
 // height and width are those of the convolution; tiles_x is even.
@@ -238,10 +248,7 @@ struct Decode {
 // divide it: see vector.glsl.
 #define RAYMELD_LANES 16
 
-// Pixels that an invocation makes.
-#define RAYMELD_ENCODE_STRIP 4
-#define RAYMELD_LIGHT_STRIP 4
-#define RAYMELD_RELIGHT_STRIP 4
+#define RAYMELD_STRIP 4  // see strip.glsl
 
 // Which borders of the image a pixel touches; biases may depend on it, see border.glsl.
 #define RAYMELD_TOP 1

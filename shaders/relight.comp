@@ -1,5 +1,5 @@
-// Filtered light with the albedo again, as the network reads radiance. One invocation for RAYMELD_RELIGHT_STRIP elements below
-// each other, as in encode.comp; z is the channel.
+// Filtered light with the albedo again, as the network reads radiance. One invocation for a strip of elements, as in encode.comp; z is
+// the channel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -20,28 +20,21 @@ layout(std430, binding = 1) readonly buffer Light { STORAGE v[]; } light;
 layout(std430, binding = 2) readonly buffer Albedo { STORAGE v[]; } albedo;
 layout(std430, binding = 3) writeonly buffer Target { STORAGE v[]; } target;
 #endif
-#include "left_out.glsl"
-
-const uint kStrip = RAYMELD_RELIGHT_STRIP;
+#include "strip.glsl"
 
 void main() {
   uvec3 id = global_invocation_id();
+  Strip strip;
+  if (!find_strip(id.xy, uvec2(p.width, p.height), strip)) return;
   uint at[kStrip];
-  // Selections rather than branches, in which drivers for CPUs load lane by lane.
-  bool wanted[kStrip], any = false;
-  [[unroll]] for (uint k = 0; k < kStrip; ++k) {
-    uvec2 pixel = uvec2(id.x, kStrip * id.y + k), inside = min(pixel, uvec2(p.width, p.height) - 1);
-    at[k] = address(id.z, inside.y, inside.x, p.plane, p.width);
-    wanted[k] = pixel == inside && !is_left_out(inside);
-    any = any || wanted[k];
-  }
-  if (kBlockSide != 0 && !any) return;
+  [[unroll]] for (uint k = 0; k < kStrip; ++k)
+    at[k] = address(id.z, strip.pixels[k].y, strip.pixels[k].x, p.plane, p.width);
   float values[kStrip];
   [[unroll]] for (uint k = 0; k < kStrip; ++k) {
     float linear = (exp(RAYMELD_COMPRESS * float(light.v[at[k]])) - 1.0) / RAYMELD_COMPRESS;
     values[k] = to_network(linear * (float(albedo.v[at[k]]) + RAYMELD_ALBEDO_FLOOR), p.log_transfer);
   }
   [[unroll]] for (uint k = 0; k < kStrip; ++k) {
-    if (wanted[k]) target.v[at[k]] = STORAGE(storable(values[k]));
+    if (strip.wanted[k]) target.v[at[k]] = STORAGE(storable(values[k]));
   }
 }

@@ -4,6 +4,7 @@
 namespace raymeld {
 namespace {
 
+static_assert(kStrip == RAYMELD_STRIP);
 static_assert(static_cast<int>(ChannelKind::kRadiance) == RAYMELD_RADIANCE);
 static_assert(static_cast<int>(ChannelKind::kAlbedo) == RAYMELD_ALBEDO);
 static_assert(static_cast<int>(ChannelKind::kNormal) == RAYMELD_NORMAL);
@@ -17,6 +18,15 @@ void check_clip(const std::string& name, float clip) {
   if (!(clip > 0)) throw Error("layer {}: clip {} is not positive", name, clip);
 }
 
+constexpr uint32_t kImageChannels = 3;  // of a frame's image
+
+void check_image(const std::string& name, const Tensor& tensor) {
+  if (tensor.shape.channels != kImageChannels) {
+    throw Error("layer {}: an image of {} channels, expected {}", name, tensor.shape.channels,
+                kImageChannels);
+  }
+}
+
 }  // namespace
 
 void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor& out,
@@ -25,6 +35,8 @@ void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor&
     throw Error("layer {}: {} channels to encode, expected {}", name, channels.size(), out.shape.channels);
   }
   check_clip(name, clip);
+  const bool from_image = graph.frame_images().inputs;
+  if (from_image) check_image(name, out);
   params::Encode params{
       {}, out.shape.height, out.shape.width, graph.plane(out), transfer == Transfer::kLog, clip, {}, {}};
   if (channels.size() > 4 * std::size(params.channels)) {
@@ -41,12 +53,12 @@ void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor&
   }
   Pass pass;
   pass.name = name;
-  pass.shader = &(graph.frame_images().inputs ? shaders::kEncodeImage : shaders::kEncode)[graph.addressed()];
+  pass.shader = &(from_image ? shaders::kEncodeImage : shaders::kEncode)[graph.addressed()];
   pass.bindings = {frame_binding(graph, slot), exposure_binding(), write_binding(out)};
   pass.bindings[1].by_address = pass.bindings[2].by_address = graph.addressed();
   pass.set_push(params);
-  pass.groups = element_groups(
-      {divide_up(out.shape.height, RAYMELD_ENCODE_STRIP), out.shape.width, out.shape.channels});
+  pass.groups = strip_groups(out.shape);
+  if (from_image) pass.groups[2] /= kImageChannels;
   if (needed) pass.footprint = pixel_footprint(graph, out.shape);
   pass.bytes = elements(out) * static_cast<double>(element_bytes(graph.storage())) +
                static_cast<double>(4 * (channels.size() - constants) * out.shape.pixels());
@@ -84,8 +96,7 @@ void decode(Graph& graph, const std::string& name, const Tensor& in, const Decod
   const Tensor& base = options.base ? *options.base : in;
   const Tensor& highlights = options.highlights ? *options.highlights : base;
   const bool to_image = graph.frame_images().output;
-  if (to_image && in.shape.channels != 3)
-    throw Error("layer {}: an image of {} channels, expected 3", name, in.shape.channels);
+  if (to_image) check_image(name, in);
   Pass pass;
   pass.name = name;
   pass.shader = &(to_image ? shaders::kDecodeImage : shaders::kDecode)[graph.addressed()];
@@ -99,7 +110,8 @@ void decode(Graph& graph, const std::string& name, const Tensor& in, const Decod
                      options.highlights ? options.clip : 0});
   // What classify() found settled is decoded as well.
   if (graph.sparse() && !graph.sparse()->by_device) pass.footprint = pixel_footprint(graph, in.shape);
-  pass.groups = to_image ? pixel_groups(in.shape) : element_groups(in.shape);
+  pass.groups = strip_groups(in.shape);
+  if (to_image) pass.groups[2] = 1;
   pass.bytes = elements(in) * static_cast<double>(4 + element_bytes(graph.storage())) +
                low_elements * static_cast<double>(element_bytes(graph.storage()));
   graph.add(std::move(pass));

@@ -69,7 +69,7 @@ void light(Graph& graph, const std::string& name, const Tensor& color, const Ten
   pass.set_push(params::JointLight{
       upsampled(graph, out, lrhs, options.transfer, options.scale, options.phase), options.scale,
       options.phase > 0 ? options.lrhs_certainty / cell : options.lrhs_certainty});
-  pass.groups = pixel_groups({divide_up(out.shape.height, RAYMELD_LIGHT_STRIP), out.shape.width, 1});
+  pass.groups = strip_groups(with_channels(out.shape, 1));
   pass.footprint = pixel_footprint(graph, out.shape, options.scale);
   graph.add(std::move(pass));
 }
@@ -106,7 +106,7 @@ void relight(Graph& graph, const std::string& name, const Tensor& light, const T
   expect_shape(name, "the output", out, shape);
   Pass pass = pass_of(graph, name, shaders::kRelight, {light, albedo}, out);
   pass.set_push(params::Relight{shape.height, shape.width, graph.plane(out), transfer == Transfer::kLog});
-  pass.groups = element_groups({divide_up(shape.height, RAYMELD_RELIGHT_STRIP), shape.width, shape.channels});
+  pass.groups = strip_groups(shape);
   pass.footprint = pixel_footprint(graph, out.shape);
   graph.add(std::move(pass));
 }

@@ -14,6 +14,8 @@ extern const Shader kConv2dMatrix;  // 16-bit storage only
 // Without and with DATA_BY_ADDRESS, see memory.glsl.
 using Forms = std::array<Shader, 2>;
 extern const Forms kPointwise;
+extern const Forms kPointwiseCells;
+extern const Shader kPointwiseCellsVectors;  // by address and of 32-bit storage only
 extern const Forms kWinogradWeights;
 extern const Forms kWinogradInput;
 extern const Shader kWinogradInputVectors;  // by address and of 32-bit storage only
@@ -69,6 +71,13 @@ constexpr std::array<uint32_t, 3> element_groups(const Shape& shape) {
 // And of those with one for each pixel.
 constexpr std::array<uint32_t, 3> pixel_groups(const Shape& shape) {
   return element_groups({shape.height, shape.width, 1});
+}
+
+inline constexpr uint32_t kStrip = 4;  // pixels of an invocation, RAYMELD_STRIP
+
+// And of those with strip.glsl.
+constexpr std::array<uint32_t, 3> strip_groups(const Shape& shape) {
+  return element_groups({divide_up(shape.height, kStrip), shape.width, shape.channels});
 }
 
 // Graph::vector(), or 0 where shaders with such workgroups cannot read such vectors `reach` pixels beside
