@@ -25,6 +25,8 @@ class Entries {
     return found->second;
   }
 
+  bool has(const std::string& key) const { return metadata_.contains(key); }
+
   uint32_t integer(const std::string& key, uint32_t least, uint32_t most) const {
     const std::string& value = text(key);
     uint32_t number = 0;
@@ -100,6 +102,15 @@ std::vector<std::string> optional_layers(const Entries& entries, std::span<const
   return layers;
 }
 
+// Sets hrls_encoder and hrls_kernel; models from before there was a choice say nothing of the latter.
+void parse_encoder(const Entries& entries, Architecture& a) {
+  const bool full = entries.choice("hrls_encoder", "full", "unshuffled");
+  a.hrls_encoder = full ? HrlsEncoder::kFull : HrlsEncoder::kUnshuffled;
+  if (!entries.has("hrls_kernel")) return;
+  a.hrls_kernel = entries.choice("hrls_kernel", "1", "3") ? 1 : 3;
+  if (full && a.hrls_kernel != 3) entries.reject("hrls_kernel", "\"3\", as HRLS is not unshuffled");
+}
+
 // Sets lrhs_centered and both_samplings.
 void parse_sampling(const Entries& entries, Architecture& a) {
   const std::vector<std::string> samplings = entries.list("lrhs_sampling");
@@ -147,8 +158,7 @@ Architecture parse_architecture(const Metadata& metadata, const std::string& fil
   a.base = base(entries, a.hrls_layers);
   a.lrhs_certainty = entries.number("lrhs_certainty", true);
   parse_sampling(entries, a);
-  a.hrls_encoder =
-      entries.choice("hrls_encoder", "full", "unshuffled") ? HrlsEncoder::kFull : HrlsEncoder::kUnshuffled;
+  parse_encoder(entries, a);
   a.upscale = entries.choice("upscale", "stages", "direct") ? Upscale::kStages : Upscale::kDirect;
   a.upscaled_features = entries.integer("upscaled_features", 1, kMostChannels);
   if (a.upscale == Upscale::kStages && a.upscaled_features != a.features) {

@@ -39,6 +39,7 @@ struct Architecture {
   LongSkip long_skip = LongSkip::kLrhs;
   bool merge_relu = false;  // a ReLU after a block's 1x1
   HrlsEncoder hrls_encoder = HrlsEncoder::kFull;
+  uint32_t hrls_kernel = 3;  // of the convolution of what is unshuffled: 1 or 3
   Upscale upscale = Upscale::kStages;
   uint32_t upscaled_features = 0;  // M
   bool hrls_guide = false;         // the encoded HRLS is read again beside the upscaled features

@@ -70,7 +70,7 @@ struct Builder {
     if (a.hrls_encoder == HrlsEncoder::kUnshuffled) {
       const Tensor f_hrls = tensor("hrls", height / a.scale, width / a.scale, a.features);
       conv("hrls", hrls, f_hrls,
-           {.kernel = 3, .relu = true, .unshuffle = a.scale, .constants = constants(0)});
+           {.kernel = a.hrls_kernel, .relu = true, .unshuffle = a.scale, .constants = constants(0)});
       return f_hrls;
     }
     Tensor x = tensor("hrls", height, width, a.features);
@@ -314,7 +314,7 @@ uint32_t receptive_halo(const Architecture& a) {
   }
   x += a.groups * a.blocks * a.dense_layers;  // the trunk
   if (a.hrls_encoder == HrlsEncoder::kUnshuffled) {
-    x = a.scale * (x + 1) + a.scale - 1;  // hrls
+    x = a.scale * (x + a.hrls_kernel / 2) + a.scale - 1;  // hrls
   } else {
     for (uint32_t i = 0; i < a.levels(); ++i) x = 2 * (x + 1) + 1;  // down.i
     x += 1;                                                         // hrls

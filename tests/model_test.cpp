@@ -146,6 +146,7 @@ TEST_F(ModelTest, WrongEntriesAreNamed) {
       {"base", {"", "bicubic"}},
       {"lrhs_sampling", {"", "centre", "nearest,", "nearest,nearest", "nearest, centered"}},
       {"hrls_encoder", {"", "half", "unshuffled "}},
+      {"hrls_kernel", {"", "2", "5", "3 ", "1"}},  // 1: as HRLS is not unshuffled
       {"upscale", {"", "stage", "Direct"}},
       {"upscaled_features", {"", "0", "-5", "4", "1025"}},
       {"guide", {"", "lrhs", "color"}},

@@ -90,6 +90,7 @@ CASES = {
             1,
             1,
             hrls_encoder="unshuffled",
+            hrls_kernel=1,
             upscale="direct",
             upscaled_features=3,
             guide="hrls",

@@ -35,7 +35,12 @@ def offsets(widths):
 
 
 def overlaid(own, value):
-    """`own` with the corner that `value` fills; what else reads the inputs of it starts at zero."""
+    """`own` with the corner that `value` fills; what else reads the inputs of it starts at zero.
+
+    A 1x1 convolution takes the sum of a 3x3's taps: what that makes of an even image.
+    """
+    if own.shape[2:] == (1, 1):
+        value = value.sum(dim=(2, 3), keepdim=True)
     corner = tuple(slice(0, min(sizes)) for sizes in zip(own.shape, value.shape))
     result = own.clone()
     result[corner[0]] = 0

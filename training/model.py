@@ -32,6 +32,7 @@ class Config:
     long_skip: str = "lrhs"
     merge_relu: bool = False
     hrls_encoder: str = "full"
+    hrls_kernel: int = 3
     upscale: str = "stages"
     upscaled_features: int = 0  # M; 0: as many as features
     guide: str = "none"
@@ -173,7 +174,7 @@ class Network(nn.Module):
             self.hrls = nn.Conv2d(k, c, 3, padding=1)
             self.down = nn.ModuleList(nn.Conv2d(4 * c, c, 3, padding=1) for _ in range(halvings))
         else:
-            self.hrls = nn.Conv2d(k * s * s, c, 3, padding=1)
+            self.hrls = nn.Conv2d(k * s * s, c, config.hrls_kernel, padding=config.hrls_kernel // 2)
         self.fuse = nn.Conv2d(2 * c, c, 1)
         self.groups = nn.ModuleList(Group(config) for _ in range(config.groups))
         if config.upscale == "stages":

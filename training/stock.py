@@ -16,6 +16,8 @@ CHOICES = dict(
     base="joint",
     clip=100.0,
 )
+# Of x4-fast, which is to be interactive on CPUs.
+FASTEST = dict(hrls_kernel=1, head_layers=1)
 # features, growth, dense_layers, blocks, groups, head_features; full has the trunk of Hou et al. 2021.
 SIZES = {"full": (64, 64, 4, 5, 3, 48), "balanced": (48, 32, 4, 3, 2, 32), "fast": (24, 16, 3, 2, 1, 16)}
 
@@ -26,7 +28,8 @@ def config(name):
     scale, (*trunk, head_features) = int(scale), SIZES[size]
     # A pixel of LRHS has the samples that HRLS spends on a cell; in x8's wide ones fewer hold for the pixels around.
     certainty = float(min(scale**2, 32))
-    return Config(scale, *trunk, **CHOICES, head_features=head_features, lrhs_certainty=certainty)
+    choices = CHOICES | (FASTEST if name == "x4-fast" else {})
+    return Config(scale, *trunk, **choices, head_features=head_features, lrhs_certainty=certainty)
 
 
 def names():

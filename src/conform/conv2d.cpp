@@ -129,6 +129,29 @@ void check_shuffled(Check& check, const Target& target, const Way& way, Precisio
                reference::pixel_shuffle(expected(deep, conv, true, precision, bounded, way), r));
 }
 
+// A 1x1 of an unshuffled image; by vectors it gives the bits of lane by lane.
+void check_cells(Check& check, const Target& target, int r, const Way& way, Precision precision) {
+  const int in_channels = 3, out_channels = 13, h = 3, w = 19;
+  const Planes x = round_to(random_planes(in_channels, r * h, r * w, Fill::kUniform, 1), precision);
+  const Conv conv = round_to(random_conv(out_channels, r * r * in_channels, 1, Fill::kUniform, 2), precision);
+  LayerRun run(target, precision, way.addressed);
+  const Tensor in = run.input("in", x);
+  const auto add = [&](const Conv2dKernel& how) {
+    const Tensor out = run.tensor("out", out_channels, h, w);
+    conv2d(run.graph(), "conv", in, out, run.weights(conv),
+           {.kernel = 1, .relu = true, .unshuffle = uint32_t(r), .how = how});
+    return out;
+  };
+  const Tensor out = add(way.kernel);
+  Conv2dKernel lane_by_lane = way.kernel;
+  lane_by_lane.vector = 0;
+  const Tensor lanes = add(lane_by_lane);
+  run.run();
+  const Bounded deep = reference::space_to_depth(exact(x), r);
+  check.within(run.read(out), expected(deep, conv, true, precision, {}, way));
+  check.same_bits(run.read(out), run.read(lanes), "lane by lane");
+}
+
 // Rows of whole vectors, several of them; the bits are those of lane by lane.
 void check_vectors(Check& check, const Target& target, const Way& way, Precision precision) {
   const Trial trial{9, 7, true, 1, 4};
@@ -160,7 +183,14 @@ void run_values(Collector& collector, std::span<const Trial> trials, uint32_t ke
     }
     collector.run(layer, way, precision, "slices of one tensor, 5 -> 3 of 13 channels, 9 x 7",
                   [&](Check& check) { check_slices(check, collector.target(), kernel, way, precision); });
-    if (kernel == 1) return;
+    if (kernel == 1) {
+      for (const int r : {2, 4, 8}) {
+        collector.run(layer, way, precision,
+                      fmt::format("of space to depth by {}, {} -> 13 channels, ReLU, 3 x 19", r, 3 * r * r),
+                      [&](Check& check) { check_cells(check, collector.target(), r, way, precision); });
+      }
+      return;
+    }
     collector.run(layer, way, precision, "of space to depth, to pixel shuffle, 8 -> 12 channels, 5 x 35",
                   [&](Check& check) { check_shuffled(check, collector.target(), way, precision); });
     if (way.kernel.vector == 0) return;

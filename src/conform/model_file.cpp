@@ -45,6 +45,7 @@ std::map<std::string, std::string> metadata_of(const Architecture& a) {
                    : a.base == Base::kBilinear ? "bilinear"
                                                : "none"},
           {"hrls_encoder", a.hrls_unshuffled ? "unshuffled" : "full"},
+          {"hrls_kernel", std::to_string(a.hrls_kernel)},
           {"upscale", a.upscale_direct ? "direct" : "stages"},
           {"upscaled_features", std::to_string(a.upscaled())},
           {"guide", a.hrls_guide ? "hrls" : "none"},
@@ -113,7 +114,8 @@ Architecture read_architecture(const std::filesystem::path& model) {
           .upscaled_features = number("upscaled_features"),
           .head_features = number("head_features"),
           .head_layers = number("head_layers"),
-          .lrhs_certainty = std::stof(metadata.at("lrhs_certainty"))};
+          .lrhs_certainty = std::stof(metadata.at("lrhs_certainty")),
+          .hrls_kernel = metadata.contains("hrls_kernel") ? number("hrls_kernel") : 3};
 }
 
 reference::Weights read_weights(const std::filesystem::path& model) {

@@ -95,7 +95,7 @@ std::vector<Variant> variants() {
       {{2, 3, 2, 1, 1, 1, {kRadiance, kNormal, kAlbedo}, false, false, kJoint, kLinear, 30}, 9, 5},
       {{4,    4,     2,      1,    1,    1,    {kRadiance, kAlbedo, kNormal, kVariance},
         true, false, kJoint, kLog, 1000, true, true,
-        true, true,  3,      5,    3,    20},
+        true, true,  3,      5,    3,    20,   1},
        1,
        7},
       {{8, 3, 2, 1, 1, 1, {kRadiance, kRadiance, kAlbedo, kNormal}, false, false, kJoint, kLog, 100}, 1, 1},

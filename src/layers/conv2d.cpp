@@ -259,8 +259,10 @@ void conv2d_chain(Graph& graph, std::span<const Conv2dLink> links) {
       run.push_back(conv);
     } else if (options.how.matrix) {
       conv2d_matrix(graph, conv);
+    } else if (tile == 0) {
+      direct(graph, conv);
     } else {
-      tile == 0 ? direct(graph, conv) : conv2d_pointwise(graph, conv);
+      options.unshuffle > 1 ? conv2d_cells(graph, conv) : conv2d_pointwise(graph, conv);
     }
   }
   end_run();

@@ -70,6 +70,9 @@ void conv2d_matrix(Graph& graph, const Convolution& conv);
 // Of a 1x1: shaders/pointwise.comp.
 void conv2d_pointwise(Graph& graph, const Convolution& conv);
 
+// Of a 1x1 of what is unshuffled: shaders/pointwise_cells.comp.
+void conv2d_cells(Graph& graph, const Convolution& conv);
+
 inline constexpr uint32_t kMostResiduals = 3;
 
 }  // namespace raymeld

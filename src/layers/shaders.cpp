@@ -7,6 +7,8 @@
 RAYMELD_SPIRV(conv2d, buffers)
 extern const std::span<const uint32_t> k_conv2d_matrix;
 RAYMELD_SPIRV_FORMS(pointwise)
+RAYMELD_SPIRV_FORMS(pointwise_cells)
+RAYMELD_SPIRV(pointwise_cells_vectors, buffers)
 RAYMELD_SPIRV_FORMS(winograd_weights)
 RAYMELD_SPIRV_FORMS(winograd_input)
 RAYMELD_SPIRV(winograd_input_vectors, buffers)
@@ -46,6 +48,8 @@ namespace raymeld::shaders {
 const Shader kConv2d RAYMELD_SHADER(conv2d);
 const Shader kConv2dMatrix{"conv2d_matrix", {}, k_conv2d_matrix};
 const Forms kPointwise RAYMELD_FORMS(pointwise);
+const Forms kPointwiseCells RAYMELD_FORMS(pointwise_cells);
+const Shader kPointwiseCellsVectors{"pointwise_cells.vectors", k_pointwise_cells_vectors_buffers_f32, {}};
 const Forms kWinogradWeights RAYMELD_FORMS(winograd_weights);
 const Forms kWinogradInput RAYMELD_FORMS(winograd_input);
 const Shader kWinogradInputVectors{"winograd_input.vectors", k_winograd_input_vectors_buffers_f32, {}};

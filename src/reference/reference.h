@@ -113,6 +113,7 @@ struct Architecture {
   bool hrls_unshuffled = false, upscale_direct = false, hrls_guide = false, both_samplings = false;
   int upscaled_features = 0, head_features = 0, head_layers = 0;  // upscaled_features 0: as many as features
   double lrhs_certainty = 0;                                      // of the joint base
+  int hrls_kernel = 3;                                            // of what is unshuffled
 
   int upscaled() const { return upscaled_features > 0 ? upscaled_features : features; }
   // Channels that the network reads and writes.

@@ -69,7 +69,7 @@ Weights random_weights(const Architecture& a, Precision precision, uint64_t seed
   if (a.both_samplings) {
     weights.at("lrhs").centered_bias = random_conv(features, 1, 1, Fill::kUniform, seed + 1000).bias;
   }
-  make("hrls", features, a.hrls_unshuffled ? a.scale * a.scale * hrls : hrls, 3);
+  make("hrls", features, a.hrls_unshuffled ? a.scale * a.scale * hrls : hrls, a.hrls_kernel);
   for (int i = 0; i < (a.hrls_unshuffled ? 0 : steps); ++i)
     make(fmt::format("down.{}", i), features, 4 * features, 3);
   make("fuse", features, 2 * features, 1);
