@@ -1,4 +1,4 @@
-"""The stock models: x{2,4,8}-{full,balanced,fast}."""
+"""The stock models: x{2,4,8}-{full,balanced,fast,faster}."""
 
 from model import Config
 
@@ -8,6 +8,7 @@ CHOICES = dict(
     upscale="direct",
     upscaled_features=16,
     guide="hrls",
+    hrls_kernel=3,
     head_layers=2,
     # What users feed.
     lrhs_sampling=("nearest", "centered"),
@@ -16,10 +17,10 @@ CHOICES = dict(
     base="joint",
     clip=100.0,
 )
-# Of x4-fast, which is to be interactive on CPUs.
-FASTEST = dict(hrls_kernel=1, head_layers=1)
+FASTER = dict(hrls_kernel=1, head_layers=1)
 # features, growth, dense_layers, blocks, groups, head_features; full has the trunk of Hou et al. 2021.
-SIZES = {"full": (64, 64, 4, 5, 3, 48), "balanced": (48, 32, 4, 3, 2, 32), "fast": (24, 16, 3, 2, 1, 16)}
+FAST = (24, 16, 3, 2, 1, 16)
+SIZES = {"full": (64, 64, 4, 5, 3, 48), "balanced": (48, 32, 4, 3, 2, 32), "fast": FAST, "faster": FAST}
 
 
 def config(name):
@@ -28,7 +29,7 @@ def config(name):
     scale, (*trunk, head_features) = int(scale), SIZES[size]
     # A pixel of LRHS has the samples that HRLS spends on a cell; in x8's wide ones fewer hold for the pixels around.
     certainty = float(min(scale**2, 32))
-    choices = CHOICES | (FASTEST if name == "x4-fast" else {})
+    choices = CHOICES | (FASTER if size == "faster" else {})
     return Config(scale, *trunk, **choices, head_features=head_features, lrhs_certainty=certainty)
 
 
