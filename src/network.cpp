@@ -302,8 +302,9 @@ std::vector<Conv2dShape> conv2d_shapes(const Model& model, uint32_t height, uint
   return shapes;
 }
 
-// Follows the right-most pixel of cell 0 back through the longest path: a 3x3 reaches one pixel further at
-// its own resolution, a shuffle moves to the pixel of the other resolution that lies furthest out.
+// Follows the right-most pixel of cell 0 back through the longest paths to LRHS and to HRLS: a 3x3 reaches
+// one pixel further at its own resolution, a shuffle moves to the pixel of the other resolution that lies
+// furthest out.
 uint32_t receptive_halo(const Architecture& a) {
   uint32_t x = a.scale - 1;
   x += a.head_layers + 1;  // head.i, rec
@@ -313,13 +314,14 @@ uint32_t receptive_halo(const Architecture& a) {
     for (uint32_t i = 0; i < a.levels(); ++i) x = x / 2 + 1;  // up.i
   }
   x += a.groups * a.blocks * a.dense_layers;  // the trunk
+  const uint32_t lrhs = x + 1;
   if (a.hrls_encoder == HrlsEncoder::kUnshuffled) {
     x = a.scale * (x + a.hrls_kernel / 2) + a.scale - 1;  // hrls
   } else {
     for (uint32_t i = 0; i < a.levels(); ++i) x = 2 * (x + 1) + 1;  // down.i
     x += 1;                                                         // hrls
   }
-  if (a.base != Base::kJoint) return x / a.scale;
+  if (a.base != Base::kJoint) return std::max(x / a.scale, lrhs);
   x += (1u << kJointLevels) - 1;  // joint.i
   return x / a.scale + 2;  // the upsampled irradiance, a mean of 3x3: further than a firefly's neighbours
 }

@@ -72,7 +72,7 @@ TEST_F(ChangedTest, FramesHaveTheBitsOfWholeOnes) {
   const auto flip = [](float& value) {
     value = std::bit_cast<float>(std::bit_cast<uint32_t>(value) ^ 0x400000u);
   };
-  for (const Architecture& a : {joint_architecture(2), small_architecture(4)}) {
+  for (const Architecture& a : {joint_architecture(2), small_architecture(4), cells_architecture(2)}) {
     const Model model = model_of(a);
     const int right = a.scale * kWidth - 1, bottom = a.scale * kHeight - 1;
     const std::vector<std::function<void(Scene&)>> changes{

@@ -29,7 +29,7 @@ Architecture with_all_kinds(Architecture a) {
 
 std::vector<Architecture> architectures() {
   return {with_all_kinds(small_architecture(2)), with_all_kinds(guided_architecture(4)),
-          with_all_kinds(joint_architecture(2))};
+          with_all_kinds(joint_architecture(2)), with_all_kinds(cells_architecture(2))};
 }
 
 const ConstantLayers kAbsent{{"albedo", {}}, {"diffuse", {}}};
@@ -166,7 +166,8 @@ TEST_F(ConstantLayersTest, TakeNoWork) {
     const FusePlan whole = plan_fusion(model, 20, 30, gpu().info(), {});
     const FusePlan pruned = plan_fusion(model, 20, 30, gpu().info(), options_without(kConstant));
     const double s = a.scale, pixels = 20 * 30, full = s * s * pixels, dropped = 9;
-    double expected = 2 * 9 * dropped * a.features * full;  // hrls: at full size, or as many channels more
+    const int taps = a.hrls_kernel * a.hrls_kernel;
+    double expected = 2 * taps * dropped * a.features * full;  // hrls: at full size, or as many channels more
     if (a.hrls_guide) expected += 2 * 9 * dropped * a.head_features * full;
     EXPECT_NEAR(whole.flop - pruned.flop, expected, 1e-9 * whole.flop);
     const auto bytes = [](const FusePlan& plan) {
@@ -193,7 +194,7 @@ TEST_F(ConstantLayersTest, WithoutThemTheGraphHasNoTablesOfBiases) {
   for (const Architecture& a : architectures()) {
     const Model model = model_of(make_subject(a, 1, 1, 7));
     for (const auto& [constants, has_tables] :
-         {std::pair(ConstantLayers{}, false), {kAbsent, false}, {kConstant, true}}) {
+         {std::pair(ConstantLayers{}, false), {kAbsent, false}, {kConstant, a.hrls_kernel > 1}}) {
       const FusePlan plan = plan_fusion(model, 3, 4, gpu().info(), options_without(constants));
       bool found = false;
       for (const ConstantRecord& constant : plan.graph.constants())

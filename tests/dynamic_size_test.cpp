@@ -70,6 +70,7 @@ TEST_F(DynamicSizeTest, EverySizeHasTheBitsOfAFusionMadeForIt) {
       {small_architecture(2)},
       {guided_architecture(2), RAYMELD_PRECISION_FP16, RAYMELD_KERNELS_DIRECT},
       {small_architecture(2), RAYMELD_PRECISION_FP32, RAYMELD_KERNELS_AUTO, 0.2f},
+      {cells_architecture(2)},
   };
   for (const Case& at : cases) {
     use(at.architecture);
@@ -190,7 +191,7 @@ TEST_F(DynamicSizeTest, AnySizeFitsInTheMemoryOfALargerOne) {
   device.buffer_device_address = device.storage_16bit = true;
   for (const uint32_t band : {32u, 256u, 1u << 16}) {
     for (const reference::Architecture& architecture :
-         {small_architecture(4), joint_architecture(4), guided_architecture(2)}) {
+         {small_architecture(4), joint_architecture(4), guided_architecture(2), cells_architecture(4)}) {
       use(architecture);
       const Model model(file_);
       const Conv2dChoice choose = [&](const Conv2dShape& shape) {

@@ -79,6 +79,9 @@ TEST_F(ModelTest, TheOtherChoicesOfTheNetworkAreRead) {
   EXPECT_TRUE(Model(golden_model_path("guided-x2")).architecture().lrhs_centered);
   EXPECT_EQ(Model(golden_model_path("guided-x8")).architecture().base, Base::kNone);
   EXPECT_EQ(Model(golden_model_path("joint-x4")).architecture().base, Base::kJoint);
+  EXPECT_EQ(Model(golden_model_path("joint-x4")).architecture().hrls_kernel, 1u);
+  EXPECT_FALSE(read_safetensors(golden_model_path("guided-x4")).metadata.contains("hrls_kernel"));
+  EXPECT_EQ(Model(golden_model_path("guided-x4")).architecture().hrls_kernel, 3u);
   EXPECT_EQ(Model(golden_model_path("joint-x2")).architecture().lrhs_certainty, 3);
 }
 

@@ -100,7 +100,7 @@ std::vector<float> needed_values(const Image& image, int scale, const Region& ag
 }
 
 TEST_F(SparseTest, NeededBlocksHaveTheSameBits) {
-  for (const Architecture& a : {joint_architecture(2), small_architecture(4)}) {
+  for (const Architecture& a : {joint_architecture(2), small_architecture(4), cells_architecture(2)}) {
     const Model model = model_of(a);
     const Region agrees = columns(8, 110);
     const Scene other = make_scene(a, columns(0, 0), 7), scene = make_scene(a, agrees, 8);

@@ -35,6 +35,12 @@ Architecture joint_architecture(int scale) {
   return a;
 }
 
+Architecture cells_architecture(int scale) {
+  Architecture a = joint_architecture(scale);
+  a.hrls_kernel = 1;
+  return a;
+}
+
 bool has_guards(const Graph& graph) {
   for (const TensorRecord& tensor : graph.tensors()) {
     if (tensor.first_use < 0) continue;

@@ -15,6 +15,8 @@ reference::Architecture small_architecture(int scale);
 reference::Architecture guided_architecture(int scale);
 // That with a joint base and the log transfer.
 reference::Architecture joint_architecture(int scale);
+// That with a 1x1 of the unshuffled HRLS.
+reference::Architecture cells_architecture(int scale);
 
 // Whether Graph::kGuardBytes are in front of and behind all tensors.
 bool has_guards(const Graph& graph);

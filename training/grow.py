@@ -37,10 +37,13 @@ def offsets(widths):
 def overlaid(own, value):
     """`own` with the corner that `value` fills; what else reads the inputs of it starts at zero.
 
-    A 1x1 convolution takes the sum of a 3x3's taps: what that makes of an even image.
+    A 1x1 convolution takes the sum of a 3x3's taps, what that makes of an even image; a 3x3 has a 1x1 in its middle.
     """
-    if own.shape[2:] == (1, 1):
+    kernels = tuple(own.shape[2:]), tuple(value.shape[2:])
+    if kernels == ((1, 1), (3, 3)):
         value = value.sum(dim=(2, 3), keepdim=True)
+    if kernels == ((3, 3), (1, 1)):
+        value = torch.nn.functional.pad(value, (1, 1, 1, 1))
     corner = tuple(slice(0, min(sizes)) for sizes in zip(own.shape, value.shape))
     result = own.clone()
     result[corner[0]] = 0

@@ -77,6 +77,15 @@ class Grow(unittest.TestCase):
         self.assertGreater(float(networks[1].groups[0].blocks[0].merge.weight.grad.abs().sum()), 0)
 
 
+    def test_kernels_of_another_size(self):
+        own, image = torch.rand(2, 3, 3, 3), torch.rand(1, 3, 4, 4)
+        point, even = torch.rand(2, 3, 1, 1), torch.rand(1, 3, 1, 1).expand(1, 3, 4, 4)
+        conv = torch.nn.functional.conv2d
+        torch.testing.assert_close(conv(image, grow.overlaid(own, point), padding=1), conv(image, point))
+        small = grow.overlaid(torch.rand(2, 3, 1, 1), own)
+        torch.testing.assert_close(conv(even, own), conv(even, small)[..., 1:-1, 1:-1])
+
+
 class JointFilter(unittest.TestCase):
     def test_compiled_computes_the_same(self):
         x, guides = torch.rand(2, 4, 9, 40), torch.rand(2, 7, 9, 40)

@@ -19,7 +19,7 @@ using reference::random_planes;
 using reference::Size;
 
 struct Trial {
-  uint32_t kernel = 3, shuffle = 1;  // before and behind the convolution
+  uint32_t kernel = 3, shuffle = 1;  // before the convolution and, of a 3x3, behind it
   std::vector<bool> front, behind;   // which channels are constant
   int outputs = 9;
 };
@@ -28,7 +28,8 @@ struct Trial {
 const std::array kTrials{
     Trial{.front = {true, false, false, true, true}, .behind = {false, true, false, true}},
     Trial{.shuffle = 2, .front = {false, true, true, false}, .behind = {}, .outputs = 12},
-    Trial{.kernel = 1, .front = {true, false, true, false}, .behind = {}}};
+    Trial{.kernel = 1, .front = {true, false, true, false}, .behind = {}},
+    Trial{.kernel = 1, .shuffle = 2, .front = {false, true, false, true}, .behind = {}}};
 
 std::string text_of(const Trial& trial, const Size& size) {
   return fmt::format("{} and {} channels -> {}{}, some constant, {} x {}", trial.front.size(),
@@ -71,13 +72,13 @@ struct Convolved {
 
 Convolved add(LayerRun& run, const Trial& trial, const Size& size, Fill fill, uint64_t seed, const Way& way,
               Precision precision) {
-  const int s = int(trial.shuffle);
+  const int s = int(trial.shuffle), back = trial.kernel == 1 ? 1 : s;
   const Size full{s * size.h, s * size.w};
   Channels in = channels_of(trial.front, full, fill, seed, precision);
   Conv2dOptions options{.kernel = trial.kernel,
                         .relu = true,
                         .unshuffle = trial.shuffle,
-                        .shuffle = trial.shuffle,
+                        .shuffle = uint32_t(back),
                         .how = way.kernel};
   const Tensor front = run.input("in", in.in_tensor);
   Bounded x = exact(in.all);
@@ -91,10 +92,10 @@ Convolved add(LayerRun& run, const Trial& trial, const Size& size, Fill fill, ui
   if (s > 1) x = reference::space_to_depth(x, s);
   const Conv conv =
       round_to(random_conv(trial.outputs, x.value.c, int(trial.kernel), fill, seed + 2), precision);
-  const Tensor out = run.tensor("out", trial.outputs / s / s, full.h, full.w);
+  const Tensor out = run.tensor("out", trial.outputs / back / back, back * size.h, back * size.w);
   conv2d(run.graph(), "conv", front, out, run.weights(conv), options);
   const Bounded y = reference::conv2d(x, conv, true, precision, {}, way.tile(), way.units());
-  return {out, s > 1 ? reference::pixel_shuffle(y, s) : y};
+  return {out, back > 1 ? reference::pixel_shuffle(y, back) : y};
 }
 
 }  // namespace

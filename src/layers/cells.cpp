@@ -13,8 +13,8 @@ constexpr uint32_t kVectorsPixels = 64;  // of a row, and a workgroup of pointwi
 
 struct Cells {
   uint32_t side, channels;   // of the image
-  uint32_t outputs, blocks;  // output channels of an invocation, and how many times as many there are
-  uint32_t weight_columns;
+  uint32_t outputs, blocks;  // blocks of so many output channels, the last one padded
+  uint32_t weight_columns;   // a multiple of side
 };
 
 // The layout of both shaders: [block][channel][row][output][column], the columns again and again, zeros where
@@ -31,14 +31,19 @@ void pack_weights(std::byte* target, const Convolution& conv, const Cells& cells
   }
 }
 
-// Conv2dKernel::vector, or 0 where pointwise_cells_vectors.comp does not know such cells or so many.
-uint32_t vector_of_cells(const Graph& graph, const Convolution& conv) {
-  const uint32_t vector = conv.options.how.vector;
-  const bool possible = vector > 0 && vector % conv.options.unshuffle == 0 && !graph.sparse() &&
-                        graph.storage() == Storage::kFloat32 && conv.height <= kUniformNumbers &&
-                        divide_up(conv.in.shape.width, 2 * vector) <= kUniformNumbers;
-  static_assert(kVectorsPixels * sizeof(float) <= Graph::kGuardBytes);
+// Graph::vector(), or 0 where pointwise_cells_vectors.comp does not know such cells. The same for all sizes
+// of a frame, as the weights' layout follows it.
+uint32_t vector_of_cells(const Graph& graph, uint32_t side) {
+  const uint32_t vector = graph.vector();
+  const bool possible = vector > 0 && RAYMELD_LANES % vector == 0 && vector % side == 0 && !graph.sparse() &&
+                        graph.storage() == Storage::kFloat32;
   return possible ? vector : 0;
+}
+
+// Whether that shader can number the vectors and the rows of cells.
+bool has_numbers(const Convolution& conv, uint32_t vector) {
+  static_assert(kVectorsPixels * sizeof(float) <= Graph::kGuardBytes);
+  return conv.height <= kUniformNumbers && divide_up(conv.in.shape.width, 2 * vector) <= kUniformNumbers;
 }
 
 }  // namespace
@@ -46,7 +51,8 @@ uint32_t vector_of_cells(const Graph& graph, const Convolution& conv) {
 void conv2d_cells(Graph& graph, const Convolution& conv) {
   if (conv.options.shuffle > 1 || !conv.options.residuals.empty())
     throw Error("layer {}: a 1x1 that is unshuffled has no shuffle and no residuals", conv.name);
-  const uint32_t side = conv.options.unshuffle, vector = vector_of_cells(graph, conv);
+  const uint32_t side = conv.options.unshuffle, vector = vector_of_cells(graph, side);
+  const bool by_vectors = vector > 0 && has_numbers(conv, vector);
   const uint32_t blocks = divide_up(conv.channels_out, kMostOutputs);
   const Cells cells{.side = side,
                     .channels = conv.in.shape.channels,
@@ -57,10 +63,10 @@ void conv2d_cells(Graph& graph, const Convolution& conv) {
       uint64_t{blocks} * cells.outputs * cells.channels * side * cells.weight_columns * sizeof(float);
   const uint32_t weights = graph.constant(conv.name + ".weight", weight_bytes,
                                           [=](std::byte* target) { pack_weights(target, conv, cells); });
-  const bool by_address = graph.addressed() || vector > 0;
+  const bool by_address = graph.addressed() || by_vectors;
   Pass pass;
   pass.name = conv.name;
-  pass.shader = vector > 0 ? &shaders::kPointwiseCellsVectors : &shaders::kPointwiseCells[by_address];
+  pass.shader = by_vectors ? &shaders::kPointwiseCellsVectors : &shaders::kPointwiseCells[by_address];
   pass.constants = {side, cells.channels, cells.outputs, conv.options.relu, cells.weight_columns};
   pass.bindings = {constant_binding(weights),
                    constant_binding(bias_constant(graph, conv, blocks * cells.outputs)),
@@ -76,7 +82,7 @@ void conv2d_cells(Graph& graph, const Convolution& conv) {
     const uint32_t side_of_block = SparseGrid::kSide * pass.footprint->scale;
     pass.items = {.columns = side_of_block, .rows = side_of_block, .local = kLocal};
   }
-  if (vector > 0) {
+  if (by_vectors) {
     pass.groups = {divide_up(conv.in.shape.width, kVectorsPixels), blocks, conv.height};
   } else {
     pass.groups = {divide_up(conv.width, kLocal), conv.height, blocks};

@@ -39,7 +39,8 @@ bool is_possible(const MatrixTiles& tiles, uint32_t kernel);
 // How a convolution is computed: which is fastest is the device's to say.
 struct Conv2dKernel {
   // 0: conv2d.comp, which any device runs; sums in the order of the equation. The others need DeviceInfo's
-  // buffer_device_address: 1: pointwise.comp, for a 1x1. 2 or 4: F(tile, 3) in three steps, see
+  // buffer_device_address: 1: pointwise.comp, for a 1x1, or pointwise_cells.comp where it is unshuffled, of
+  // which the rest says nothing. 2 or 4: F(tile, 3) in three steps, see
   // shaders/winograd.glsl, for a 3x3; errors are in proportion to the largest value of a tile, with 4 more
   // than with 2.
   uint32_t tile = 0;

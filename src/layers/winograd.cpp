@@ -128,16 +128,21 @@ struct Steps {
     return double(std::min(s.band_rows, s.tile_rows - first_tile_row)) / s.tile_rows;
   }
 
-  // Whether rows of an image that is shuffled by `shuffle` can be written by aligned pairs of floats.
-  bool by_pairs(uint32_t shuffle) const {
-    const uint32_t neighbours = shuffle == 1 ? conv.width : shuffle;
-    return graph.addressed() && graph.storage() == Storage::kFloat32 && neighbours % 2 == 0;
+  bool floats_by_address() const { return graph.addressed() && graph.storage() == Storage::kFloat32; }
+
+  // Whether rows of an image that is shuffled by `shuffle` can be accessed by aligned pairs of floats.
+  bool by_pairs(uint32_t shuffle) const { return floats_by_address() && shuffle == 1 && conv.width % 2 == 0; }
+
+  // Whether two output channels are stored at once, which the shuffle makes neighbours. On a GPU the
+  // registers that it takes might cost more; that has not been measured.
+  bool by_pairs_of_outputs() const {
+    return floats_by_address() && conv.options.shuffle % 2 == 0 && conv.options.how.vector > 0;
   }
 
   // Whether winograd_input_vectors.comp can read such rows.
   bool by_vectors(uint32_t unshuffle) const {
-    return unshuffle == 1 && by_pairs(unshuffle) && !graph.sparse() && s.tile == 4 &&
-           conv.width % kInputVectorPixels == 0 && conv.channels_in <= kUniformNumbers &&
+    return by_pairs(unshuffle) && !graph.sparse() && s.tile == 4 && conv.width % kInputVectorPixels == 0 &&
+           conv.channels_in <= kUniformNumbers &&
            usable_vector(conv.options.how, s.band_tiles) == kInputVector;
   }
 
@@ -167,7 +172,7 @@ struct Steps {
     for (const Tensor& in : conv.inputs()) {
       const uint32_t u = conv.options.unshuffle, channels = in.shape.channels * u * u;
       Pass p = pass(shaders::kWinogradInput, {read_binding(in), write_binding(scratch.transformed)});
-      p.constants = {s.tile, u, u == 1 && by_pairs(u)};
+      p.constants = {s.tile, u, by_pairs(u)};
       if (by_vectors(u)) {
         p.shader = &shaders::kWinogradInputVectors;
         p.constants = {s.tile};
@@ -222,13 +227,12 @@ struct Steps {
     for (uint32_t i = 0; i < kMostResiduals; ++i)
       bindings.push_back(residual_binding(conv, i, scratch.products));
     Pass p = pass(shaders::kWinogradOutput, std::move(bindings));
-    const bool pairs = by_pairs(conv.options.shuffle);
-    const uint32_t outputs = pairs && conv.options.shuffle > 1 ? 2 : 1;
+    const uint32_t outputs = by_pairs_of_outputs() ? 2 : 1;
     p.constants = {s.tile,
                    conv.options.shuffle,
                    conv.options.relu,
                    static_cast<uint32_t>(residuals.size()),
-                   pairs,
+                   by_pairs(conv.options.shuffle) || outputs == 2,
                    conv.has_borders(),
                    paired() ? conv.options.how.vector : 0,
                    outputs};
