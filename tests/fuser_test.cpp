@@ -149,6 +149,11 @@ TEST_F(FuserTest, TheHaloIsNeededAndEnough) {
         const Reach reach = reach_of(fuser, fused, scale, lit, rows);
         widest = {std::min(widest.least, reach.least), std::max(widest.most, reach.most)};
       }
+      if (a.hrls_kernel > 1) {  // with a 1x1, LRHS may reach further
+        EXPECT_EQ(widest.least, -halo);
+        EXPECT_EQ(widest.most, halo);
+      }
+
       Planes lrhs(3, h, w);
       lrhs.at(0, rows ? lit : 0, rows ? 0 : lit) = 1;
       const Planes dark(3, h * scale, w * scale);

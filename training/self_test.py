@@ -76,7 +76,6 @@ class Grow(unittest.TestCase):
         b.sum().backward()
         self.assertGreater(float(networks[1].groups[0].blocks[0].merge.weight.grad.abs().sum()), 0)
 
-
     def test_kernels_of_another_size(self):
         own, image = torch.rand(2, 3, 3, 3), torch.rand(1, 3, 4, 4)
         point, even = torch.rand(2, 3, 1, 1), torch.rand(1, 3, 1, 1).expand(1, 3, 4, 4)
