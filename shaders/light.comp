@@ -1,7 +1,7 @@
 // What the joint filter filters and what guides it: channels 0 to 2 are log(1 + compress * light) / compress, light
 // being HRLS without its fireflies and its albedo, averaged with that of LRHS; channel 3 is the certainty of it, channel
-// 4 the luminance of the upsampled irradiance. One invocation for a strip of pixels, so that each
-// pixel's luminance is computed once for the three rows that it is a neighbour of.
+// 4 the luminance of the upsampled irradiance. One invocation for a strip of pixels, so that each pixel's
+// luminance is computed once for the three rows that it is a neighbour of.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "bilinear.glsl"

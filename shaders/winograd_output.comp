@@ -64,32 +64,32 @@ float bias_at(uint o, uint y, uint x, float inside) {
 
 float activated(float value) { return kRelu != 0 ? rectified(value) : value; }
 
+// Where the target or a residual has output channel o of a pixel.
+uint shuffled_address(uint o, uint y, uint x, uint rows_mask, uint plane) {
+  uint row = kShuffle * y + o / kShuffle % kShuffle, column = kShuffle * x + o % kShuffle;
+  return address(o / (kShuffle * kShuffle), row & rows_mask, column, plane, kShuffle * p.width);
+}
+
 void store(uint o, uint y, uint x, float value) {
   if (y >= p.height || x >= p.width) return;
-  uint c = o / (kShuffle * kShuffle), width = kShuffle * p.width;
-  y = kShuffle * y + o / kShuffle % kShuffle;
-  x = kShuffle * x + o % kShuffle;
   value = activated(value);
-  uint from = address(c, y & p.residual_rows_mask, x, p.residual_plane, width);
+  uint from = shuffled_address(o, y, x, p.residual_rows_mask, p.residual_plane);
   if (kResiduals > 0) value += float(residual0.v[from]);
   if (kResiduals > 1) value += float(residual1.v[from]);
   if (kResiduals > 2) value += float(residual2.v[from]);
-  target.v[address(c, y & p.rows_mask, x, p.plane, width)] = STORAGE(storable(value));
+  target.v[shuffled_address(o, y, x, p.rows_mask, p.plane)] = STORAGE(storable(value));
 }
 
 // The same of two that are neighbours where they are stored, the first one where x is even.
 void store_pair(uint o, uint y, uint x, vec2 values) {
 #if defined(DATA_BY_ADDRESS) && !defined(STORAGE_F16)
   if (y >= p.height || x >= p.width) return;
-  uint c = o / (kShuffle * kShuffle), width = kShuffle * p.width;
-  y = kShuffle * y + o / kShuffle % kShuffle;
-  x = kShuffle * x + o % kShuffle;
   values = vec2(activated(values.x), activated(values.y));
-  uint from = address(c, y & p.residual_rows_mask, x, p.residual_plane, width) / 2;
+  uint from = shuffled_address(o, y, x, p.residual_rows_mask, p.residual_plane) / 2;
   if (kResiduals > 0) values += floats(Pairs(uint64_t(residual0)).v[from]);
   if (kResiduals > 1) values += floats(Pairs(uint64_t(residual1)).v[from]);
   if (kResiduals > 2) values += floats(Pairs(uint64_t(residual2)).v[from]);
-  Pairs(uint64_t(target)).v[address(c, y & p.rows_mask, x, p.plane, width) / 2] = pair(values);
+  Pairs(uint64_t(target)).v[shuffled_address(o, y, x, p.rows_mask, p.plane) / 2] = pair(values);
 #endif
 }
 
