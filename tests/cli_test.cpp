@@ -6,6 +6,7 @@
 #include <fstream>
 
 #include "cli_fixture.h"
+#include "gpu.h"
 #include "io/safetensors.h"
 
 namespace raymeld::test {
@@ -243,6 +244,26 @@ TEST_F(Cli, WhatAgreesIsNotComputed) {
     EXPECT_NE(result.exit_status, 0);
     EXPECT_NE(result.err.find("expected auto, off or a number"), std::string::npos) << result.err;
   }
+}
+
+// By default, a sparse graph is for frames in which it is faster. Blocks of one color are settled but for
+// those beside others.
+TEST_F(Cli, WhatAgreesIsComputedWhereThatIsFaster) {
+  const auto settled_share = [&](int blocks, int of_one_color, std::vector<std::string> options) {
+    Image high = random_image(kLayeredNames, 32 * blocks, 64, 5);
+    for (int c = 0; c < 3; ++c)
+      for (int y = 0; y < 64; ++y) std::fill_n(&high.at(c, y, 0), 32 * of_one_color, 0.5f);
+    write_image(folder_ / "high.exr", kLayeredNames, high);
+    write_image(folder_ / "low.exr", kColorNames, crop(degrade_nearest(high, 4), 0, 0, 8 * blocks, 16));
+    options.push_back("--json");
+    return run_json(fuse(options)).at("settled_share").get<double>();
+  };
+  const bool vectors = gpu().info().vector_lanes > 0;
+  EXPECT_EQ(settled_share(16, 14, {}), 13 / 16.0);
+  EXPECT_EQ(settled_share(6, 4, {}), vectors ? 0 : 0.5);
+  EXPECT_EQ(settled_share(6, 4, {"--kernels", "direct"}), 0.5);
+  EXPECT_EQ(settled_share(6, 4, {"--adaptive", "0.01"}), 0.5);
+  EXPECT_EQ(settled_share(16, 2, {"--kernels", "direct"}), 0);
 }
 
 TEST_F(Cli, HalfPrecisionIsSaidAndUsed) {

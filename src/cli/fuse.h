@@ -86,7 +86,8 @@ struct FuseFiles {
 struct FuseImages {
   Image lrhs, hrls;                   // of the canvas: (3, h, w) and (K, s h, s w), all finite
   ConstantLayers constants;           // of HRLS, that `hrls` does not hold; absent ones too
-  float exposure = 1, threshold = 0;  // of the whole frame, see FuserOptions
+  float exposure = 1;                 // of the whole frame, see FuserOptions
+  double settled_share = 0;           // of the whole frame, by find_settled_share()
   std::optional<Image> reference;     // (3, H, W) of the window
   std::vector<ExrRawChannel> passed;  // of passed_channels(), as they are
 };
@@ -137,9 +138,12 @@ std::unique_ptr<FuseFrame> open_frame(const FuseArguments& arguments, Console co
 // Throws Error.
 void load_frame(FuseFrame& frame);
 
-// What --adaptive asks for: without a word, the default where enough of the frame is settled, else 0. Of
-// `images`, those of the whole frame and their exposure are looked at.
-float find_threshold(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images);
+// What of the frame is settled by the default threshold; 0 where find_threshold() does not ask. Of `images`,
+// those of the whole frame and their exposure are looked at.
+double find_settled_share(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images);
+
+// What --adaptive asks for: without a word, the default where that is faster on the device, else 0.
+float find_threshold(const FuseArguments& arguments, double settled_share, const DeviceInfo& device);
 
 FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device,
                            float threshold, const ConstantLayers& constants);

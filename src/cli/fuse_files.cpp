@@ -234,7 +234,7 @@ void load_frame(FuseFrame& frame) {
   sanitize_input(images.hrls, "HRLS", files.hrls.path(), frame.console);
   take_constant_layers(model, images.hrls, images.constants);
   images.hrls = seen_through(std::move(images.hrls), files.hrls_windows.data, files.frame.hrls);
-  images.threshold = find_threshold(frame.arguments, files, images);
+  images.settled_share = find_settled_share(frame.arguments, files, images);
   images.lrhs = seen_through(std::move(images.lrhs), files.frame.lrhs, files.canvas.lrhs);
   images.hrls = seen_through(std::move(images.hrls), files.frame.hrls, files.canvas.hrls);
   if (files.reference) {

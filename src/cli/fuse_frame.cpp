@@ -50,15 +50,21 @@ void report_overflow(const FuseArguments& arguments, const FuseReport& report, u
 
 const char* precision_name(Storage storage) { return storage == Storage::kFloat16 ? "fp16" : "fp32"; }
 
-float find_threshold(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images) {
-  if (!arguments.dump.empty()) return 0;  // what is not computed cannot be shown
-  if (arguments.threshold) return *arguments.threshold;
+double find_settled_share(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images) {
+  if (!arguments.dump.empty() || arguments.threshold) return 0;
   const Architecture& a = files.model->architecture();
   const TileSize frame{uint32_t(images.lrhs.height), uint32_t(images.lrhs.width)};
   const float* lrhs = images.lrhs.data.data();
-  const double share =
-      settled_share(a, lrhs, images.hrls.data.data(), frame, files.phase, images.exposure, kDefaultThreshold);
-  return share >= kLeastSettledShare ? kDefaultThreshold : 0;
+  return settled_share(a, lrhs, images.hrls.data.data(), frame, files.phase, images.exposure,
+                       kDefaultThreshold);
+}
+
+float find_threshold(const FuseArguments& arguments, double settled_share, const DeviceInfo& device) {
+  if (!arguments.dump.empty()) return 0;  // what is not computed cannot be shown
+  if (arguments.threshold) return *arguments.threshold;
+  const bool vectors = device.vector_lanes > 0 && arguments.kernels != KernelChoice::kDirect;
+  return settled_share >= (vectors ? kLeastSettledShareOfVectors : kLeastSettledShare) ? kDefaultThreshold
+                                                                                       : 0;
 }
 
 FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device,
@@ -113,7 +119,7 @@ FrameFuser::FrameFuser(const Device& device) : device_(device) {}
 FrameFuser::~FrameFuser() = default;
 
 FrameFuser::Made& FrameFuser::made_for(const FuseFrame& frame) {
-  const float threshold = frame.images.threshold;
+  const float threshold = find_threshold(frame.arguments, frame.images.settled_share, device_.info());
   if (made_ && made_->suits(frame, threshold)) return *made_;
   made_.reset();  // its memory is the next one's
   const FuserOptions options =

@@ -48,7 +48,6 @@ class Bench {
   // The frame as `setting` fuses it; its model must be the one that the frame was loaded for.
   TradeResult measure(const TestPair& pair, FuseFrame& frame, const TradeSetting& setting) {
     frame.arguments = arguments_of(pair, setting);
-    frame.images.threshold = setting.threshold;
     const auto go_on = [](double) { return !interrupted(); };
     // Some drivers compile a kernel when it first runs.
     if (!std::exchange(warm_, true)) fuser_.fuse(frame, go_on);
