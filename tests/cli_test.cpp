@@ -218,13 +218,19 @@ TEST_F(Cli, TilesGiveTheSameBits) {
   EXPECT_EQ(read("out.exr").data, whole.data);
 }
 
+// Two rows of `blocks` blocks of a sparse graph at x4, of which the first ones in each row are of one color:
+// settled but for those beside others.
+void write_blocks(const TemporaryDirectory& folder, int blocks, int of_one_color) {
+  Image high = random_image(kLayeredNames, 32 * blocks, 64, 5);
+  for (int c = 0; c < 3; ++c)
+    for (int y = 0; y < 64; ++y) std::fill_n(&high.at(c, y, 0), 32 * of_one_color, 0.5f);
+  write_image(folder / "high.exr", kLayeredNames, high);
+  write_image(folder / "low.exr", kColorNames, crop(degrade_nearest(high, 4), 0, 0, 8 * blocks, 16));
+}
+
 // Two thirds of a frame are one color; by itself the program leaves them to no network.
 TEST_F(Cli, WhatAgreesIsNotComputed) {
-  Image high = random_image(kLayeredNames, 192, 64, 5);
-  for (int c = 0; c < 3; ++c)
-    for (int y = 0; y < 64; ++y) std::fill_n(&high.at(c, y, 0), 128, 0.5f);
-  write_image(folder_ / "high.exr", kLayeredNames, high);
-  write_image(folder_ / "low.exr", kColorNames, crop(degrade_nearest(high, 4), 0, 0, 48, 16));
+  write_blocks(folder_, 6, 4);
   const auto fused = [&](std::vector<std::string> options) {
     options.insert(options.end(), {"--json", "--output-type", "float", "--kernels", "direct"});
     const Json report = run_json(fuse(options));
@@ -246,15 +252,10 @@ TEST_F(Cli, WhatAgreesIsNotComputed) {
   }
 }
 
-// By default, a sparse graph is for frames in which it is faster. Blocks of one color are settled but for
-// those beside others.
+// By default, a sparse graph is for frames in which it is faster.
 TEST_F(Cli, WhatAgreesIsComputedWhereThatIsFaster) {
   const auto settled_share = [&](int blocks, int of_one_color, std::vector<std::string> options) {
-    Image high = random_image(kLayeredNames, 32 * blocks, 64, 5);
-    for (int c = 0; c < 3; ++c)
-      for (int y = 0; y < 64; ++y) std::fill_n(&high.at(c, y, 0), 32 * of_one_color, 0.5f);
-    write_image(folder_ / "high.exr", kLayeredNames, high);
-    write_image(folder_ / "low.exr", kColorNames, crop(degrade_nearest(high, 4), 0, 0, 8 * blocks, 16));
+    write_blocks(folder_, blocks, of_one_color);
     options.push_back("--json");
     return run_json(fuse(options)).at("settled_share").get<double>();
   };

@@ -60,6 +60,8 @@ struct FuseArguments {
   // Whether what was fused is measured against, or shown beside, the images it was made of.
   bool compares() const { return !reference.empty() || !before_after.empty(); }
   bool notes() const { return !quiet && !json; }
+  // None: as the frame and the device suggest. What is not computed cannot be shown by --dump.
+  std::optional<float> asked_threshold() const { return dump.empty() ? threshold : 0.0f; }
 
   void take(const Choice& chosen) {
     model = chosen.model;
@@ -138,8 +140,8 @@ std::unique_ptr<FuseFrame> open_frame(const FuseArguments& arguments, Console co
 // Throws Error.
 void load_frame(FuseFrame& frame);
 
-// What of the frame is settled by the default threshold; 0 where find_threshold() does not ask. Of `images`,
-// those of the whole frame and their exposure are looked at.
+// What of the frame is settled by the default threshold; 0 where a threshold is asked for. Of `images`, those
+// of the whole frame and their exposure are looked at.
 double find_settled_share(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images);
 
 // What --adaptive asks for: without a word, the default where that is faster on the device, else 0.

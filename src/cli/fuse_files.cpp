@@ -103,7 +103,7 @@ Imath::Box2i find_window(const FuseArguments& arguments, const ExrFile& hrls, co
 // about each of them, which is a cell more, is there.
 Canvas find_canvas(const FuseArguments& arguments, const Canvas& frame, const Imath::Box2i& window,
                    const Architecture& model) {
-  const bool dense = arguments.threshold == 0.0f || !arguments.dump.empty();
+  const bool dense = arguments.asked_threshold() == 0.0f;
   const int block = dense ? 1 : int(SparseGrid::kSide);
   return part_of(frame, window, std::max(int(receptive_halo(model)), block), block);
 }

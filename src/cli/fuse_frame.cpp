@@ -51,7 +51,7 @@ void report_overflow(const FuseArguments& arguments, const FuseReport& report, u
 const char* precision_name(Storage storage) { return storage == Storage::kFloat16 ? "fp16" : "fp32"; }
 
 double find_settled_share(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images) {
-  if (!arguments.dump.empty() || arguments.threshold) return 0;
+  if (arguments.asked_threshold()) return 0;
   const Architecture& a = files.model->architecture();
   const TileSize frame{uint32_t(images.lrhs.height), uint32_t(images.lrhs.width)};
   const float* lrhs = images.lrhs.data.data();
@@ -60,11 +60,10 @@ double find_settled_share(const FuseArguments& arguments, const FuseFiles& files
 }
 
 float find_threshold(const FuseArguments& arguments, double settled_share, const DeviceInfo& device) {
-  if (!arguments.dump.empty()) return 0;  // what is not computed cannot be shown
-  if (arguments.threshold) return *arguments.threshold;
+  if (const std::optional<float> asked = arguments.asked_threshold()) return *asked;
   const bool vectors = device.vector_lanes > 0 && arguments.kernels != KernelChoice::kDirect;
-  return settled_share >= (vectors ? kLeastSettledShareOfVectors : kLeastSettledShare) ? kDefaultThreshold
-                                                                                       : 0;
+  const double least = vectors ? kLeastSettledShareOfVectors : kLeastSettledShare;
+  return settled_share >= least ? kDefaultThreshold : 0;
 }
 
 FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device,
