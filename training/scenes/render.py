@@ -1,9 +1,10 @@
-"""Renders one seeded view: noisy renders, each with its own noise, and the reference in two independent halves.
+"""Renders the views of one seeded scene: noisy renders, each with its own noise, and the reference in two parts.
 
 blender -b --factory-startup -P training/scenes/render.py -- --out VIEW --seed 7 --catalogue A.sh3f [...] --spp 1 2 4
 
 Run again, it goes on with the files that are missing. VIEW/view.json tells what the files are; it has `noise` once all
 are there. A view that is flat, black, white or too noisy to learn from leaves only view.json, with `dropped`.
+With several folders after --out, each is another window of the same frame (--frame).
 """
 
 import argparse
@@ -42,11 +43,14 @@ LAYERS = (
     "diffuse_direct diffuse_indirect diffuse_color glossy_direct glossy_indirect glossy_color "
     "transmission_direct transmission_indirect transmission_color emit environment normal z"
 ).split()
-# The layers that a fusion reads: no transmission, emission, environment, shading normal or depth.
-FUSION_LAYERS = LAYERS[:6]
-# A reference noisier than this would be told from a good reconstruction, whose error is at some 30 dB.
-LEAST_PSNR = 34
+# `fusion` has what a fusion reads; `light` has emission and environment too, which complete what is seen directly.
+LAYER_SETS = {
+    "all": LAYERS,
+    "fusion": LAYERS[:6],
+    "light": [*LAYERS[:6], "emit", "environment"],
+}
 MOST_RELMSE = 0.01
+WINDOW_STEP = 8  # pixels; smaller renders of a window then have whole pixels
 PILOT_SPP = 32  # of a half, to tell how many samples it needs
 
 
@@ -58,7 +62,7 @@ def scaled(text):
 
 def parse():
     parser = argparse.ArgumentParser()
-    parser.add_argument("--out", required=True, type=pathlib.Path, help="folder of this view")
+    parser.add_argument("--out", required=True, type=pathlib.Path, nargs="+", help="a folder for each window")
     parser.add_argument("--seed", required=True, type=int)
     parser.add_argument("--catalogue", required=True, nargs="+")
     parser.add_argument("--kind", choices=[*KINDS, *test_scenes.KINDS], help="default: one for training, by seed")
@@ -66,17 +70,23 @@ def parse():
     parser.add_argument("--height", type=int, default=192)
     parser.add_argument("--frame", type=int, default=0, help="the view is a random window of a frame of this size")
     parser.add_argument("--spp", type=int, nargs="*", default=[], help="renders with layers")
-    parser.add_argument("--layers", choices=("all", "fusion"), default="fusion")
+    parser.add_argument("--layers", choices=LAYER_SETS, default="fusion")
+    parser.add_argument("--guides", type=int, nargs="*", default=[], help="renders of albedo and normal for their own sake")
     parser.add_argument("--plain-spp", type=int, nargs="*", default=[], help="renders with the colour only")
     parser.add_argument("--lrhs", type=scaled, nargs="*", default=[], help="SCALE:SPP, every SCALE-th pixel")
     parser.add_argument("--lowres", type=scaled, nargs="*", default=[], help="SCALE:SPP, ordinary smaller renders")
+    parser.add_argument("--lowres-layers", action="store_true", help="the smaller renders have layers too")
     parser.add_argument("--reference-spp", type=int, default=0, help="at most, of both halves together")
+    parser.add_argument("--reference-parts", type=int, nargs=2, help="samples of two unequal parts, with layers, instead")
+    parser.add_argument("--least-psnr", type=float, default=34, help="a view with a noisier reference is dropped, dB")
     parser.add_argument("--reference-psnr", type=float, help="enough: fewer samples, if these will have this noise, dB")
     parser.add_argument("--depth", choices=("16", "32"), default="32", help="bits a channel")
     parser.add_argument("--threads", type=int, default=1)
     args = parser.parse_args(sys.argv[sys.argv.index("--") + 1 :])
-    if args.frame and (args.frame < max(args.width, args.height) or args.lrhs or args.lowres):
-        parser.error("--frame: at least the width and the height, and neither --lrhs nor --lowres")
+    if args.frame and (args.frame < max(args.width, args.height) or args.frame % WINDOW_STEP):
+        parser.error(f"--frame: at least the width and the height, and a multiple of {WINDOW_STEP}")
+    if len(args.out) > 1 and not args.frame:
+        parser.error("--out: several windows take --frame")
     return args
 
 
@@ -124,6 +134,15 @@ def smaller(scene, scale, nearest):
     camera.shift_x = camera.shift_y = 0
 
 
+@contextlib.contextmanager
+def unlit(scene):
+    """Paths end where albedo and normal are known: at the first surface that is not a mirror or glass."""
+    bounces = scene.cycles.diffuse_bounces
+    scene.cycles.diffuse_bounces = 0
+    yield
+    scene.cycles.diffuse_bounces = bounces
+
+
 def render(scene, path, spp, seed):
     """Returns the seconds it took."""
     scene.cycles.samples = spp
@@ -150,16 +169,19 @@ def srgb(linear):
     return numpy.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
 
 
-def noise(a, b):
-    """{"relmse", "psnr"} of the mean of two independent renders; half their difference is as noisy as their mean."""
-    mean, error = (a + b) / 2, (a - b) / 2
+def noise(a, b, share=0.5):
+    """{"relmse", "psnr"} of the mean of two independent renders by their samples, from their difference.
+
+    `share` of the samples are a's. The variance of the difference is 1 / (share (1 - share)) that of the mean.
+    """
+    mean, error = share * a + (1 - share) * b, (a - b) * (share * (1 - share)) ** 0.5
     relmse = 0.5 * error**2 / (mean**2 + 0.01)
     mse = numpy.mean((srgb(mean + error) - srgb(mean)) ** 2)
     return {"relmse": float(relmse.mean()), "psnr": float(min(100, -10 * numpy.log10(max(mse, 1e-10))))}
 
 
-def too_noisy(noise):
-    return noise["psnr"] < LEAST_PSNR or noise["relmse"] > MOST_RELMSE
+def too_noisy(noise, least_psnr):
+    return noise["psnr"] < least_psnr or noise["relmse"] > MOST_RELMSE * 10 ** ((34 - least_psnr) / 10)
 
 
 def dull(linear):
@@ -174,7 +196,7 @@ def dull(linear):
     return None
 
 
-def probe(scene, rng, folder, reference_spp):
+def probe(scene, rng, folder, reference_spp, least_psnr):
     """Two small renders give (exposure, their mean at it, why the view is to be dropped or None).
 
     The exposure brings the mean display value to a random 0.28..0.5.
@@ -195,7 +217,7 @@ def probe(scene, rng, folder, reference_spp):
         low, high = (exposure, high) if srgb(mean * exposure).mean() < target else (low, exposure)
     exposed = noise(exposure * halves[0], exposure * halves[1])
     # Noise falls as the root of the count; 3 dB are left for the probe's own uncertainty.
-    if reference_spp and exposed["psnr"] + 10 * numpy.log10(reference_spp / 32) < LEAST_PSNR - 3:
+    if reference_spp and exposed["psnr"] + 10 * numpy.log10(reference_spp / 32) < least_psnr - 3:
         return exposure, mean * exposure, "noise of the probe"
     return exposure, mean * exposure, dull(mean * exposure)
 
@@ -205,7 +227,7 @@ def choose_window(rng, small, args):
     width, height = args.width / args.frame, args.height / args.frame
     for _ in range(12):
         left, top = rng.uniform(0, 1 - width), rng.uniform(0, 1 - height)
-        window = [round(edge * args.frame) / args.frame for edge in (left, top)]
+        window = [round(edge * args.frame / WINDOW_STEP) * WINDOW_STEP / args.frame for edge in (left, top)]
         window += [window[0] + width, window[1] + height]
         columns, rows = (
             slice(*(round(n * edge) for edge in edges))
@@ -230,28 +252,29 @@ def models_used(models):
 class View:
     """The files of a view and view.json, its record, which is written after each of them."""
 
-    def __init__(self, args, scene, record):
+    def __init__(self, args, index, scene, record):
         self.args, self.scene, self.record = args, scene, record
-        args.out.mkdir(parents=True, exist_ok=True)
+        self.out, self.noise_seed = args.out[index], (args.seed + 1000003 * index) * 10007
+        self.out.mkdir(parents=True, exist_ok=True)
 
     def write(self):
-        (self.args.out / "view.json").write_text(json.dumps(self.record, indent=1) + "\n")
+        (self.out / "view.json").write_text(json.dumps(self.record, indent=1) + "\n")
 
     def renders(self, name, spp, seed, **about):
         """The path of a render; made unless it is there."""
-        path = self.args.out / name
+        path = self.out / name
         if not path.exists() or name not in self.record["files"]:
-            seconds = render(self.scene, path, spp, self.args.seed * 10007 + seed)
+            seconds = render(self.scene, path, spp, (self.noise_seed + seed) % 2**31)
             self.record["files"][name] = {"spp": spp, "seconds": seconds} | about
             self.write()
         return path
 
     def merges(self, name, parts):
         """The path of a render that takes the place of its parts (or a single one): their mean by samples."""
-        path, files = self.args.out / name, self.record["files"]
+        path, files = self.out / name, self.record["files"]
         if name not in files:
             spp = [files[part]["spp"] for part in parts]
-            images = [oiio.ImageBuf(str(self.args.out / part)) for part in parts]
+            images = [oiio.ImageBuf(str(self.out / part)) for part in parts]
             merged = oiio.ImageBuf(images[0].spec())
             mean = sum(n * image.get_pixels(oiio.FLOAT) for n, image in zip(spp, images)) / sum(spp)
             merged.set_pixels(images[0].spec().roi, mean)
@@ -260,7 +283,7 @@ class View:
             files[name] = {"spp": sum(spp), "seconds": round(sum(files.pop(part)["seconds"] for part in parts), 3)}
             self.write()
         for part in parts:
-            (self.args.out / part).unlink(missing_ok=True)
+            (self.out / part).unlink(missing_ok=True)
         return path
 
     def reference(self):
@@ -273,7 +296,7 @@ class View:
         if "reference_spp" not in self.record:
             images = [read_colour(self.renders(pilot, PILOT_SPP, 6000 + i)) for i, pilot in enumerate(pilots)]
             pilot_psnr = noise(*images)["psnr"]
-            if pilot_psnr + 10 * numpy.log10(half_spp / PILOT_SPP) < LEAST_PSNR - 0.5:
+            if pilot_psnr + 10 * numpy.log10(half_spp / PILOT_SPP) < self.args.least_psnr - 0.5:
                 return images
             wanted = PILOT_SPP * 10 ** ((self.args.reference_psnr - pilot_psnr) / 10)
             self.record["reference_spp"] = 2 * max(PILOT_SPP, min(half_spp, round(wanted)))
@@ -289,17 +312,28 @@ class View:
     def drop(self, why):
         self.record["dropped"] = why
         for name in self.record["files"]:
-            (self.args.out / name).unlink(missing_ok=True)
+            (self.out / name).unlink(missing_ok=True)
+
+    def reference_parts(self):
+        """Renders two unequal parts with layers; returns (a, b), [H, W, 3], and the share of a's samples."""
+        choose_layers(self.scene, LAYER_SETS[self.args.layers])
+        spp = self.args.reference_parts
+        parts = [
+            read_colour(self.renders(f"reference-{part}.exr", n, 5000 + i, layers=self.args.layers))
+            for i, (part, n) in enumerate(zip("ab", spp))
+        ]
+        return parts, spp[0] / sum(spp)
 
     def render_all(self):
         args, scene = self.args, self.scene
-        if args.reference_spp:
-            halves = self.reference()
-            self.record["noise"] = noise(*halves)
-            why = "noise" if too_noisy(self.record["noise"]) else dull(sum(halves) / 2)
+        if args.reference_spp or args.reference_parts:
+            halves, share = self.reference_parts() if args.reference_parts else (self.reference(), 0.5)
+            self.record["noise"] = noise(*halves, share)
+            noisy = too_noisy(self.record["noise"], args.least_psnr)
+            why = "noise" if noisy else dull(share * halves[0] + (1 - share) * halves[1])
             if why:
                 return self.drop(why)
-        choose_layers(scene, FUSION_LAYERS if args.layers == "fusion" else LAYERS)
+        choose_layers(scene, LAYER_SETS[args.layers])
         for spp in args.spp:
             self.renders(f"{spp:04}.exr", spp, spp, layers=args.layers)
         choose_layers(scene, ())
@@ -310,9 +344,13 @@ class View:
             with smaller(scene, scale, nearest=True):
                 self.renders(f"lrhs-x{scale}-{spp:04}.exr", spp, 10000 * scale + spp, scale=scale, layers="albedo")
         for scale, spp in args.lowres:
-            choose_layers(scene, ())
+            choose_layers(scene, LAYER_SETS[args.layers] if args.lowres_layers else ())
             with smaller(scene, scale, nearest=False):
                 self.renders(f"lowres-x{scale}-{spp:04}.exr", spp, 10000 * scale + 5000 + spp, scale=scale)
+        for spp in args.guides:
+            choose_layers(scene, (), albedo=True)
+            with unlit(scene):
+                self.renders(f"guides-{spp:04}.exr", spp, 7000 + spp, layers="guides")
         self.record["whole"] = True
 
 
@@ -342,31 +380,38 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         kind, builder = build_scene(args, rng, folder)
         scene = set_up(args)
-        record_path = args.out / "view.json"
-        if record_path.exists():
-            record = json.loads(record_path.read_text())
-            if record.get("window"):
-                set_window(scene, record["window"])
-            render(scene, pathlib.Path(folder) / "warm.exr", 1, 1)  # so that no time includes the scene's preparation
-        else:
-            exposure, small, dropped = probe(scene, rng, folder, args.reference_spp)
-            record = {"version": VERSION, "seed": args.seed, "kind": kind, "exposure": exposure}
-            record |= {"hdri": builder.hdri, "models": models_used(builder.used), "files": {}}
-            if args.frame and not dropped:
-                record["window"] = choose_window(rng, small, args)
-                if record["window"]:
+        probed = None
+        for index, out in enumerate(args.out):
+            record_path = out / "view.json"
+            scene.render.use_border = False
+            scene.cycles.film_exposure, scene.cycles.sample_clamp_indirect = 1, 10
+            if record_path.exists():
+                record = json.loads(record_path.read_text())
+                if record.get("window"):
                     set_window(scene, record["window"])
-                else:
-                    dropped = "flat"
-            if dropped:
-                record["dropped"] = dropped
-        scene.cycles.film_exposure = record["exposure"]
-        # The clamp on indirect light acts before the exposure.
-        scene.cycles.sample_clamp_indirect = 10 / record["exposure"]
-        view = View(args, scene, record)
-        if "dropped" not in record:
-            view.render_all()
-        view.write()
+                render(scene, pathlib.Path(folder) / "warm.exr", 1, 1)  # so that no time includes the scene's preparation
+            else:
+                if not probed:
+                    spp = args.reference_spp or sum(args.reference_parts or ())
+                    probed = probe(scene, rng, folder, spp, args.least_psnr)
+                exposure, small, dropped = probed
+                record = {"version": VERSION, "seed": args.seed, "kind": kind, "exposure": exposure}
+                record |= {"hdri": builder.hdri, "models": models_used(builder.used), "files": {}}
+                if args.frame and not dropped:
+                    record |= {"frame": args.frame, "window": choose_window(rng, small, args)}
+                    if record["window"]:
+                        set_window(scene, record["window"])
+                    else:
+                        dropped = "flat"
+                if dropped:
+                    record["dropped"] = dropped
+            scene.cycles.film_exposure = record["exposure"]
+            # The clamp on indirect light acts before the exposure.
+            scene.cycles.sample_clamp_indirect = 10 / record["exposure"]
+            view = View(args, index, scene, record)
+            if "dropped" not in record:
+                view.render_all()
+            view.write()
 
 
 main()
