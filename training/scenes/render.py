@@ -23,6 +23,7 @@ import OpenImageIO as oiio
 
 sys.path.insert(0, str(pathlib.Path(__file__).parent))
 import build
+import details
 import furniture
 import kinds
 import room
@@ -31,6 +32,7 @@ import test_scenes
 
 faulthandler.enable()
 VERSION = 2  # of the generator: of what a seed gives
+# Shares of 0 are for --kind alone: to raise one changes what seeds give.
 KINDS = {
     "room": (room.room, 36),
     "tabletop": (kinds.tabletop, 18),
@@ -38,6 +40,7 @@ KINDS = {
     "outdoor": (kinds.outdoor, 12),
     "landscape": (kinds.landscape, 10),
     "architecture": (kinds.architecture, 10),
+    "details": (details.details, 0),
 }
 LAYERS = (
     "diffuse_direct diffuse_indirect diffuse_color glossy_direct glossy_indirect glossy_color "
