@@ -1,92 +1,72 @@
-"""Rendered views in memory, and random training pairs out of them."""
+"""Rendered views, and random training pairs out of them."""
 
-import math
+import json
 import pathlib
 import random
 
-import numpy
-import OpenImageIO as oiio
 import torch
 
 import model
+import safetensors
 
-PASSES = {
-    "color": "Combined.RGB",
-    "albedo": "Denoising Albedo.RGB",
-    "normal": "Denoising Normal.XYZ",
-}
 HRLS_SPP = (1, 2, 4, 8)
 # Channels of a view's layers that carry radiance; the normal has 6, 7 and 8.
 RADIANCE = [0, 1, 2, 9, 10, 11, 12, 13, 14]
 LAYERS = ("color", "albedo", "normal", "diffuse", "specular")
-TARGET_CLIP = 100.0  # as in section 3.2 of Hou et al. 2021
-
-
-def read(path, passes):
-    """[3 * len(passes), H, W], float32, out of a Blender multilayer file with one view layer."""
-    image = oiio.ImageBuf(str(path))
-    pixels = image.get_pixels(oiio.FLOAT)
-    if image.has_error:
-        raise OSError(f"{path}: {image.geterror()}")
-    names = [name.split(".", 1)[-1] for name in image.spec().channelnames]
-
-    def rgb(name):
-        layer, channels = name.rsplit(".", 1)
-        return numpy.stack([pixels[..., names.index(f"{layer}.{c}")] for c in channels])
-
-    def lit(kind):
-        return rgb(f"{kind}Col.RGB") * (rgb(f"{kind}Dir.RGB") + rgb(f"{kind}Ind.RGB"))
-
-    derived = {"diffuse": lambda: lit("Diff"), "specular": lambda: lit("Gloss")}
-    layers = [rgb(PASSES[p]) if p in PASSES else derived[p]() for p in passes]
-    return torch.from_numpy(numpy.ascontiguousarray(numpy.concatenate(layers)))
+LAYER_CHANNELS = 3 * len(LAYERS)
+REFERENCE = ("reference-a", "reference-b")  # independent parts, of 16 and 48 samples
+TARGET_CLIP = 100.0  # at the view's exposure; as in section 3.2 of Hou et al. 2021
+CENTERED_SHARE = 0.75  # of the crops have an ordinary small render, the others every s-th pixel
+GUIDES_SHARE = 0.25  # of the crops have albedo and normal of a render of their own
 
 
 class View:
-    """All renders of one view, in half precision.
+    """A packed view (pack.py), of which each sample reads the renders that it takes.
 
-    layers[spp] [15, H, W]: LAYERS; colors[spp] [3, H, W]; reference [3, H, W]: the mean of both halves.
+    A render is [C, H, W], float16, with the channels of pack.CHANNELS: LAYERS first.
     """
 
-    def __init__(self, folder):
-        spp = sorted(int(path.stem) for path in folder.glob("[0-9]*.exr"))
-        half = lambda image: image.clamp(-model.HALF_MAX, model.HALF_MAX).half()
-        self.layers = {s: half(read(folder / f"{s:04}.exr", LAYERS)) for s in spp if s in HRLS_SPP}
-        color = lambda s: self.layers[s][:3] if s in self.layers else half(read(folder / f"{s:04}.exr", ("color",)))
-        self.colors = {s: color(s) for s in spp}
-        halves = [read(folder / f"reference-{half}.exr", ("color",)).clamp(0, TARGET_CLIP) for half in "ab"]
-        reference = sum(halves) / 2
-        self.reference = reference.half()
-        self.mean_sqrt = float(model.luminance(reference).sqrt().mean())
+    def __init__(self, path):
+        self.path, self.file = path, safetensors.Lazy(path)
+        self.record = json.loads(self.file.metadata["view"])
+        self.spp = {name.removesuffix(".exr"): about["spp"] for name, about in self.record["files"].items()}
+        self._mean_sqrt = None
 
-    def lrhs(self, spp, hrls_spp):
-        """The full-size render LRHS is made of; beyond the largest: the mean of all others than HRLS."""
-        if spp in self.colors:
-            return self.colors[spp].float()
-        others = [s for s in self.colors if s != hrls_spp]
-        return sum(s * self.colors[s].float() for s in others) / sum(others)
+    def read(self, name):
+        return torch.from_numpy(self.file.read(name))
+
+    def full_size(self):
+        """Names of the renders that HRLS can be."""
+        return [f"{spp:04}" for spp in HRLS_SPP]
+
+    def small(self, scale):
+        """Names of the ordinary small renders."""
+        return [name for name in self.spp if name.startswith(f"lowres-x{scale}-")]
+
+    def guides(self):
+        """Names of the renders of albedo and normal alone."""
+        return [name for name in self.spp if name.startswith("guides-")]
+
+    def reference(self, parts=REFERENCE):
+        """[LAYERS, H, W], float32: the mean of the parts by their samples."""
+        total = sum(self.spp[part] for part in parts)
+        return sum(self.spp[part] / total * self.read(part)[:LAYER_CHANNELS].float() for part in parts)
+
+    def mean_sqrt(self):
+        if self._mean_sqrt is None:
+            self._mean_sqrt = float(model.luminance(self.reference()[:3].clamp(0, TARGET_CLIP)).sqrt().mean())
+        return self._mean_sqrt
 
     def exposure(self, config):
         """As model.exposure of a clean LRHS."""
-        return config.exposure_key / max(self.mean_sqrt, 1e-3) ** 2 if config.exposure_key else 1.0
-
-
-def read_view(folder):
-    """A View; read from its renders only once, as that takes long."""
-    kept = folder / "view.pt"
-    if kept.exists():
-        return torch.load(kept)
-    view = View(folder)
-    torch.save(view, kept.with_suffix(".part"))
-    kept.with_suffix(".part").rename(kept)
-    return view
+        return config.exposure_key / max(self.mean_sqrt(), 1e-3) ** 2 if config.exposure_key else 1.0
 
 
 def load(folder):
     """(training views, validation views): every tenth seed is held out."""
-    folders = sorted(f for f in pathlib.Path(folder).glob("view-*") if f.is_dir() and not f.suffix)
-    held_out = [f for f in folders if int(f.name[5:]) % 10 == 0]
-    return [read_view(f) for f in folders if f not in held_out], [read_view(f) for f in held_out]
+    paths = sorted(pathlib.Path(folder).glob("view-*.safetensors"))
+    held_out = [path for path in paths if int(path.stem.split("-")[1]) % 10 == 0]
+    return [View(path) for path in paths if path not in set(held_out)], [View(path) for path in held_out]
 
 
 def with_variance(layers):
@@ -94,56 +74,43 @@ def with_variance(layers):
     return torch.cat([layers, model.variance(layers[None, :3])[0]])
 
 
-def pixel_filter(scale):
-    """[3s], sum 1: what Cycles' default pixel filter at 1/scale of the size weighs full-size pixels -s to 2s of a cell by.
+def reweigh(images, rng):
+    """Multiplies what is reflected diffusely and specularly by random colours, alike in all images, in half of the crops.
 
-    A Blackman-Harris window three pixels wide: Blender's 1.5 is half of it. Measured on a render: a window of 2.8.
+    `images` are [LAYERS, H, W]; color is the sum of both and of the rest.
     """
-    x = torch.arange(-1.5 * scale + 0.5, 1.5 * scale)
-    phase = 2 * math.pi * (x / (3 * scale) + 0.5)
-    window = 0.35875 - 0.48829 * torch.cos(phase) + 0.14128 * torch.cos(2 * phase) - 0.01168 * torch.cos(3 * phase)
-    return window / window.sum()
-
-
-def centered(color, scale, count, seed):
-    """[3, H, W] of n spp -> [3, H/s, W/s] as a low-resolution render of `count` n spp: pixels drawn by its filter."""
-    height, width = color.shape[-2:]
-    rows, columns = torch.arange(0, height, scale), torch.arange(0, width, scale)
-    shape = (2, count, len(rows), len(columns))
-    generator = torch.Generator().manual_seed(seed)
-    offsets = torch.multinomial(pixel_filter(scale), math.prod(shape), True, generator=generator).reshape(shape) - scale
-    y = (rows[:, None] + offsets[0]).clamp(0, height - 1)
-    x = (columns + offsets[1]).clamp(0, width - 1)
-    return color[:, y, x].mean(1)
-
-
-def spp_pair(scale, rng):
-    """(LRHS, HRLS) samples a pixel; half the time one of the paper's Table 2."""
     if rng.random() < 0.5:
-        high = rng.choice((1, 1, 2, 4))
-        return scale * scale * high, high
-    high = rng.choice(HRLS_SPP)
-    return rng.choice([s for s in (4, 8, 16, 32, 64) if s > high]), high
+        return
+    for start in (9, 12):
+        factor = torch.tensor([2 ** rng.uniform(-1.5, 1) for _ in range(3)])[:, None, None]
+        for image in images:
+            image[:3] = (image[:3] + (factor - 1) * image[start : start + 3]).clamp(min=0)
+            image[start : start + 3] *= factor
 
 
-def augment(layers, reference, color, rng):
-    """The same random mirroring, transposition and permutation of the color channels for all three.
+def augment(images, rng):
+    """The same random mirroring, transposition and permutation of the color channels for all images, [LAYERS, H, W].
 
     Normals are in camera space (x right, y up), so they follow the mirroring.
     """
-    images = [layers, reference, color]
-    if rng.random() < 0.5:
-        images = [i.flip(-1) for i in images]
-        images[0][6] *= -1
-    if rng.random() < 0.5:
-        images = [i.flip(-2) for i in images]
-        images[0][7] *= -1
-    if rng.random() < 0.5:
-        images = [i.transpose(-1, -2) for i in images]
-        images[0][6:8] = -images[0][6:8].flip(0)
     order = rng.sample(range(3), 3)
-    rgb = lambda start: [start + c for c in order]
-    return images[0][rgb(0) + rgb(3) + [6, 7, 8] + rgb(9) + rgb(12)], images[1][order], images[2][order]
+    right, down, turn = (rng.random() < 0.5 for _ in range(3))
+    channels = [start + c for start in (0, 3) for c in order] + [6, 7, 8] + [start + c for start in (9, 12) for c in order]
+
+    def moved(image):
+        image = image[channels]
+        if right:
+            image = image.flip(-1)
+            image[6] *= -1
+        if down:
+            image = image.flip(-2)
+            image[7] *= -1
+        if turn:
+            image = image.transpose(-1, -2).clone()
+            image[6:8] = -image[6:8].flip(0)
+        return image
+
+    return [moved(image) for image in images]
 
 
 def drop_layers(hrls, config, rng):
@@ -166,30 +133,44 @@ def add_fireflies(layers, rng):
         layers[RADIANCE, rng.randrange(height), rng.randrange(width)] *= 10 ** rng.uniform(1, 3)
 
 
+def crop(render, y, x, size):
+    return render[:LAYER_CHANNELS, y : y + size, x : x + size].float()
+
+
+def pick_lrhs(view, scale, high, is_centered, rng):
+    """(name of the render that LRHS is made of, names of the parts of the target, which shares no noise with it)."""
+    if is_centered:
+        return rng.choice(view.small(scale)), REFERENCE
+    low = rng.choice([*REFERENCE, *REFERENCE, *(name for name in view.full_size()[1:] if name != high)])
+    return low, [part for part in REFERENCE if part != low]
+
+
 def sample(views, config, size, rng):
     """One random crop: lrhs [3, size/s, size/s], hrls [K, size, size], reference [3, size, size], centered or not."""
-    scale = config.scale
-    view = rng.choice(views)
-    low, high = spp_pair(scale, rng)
-    is_centered = "centered" in config.lrhs_sampling and rng.random() < 0.35
-    wanted = low
-    if is_centered:  # many samples are gathered from pixels of few
-        low = rng.choice([s for s in (1, 2, 4) if s != high and s <= wanted])
-    height, width = view.reference.shape[-2:]
-    y, x = rng.randint(0, height - size), rng.randint(0, width - size)
-    cut = (slice(None), slice(y, y + size), slice(x, x + size))
-    images = (view.layers[high].float()[cut], view.reference[cut].float(), view.lrhs(low, high)[cut])
-    layers, reference, color = augment(*images, rng)
+    scale, view = config.scale, rng.choice(views)
+    is_centered = config.lrhs_sampling == ("centered",)
+    if len(config.lrhs_sampling) == 2:
+        is_centered = rng.random() < CENTERED_SHARE
+    high = rng.choice(("0001", "0001", "0002", "0004", "0008"))
+    low, parts = pick_lrhs(view, scale, high, is_centered, rng)
+    hrls = view.read(high)
+    y, x = (rng.randint(0, (side - size) // scale) * scale for side in hrls.shape[-2:])
+    hrls, reference = crop(hrls, y, x, size), view.reference(parts)[:, y : y + size, x : x + size].clone()
+    lrhs = crop(view.read(low), *(n // scale if is_centered else n for n in (y, x, size)))
+    if view.guides() and rng.random() < GUIDES_SHARE:
+        hrls[3:9] = view.read(rng.choice(view.guides()))[:6, y : y + size, x : x + size]
+    images = [hrls, reference, lrhs]
+    reweigh(images, rng)
+    hrls, reference, lrhs = augment(images, rng)
     exposure = 2 ** rng.uniform(-1.5, 1.5) * view.exposure(config)
-    layers[RADIANCE] *= exposure
-    add_fireflies(layers, rng)
-    hrls = with_variance(layers)
+    hrls[RADIANCE] *= exposure
+    add_fireflies(hrls, rng)
+    hrls = with_variance(hrls)
     drop_layers(hrls, config, rng)
-    if is_centered:
-        lrhs = centered(color, scale, wanted // low, rng.getrandbits(32))
-    else:
-        lrhs = color[:, ::scale, ::scale]
-    return lrhs * exposure, hrls, reference * exposure, torch.tensor(is_centered).reshape(1, 1, 1)
+    if not is_centered:
+        lrhs = lrhs[:, ::scale, ::scale]
+    reference = reference[:3].clamp(0, TARGET_CLIP) * exposure
+    return lrhs[:3] * exposure, hrls, reference, torch.tensor(is_centered).reshape(1, 1, 1)
 
 
 def batch(views, config, size, count, seed):
@@ -198,9 +179,9 @@ def batch(views, config, size, count, seed):
 
 
 def pair(view, config, low, high):
-    """A whole view as the network reads it, batch of one: lrhs, hrls, reference, and the exposure of all three."""
+    """A whole view with its ordinary small render, batch of one: lrhs, hrls, reference, and the exposure of all three."""
     exposure = view.exposure(config)
-    layers = view.layers[high].float()
-    layers[RADIANCE] *= exposure
-    lrhs = view.lrhs(low, high)[None, :, :: config.scale, :: config.scale]
-    return lrhs * exposure, with_variance(layers)[None], view.reference.float()[None] * exposure, exposure
+    hrls = view.read(f"{high:04}")[:LAYER_CHANNELS].float()
+    hrls[RADIANCE] *= exposure
+    lrhs = view.read(f"lowres-x{config.scale}-{low:04}")[None, :3].float()
+    return lrhs * exposure, with_variance(hrls)[None], view.reference()[None, :3] * exposure, exposure

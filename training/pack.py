@@ -18,7 +18,7 @@ GUIDES = ("albedo", "normal", "depth")
 
 
 def read_layers(path, layers):
-    """[C, H, W], float16, of a Blender multilayer file with one view layer."""
+    """[C, H, W], float32, of a Blender multilayer file with one view layer."""
     image = oiio.ImageBuf(str(path))
     pixels = image.get_pixels(oiio.FLOAT)
     if image.has_error:
@@ -40,15 +40,18 @@ def read_layers(path, layers):
         "specular": lambda: lit("Gloss"),
         "emission": lambda: take("Emit") + take("Env"),
     }
-    stacked = numpy.concatenate([read[layer]() for layer in layers])
-    return numpy.nan_to_num(stacked, posinf=HALF_MAX).clip(-HALF_MAX, HALF_MAX).astype(numpy.float16)
+    return numpy.ascontiguousarray(numpy.concatenate([read[layer]() for layer in layers]))
+
+
+def to_half(x):
+    return numpy.nan_to_num(x, posinf=HALF_MAX).clip(-HALF_MAX, HALF_MAX).astype(numpy.float16)
 
 
 def pack(folder, path):
     """Writes the view in `folder` to `path`, whole or not at all."""
     record = json.loads((folder / "view.json").read_text())
     tensors = {
-        name.removesuffix(".exr"): read_layers(folder / name, GUIDES if name.startswith("guides") else CHANNELS)
+        name.removesuffix(".exr"): to_half(read_layers(folder / name, GUIDES if name.startswith("guides") else CHANNELS))
         for name in record["files"]
     }
     partial = path.with_suffix(".part")

@@ -23,15 +23,25 @@ def save(path, tensors, metadata):
             file.write(array.tobytes())
 
 
+class Lazy:
+    """A file of which tensors are read one by one."""
+
+    def __init__(self, path):
+        self.path = path
+        with open(path, "rb") as file:
+            size = struct.unpack("<Q", file.read(8))[0]
+            header = json.loads(file.read(size))
+        self.metadata, self.entries, self.start = header.pop("__metadata__", {}), header, 8 + size
+
+    def read(self, name):
+        entry = self.entries[name]
+        kind = numpy.dtype(next(long for long, short in TYPES.items() if short == entry["dtype"]))
+        begin, end = entry["data_offsets"]
+        count = (end - begin) // kind.itemsize
+        return numpy.fromfile(self.path, kind, count, offset=self.start + begin).reshape(entry["shape"])
+
+
 def load(path):
     """(tensors by name, metadata)."""
-    with open(path, "rb") as file:
-        header = json.loads(file.read(struct.unpack("<Q", file.read(8))[0]))
-        body = file.read()
-    metadata = header.pop("__metadata__", {})
-    kinds = {short: name for name, short in TYPES.items()}
-    tensors = {}
-    for name, entry in header.items():
-        begin, end = entry["data_offsets"]
-        tensors[name] = numpy.frombuffer(body[begin:end], kinds[entry["dtype"]]).reshape(entry["shape"])
-    return tensors, metadata
+    file = Lazy(path)
+    return {name: file.read(name) for name in file.entries}, file.metadata

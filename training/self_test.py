@@ -2,34 +2,41 @@
 """Tests of the network's choices and of the making of training pairs."""
 
 import dataclasses
+import json
+import pathlib
 import random
+import tempfile
 import types
 import unittest
 from unittest import mock
 
+import numpy
 import torch
 
 import dataset
 import grow
 import joint_filter
 import model
+import safetensors
 import stock
 import train
 
 
-class Lookalike:
+class Lookalike(dataset.View):
     """A view whose images are smooth ramps, so that every crop tells where it comes from."""
 
     def __init__(self, size=96):
         y, x = torch.meshgrid(torch.arange(size) / size, torch.arange(size) / size, indexing="ij")
         color = torch.stack([0.2 + x, 0.3 + y, 0.4 + x * y])
         normal = torch.stack([x - 0.5, 0.5 - y, x**0])  # y points up
-        layers = torch.cat([color, color / 2, normal, color, 0 * color])
-        self.layers = {spp: layers.half() for spp in dataset.HRLS_SPP}
-        self.colors = {spp: color.half() for spp in (1, 2, 4, 8, 16, 32, 64)}
-        self.reference, self.mean_sqrt = color.half(), float(model.luminance(color).sqrt().mean())
+        self.image = torch.cat([color, color / 2, normal, color, 0 * color])
+        self._mean_sqrt = None
+        self.spp = {name: 16 for name in (*dataset.REFERENCE, *self.full_size())}
+        self.spp |= {f"lowres-x{scale}-0016": 16 for scale in (2, 4, 8)}
 
-    lrhs, exposure = dataset.View.lrhs, dataset.View.exposure
+    def read(self, name):
+        small = name.startswith("lowres")
+        return torch.nn.functional.avg_pool2d(self.image, int(name[8])) if small else self.image.clone()
 
 
 def bent(config, **choices):
@@ -144,37 +151,69 @@ class Losses(unittest.TestCase):
             self.assertGreater(float(train.Run.error(run, 0 * encoded, reference)), 0.1, name)
 
 
+class Packed(unittest.TestCase):
+    def test_what_was_packed_comes_back(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "view-00010-0.safetensors"
+            render = numpy.random.rand(19, 8, 8).astype(numpy.float16)
+            record = {"files": {"0001.exr": {"spp": 1}}}
+            safetensors.save(path, {"0001": render, "guides-0002": render[:7] / 2}, {"view": json.dumps(record)})
+            training, held_out = dataset.load(folder)
+            self.assertEqual((len(training), len(held_out)), (0, 1))
+            numpy.testing.assert_array_equal(held_out[0].read("0001").numpy(), render)
+            numpy.testing.assert_array_equal(held_out[0].read("guides-0002").numpy(), render[:7] / 2)
+            self.assertEqual(held_out[0].spp, {"0001": 1})
+
+
 class Pairs(unittest.TestCase):
+    def sample(self, seed, scale=4, sampling=("nearest",)):
+        config = bent(stock.config(f"x{scale}-fast"), lrhs_sampling=sampling, optional_layers=())
+        with mock.patch.object(dataset, "add_fireflies"):
+            return dataset.sample([Lookalike()], config, 32, random.Random(seed))
+
     def test_nearest_samples_lie_on_the_reference(self):
-        """Whatever the mirroring, transposition, exposure and order of channels, all images still show one scene."""
-        config = bent(stock.config("x4-fast"), lrhs_sampling=("nearest",))
+        """Whatever the mirroring, transposition, weights of light, exposure and channels, all images show one scene."""
         for seed in range(20):
-            with mock.patch.object(dataset, "add_fireflies"):
-                lrhs, hrls, reference, centered = dataset.sample([Lookalike()], config, 32, random.Random(seed))
+            lrhs, hrls, reference, centered = self.sample(seed)
             self.assertFalse(centered.any())
             torch.testing.assert_close(lrhs, reference[:, ::4, ::4])
             torch.testing.assert_close(hrls[:3], reference)
 
-    def test_centered_samples_lie_in_the_middle_of_their_cells(self):
+    def test_small_renders_are_means_of_the_reference(self):
         for scale in (2, 4, 8):
-            ramp = torch.arange(64.0).expand(3, 64, 64)
-            cells = dataset.centered(ramp, scale, 4000, seed=1)[0, :, 2:-2].mean(0)
-            middles = torch.arange(64 // scale)[2:-2] * scale + (scale - 1) / 2
-            torch.testing.assert_close(cells, middles, rtol=0, atol=0.1)
+            for seed in range(10):
+                lrhs, hrls, reference, centered = self.sample(seed, scale, ("centered",))
+                self.assertTrue(centered.all())
+                torch.testing.assert_close(lrhs, torch.nn.functional.avg_pool2d(reference, scale), rtol=1e-3, atol=1e-3)
+                torch.testing.assert_close(hrls[:3], reference)
+
+    def test_target_and_inputs_share_no_noise(self):
+        view, rng = Lookalike(), random.Random(1)
+        for _ in range(100):
+            low, parts = dataset.pick_lrhs(view, 4, "0001", False, rng)
+            self.assertNotEqual(low, "0001")
+            self.assertNotIn(low, parts)
+            self.assertTrue(parts)
+
+    def test_light_is_weighed_alike(self):
+        """The color stays the sum of diffuse, specular and the rest."""
+        rng = random.Random(3)
+        layers = [torch.rand(15, 4, 4) for _ in range(2)]
+        rest = [0.1 * torch.rand(3, 4, 4) for _ in layers]
+        for image, other in zip(layers, rest):
+            image[:3] = image[9:12] + image[12:15] + other
+        before = layers[0].clone()
+        while torch.equal(layers[0], before):
+            dataset.reweigh(layers, rng)
+        for image, other in zip(layers, rest):
+            torch.testing.assert_close(image[:3], image[9:12] + image[12:15] + other)
 
     def test_normals_turn_with_the_image(self):
         """The surface bends to the right and downwards; so it must in every augmented image."""
         for seed in range(20):
-            layers = Lookalike().layers[1].float()
-            color = layers[:3].clone()
-            normal = dataset.augment(layers, color, color, random.Random(seed))[0][6:9]
+            normal = dataset.augment([Lookalike().image], random.Random(seed))[0][6:9]
             self.assertGreater(float((normal[0, :, 1:] - normal[0, :, :-1]).min()), 0)
             self.assertLess(float((normal[1, 1:] - normal[1, :-1]).max()), 0)
-
-    def test_fewer_samples_for_hrls(self):
-        rng = random.Random(1)
-        for scale in (2, 4, 8):
-            self.assertTrue(all(high < low for low, high in (dataset.spp_pair(scale, rng) for _ in range(200))))
 
     def test_dropped_layers_are_black(self):
         config, rng = stock.config("x4-fast"), random.Random(1)

@@ -18,15 +18,15 @@ import model
 import safetensors
 import stock
 
-# Table 2 of Hou et al. 2021, two samples a pixel together.
-VALIDATION_SPP = {2: (4, 1), 4: (16, 1), 8: (64, 1)}
+# Table 2 of Hou et al. 2021: two and eight samples a pixel together.
+VALIDATION_SPP = {2: ((4, 1), (16, 4)), 4: ((16, 1), (64, 4)), 8: ((64, 1), (256, 4))}
 ENCODED_LOSSES = {"rms": loss.rms, "l1": loss.l1}
 WITHOUT = ("none", "hrls", "lrhs", "layers")
 
 
 def parse():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--views", required=True, help="folder of rendered views")
+    parser.add_argument("--views", required=True, help="folder of packed views, by scenes/pairs.py")
     parser.add_argument("--run", required=True, type=pathlib.Path, help="folder for checkpoint.pt and log.csv")
     parser.add_argument("--model", required=True, choices=stock.names(), help="which stock model")
     parser.add_argument("--without", choices=WITHOUT, default="none", help="ablation: an input blank, or all but RGB")
@@ -137,25 +137,30 @@ class Run:
 
     @torch.no_grad()
     def validate(self, views):
-        """Mean (PSNR, RelMSE) of the averaged weights over whole views at 2 samples a pixel together, fp32."""
+        """(PSNR, RelMSE) of the averaged weights, means over whole views, at each of VALIDATION_SPP in turn, fp32."""
         network = model.Network(self.config)
         network.load_state_dict(self.average)
-        scores = []
-        for view in views:
-            lrhs, hrls, reference, exposure = dataset.pair(view, self.config, *VALIDATION_SPP[self.config.scale])
-            fused = model.predict(network, *self.inputs(lrhs, hrls), exposure=exposure)[1] / exposure
-            reference = reference / exposure
-            scores.append((loss.psnr(fused, reference), loss.relmse(fused, reference)))
-        return [sum(column) / len(scores) for column in zip(*scores)]
+        means = []
+        for spp in VALIDATION_SPP[self.config.scale]:
+            scores = []
+            for view in views:
+                lrhs, hrls, reference, exposure = dataset.pair(view, self.config, *spp)
+                is_centered = torch.tensor("centered" in self.config.lrhs_sampling)
+                fused = model.predict(network, *self.inputs(lrhs, hrls), is_centered, exposure)[1] / exposure
+                reference = reference / exposure
+                scores.append((loss.psnr(fused, reference), loss.relmse(fused, reference)))
+            means += [sum(column) / len(scores) for column in zip(*scores)]
+        return means
 
-    def log(self, error, psnr, relmse):
+    def log(self, error, psnr, relmse, psnr_more, relmse_more):
         path = self.args.run / "log.csv"
         fresh = not path.exists()
         with open(path, "a", newline="") as file:
             writer = csv.writer(file)
             if fresh:
-                writer.writerow(("step", "minutes", "loss", "psnr", "relmse"))
+                writer.writerow(("step", "minutes", "loss", "psnr", "relmse", "psnr_more", "relmse_more"))
             row = (self.step, f"{self.seconds / 60:.1f}", f"{error:.5f}", f"{psnr:.3f}", f"{relmse:.5f}")
+            row += (f"{psnr_more:.3f}", f"{relmse_more:.5f}")
             writer.writerow(row)
         print(*row, flush=True)
 

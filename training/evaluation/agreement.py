@@ -9,7 +9,7 @@ import tempfile
 import numpy
 import torch
 
-import dataset
+import pack
 import loss
 import model as networks
 import safetensors
@@ -35,7 +35,7 @@ def layers_of(path, names):
     """{name: [1, 3, H, W]}, in single precision and finite, as the program reads them."""
     read = [name for name in names if name != "variance"]
     with numpy.errstate(over="ignore", invalid="ignore"):  # of what is too bright to be added up
-        layers = dict(zip(read, dataset.read(path, read)[None].split(3, dim=1)))
+        layers = dict(zip(read, torch.from_numpy(pack.read_layers(path, read))[None].split(3, dim=1)))
     if "variance" in names:
         single = torch.finfo(torch.float32).max
         layers["variance"] = networks.variance(layers["color"].double()).clamp(max=single).float()

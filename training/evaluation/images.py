@@ -6,15 +6,15 @@ import numpy
 import OpenImageIO as oiio
 import torch
 
-import dataset
 import loss
+import pack
 
 CLIP = 100.0  # section 3.2 of the paper: whatever is brighter is taken for a firefly
 
 
 def layers(path, names):
-    """[H, W, 3], float32, for each of the names; as dataset.read."""
-    planes = dataset.read(path, names).numpy()
+    """[H, W, 3], float32, for each of the names; as pack.read_layers."""
+    planes = pack.read_layers(path, names)
     return [numpy.ascontiguousarray(layer.transpose(1, 2, 0)) for layer in numpy.split(planes, len(names))]
 
 
