@@ -100,7 +100,6 @@ TEST_F(Cli, OutputIsOfTheHrlsKind) {
   const ProcessResult result = run(fuse());
   ASSERT_EQ(result.exit_status, 0) << result.err;
   EXPECT_EQ(result.out, "");
-  EXPECT_NE(result.err.find("normal.X, normal.Y, normal.Z"), std::string::npos) << result.err;
   ExrFile hrls(folder_ / "high.exr"), fused(folder_ / "out.exr");
   EXPECT_EQ(fused.channel_names(), (std::vector<std::string>{"A", "B", "G", "R"}));
   EXPECT_EQ(fused.channel("R").type, Imf::HALF);
@@ -443,7 +442,7 @@ TEST_F(Cli, LayersThatTheModelDoesWithoutAreZero) {
   EXPECT_EQ(read("b.exr").data, read("a.exr").data);
   for (const char* how : {"--keep-layers", "--dry-run"}) {
     const ProcessResult result = fuse_hrls("none.exr", "b.exr", how);
-    EXPECT_NE((result.out + result.err).find("HRLS has no layer albedo"), std::string::npos) << result.err;
+    EXPECT_NE((result.out + result.err).find("; no albedo"), std::string::npos) << result.err;
   }
   names.erase(names.begin() + 3, names.begin() + 6);
   write_image(folder_ / "none.exr", names, image);

@@ -1,6 +1,7 @@
 #include "cli/fuse.h"
 
 #include "cli/choice.h"
+#include "cli/fuse_report.h"
 #include "cli/interrupt.h"
 
 namespace raymeld::cli {
@@ -25,11 +26,12 @@ void run_fuse(const FuseArguments& given) {
                                 : plan_text(arguments, files, *device, console));
   }
   const auto frame = open_frame(arguments, console, models);
-  console.note(describe(arguments, frame->files));
+  if (arguments.verbose) console.note(channels_text(arguments, frame->files));
   load_frame(*frame);
   check_interrupted();
 
   create_device();
+  for (const std::string& line : opening_lines(arguments, *frame, device->info())) console.note(line);
   {
     ProgressBar bar(console);
     FrameFuser(*device).fuse(*frame, [&](double share) {
@@ -41,7 +43,9 @@ void run_fuse(const FuseArguments& given) {
   const QualityTable quality = stage_outputs(*frame);
   print(arguments.json ? json_text(frame_json(*frame, device->info(), quality, watch.ms()))
                        : frame_text(*frame, quality));
-  publish_frame(*frame, watch.ms());
+  frame->staged.commit();
+  console.note("took " + took_text(*frame, watch.ms()));
+  console.note("wrote " + written_text(arguments));
 }
 
 }  // namespace raymeld::cli

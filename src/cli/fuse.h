@@ -50,7 +50,7 @@ struct FuseArguments {
   std::optional<Choice> choice = {};        // of `model`, where there was a wish
   std::optional<Imath::Box2i> window = {};  // what is fused, in HRLS's pixels; none: its data window
   bool changed_only = false;                // since the last frame of a sequence
-  bool keep_layers = false, profile = false, dry_run = false, json = false, quiet = false;
+  bool keep_layers = false, profile = false, dry_run = false, json = false, quiet = false, verbose = false;
 
   std::vector<std::filesystem::path> inputs() const;
   // Without the folder of --dump.
@@ -181,27 +181,5 @@ class FrameFuser {
 // Stages all that is to be written, the image itself last, and measures it where there is a reference.
 // Throws Error and Cancelled.
 QualityTable stage_outputs(FuseFrame& frame);
-
-// What is said of a frame on stdout.
-nlohmann::ordered_json frame_json(const FuseFrame& frame, const DeviceInfo& device,
-                                  const QualityTable& quality, double total_ms);
-std::string frame_text(const FuseFrame& frame, const QualityTable& quality);  // empty: nothing was asked for
-
-// Gives the outputs their names. Throws Error.
-void publish_frame(FuseFrame& frame, double total_ms);
-
-// The layers that are in HRLS's file but have one value everywhere.
-ConstantLayers found_constants(const FuseFrame& frame);
-
-// Where a frame's layers come from and what its model does without, with the names that `arguments` gives the
-// files.
-std::string describe(const FuseArguments& arguments, const FuseFiles& files);
-
-// Of the fused frame, or of one that would be.
-nlohmann::ordered_json facts(const FuseFiles& files, const DeviceInfo& device, Storage storage,
-                             const Tiling& tiling, float exposure);
-
-// {layer: {rule, channels}}, the channels three by three.
-nlohmann::ordered_json to_json(const LayerMap& map);
 
 }  // namespace raymeld::cli

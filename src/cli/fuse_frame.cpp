@@ -123,14 +123,6 @@ FrameFuser::Made& FrameFuser::made_for(const FuseFrame& frame) {
   made_.reset();  // its memory is the next one's
   const FuserOptions options =
       fuser_options(frame.arguments, frame.files, device_, threshold, frame.images.constants);
-  const Imath::Box2i& window = frame.files.window;
-  frame.console.note(fmt::format("fusing {} x {} with {} on {} ({})", width_of(window), height_of(window),
-                                 frame.files.model->name(), device_.info().name,
-                                 precision_name(options.storage)));
-  for (const auto& [layer, values] : found_constants(frame)) {
-    frame.console.note(
-        fmt::format("HRLS layer {} is {} everywhere and left out", layer, fmt::join(values, ", ")));
-  }
   made_ = std::make_unique<Made>(device_, frame, options);
   return *made_;
 }

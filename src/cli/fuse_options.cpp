@@ -196,7 +196,9 @@ void add_reports(CLI::App& command, FuseArguments& a) {
       ->type_name("DIR")
       ->excludes("--changed-only");
   command.add_flag("--json", a.json, "One JSON object on stdout");
-  command.add_flag("--quiet", a.quiet, "No notes and no progress, only warnings and errors");
+  CLI::Option* quiet =
+      command.add_flag("--quiet", a.quiet, "Says nothing but warnings and errors, and shows no progress");
+  command.add_flag("--verbose", a.verbose, "Also says which channels each layer comes from")->excludes(quiet);
 }
 
 void add_sequence(CLI::App& command, SequenceArguments& a, FuseArguments& frame) {

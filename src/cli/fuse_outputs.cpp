@@ -124,21 +124,4 @@ QualityTable stage_outputs(FuseFrame& frame) {
           {"hrls", measure(comparison->hrls, reference)}};
 }
 
-void publish_frame(FuseFrame& frame, double total_ms) {
-  frame.staged.commit();
-  const FuseReport& report = frame.result.report;
-  const auto spare = [](double share, const char* why) {
-    return share > 0 ? fmt::format("{:.0f} % of the frame {}; ", 100 * share, why) : "";
-  };
-  const std::string spared =
-      spare(report.settled_share, "is the same in LRHS and HRLS and needed no network") +
-      spare(report.kept_share, "is the last one's, as nothing changed there");
-  if (!spared.empty())
-    frame.console.note(fmt::format("{}{:.0f} % of the work was done", spared, 100 * report.work_share));
-  frame.console.note(fmt::format(
-      "wrote {}: input exposure {:.4g}, {:.0f} ms on the device, {:.0f} ms in all, {:.0f} MiB of its memory",
-      frame.arguments.output, report.exposure, report.device_ms, total_ms,
-      double(frame.result.allocated_bytes) / kMebibyte));
-}
-
 }  // namespace raymeld::cli

@@ -1,5 +1,5 @@
 // --dry-run: how a frame would be fused.
-#include "cli/fuse.h"
+#include "cli/fuse_report.h"
 #include "io/exr_window.h"
 
 namespace raymeld::cli {
@@ -50,8 +50,9 @@ std::string plan_text(const FuseArguments& arguments, FuseFiles& files, const De
   const Plan plan = make_plan(arguments, files, device, console);
   const Tiling& tiling = plan.fusion.tiling;
   const Graph& graph = plan.fusion.graph;
-  return fmt::format("{}\ninput exposure {:.4g}\ndevice {} ({})\n", describe(arguments, files), plan.exposure,
-                     device.info().name, precision_name(plan.options.storage)) +
+  return fmt::format("{}\n{}\n{}\n{}\ninput exposure {:.4g}\n", read_text(arguments, files),
+                     device_text(arguments, files, device.info()), found_text(findings(files)),
+                     channels_text(arguments, files), plan.exposure) +
          fmt::format("{} tile(s) of {} x {} LRHS pixels, halo {}; {:.3f} GFLOP, {:.1f} % of it for halos\n",
                      tiling.count(), tiling.tile.width, tiling.tile.height, tiling.halo,
                      plan.fusion.flop * 1e-9, 100 - 100 / tiling.overhead()) +

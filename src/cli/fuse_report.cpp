@@ -1,62 +1,27 @@
-// What the program says of a frame: notes, text and JSON.
+// What the program says of a frame on stderr, and its tables on stdout.
+#include "cli/fuse_report.h"
+
 #include <fmt/ranges.h>
 
-#include "cli/choice.h"
 #include "io/exr_window.h"
 
 namespace raymeld::cli {
 namespace {
 
-using Json = nlohmann::ordered_json;
-
-const char* sampling_name(const FuseFiles& files) { return files.phase == 0 ? "nearest" : "centered"; }
-
-// What the model was not made for, or does without; each line ends with \n.
-std::string notices(const FuseFiles& files) {
-  std::string text;
-  for (const auto& [layer, zeros] : files.absent_layers) {
-    text += fmt::format("HRLS has no layer {}; model {} does without it\n", layer, files.model->name());
-  }
-  if (!files.model->architecture().trained_on(files.phase > 0)) {
-    text += fmt::format("model {} was not trained on {} LRHS\n", files.model->name(), sampling_name(files));
-  }
-  return text;
+std::string size_text(const Imath::Box2i& window) {
+  return fmt::format("{} x {}", width_of(window), height_of(window));
 }
 
-// Empty where all of HRLS is fused.
+// Returns an empty text where all of HRLS is fused.
 std::string window_text(const FuseFiles& files) {
   const Imath::Box2i& window = files.window;
   if (window == files.hrls_windows.data) return "";
-  return fmt::format("window: {} x {} pixels at {},{}\n", width_of(window), height_of(window), window.min.x,
-                     window.min.y);
+  return fmt::format(", window {} at {},{}", size_text(window), window.min.x, window.min.y);
 }
-
-std::vector<std::string> names_of(const ConstantLayers& layers) {
-  std::vector<std::string> names;
-  for (const auto& [layer, values] : layers) names.push_back(layer);
-  return names;
-}
-
-// Operations, or bytes, in `time_ms`, in thousands of millions a second; 0 where no time was measured.
-double giga_per_second(double count, double time_ms) { return time_ms > 0 ? count / time_ms * 1e-6 : 0; }
 
 std::string row(const std::string& name, double time_ms, double flop, double bytes) {
   return fmt::format("{:<30} {:>12.3f} {:>10.2f} {:>10.2f}\n", name, time_ms, giga_per_second(flop, time_ms),
                      giga_per_second(bytes, time_ms));
-}
-
-const char* rule_name(LayerRule rule) {
-  switch (rule) {
-    case LayerRule::kRead:
-      return "read";
-    case LayerRule::kEquation2:
-      return "color * (direct + indirect)";
-    case LayerRule::kSum:
-      return "sum";
-    case LayerRule::kVariance:
-      return "variance";
-  }
-  return "";
 }
 
 std::string profile_text(const FuseReport& report) {
@@ -75,25 +40,16 @@ std::string profile_text(const FuseReport& report) {
   return text + row("total", total.time_ms, total.flop, total.bytes);
 }
 
-Json to_json(const std::vector<PassTime>& times) {
-  auto json = Json::array();
-  for (const PassTime& time : times) {
-    json.push_back({{"name", time.name},
-                    {"ms", time.time_ms},
-                    {"gflop_per_s", giga_per_second(time.flop, time.time_ms)},
-                    {"gb_per_s", giga_per_second(time.bytes, time.time_ms)}});
-  }
-  return json;
+// The share of a frame that was not computed, and why; empty where all was.
+std::string spared_text(double share, const char* why) {
+  return share > 0 ? fmt::format("{:.0f} % of the frame {}; ", 100 * share, why) : "";
 }
 
 }  // namespace
 
-Json to_json(const LayerMap& map) {
-  auto json = Json::object();
-  for (const auto& [layer, source] : map.layers)
-    json[layer] = {{"rule", rule_name(source.rule)}, {"channels", source.terms}};
-  return json;
-}
+const char* sampling_name(const FuseFiles& files) { return files.phase == 0 ? "nearest" : "centered"; }
+
+double giga_per_second(double count, double time_ms) { return time_ms > 0 ? count / time_ms * 1e-6 : 0; }
 
 ConstantLayers found_constants(const FuseFrame& frame) {
   ConstantLayers found = frame.images.constants;
@@ -101,58 +57,73 @@ ConstantLayers found_constants(const FuseFrame& frame) {
   return found;
 }
 
-std::string describe(const FuseArguments& arguments, const FuseFiles& files) {
-  return notices(files) +
-         fmt::format("LRHS {}: color from {}; {} samples\nHRLS {}: {}{}model {}, scale {}: takes {}",
-                     arguments.lrhs, fmt::join(files.lrhs_map.layers.at("color").terms[0], ", "),
-                     sampling_name(files), arguments.hrls, raymeld::describe(files.hrls_map),
-                     window_text(files), files.model->name(), files.canvas.scale,
+std::vector<std::string> findings(const FuseFiles& files) {
+  std::vector<std::string> found = {fmt::format("LRHS samples {}", sampling_name(files))};
+  for (const auto& [layer, zeros] : files.absent_layers) found.push_back(fmt::format("no {}", layer));
+  if (!files.model->architecture().trained_on(files.phase > 0))
+    found.push_back(fmt::format("{} was not trained on {} LRHS", files.model->name(), sampling_name(files)));
+  return found;
+}
+
+std::vector<std::string> findings(const FuseFrame& frame) {
+  std::vector<std::string> found = findings(frame.files);
+  for (const auto& [layer, values] : found_constants(frame))
+    found.push_back(fmt::format("{} is {} everywhere", layer, fmt::join(values, ", ")));
+  if (frame.images.exposure != 1)
+    found.push_back(fmt::format("input exposure {:.4g}", frame.images.exposure));
+  return found;
+}
+
+std::string read_text(const FuseArguments& names, const FuseFiles& files) {
+  return fmt::format("read {}, {}, and {}, {}{}: scale {}", names.lrhs, size_text(files.lrhs_windows.data),
+                     names.hrls, size_text(files.hrls_windows.data), window_text(files), files.canvas.scale);
+}
+
+std::string device_text(const FuseArguments& arguments, const FuseFiles& files, const DeviceInfo& device) {
+  const Storage storage = storage_for(arguments.precision, device, *files.model);
+  return fmt::format("fusing on {} with {} in {}", device.name, files.model->name(), precision_name(storage));
+}
+
+std::string found_text(const std::vector<std::string>& findings) {
+  return fmt::format("found {}", fmt::join(findings, "; "));
+}
+
+std::vector<std::string> opening_lines(const FuseArguments& names, const FuseFrame& frame,
+                                       const DeviceInfo& device) {
+  return {read_text(names, frame.files), device_text(names, frame.files, device),
+          found_text(findings(frame))};
+}
+
+std::string channels_text(const FuseArguments& names, const FuseFiles& files) {
+  return fmt::format("LRHS {}: color from {}\nHRLS {}: {}model {} takes {}", names.lrhs,
+                     fmt::join(files.lrhs_map.layers.at("color").terms[0], ", "), names.hrls,
+                     describe(files.hrls_map), files.model->name(),
                      fmt::join(files.model->architecture().hrls_layers, ", "));
 }
 
-// Of the fused frame, or of one that would be.
-Json facts(const FuseFiles& files, const DeviceInfo& device, Storage storage, const Tiling& tiling,
-           float exposure) {
-  return {{"device", device.name},
-          {"model", files.model->name()},
-          {"precision", precision_name(storage)},
-          {"scale", files.canvas.scale},
-          {"x", files.window.min.x},
-          {"y", files.window.min.y},
-          {"width", width_of(files.window)},
-          {"height", height_of(files.window)},
-          {"lrhs_sampling", sampling_name(files)},
-          {"absent_layers", names_of(files.absent_layers)},
-          {"input_exposure", exposure},
-          {"tiles", tiling.count()}};
+std::string took_text(const FuseFrame& frame, double total_ms) {
+  const FuseReport& report = frame.result.report;
+  const std::string spared =
+      spared_text(report.settled_share, "is the same in LRHS and HRLS and needed no network") +
+      spared_text(report.kept_share, "is the last one's, as nothing changed there");
+  const std::string text = fmt::format(
+      "{:.0f} ms on the device, {:.0f} ms in all, {:.0f} MiB of its memory; input exposure {:.4g}",
+      report.device_ms, total_ms, double(frame.result.allocated_bytes) / kMebibyte, report.exposure);
+  return spared.empty()
+             ? text
+             : fmt::format("{}; {}{:.0f} % of the work was done", text, spared, 100 * report.work_share);
+}
+
+std::string written_text(const FuseArguments& arguments) {
+  std::vector<std::string> names;
+  for (const std::filesystem::path& path : arguments.outputs()) names.push_back(path.string());
+  if (!arguments.dump.empty()) names.push_back(arguments.dump);
+  return fmt::format("{}", fmt::join(names, ", "));
 }
 
 std::string frame_text(const FuseFrame& frame, const QualityTable& quality) {
   const FuseReport& report = frame.result.report;
   return (report.layers.empty() ? "" : profile_text(report)) + (quality.empty() ? "" : table(quality));
-}
-
-Json frame_json(const FuseFrame& frame, const DeviceInfo& device, const QualityTable& quality,
-                double total_ms) {
-  const FuseResult& result = frame.result;
-  Json json = facts(frame.files, device, result.storage, result.tiling, result.report.exposure);
-  if (frame.arguments.choice) json["choice"] = to_json(*frame.arguments.choice);
-  json["constant_layers"] = found_constants(frame);
-  json["redone_tiles"] = result.report.redone_tiles;
-  json["settled_share"] = result.report.settled_share;
-  json["kept_share"] = result.report.kept_share;
-  json["work_share"] = result.report.work_share;
-  json["device_ms"] = result.report.device_ms;
-  json["fuse_ms"] = result.time_ms;
-  json["total_ms"] = total_ms;
-  json["peak_bytes"] = result.allocated_bytes;
-  json["metrics"] = to_json(quality);
-  json["warnings"] = to_json(frame.console.warnings());
-  if (!result.report.layers.empty()) {
-    json["layers"] = to_json(result.report.layers);
-    json["kernels"] = to_json(result.report.kernels);
-  }
-  return json;
 }
 
 }  // namespace raymeld::cli

@@ -5,44 +5,15 @@
 
 #include "cli/choice.h"
 #include "cli/failure.h"
+#include "cli/fuse_report.h"
 #include "cli/handover.h"
 #include "cli/interrupt.h"
+#include "cli/sequence_report.h"
 
 namespace raymeld::cli {
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-enum class Status { kUnfinished, kFused, kSkipped, kFailed };
-
-const char* status_name(Status status) {
-  switch (status) {
-    case Status::kUnfinished:
-      return "unfinished";
-    case Status::kFused:
-      return "fused";
-    case Status::kSkipped:
-      return "skipped";
-    case Status::kFailed:
-      return "failed";
-  }
-  return "";
-}
-
-struct Outcome {
-  int frame = 0;
-  Status status = Status::kUnfinished;
-  std::string error = {};
-  Json facts = Json::object();  // with --json, of a frame that was fused
-};
-
-std::vector<int> frames_that(Status status, std::span<const Outcome> outcomes) {
-  std::vector<int> frames;
-  for (const Outcome& outcome : outcomes) {
-    if (outcome.status == status) frames.push_back(outcome.frame);
-  }
-  return frames;
-}
 
 std::vector<Outcome> all_frames(const SequenceArguments& sequence, const FuseArguments& patterns) {
   const std::filesystem::path model = patterns.model.empty() ? "" : find_model(patterns.model);
@@ -52,6 +23,15 @@ std::vector<Outcome> all_frames(const SequenceArguments& sequence, const FuseArg
     outcomes.push_back({.frame = frame, .status = skip ? Status::kSkipped : Status::kUnfinished});
   }
   return outcomes;
+}
+
+// Notes the lines that differ from those `said` before, and keeps them there.
+void note_new(const Console& console, const std::vector<std::string>& lines, std::vector<std::string>& said) {
+  said.resize(lines.size());
+  for (size_t i = 0; i < lines.size(); ++i) {
+    if (lines[i] != said[i]) console.note(lines[i]);
+  }
+  said = lines;
 }
 
 // The three steps of a frame are a thread's each. Only what is handed over from one to the next is seen by
@@ -92,8 +72,9 @@ class Pipeline {
   std::vector<Outcome>& outcomes_;
   Console console_;
   Handover<Job> read_, fused_;
-  std::string described_;     // what was said last of where layers come from
-  bool device_lost_ = false;  // of fuse()'s thread
+  std::vector<std::string> channels_;  // said last by read()'s thread
+  std::vector<std::string> opening_;   // said last by fuse()'s thread
+  bool device_lost_ = false;           // of fuse()'s thread
 };
 
 // Whether the step was done. What goes wrong is the frame's alone, but for an interrupt and a lost device.
@@ -122,9 +103,8 @@ void Pipeline::read() {
     const bool is_read = attempt(job, [&] {
       job.frame = open_frame(of_frame(patterns_, outcome.frame),
                              Console(patterns_.notes(), fmt::format("frame {}: ", outcome.frame)), models_);
-      const std::string description = describe(patterns_, job.frame->files);
-      if (description != described_) console_.note(description);
-      described_ = description;
+      if (patterns_.verbose)
+        note_new(job.frame->console, {channels_text(patterns_, job.frame->files)}, channels_);
       load_frame(*job.frame);
     });
     if (is_read && !read_.put(std::move(job))) return;
@@ -142,6 +122,7 @@ void Pipeline::fuse() {
       return !interrupted();
     };
     const auto fuse_frame = [&] {
+      note_new(job->frame->console, opening_lines(patterns_, *job->frame, device_.info()), opening_);
       fuser.fuse(*job->frame, progress);
       job->frame->drop_inputs();
     };
@@ -159,39 +140,13 @@ void Pipeline::write() {
       const double total_ms = job->spent_ms + watch.ms();
       const std::string text = patterns_.json ? "" : frame_text(frame, quality);
       if (!text.empty()) print(fmt::format("frame {}\n{}", outcome.frame, text));
-      publish_frame(frame, total_ms);
+      frame.staged.commit();
+      frame.console.note(
+          fmt::format("wrote {}: {}", written_text(frame.arguments), took_text(frame, total_ms)));
       if (patterns_.json) outcome.facts = frame_json(frame, device_.info(), quality, total_ms);
       outcome.status = Status::kFused;
     });
   }
-}
-
-std::string summary_text(std::span<const Outcome> outcomes, double total_ms) {
-  std::string text =
-      fmt::format("{} frames: {} fused", outcomes.size(), frames_that(Status::kFused, outcomes).size());
-  for (const Status status : {Status::kSkipped, Status::kFailed, Status::kUnfinished}) {
-    const std::vector<int> frames = frames_that(status, outcomes);
-    if (!frames.empty()) {
-      text += fmt::format(", {} {} ({})", frames.size(), status_name(status), frames_text(frames));
-    }
-  }
-  return text + fmt::format("; {:.1f} s", total_ms / 1000);
-}
-
-Json summary_json(std::span<const Outcome> outcomes, double total_ms) {
-  Json json;
-  for (const Status status : {Status::kFused, Status::kSkipped, Status::kFailed, Status::kUnfinished}) {
-    json[status_name(status)] = frames_that(status, outcomes);
-  }
-  json["total_ms"] = total_ms;
-  json["frames"] = Json::array();
-  for (const Outcome& outcome : outcomes) {
-    Json frame = {{"frame", outcome.frame}, {"status", status_name(outcome.status)}};
-    if (!outcome.error.empty()) frame["error"] = outcome.error;
-    frame.update(outcome.facts);
-    json["frames"].push_back(std::move(frame));
-  }
-  return json;
 }
 
 // Of any frame, as all frames' are the same.

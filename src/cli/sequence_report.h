@@ -1,0 +1,25 @@
+// What the program says of a sequence at its end.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace raymeld::cli {
+
+enum class Status { kUnfinished, kFused, kSkipped, kFailed };
+
+struct Outcome {
+  int frame = 0;
+  Status status = Status::kUnfinished;
+  std::string error = {};
+  nlohmann::ordered_json facts = nlohmann::ordered_json::object();  // with --json, of a fused frame
+};
+
+std::vector<int> frames_that(Status status, std::span<const Outcome> outcomes);
+
+std::string summary_text(std::span<const Outcome> outcomes, double total_ms);
+nlohmann::ordered_json summary_json(std::span<const Outcome> outcomes, double total_ms);
+
+}  // namespace raymeld::cli
