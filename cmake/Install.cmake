@@ -8,6 +8,11 @@ install(TARGETS raymeld_library EXPORT raymeld LIBRARY DESTINATION ${CMAKE_INSTA
 install(DIRECTORY include/raymeld DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT dev)
 install(FILES blender/raymeld_fusion.py DESTINATION ${CMAKE_INSTALL_DATADIR}/raymeld COMPONENT tools)
 install(PROGRAMS scripts/fuse-array.slurm DESTINATION ${CMAKE_INSTALL_DATADIR}/raymeld COMPONENT tools)
+if(NOT CMAKE_CROSSCOMPILING)
+  install(FILES ${CMAKE_CURRENT_BINARY_DIR}/raymeld.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 COMPONENT tools)
+  install(FILES ${CMAKE_CURRENT_BINARY_DIR}/raymeld.bash RENAME raymeld
+          DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions COMPONENT tools)
+endif()
 install(DIRECTORY models/ DESTINATION ${CMAKE_INSTALL_DATADIR}/raymeld/models COMPONENT models)
 
 set(package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/raymeld)

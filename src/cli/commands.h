@@ -13,5 +13,7 @@ void add_graph(CLI::App& app);
 void add_tune(CLI::App& app);
 void add_trade(CLI::App& app);
 void add_conform(CLI::App& app);
+// Commands that no help lists: man and completion print what the build installs.
+void add_documents(CLI::App& app);
 
 }  // namespace raymeld::cli

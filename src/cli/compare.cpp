@@ -57,14 +57,17 @@ void compare(const CompareArguments& arguments) {
 void add_compare(CLI::App& app) {
   auto arguments = std::make_shared<CompareArguments>();
   CLI::App* command = app.add_subcommand("compare", "Measures an image against its reference");
-  command->add_option("IMAGE", arguments->image, "An OpenEXR file")->required();
-  command->add_option("REFERENCE", arguments->reference, "An OpenEXR file of the same size")->required();
+  command->add_option("IMAGE", arguments->image, "Reads the image from this OpenEXR file")->required();
+  command
+      ->add_option("REFERENCE", arguments->reference,
+                   "Reads the reference from this OpenEXR file of the same size")
+      ->required();
   command->add_option("--error-map", arguments->error_map,
                       "Writes a PNG of each pixel's RelMSE (0.5, 0.01): black up to 1e-4, yellow from 1");
-  command->add_option("--map", arguments->map, "Which channels to read, in both files, as for fuse")
+  command->add_option("--map", arguments->map, "Says which channels to read, in both files, as for fuse")
       ->type_name("ITEM")
       ->allow_extra_args(false);
-  command->add_flag("--json", arguments->json, "One JSON object instead of a table");
+  command->add_flag("--json", arguments->json, "Prints one JSON object instead of a table");
   command->footer("Example:\n  raymeld compare fused.exr reference.exr --error-map error.png");
   command->callback([arguments] { compare(*arguments); });
 }

@@ -154,12 +154,16 @@ void add_conform(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
       "conform",
       "Holds a device and its driver to the scalar reference, layer by layer and in whole networks");
-  command->add_option("--device", arguments->device, "An index of raymeld devices, a UUID or part of a name");
-  auto* quick = command->add_flag("--quick")->description("Some sizes and networks; the default");
-  command->add_flag("--full", arguments->full, "All sizes and networks: minutes on a CPU")->excludes(quick);
+  command->add_option("--device", arguments->device,
+                      "Runs on this Vulkan device: an index of raymeld devices, a UUID or part of a name");
+  auto* quick =
+      command->add_flag("--quick")->description("Runs some sizes and networks, which is the default");
+  command->add_flag("--full", arguments->full, "Runs all sizes and networks, which takes minutes on a CPU")
+      ->excludes(quick);
   std::vector<std::string> names;
   for (const conform::Suite& suite : conform::suites()) names.push_back(suite.name);
-  command->add_option("--suite", arguments->suites, fmt::format("Only these of {}", fmt::join(names, ", ")))
+  command
+      ->add_option("--suite", arguments->suites, fmt::format("Runs only these of {}", fmt::join(names, ", ")))
       ->delimiter(',')
       ->check(CLI::IsMember(names))
       ->type_name("NAME,...");
@@ -169,11 +173,10 @@ void add_conform(CLI::App& app) {
       ->add_option("--against", arguments->against,
                    "Holds what the networks give to what another device gave, as --values kept it")
       ->type_name("FILE");
-  command->add_flag("--json", arguments->json, "One JSON object instead of text");
+  command->add_flag("--json", arguments->json, "Prints one JSON object instead of text");
   command->footer(
-      "Exit status: 0 where no case failed, 2 where one did. What the device lacks a feature for is listed "
-      "as "
-      "unsupported.\n\nExample:\n  raymeld conform --full --device llvmpipe");
+      "Exit status: 0 where no case failed, 2 where one did. What the device lacks a feature "
+      "for\nis listed as unsupported.\n\nExample:\n  raymeld conform --full --device llvmpipe");
   command->callback([arguments] { run(*arguments); });
 }
 

@@ -68,9 +68,13 @@ void add_degrade(CLI::App& app) {
   auto arguments = std::make_shared<DegradeArguments>();
   CLI::App* command = app.add_subcommand(
       "degrade", "Makes an LRHS image of a full-size one: every scale-th pixel of all channels");
-  command->add_option("IMAGE", arguments->input, "An OpenEXR file")->required();
-  command->add_option("--scale", arguments->scale, "2, 4 or 8")->required()->check(CLI::IsMember({2, 4, 8}));
-  command->add_option("-o,--output", arguments->output, "The OpenEXR file to write")->required();
+  command->add_option("IMAGE", arguments->input, "Reads the full-size image from this OpenEXR file")
+      ->required();
+  command->add_option("--scale", arguments->scale, "Keeps every pixel of this distance: 2, 4 or 8")
+      ->required()
+      ->check(CLI::IsMember({2, 4, 8}));
+  command->add_option("-o,--output", arguments->output, "Writes the small image to this OpenEXR file")
+      ->required();
   command->footer(
       "The top-left pixel of each cell is kept, as in the paper, and the file says so in the attribute\n"
       "raymeldSampling, which fuse heeds.\n\nExample:\n  raymeld degrade full.exr --scale 4 -o low.exr");

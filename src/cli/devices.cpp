@@ -76,7 +76,8 @@ void add_devices(CLI::App& app) {
   CLI::App* command =
       app.add_subcommand("devices", "Lists the Vulkan devices, with the features that matter here");
   auto json = std::make_shared<bool>(false);
-  command->add_flag("--json", *json, "One JSON object instead of text");
+  command->add_flag("--json", *json, "Prints one JSON object instead of text");
+  command->footer("Examples:\n  raymeld devices\n  raymeld fuse ... --device 1");
   command->callback([json] { list(*json); });
 }
 

@@ -33,10 +33,12 @@ void add_graph(CLI::App& app) {
   auto arguments = std::make_shared<GraphArguments>();
   CLI::App* command =
       app.add_subcommand("graph", "Shows a frame's dispatches, barriers and memory plan; needs no device");
-  command->add_option("--model", arguments->model, "A model's name, a scale such as x4, or a file")
+  command->add_option("--model", arguments->model, "Shows this model: a name, a scale such as x4, or a file")
       ->required();
-  command->add_option("--size", arguments->size, "Of the fused image")->required()->type_name("WxH");
-  command->add_option("--precision", arguments->precision, "fp32 or fp16")
+  command->add_option("--size", arguments->size, "Plans for a fused image of this size")
+      ->required()
+      ->type_name("WxH");
+  command->add_option("--precision", arguments->precision, "Plans for activations of this type")
       ->check(CLI::IsMember({"fp32", "fp16"}))
       ->capture_default_str();
   command->add_flag("--dot", arguments->dot, "Writes a Graphviz graph instead");

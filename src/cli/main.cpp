@@ -3,6 +3,7 @@
 #include "cli/commands.h"
 #include "cli/console.h"
 #include "cli/failure.h"
+#include "cli/help.h"
 #include "cli/interrupt.h"
 #include "error.h"
 
@@ -18,7 +19,9 @@ int fail(const Failure& failure) {
 void describe(CLI::App& app) {
   app.set_version_flag("--version", "raymeld " RAYMELD_VERSION);
   app.require_subcommand(1);
-  app.get_formatter()->column_width(34);
+  app.formatter(std::make_shared<HelpFormatter>());
+  app.set_help_all_flag("--help-all", "Prints all options and exits");
+  app.get_help_ptr()->description("Prints the usual options and exits");
   app.footer(
       "Examples:\n"
       "  raymeld fuse --lrhs low.exr --hrls high.exr -o fused.exr\n"
@@ -34,6 +37,7 @@ void describe(CLI::App& app) {
   add_tune(app);
   add_trade(app);
   add_conform(app);
+  add_documents(app);
 }
 
 int parse_and_run(CLI::App& app, int argc, char** argv) try {

@@ -171,22 +171,24 @@ void add_trade(CLI::App& app) {
       "Measures what speed costs in quality: models, precisions, kernels and adaptation over a test set");
   command
       ->add_option("--data", arguments->data,
-                   "The test set: a folder of views, or one view; without it the sample pair")
+                   "Reads the test set from this folder of views, or of one view; without it the sample pair")
       ->type_name("DIR");
   command
       ->add_option("-o,--output", arguments->output,
                    "Writes trade.csv, trade.json and the report trade.html here")
       ->type_name("DIR")
       ->capture_default_str();
-  command->add_option("--device", arguments->device, "An index of raymeld devices, a UUID or part of a name");
+  command->add_option("--device", arguments->device,
+                      "Runs on this Vulkan device: an index of raymeld devices, a UUID or part of a name");
   command
       ->add_option("--model", arguments->models,
-                   "Names, scales such as x4, or files; without it all stock models")
+                   "Measures these models: names, scales such as x4, or files; without it all stock models")
       ->delimiter(',');
-  command->add_option("--views", arguments->views, "Only the first of them")->type_name("N");
-  CLI::Option* quick =
-      command->add_flag("--quick", arguments->quick,
-                        "Only one setting of each model, in fp32, and one pair of renders of each view");
+  command->add_option("--views", arguments->views, "Measures only the first views, this many")
+      ->type_name("N");
+  CLI::Option* quick = command->add_flag(
+      "--quick", arguments->quick,
+      "Measures only one setting of each model, in fp32, and one pair of renders of each view");
   command
       ->add_option(
           "--curve", arguments->curve,

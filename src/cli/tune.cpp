@@ -95,18 +95,20 @@ void add_tune(CLI::App& app) {
   CLI::App* command =
       app.add_subcommand("tune", "Measures which kernels are fastest on a device, and remembers it");
   command
-      ->add_option("--model", arguments->models,
-                   "Names, scales such as x4, or files; without it x2, x4 and x8")
+      ->add_option(
+          "--model", arguments->models,
+          "Measures what these models need: names, scales such as x4, or files; without it x2, x4 and x8")
       ->delimiter(',');
-  command->add_option("--size", arguments->size, "Of the fused image")
+  command->add_option("--size", arguments->size, "Measures for fused images of this size")
       ->type_name("WxH")
       ->capture_default_str();
-  command->add_option("--device", arguments->device, "An index of raymeld devices, a UUID or part of a name");
-  command->add_option("--precision", arguments->precision, "fp32, fp16 or auto")
+  command->add_option("--device", arguments->device,
+                      "Runs on this Vulkan device: an index of raymeld devices, a UUID or part of a name");
+  command->add_option("--precision", arguments->precision, "Measures kernels of this precision")
       ->check(CLI::IsMember({"auto", "fp32", "fp16"}))
       ->capture_default_str();
   command->add_flag("--again", arguments->again, "Measures also what was measured before");
-  command->add_flag("--json", arguments->json, "One JSON object instead of text");
+  command->add_flag("--json", arguments->json, "Prints one JSON object instead of text");
   command->footer("Example:\n  raymeld tune --model x4-fast --size 1920x1080");
   command->callback([arguments] { run(*arguments); });
 }

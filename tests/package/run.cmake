@@ -58,7 +58,7 @@ foreach(field "Package: libraymeld0.1\nDepends: [^\n]*libc6 " "Depends: librayme
   endif()
 endforeach()
 foreach(file bin/raymeld include/raymeld/raymeld.h ${LIBDIR}/libraymeld.so.0.1 ${LIBDIR}/pkgconfig/raymeld.pc
-             lib/python3/dist-packages)
+             lib/python3/dist-packages share/man/man1/raymeld.1 share/bash-completion/completions/raymeld)
   if(NOT EXISTS ${work}/debian/usr/${file})
     message(FATAL_ERROR "no package has usr/${file}")
   endif()

@@ -1,0 +1,18 @@
+// The manual and the completion of shells, made of the same texts as --help.
+#include "cli/commands.h"
+#include "cli/console.h"
+#include "cli/help.h"
+
+namespace raymeld::cli {
+
+void add_documents(CLI::App& app) {
+  const auto add = [&](const char* name, const char* description, std::string (*text)(const CLI::App&)) {
+    CLI::App* command = app.add_subcommand(name, description);
+    command->group("");
+    command->callback([&app, text] { print(text(app)); });
+  };
+  add("man", "Prints a page for man", man_page);
+  add("completion", "Prints a script that completes commands and options in bash", bash_completion);
+}
+
+}  // namespace raymeld::cli
