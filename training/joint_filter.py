@@ -12,30 +12,23 @@ import torch.nn.functional as F
 BINOMIAL = (0.25, 0.5, 0.25)
 
 
-def slow(x, guides, levels):
-    """x [N, 4, H, W], guides [N, G, H, W] -> [levels, N, 4, H, W], each made of the one before it.
+TAPS = torch.tensor([a * b for a in BINOMIAL for b in BINOMIAL])
 
-    The mean of a pixel's 3x3 neighbours at steps of 1, 2, 4 ..., edges replicated, weighted by a binomial kernel and by
-    exp(-|difference of guides|^2); Dammertz et al. 2010. The last channel, the mean of which is kept, says how much
-    each pixel counts in the mean of the others; Knutsson and Westin 1993.
-    """
+
+def slow_level(x, guides, taps, step):
+    """As level(), of any precision, by operations that PyTorch knows the gradients of."""
     height, width = x.shape[-2:]
-    result = []
-    for level in range(levels):
-        step = 2**level
-        padded_x, padded_guides = (F.pad(image, [step] * 4, mode="replicate") for image in (x, guides))
-        total = certainty = weights = 0
-        for i, dy in enumerate((0, step, 2 * step)):
-            for j, dx in enumerate((0, step, 2 * step)):
-                near = lambda image: image[..., dy : dy + height, dx : dx + width]
-                distance = ((near(padded_guides) - guides) ** 2).sum(1, keepdim=True)
-                weight = BINOMIAL[i] * BINOMIAL[j] * torch.exp(-distance)
-                counted = weight * near(padded_x[:, 3:])
-                total, certainty = total + counted * near(padded_x[:, :3]), certainty + counted
-                weights = weights + weight
-        x = torch.cat([total / certainty, certainty / weights], dim=1)
-        result.append(x)
-    return torch.stack(result)
+    padded_x, padded_guides = (F.pad(image, [step] * 4, mode="replicate") for image in (x, guides))
+    total = certainty = weights = 0
+    for tap in range(9):
+        dy, dx = tap // 3 * step, tap % 3 * step
+        near = lambda image: image[..., dy : dy + height, dx : dx + width]
+        distance = ((near(padded_guides) - guides) ** 2).sum(1, keepdim=True)
+        weight = taps[tap] * torch.exp(-distance)
+        counted = weight * near(padded_x[:, 3:])
+        total, certainty = total + counted * near(padded_x[:, :3]), certainty + counted
+        weights = weights + weight
+    return torch.cat([total / certainty, certainty / weights], dim=1)
 
 
 @functools.cache
@@ -50,13 +43,44 @@ def library():
         return ctypes.CDLL(str(built))
 
 
+def pointer(tensor):
+    return ctypes.c_void_p(tensor.data_ptr())
+
+
+class Level(torch.autograd.Function):
+    @staticmethod
+    def forward(context, x, guides, taps, step):
+        x, guides, taps = x.contiguous(), guides.contiguous(), taps.contiguous()
+        out = torch.empty_like(x)
+        n, _, height, width = x.shape
+        sizes = (n, guides.shape[1], height, width, step)
+        library().level_forward(pointer(x), pointer(guides), pointer(taps), *sizes, pointer(out))
+        context.save_for_backward(x, guides, taps, out)
+        context.sizes = sizes
+        return out
+
+    @staticmethod
+    def backward(context, grad):
+        saved, grad = context.saved_tensors, grad.contiguous()
+        grads = [torch.zeros_like(tensor) for tensor in saved[:3]]
+        library().level_backward(*map(pointer, saved), pointer(grad), *context.sizes, *map(pointer, grads))
+        return *grads, None
+
+
+def level(x, guides, taps, step):
+    """x [N, 4, H, W], guides [N, G, H, W], taps [9] -> [N, 4, H, W].
+
+    The mean of a pixel's 3x3 neighbours at distances of `step`, edges replicated, weighted by the taps, row by row, and by
+    exp(-|difference of guides|^2); Dammertz et al. 2010. The last channel, the mean of which is kept, says how much
+    each pixel counts in the mean of the others; Knutsson and Westin 1993.
+    """
+    return slow_level(x, guides, taps, step) if x.dtype == torch.float64 else Level.apply(x, guides, taps, step)
+
+
 def joint_filter(x, guides, levels):
-    """As slow(), many times faster for single precision; it has no gradient."""
-    if x.dtype == torch.float64:
-        return slow(x, guides, levels)
-    x, guides = x.contiguous(), guides.contiguous()
-    n, _, height, width = x.shape
-    result = torch.empty(levels, *x.shape)
-    pointer = lambda tensor: ctypes.c_void_p(tensor.data_ptr())
-    library().joint_filter(pointer(x), pointer(guides), n, guides.shape[1], height, width, levels, pointer(result))
-    return result
+    """[levels, N, 4, H, W]: levels at steps of 1, 2, 4 ..., each made of the one before it, with binomial taps."""
+    result = []
+    for i in range(levels):
+        x = level(x, guides, TAPS.to(x.dtype), 2**i)
+        result.append(x)
+    return torch.stack(result)

@@ -93,14 +93,31 @@ class Grow(unittest.TestCase):
 
 
 class JointFilter(unittest.TestCase):
+    def inputs(self, *shape):
+        """Random x, guides and taps; no pixel has a certainty near zero."""
+        return torch.rand(2, 4, *shape) + 0.1, 2 * torch.rand(2, 7, *shape), torch.rand(9) + 0.1
+
     def test_compiled_computes_the_same(self):
-        x, guides = torch.rand(2, 4, 9, 40), torch.rand(2, 7, 9, 40)
-        torch.testing.assert_close(joint_filter.joint_filter(x, guides, 5), joint_filter.slow(x, guides, 5))
+        for step in (1, 2, 8):
+            arguments = self.inputs(9, 40)
+            torch.testing.assert_close(joint_filter.level(*arguments, step), joint_filter.slow_level(*arguments, step))
+
+    def test_compiled_has_the_same_gradient(self):
+        """Steps reach beyond the image too, where the border is replicated."""
+        for step in (1, 2, 8):
+            arguments, weigh = self.inputs(7, 10), torch.rand(2, 4, 7, 10)
+            grads = []
+            for filtered, kind in ((joint_filter.level, torch.float32), (joint_filter.slow_level, torch.float64)):
+                leaves = [tensor.detach().clone().to(kind).requires_grad_() for tensor in arguments]
+                (filtered(*leaves, step) * weigh).sum().backward()
+                grads.append([leaf.grad.float() for leaf in leaves])
+            for compiled, slow in zip(*grads):
+                torch.testing.assert_close(compiled, slow, rtol=1e-4, atol=1e-5)
 
     def test_keeps_to_one_surface(self):
         x, guides = torch.rand(1, 4, 4, 8), torch.zeros(1, 1, 4, 8)
         guides[..., 4:] = 20
-        alone = joint_filter.slow(x[..., :4], guides[..., :4], 1)
+        alone = joint_filter.joint_filter(x[..., :4], guides[..., :4], 1)
         torch.testing.assert_close(joint_filter.joint_filter(x, guides, 1)[..., :3], alone[..., :3])
 
     def test_counts_by_certainty(self):
@@ -109,10 +126,10 @@ class JointFilter(unittest.TestCase):
         blind, clear = x.clone(), x.clone()
         blind[:, 3, :, 5] = clear[:, 3, :, 5] = 0
         clear[:, :3, :, 5] = 1000
-        a, b = (joint_filter.slow(image, torch.zeros(1, 1, 4, 8), 3) for image in (blind, clear))
+        a, b = (joint_filter.joint_filter(image, torch.zeros(1, 1, 4, 8), 3) for image in (blind, clear))
         torch.testing.assert_close(a, b)
         x[:, :3] = 0.5
-        even = joint_filter.slow(x, torch.rand(1, 1, 4, 8), 3)[:, :, :3]
+        even = joint_filter.joint_filter(x, torch.rand(1, 1, 4, 8), 3)[:, :, :3]
         torch.testing.assert_close(even, torch.full_like(even, 0.5))
 
 
