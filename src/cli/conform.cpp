@@ -143,8 +143,7 @@ void run(const ConformArguments& arguments) {
                       report.cases(Outcome::kPassed), report.cases(Outcome::kFailed),
                       report.cases(Outcome::kUnsupported)));
   }
-  if (const size_t failed = report.cases(Outcome::kFailed); failed > 0)
-    throw Error("{} of the device's cases failed", failed);
+  if (const std::string complaint = report.complaint(); !complaint.empty()) throw Error("{}", complaint);
 }
 
 }  // namespace
@@ -175,8 +174,8 @@ void add_conform(CLI::App& app) {
       ->type_name("FILE");
   command->add_flag("--json", arguments->json, "Prints one JSON object instead of text");
   command->footer(
-      "Exit status: 0 where no case failed, 2 where one did. What the device lacks a feature "
-      "for\nis listed as unsupported.\n\nExample:\n  raymeld conform --full --device llvmpipe");
+      "Exit status: 0 where cases passed and none failed, else 2. What the device lacks a feature for\n"
+      "is listed as unsupported.\n\nExample:\n  raymeld conform --full --device llvmpipe");
   command->callback([arguments] { run(*arguments); });
 }
 

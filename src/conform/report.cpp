@@ -1,8 +1,9 @@
 #include "conform/report.h"
 
-#include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
+#include <set>
 
 namespace raymeld::conform {
 
@@ -30,6 +31,15 @@ size_t Report::cases(Outcome outcome) const {
                                            : row.unsupported;
   }
   return count;
+}
+
+std::string Report::complaint() const {
+  if (!failures_.empty()) return fmt::format("{} of the device's cases failed", failures_.size());
+  if (cases(Outcome::kPassed) > 0) return {};
+  std::set<std::string> missing;
+  for (const Row& row : rows_) missing.insert(row.missing);
+  return fmt::format("no case passed: {} are unsupported ({})", cases(Outcome::kUnsupported),
+                     fmt::join(missing, ", "));
 }
 
 std::string place(const Finding& finding) {

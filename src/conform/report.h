@@ -25,6 +25,8 @@ class Report {
   const std::vector<Row>& rows() const { return rows_; }  // in the order of their first case
   const std::vector<Finding>& failures() const { return failures_; }
   size_t cases(Outcome outcome) const;
+  // Says why the device does not conform: a case failed, or none passed. Empty where it does.
+  std::string complaint() const;
 
  private:
   std::vector<Row> rows_;
