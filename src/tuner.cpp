@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <random>
 
 #include "engine/commands.h"
@@ -169,12 +170,19 @@ bool is_valid(const Conv2dShape& shape, const Conv2dKernel& kernel) {
 }
 
 struct Tuner {
-  const Device& device;
-  PipelineCache& cache;
+  const DeviceInfo& device;
   Storage storage;
+  const Conv2dTimer& time;
 
-  double time(bool addressed, const Conv2dShape& shape, const Conv2dKernel& kernel) const {
-    return time_conv2d(device, cache, storage, addressed, shape, kernel);
+  // A device that cannot compute or hold a kernel still has the others.
+  double time_if_possible(bool addressed, const Conv2dShape& shape, const Conv2dKernel& kernel) const {
+    try {
+      return time(addressed, shape, kernel);
+    } catch (const DeviceLost&) {
+      throw;
+    } catch (const Error&) {
+      return std::numeric_limits<double>::infinity();
+    }
   }
 
   // The kinds of kernels, then the parameters of the fastest one after another, each at its best before the
@@ -184,26 +192,20 @@ struct Tuner {
     Tuning::Entry best{{}, time(addressed, shape, {}), 0};
     best.direct_ms = best.time_ms;
     const auto consider = [&](const Conv2dKernel& kernel) {
-      try {
-        const double time_ms = time(addressed, shape, kernel);
-        if (time_ms < best.time_ms) std::tie(best.kernel, best.time_ms) = std::pair(kernel, time_ms);
-      } catch (const DeviceLost&) {
-        throw;
-      } catch (const Error&) {
-        // A device that cannot compile or hold one of them still has the others.
-      }
+      const double time_ms = time_if_possible(addressed, shape, kernel);
+      if (time_ms < best.time_ms) std::tie(best.kernel, best.time_ms) = std::pair(kernel, time_ms);
     };
     for (const uint32_t tile : {1u, 2u, 4u}) {
-      if (!device.info().buffer_device_address) break;
+      if (!device.buffer_device_address) break;
       if (tile > shape.most_tile || (shape.kernel == 1) != (tile == 1)) continue;
-      Conv2dKernel kernel = first_guess(device.info(), shape);
+      Conv2dKernel kernel = first_guess(device, shape);
       kernel.tile = tile;
       kernel.order = tuning.order;
       if (tile == 1 && storage == Storage::kFloat16) kernel.vector = 0;  // that shader has none
       consider(kernel);
     }
-    if (device.info().cooperative_matrix && storage == Storage::kFloat16) {
-      consider(first_matrix_guess(*device.info().cooperative_matrix, shape));
+    if (device.cooperative_matrix && storage == Storage::kFloat16) {
+      consider(first_matrix_guess(*device.cooperative_matrix, shape));
     }
     const auto vary = [&](const auto& parameter, std::initializer_list<uint32_t> values) {
       const Conv2dKernel start = best.kernel;
@@ -213,7 +215,7 @@ struct Tuner {
         if (kernel != start) consider(kernel);
       }
     };
-    if (best.kernel.matrix && !device.info().is_cpu) {
+    if (best.kernel.matrix && !device.is_cpu) {
       const auto of_tiles = [](uint32_t MatrixTiles::*member) {
         return [member](Conv2dKernel& kernel) -> uint32_t& { return (*kernel.matrix).*member; };
       };
@@ -224,7 +226,7 @@ struct Tuner {
     }
     if (best.kernel.tile == 0) return best;
     if (shape.channels_out > 8) vary(&Conv2dKernel::outputs, {8, 24});
-    if (device.info().is_cpu) {
+    if (device.is_cpu) {
       // What a 3x3 keeps of a band takes 36 floats a channel for each tile, a 1x1 one for each pixel.
       shape.kernel == 1 ? vary(&Conv2dKernel::band, {512, 1024, 4096})
                         : vary(&Conv2dKernel::band, {128, 512});
@@ -344,19 +346,19 @@ void save_tuning(const std::filesystem::path& file, const Tuning& tuning) {
   save_kept(file, kFormatVersion, json);
 }
 
-void tune(const Device& device, PipelineCache& cache, Storage storage, const std::vector<Conv2dShape>& shapes,
-          Tuning& tuning, const TuneProgress& progress) {
+void tune(const DeviceInfo& device, Storage storage, const Conv2dTimer& time,
+          const std::vector<Conv2dShape>& shapes, Tuning& tuning, const TuneProgress& progress) {
   if (shapes.empty()) return;
-  const Tuner tuner{device, cache, storage};
-  if (tuning.entries.empty() && device.info().buffer_device_address) {
+  const Tuner tuner{device, storage, time};
+  if (tuning.entries.empty() && device.buffer_device_address) {
     // The largest convolution, as the defaults would compute it, tells.
     const Conv2dShape& most = *std::max_element(
         shapes.begin(), shapes.end(), [](const auto& a, const auto& b) { return a.flop() < b.flop(); });
-    Conv2dKernel kernel = first_guess(device.info(), most);
-    double least_ms = tuner.time(false, most, kernel);
+    Conv2dKernel kernel = first_guess(device, most);
+    double least_ms = tuner.time_if_possible(false, most, kernel);
     const auto consider = [&](bool addressed, uint32_t order) {
       kernel.order = order;
-      const double time_ms = tuner.time(addressed, most, kernel);
+      const double time_ms = tuner.time_if_possible(addressed, most, kernel);
       if (time_ms >= least_ms) return;
       least_ms = time_ms;
       std::tie(tuning.addressed, tuning.order) = std::pair(addressed, order);
@@ -371,6 +373,14 @@ void tune(const Device& device, PipelineCache& cache, Storage storage, const std
     if (tuning.entries.contains(shape)) continue;
     progress(shape, tuning.entries[shape] = tuner.best(tuning, shape));
   }
+}
+
+void tune(const Device& device, PipelineCache& cache, Storage storage, const std::vector<Conv2dShape>& shapes,
+          Tuning& tuning, const TuneProgress& progress) {
+  const auto time = [&](bool addressed, const Conv2dShape& shape, const Conv2dKernel& kernel) {
+    return time_conv2d(device, cache, storage, addressed, shape, kernel);
+  };
+  tune(device.info(), storage, time, shapes, tuning, progress);
 }
 
 Kernels kernels_for(const Device& device, Storage storage, const std::filesystem::path& folder) {

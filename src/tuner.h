@@ -53,8 +53,14 @@ void save_tuning(const std::filesystem::path& file, const Tuning& tuning);
 // Called for each shape with what was found for it; may throw to stop.
 using TuneProgress = std::function<void(const Conv2dShape&, const Tuning::Entry&)>;
 
+// Returns the milliseconds that a kernel takes; throws Error where the device cannot compute it.
+using Conv2dTimer = std::function<double(bool addressed, const Conv2dShape&, const Conv2dKernel&)>;
+
 // Measures the candidates for each shape that `tuning` has not got yet and, the first time, whether
 // activations are better found by address, and the best order. Throws Error.
+void tune(const DeviceInfo& device, Storage storage, const Conv2dTimer& time,
+          const std::vector<Conv2dShape>& shapes, Tuning& tuning, const TuneProgress& progress);
+// The same, with time_conv2d() as the timer.
 void tune(const Device& device, PipelineCache& cache, Storage storage, const std::vector<Conv2dShape>& shapes,
           Tuning& tuning, const TuneProgress& progress);
 

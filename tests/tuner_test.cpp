@@ -150,24 +150,108 @@ TEST(Tuning, StartsTheSearchWithWhatFitsSharedMemory) {
     EXPECT_TRUE(is_possible(*first_matrix_guess(small, {128, 128, 64, 256, kernel}).matrix, kernel));
 }
 
-TEST_F(TunerTest, MeasuresEachShapeOnce) {
+DeviceInfo device_with_everything() {
+  DeviceInfo device = device_with_addresses();
+  device.cooperative_matrix = kMatrix;
+  return device;
+}
+
+constexpr Conv2dShape kShape3x3{64, 64, 32, 32, 3};
+
+// What tune() finds for one shape of 16-bit storage where `time` says how long a kernel takes.
+Tuning::Entry tuned(const Conv2dShape& shape, const std::function<double(const Conv2dKernel&)>& time) {
+  Tuning tuning;
+  const Conv2dTimer timer = [&](bool, const Conv2dShape&, const Conv2dKernel& kernel) {
+    return time(kernel);
+  };
+  tune(device_with_everything(), Storage::kFloat16, timer, {shape}, tuning, [](const auto&, const auto&) {});
+  return tuning.entries.at(shape);
+}
+
+std::string kind_of(const Conv2dKernel& kernel) {
+  return kernel.matrix ? "matrices" : fmt::format("tile {}", kernel.tile);
+}
+
+TEST(Tuner, TakesTheKindOfKernelThatIsFastest) {
+  for (const std::string fastest : {"tile 0", "tile 2", "tile 4", "matrices"}) {
+    const auto entry = tuned(kShape3x3, [&](const Conv2dKernel& k) { return kind_of(k) == fastest ? 2 : 5; });
+    EXPECT_EQ(kind_of(entry.kernel), fastest);
+    EXPECT_EQ(entry.time_ms, 2);
+    EXPECT_EQ(entry.direct_ms, fastest == "tile 0" ? 2 : 5);
+  }
+  for (const std::string fastest : {"tile 0", "tile 1", "matrices"}) {
+    const auto entry = tuned(kSmall1x1, [&](const Conv2dKernel& k) { return kind_of(k) == fastest ? 2 : 5; });
+    EXPECT_EQ(kind_of(entry.kernel), fastest);
+  }
+}
+
+TEST(Tuner, KeepsTheBestOfEachParameter) {
+  const auto winograd = tuned(kShape3x3, [](const Conv2dKernel& k) {
+    return 9.0 - (k.tile == 4) - (k.outputs == 24) - (k.band == 1u << 18);
+  });
+  EXPECT_EQ(winograd.time_ms, 6);
+  EXPECT_EQ(winograd.kernel.tile, 4u);
+  EXPECT_EQ(winograd.kernel.outputs, 24u);
+  EXPECT_EQ(winograd.kernel.band, 1u << 18);
+  const auto matrices = tuned(kShape3x3, [](const Conv2dKernel& k) {
+    if (!k.matrix) return 9.0;
+    return 8.0 - (k.matrix->rows == 1) - (k.matrix->outputs == 16) - (k.matrix->subgroups == 8);
+  });
+  EXPECT_EQ(matrices.time_ms, 5);
+}
+
+TEST(Tuner, LeavesOutWhatTheDeviceCannotComputeButNotALostDevice) {
+  const auto entry = tuned(kShape3x3, [](const Conv2dKernel& k) -> double {
+    if (k.tile == 4) throw Error("no room");
+    return k.tile == 2 ? 1 : 2;
+  });
+  EXPECT_EQ(entry.kernel.tile, 2u);
+  EXPECT_THROW(tuned(kShape3x3,
+                     [](const Conv2dKernel& k) -> double {
+                       if (k.tile == 4) throw DeviceLost("gone");
+                       return 1;
+                     }),
+               DeviceLost);
+}
+
+// The device computes every candidate, as what it could not would never be chosen.
+TEST_F(TunerTest, MeasuresEachShapeOnceByEveryKernel) {
   Tuning tuning;
   std::vector<Conv2dShape> measured;
-  const auto note = [&](const Conv2dShape& shape, const Tuning::Entry& entry) {
-    measured.push_back(shape);
-    EXPECT_GT(entry.time_ms, 0);
-    EXPECT_LE(entry.time_ms, entry.direct_ms);
+  std::map<std::string, double> least_ms;  // by shape and kind
+  const Conv2dTimer time = [&](bool addressed, const Conv2dShape& shape, const Conv2dKernel& kernel) {
+    double time_ms = 0;
+    EXPECT_NO_THROW(time_ms =
+                        time_conv2d(gpu(), shared_cache(), Storage::kFloat32, addressed, shape, kernel));
+    EXPECT_GT(time_ms, 0);
+    const auto [at, is_new] =
+        least_ms.emplace(fmt::format("{}x{}, {}", shape.kernel, shape.kernel, kind_of(kernel)), time_ms);
+    at->second = std::min(at->second, time_ms);
+    return time_ms;
   };
-  tune(gpu(), shared_cache(), Storage::kFloat32, {kSmall, kSmall1x1, kSmall}, tuning, note);
+  const auto note = [&](const Conv2dShape& shape, const Tuning::Entry&) { measured.push_back(shape); };
+  tune(gpu().info(), Storage::kFloat32, time, {kSmall, kSmall1x1, kSmall}, tuning, note);
   EXPECT_EQ(measured, (std::vector{kSmall, kSmall1x1}));
-  tune(gpu(), shared_cache(), Storage::kFloat32, {kSmall}, tuning, note);
+  tune(gpu().info(), Storage::kFloat32, time, {kSmall}, tuning, note);
   EXPECT_EQ(measured.size(), 2u);
-  tuning.entries.clear();
-  tune(gpu(), shared_cache(), Storage::kFloat16, {kSmall}, tuning, note);
-  EXPECT_EQ(measured.size(), 3u);
-  tune(gpu(), shared_cache(), Storage::kFloat32, {kSmall1x1}, tuning, note);
-  EXPECT_NE(tuning.entries.at(kSmall).kernel.tile, 1u);
-  EXPECT_LE(tuning.entries.at(kSmall1x1).kernel.tile, 1u);
+  const bool addresses = gpu().info().buffer_device_address;
+  EXPECT_EQ(least_ms.size(), addresses ? 5u : 2u);
+  for (const Conv2dShape& shape : measured) {
+    const auto& [kernel, time_ms, direct_ms] = tuning.entries.at(shape);
+    const std::string size = fmt::format("{}x{}, ", shape.kernel, shape.kernel);
+    EXPECT_LE(least_ms.at(size + kind_of(kernel)), time_ms);
+    EXPECT_EQ(least_ms.at(size + "tile 0"), direct_ms);
+  }
+}
+
+TEST_F(TunerTest, MeasuresBothStorages) {
+  Tuning tuning;
+  const auto ignore = [](const Conv2dShape&, const Tuning::Entry&) {};
+  for (const Storage storage : {Storage::kFloat32, Storage::kFloat16}) {
+    tuning.entries.clear();
+    tune(gpu(), shared_cache(), storage, {kSmall1x1}, tuning, ignore);
+    EXPECT_GT(tuning.entries.at(kSmall1x1).direct_ms, 0);
+  }
 }
 
 // Of 3x3 ones and of a single one, by the formula evaluated by hand: 149.38 and 128.44 (18496 / 144).
