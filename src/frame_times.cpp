@@ -60,8 +60,7 @@ Image noise(const Shape& shape, uint32_t seed) {
 }
 
 FrameTime measure_frame(const Device& device, const Model& model, TileSize frame, const FuserOptions& options,
-                        const std::filesystem::path& folder) {
-  using Clock = std::chrono::steady_clock;
+                        const std::filesystem::path& folder, const MillisecondClock& now_ms) {
   const auto shapes = frame_shapes(model, frame, options.constants);
   const Image lrhs = noise(shapes[0], 1), hrls = noise(shapes[1], 2);
   const auto make = [&] { return Fuser(device, model, frame.height, frame.width, options, folder); };
@@ -71,9 +70,9 @@ FrameTime measure_frame(const Device& device, const Model& model, TileSize frame
   Fuser fuser = make();
   fused = {};  // the first frame of a program allocates it
   const auto time_ms = [&] {
-    const auto start = Clock::now();
+    const double start_ms = now_ms();
     fuser.fuse(lrhs, hrls, fused);
-    return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+    return now_ms() - start_ms;
   };
   const double first_ms = time_ms();
   std::array<double, kFurtherFrames> further_ms;
@@ -91,8 +90,17 @@ TileSize measured_size(const Model& model, uint32_t height, uint32_t width) {
 
 }  // namespace
 
-FrameTimes::FrameTimes(const Device& device, const std::filesystem::path& folder)
-    : device_(device), folder_(folder), file_(file_of(device, folder)), times_(load(file_)) {}
+double steady_ms() {
+  const auto now = std::chrono::steady_clock::now().time_since_epoch();
+  return std::chrono::duration<double, std::milli>(now).count();
+}
+
+FrameTimes::FrameTimes(const Device& device, const std::filesystem::path& folder, MillisecondClock clock)
+    : device_(device),
+      folder_(folder),
+      file_(file_of(device, folder)),
+      clock_(std::move(clock)),
+      times_(load(file_)) {}
 
 std::optional<FrameTime> FrameTimes::known(const Model& model, uint32_t height, uint32_t width,
                                            const FuserOptions& options) const {
@@ -107,7 +115,7 @@ FrameTime FrameTimes::measure(const Model& model, uint32_t height, uint32_t widt
   const FusePlan whole = plan_fusion(model, height, width, device_.info(), options);
   const TileSize size = measured_size(model, height, width);
   const double part = plan_fusion(model, size.height, size.width, device_.info(), options).flop / whole.flop;
-  FrameTime time = measure_frame(device_, model, size, options, folder_);
+  FrameTime time = measure_frame(device_, model, size, options, folder_, clock_);
   time.first_ms /= part, time.further_ms /= part;
   times_[key_of(model, whole, options)] = time;
   if (!file_.empty()) save_kept(file_, kFormatVersion, to_json(times_));

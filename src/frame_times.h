@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <optional>
 
 #include "engine/pipeline_cache.h"
@@ -17,12 +18,17 @@ struct FrameTime {
   bool operator==(const FrameTime&) const = default;
 };
 
+// Returns the milliseconds since some moment in the past.
+using MillisecondClock = std::function<double()>;
+double steady_ms();
+
 // What is known of a device: the file lies in `folder`, or nothing is kept where that is empty.
 class FrameTimes {
  public:
   // A file that is absent, truncated or foreign is as if nothing was measured.
   explicit FrameTimes(const Device& device,
-                      const std::filesystem::path& folder = PipelineCache::default_folder());
+                      const std::filesystem::path& folder = PipelineCache::default_folder(),
+                      MillisecondClock clock = steady_ms);
 
   // Of a frame of (height, width) LRHS pixels: what was measured before, if it was.
   std::optional<FrameTime> known(const Model& model, uint32_t height, uint32_t width,
@@ -39,6 +45,7 @@ class FrameTimes {
  private:
   const Device& device_;
   std::filesystem::path folder_, file_;
+  MillisecondClock clock_;
   std::map<std::string, FrameTime> times_;
 };
 

@@ -3,7 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <fstream>
+#include <thread>
 
 #include "golden.h"
 #include "gpu.h"
@@ -52,11 +54,37 @@ TEST_F(FrameTimesTest, AreKeptByWhatTheyDependOn) {
   EXPECT_FALSE(times.known(model_, 6, 8, other));
 }
 
+// By a clock of which it is known how long every frame takes.
+TEST_F(FrameTimesTest, AreTheFirstAndTheMedianOfTheFurther) {
+  const std::vector<double> frames_ms{50, 9, 2, 7};
+  size_t asked = 0;
+  double now_ms = 1000;
+  FrameTimes times(gpu(), {}, [&] { return now_ms += asked++ % 2 ? frames_ms.at(asked / 2 - 1) : 100; });
+  EXPECT_EQ(times.measure(model_, 6, 8, {}), (FrameTime{50, 7}));
+  EXPECT_EQ(asked, 2 * frames_ms.size());
+}
+
+// 600x600 pixels of LRHS are 5.8 million fused ones, of which 362x362 are computed. Tiles of the whole frame
+// overlap.
 TEST_F(FrameTimesTest, LargeFramesAreMeasuredAsPartsOfThem) {
-  FrameTimes times(gpu(), folder_.path());
-  // 5.8 million pixels, of which a third are computed.
-  EXPECT_GT(times.measure(model_, 600, 600, {}).further_ms, 0);
-  EXPECT_TRUE(times.known(model_, 600, 600, {}));
+  double now_ms = 0;
+  FrameTimes times(gpu(), folder_.path(), [&] { return now_ms += 10; });
+  const FrameTime time = times.measure(model_, 600, 600, {});
+  const double parts = 600.0 * 600 / (362 * 362);
+  EXPECT_GE(time.first_ms, 10 * parts);
+  EXPECT_LE(time.first_ms, 12 * parts);
+  EXPECT_EQ(time.further_ms, time.first_ms);
+  EXPECT_EQ(times.known(model_, 600, 600, {}), time);
+}
+
+TEST(SteadyMs, CountsMilliseconds) {
+  using Milliseconds = std::chrono::duration<double, std::milli>;
+  const auto start = std::chrono::steady_clock::now();
+  const double before_ms = steady_ms();
+  std::this_thread::sleep_for(Milliseconds(20));
+  const double passed_ms = steady_ms() - before_ms;
+  EXPECT_GE(passed_ms, 20);
+  EXPECT_LE(passed_ms, Milliseconds(std::chrono::steady_clock::now() - start).count());
 }
 
 TEST_F(FrameTimesTest, AreForgotten) {
