@@ -115,26 +115,39 @@ TEST_F(DeviceTest, CreatedBySelector) {
 }
 
 // The tests rest on this: a misuse is heard, synchronization included.
-TEST(Validation, MisuseIsReported) {
-  const std::unique_ptr<Device> device =
-      Device::create({.selector = {}, .validation = Validation::kSynchronization});
+class Validated : public testing::Test {
+ protected:
+  std::unique_ptr<Device> make_device(Validation validation = Validation::kSynchronization) {
+    const auto keep = [this](const std::string& message) { messages_.push_back(message); };
+    return Device::create({.selector = {}, .validation = validation, .on_message = keep});
+  }
+  void expect_none() const { EXPECT_TRUE(messages_.empty()) << messages_.front(); }
+  void expect_one_with(const std::string& text) const {
+    const auto has_text = [&](const std::string& message) { return contains(message, text); };
+    EXPECT_TRUE(std::ranges::any_of(messages_, has_text)) << fmt::format("{}", fmt::join(messages_, "\n"));
+  }
+
+ private:
+  std::vector<std::string> messages_;
+};
+
+TEST_F(Validated, MisuseIsReported) {
+  const std::unique_ptr<Device> device = make_device();
   const Buffer a(*device, 1024, Memory::kDevice, "a"), b(*device, 1024, Memory::kDevice, "b");
   const VkBufferCopy all{0, 0, 1024};
   const VulkanFunctions& vk = device->vk();
   Commands pool(*device);
   const VkCommandBuffer commands = pool.begin("hazard");
   vk.CmdCopyBuffer(commands, a.handle(), b.handle(), 1, &all);
-  EXPECT_TRUE(device->messages().empty()) << device->messages().front();
+  expect_none();
   vk.CmdCopyBuffer(commands, b.handle(), a.handle(), 1, &all);  // reads b without a barrier
   pool.end(commands);
-  EXPECT_TRUE(std::ranges::any_of(device->messages(),
-                                  [](const std::string& m) { return contains(m, "SYNC-HAZARD"); }));
+  expect_one_with("SYNC-HAZARD");
 }
 
 // A graph places no barrier between what it takes for different images; here they are one.
-TEST(Validation, AMissingBarrierBetweenDispatchesIsReported) {
-  const std::unique_ptr<Device> device =
-      Device::create({.selector = {}, .validation = Validation::kSynchronization});
+TEST_F(Validated, AMissingBarrierBetweenDispatchesIsReported) {
+  const std::unique_ptr<Device> device = make_device();
   Graph graph(Storage::kFloat32, false, true);
   const Tensor in = graph.input("in", {4, 4, 3}), out = graph.tensor("out", {4, 4, 3});
   decode(graph, "decode", in, {});
@@ -149,17 +162,15 @@ TEST(Validation, AMissingBarrierBetweenDispatchesIsReported) {
   Commands pool(*device);
   const VkCommandBuffer commands = pool.begin("hazard");
   program.record(commands, 0, 0, 1);
-  EXPECT_TRUE(device->messages().empty()) << device->messages().front();
+  expect_none();
   const VkCommandBuffer both = pool.begin("hazard");
   program.record(both, 0, 0, 2);
-  EXPECT_TRUE(std::ranges::any_of(device->messages(),
-                                  [](const std::string& m) { return contains(m, "READ_AFTER_WRITE"); }));
+  expect_one_with("READ_AFTER_WRITE");
 }
 
 // A pass over small tensors with the sizes of large ones.
-TEST(Validation, AccessesBeyondABindingAreReported) {
-  const std::unique_ptr<Device> device =
-      Device::create({.selector = {}, .validation = Validation::kGpuAssisted});
+TEST_F(Validated, AccessesBeyondABindingAreReported) {
+  const std::unique_ptr<Device> device = make_device(Validation::kGpuAssisted);
   Graph large(Storage::kFloat32), small(Storage::kFloat32);
   pixel_shuffle(large, "shuffle", large.input("in", {64, 64, 4}), large.tensor("out", {128, 128, 1}));
   const Tensor in = small.input("in", {4, 4, 4}), out = small.tensor("out", {8, 8, 1});
@@ -173,11 +184,22 @@ TEST(Validation, AccessesBeyondABindingAreReported) {
   const VkCommandBuffer commands = pool.begin("beyond");
   program.record(commands, 0, 0, 1);
   pool.end(commands);
-  EXPECT_TRUE(device->messages().empty()) << device->messages().front();
+  expect_none();
   device->submit_and_wait(commands);
-  EXPECT_TRUE(std::ranges::any_of(device->messages(), [](const std::string& m) {
-    return contains(m, "out of bounds");
-  })) << fmt::format("{}", fmt::join(device->messages(), "\n"));
+  expect_one_with("out of bounds");
+}
+
+// What a test leaves behind is heard when the shared device goes.
+TEST_F(Validated, WhatIsLeftBehindIsReportedAtTheDevicesEnd) {
+  std::unique_ptr<Device> device = make_device();
+  auto info = vk_struct<VkBufferCreateInfo>(VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO);
+  info.size = 16;
+  info.usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT;
+  VkBuffer buffer = VK_NULL_HANDLE;
+  check(device->vk().CreateBuffer(device->handle(), &info, nullptr, &buffer), "creating a buffer");
+  expect_none();
+  device.reset();
+  expect_one_with("has not been destroyed");
 }
 
 TEST_F(DeviceTest, AnImpossibleBufferIsAnErrorThatNamesIt) {

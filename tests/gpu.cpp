@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "conform/collector.h"
@@ -26,19 +27,54 @@ Validation wished_validation() {
   return Validation::kSynchronization;
 }
 
+// What the tests of a process share, made when it is first asked for. It goes when they are over, and
+// whatever the validation layers say of that fails them too.
+class SharedDevice : public testing::Environment {
+ public:
+  const Device& device() {
+    const auto keep = [this](const std::string& message) { messages_.push_back(message); };
+    if (!device_)
+      device_ = Device::create({.selector = {}, .validation = wished_validation(), .on_message = keep});
+    return *device_;
+  }
+  PipelineCache& cache() {
+    if (!cache_) cache_.emplace(device(), folder_.path());
+    return *cache_;
+  }
+  const std::filesystem::path& folder() const { return folder_.path(); }
+  const conform::Target& target() {
+    if (!target_) target_.emplace(conform::Target{device(), cache(), folder()});
+    return *target_;
+  }
+
+  void fail_on_messages() {
+    for (const std::string& message : messages_) ADD_FAILURE() << message;
+    messages_.clear();
+  }
+
+  void TearDown() override {
+    target_.reset();
+    cache_.reset();
+    device_.reset();
+    fail_on_messages();
+  }
+
+ private:
+  std::vector<std::string> messages_;
+  TemporaryDirectory folder_;
+  std::unique_ptr<Device> device_;
+  std::optional<PipelineCache> cache_;
+  std::optional<conform::Target> target_;
+};
+
+// GoogleTest deletes it.
+SharedDevice& shared = *static_cast<SharedDevice*>(testing::AddGlobalTestEnvironment(new SharedDevice));
+
 }  // namespace
 
-const Device& gpu() {
-  static const std::unique_ptr<Device> device =
-      Device::create({.selector = {}, .validation = wished_validation()});
-  return *device;
-}
+const Device& gpu() { return shared.device(); }
 
-void GpuTest::TearDown() {
-  static size_t seen = 0;
-  const std::vector<std::string>& messages = gpu().messages();
-  for (; seen < messages.size(); ++seen) ADD_FAILURE() << messages[seen];
-}
+void GpuTest::TearDown() { shared.fail_on_messages(); }
 
 testing::AssertionResult same_bits(std::span<const float> actual, std::span<const float> expected) {
   if (actual.size() != expected.size()) {
@@ -69,21 +105,11 @@ void expect_passed(const conform::Finding& finding) {
   EXPECT_EQ(finding.outcome, conform::Outcome::kPassed) << what << ": " << finding.message;
 }
 
-std::filesystem::path shared_cache_folder() {
-  gpu();  // outlives the folder
-  static const TemporaryDirectory folder;
-  return folder.path();
-}
+std::filesystem::path shared_cache_folder() { return shared.folder(); }
 
-PipelineCache& shared_cache() {
-  static PipelineCache cache(gpu(), shared_cache_folder());
-  return cache;
-}
+PipelineCache& shared_cache() { return shared.cache(); }
 
-const conform::Target& target() {
-  static const conform::Target all{gpu(), shared_cache(), shared_cache_folder()};
-  return all;
-}
+const conform::Target& target() { return shared.target(); }
 
 void write_model(const std::filesystem::path& path, const reference::Architecture& architecture,
                  const reference::Weights& weights, const std::map<std::string, std::string>& other) {

@@ -23,26 +23,22 @@ std::shared_ptr<std::mutex> mutex_of(VkQueue queue) {
 
 }  // namespace
 
-VKAPI_ATTR VkBool32 VKAPI_CALL Device::collect_message(VkDebugUtilsMessageSeverityFlagBitsEXT,
+VKAPI_ATTR VkBool32 VKAPI_CALL Device::pass_message_on(VkDebugUtilsMessageSeverityFlagBitsEXT,
                                                        VkDebugUtilsMessageTypeFlagsEXT,
                                                        const VkDebugUtilsMessengerCallbackDataEXT* data,
                                                        void* device) {
   auto& self = *static_cast<Device*>(device);
   // Newer layers name the rule beside the text only.
   const char* rule = data->pMessageIdName ? data->pMessageIdName : "";
-  const std::lock_guard lock(self.messages_mutex_);
-  self.messages_.push_back(fmt::format("{}: {}", rule, data->pMessage));
+  const std::lock_guard lock(self.message_mutex_);
+  if (self.on_message_) self.on_message_(fmt::format("{}: {}", rule, data->pMessage));
   return VK_FALSE;
-}
-
-std::vector<std::string> Device::messages() const {
-  const std::lock_guard lock(messages_mutex_);
-  return messages_;
 }
 
 std::unique_ptr<Device> Device::create(const DeviceRequest& request) {
   std::unique_ptr<Device> device(new Device);
   device->owns_ = true;
+  device->on_message_ = request.on_message;
   device->vk_ = VulkanFunctions::load();
   device->create_instance(request.validation);
   const auto candidates = physical_devices(device->vk_, device->instance_);
@@ -112,7 +108,7 @@ void Device::create_instance(Validation validation) {
   info.messageType = VK_DEBUG_UTILS_MESSAGE_TYPE_GENERAL_BIT_EXT |
                      VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT |
                      VK_DEBUG_UTILS_MESSAGE_TYPE_PERFORMANCE_BIT_EXT;
-  info.pfnUserCallback = collect_message;
+  info.pfnUserCallback = pass_message_on;
   info.pUserData = this;
   check(vk_.CreateDebugUtilsMessengerEXT(instance_, &info, nullptr, &messenger_),
         "creating the validation messenger");

@@ -57,8 +57,10 @@ struct DeviceRequest {
   // An index, a UUID or a part of the name, any case; empty: the first discrete, integrated, virtual GPU or
   // CPU.
   std::string selector;
-  // Its messages collect in Device::messages().
   Validation validation = Validation::kNone;
+  // Called with each warning and error of the validation layers, from any thread but one at a time; also for
+  // those of the device's end.
+  std::function<void(const std::string&)> on_message = {};
 };
 
 // Several threads may use a Device at once; what was made from it, such as a Program, is one thread's at a
@@ -88,9 +90,6 @@ class Device {
   // Or the caller's.
   bool is_own() const { return owns_; }
 
-  // Warnings and errors of the validation layers since creation, oldest first.
-  std::vector<std::string> messages() const;
-
   // Names an object for debuggers and validation messages; does nothing without VK_EXT_debug_utils.
   template <typename Handle>
   void name(VkObjectType type, Handle handle, const std::string& text) const {
@@ -110,7 +109,7 @@ class Device {
   void create_device();
   void find_queue_family();
   void adopt(VkPhysicalDevice physical_device, uint32_t index);
-  static VKAPI_ATTR VkBool32 VKAPI_CALL collect_message(VkDebugUtilsMessageSeverityFlagBitsEXT,
+  static VKAPI_ATTR VkBool32 VKAPI_CALL pass_message_on(VkDebugUtilsMessageSeverityFlagBitsEXT,
                                                         VkDebugUtilsMessageTypeFlagsEXT,
                                                         const VkDebugUtilsMessengerCallbackDataEXT* data,
                                                         void* device);
@@ -133,8 +132,8 @@ class Device {
   DeviceInfo info_;
   VkPhysicalDeviceProperties properties_{};
   VkPhysicalDeviceMemoryProperties memory_{};
-  mutable std::mutex messages_mutex_;
-  std::vector<std::string> messages_;
+  std::mutex message_mutex_;
+  std::function<void(const std::string&)> on_message_;
 };
 
 }  // namespace raymeld
