@@ -12,6 +12,7 @@
 #include <thread>
 
 #include "error_of.h"
+#include "names_on_disk.h"
 #include "support.h"
 
 namespace raymeld::test {
@@ -108,6 +109,20 @@ TEST_P(AtomicFileTest, AKillLeavesAWholeFileOrNone) {
   RecordProperty("left_behind", left_behind);
   write("after all that");
   EXPECT_EQ(read_file(folder_ / "a"), "after all that");
+}
+
+// The test above as a process of its own, with a log between it and the disk.
+TEST(AtomicFile, IsOnTheDiskAfterCommit) {
+  const TemporaryDirectory folder;
+  const std::filesystem::path log = folder / "log";
+  const ProcessResult result =
+      run_process({"/proc/self/exe", "--gtest_filter=*AtomicFileTest.AppearsAtCommit*"},
+                  {.environment = {{"LD_PRELOAD", RAYMELD_SYNC_LOG_LIBRARY},
+                                   {"RAYMELD_SYNC_LOG", log.string()},
+                                   {"ASAN_OPTIONS", "detect_leaks=0:verify_asan_link_order=0"},
+                                   {"GTEST_TOTAL_SHARDS", std::nullopt}}});
+  ASSERT_EQ(result.exit_status, 0) << result.out;
+  EXPECT_TRUE(names_on_disk(read_file(log)).contains("a"));
 }
 
 INSTANTIATE_TEST_SUITE_P(Files, AtomicFileTest, testing::Bool(),

@@ -14,31 +14,16 @@ class CliFaults : public Cli {
  protected:
   void SetUp() override {
     Cli::SetUp();
-    environment_["VK_LAYER_PATH"] = RAYMELD_FAULT_LAYER;
-    environment_["VK_INSTANCE_LAYERS"] = "VK_LAYER_RAYMELD_faults";
-    environment_["NODEVICE_SELECT"] = "1";  // a layer of Mesa, whose calls are not the program's
-    environment_["RAYMELD_CALLS"] = calls_.string();
+    add_fault_layer();
     ASSERT_EQ(run(fuse()).exit_status, 0);
     std::filesystem::remove(folder_ / "out.exr");
     before_ = files();
     called_ = calls();
   }
 
-  struct Count {
-    int calls = 0, alive = 0;
-  };
-  // Of the last run, by function. Empty when its instance was not destroyed.
-  std::map<std::string, Count> calls() const {
-    std::map<std::string, Count> result;
-    std::ifstream stream(calls_);
-    std::string function;
-    for (Count count; stream >> function >> count.calls >> count.alive;) result[function] = count;
-    return result;
-  }
-
   ProcessResult run_with_fault(const std::string& function, int call, VkResult code) {
     environment_["RAYMELD_FAULT"] = fmt::format("{} {} {}", function, call, int(code));
-    std::filesystem::remove(calls_);
+    std::filesystem::remove(folder_ / "cache" / "calls.txt");
     return run(fuse());
   }
 
@@ -50,8 +35,7 @@ class CliFaults : public Cli {
     EXPECT_EQ(files(), before_);
   }
 
-  std::filesystem::path calls_ = folder_ / "cache" / "calls.txt";
-  std::map<std::string, Count> called_;
+  std::map<std::string, CallCount> called_;
   std::set<std::string> before_;
 };
 

@@ -1,9 +1,11 @@
 // The program as a process: what its tests share.
 #pragma once
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <set>
 
@@ -85,6 +87,59 @@ class Cli : public testing::Test {
     return arguments;
   }
   static std::string tiny_model() { return source_path("tests/golden/tiny-x4.safetensors").string(); }
+
+  // The program with fault_layer/ between it and the driver.
+  void add_fault_layer() {
+    environment_["VK_LAYER_PATH"] = RAYMELD_FAULT_LAYER;
+    environment_["VK_INSTANCE_LAYERS"] = "VK_LAYER_RAYMELD_faults";
+    environment_["NODEVICE_SELECT"] = "1";  // a layer of Mesa, whose calls are not the program's
+    environment_["RAYMELD_CALLS"] = (folder_ / "cache" / "calls.txt").string();
+  }
+
+  struct CallCount {
+    int calls = 0, alive = 0;
+  };
+  // Returns what the last run called, by function; empty when its instance was not destroyed.
+  std::map<std::string, CallCount> calls() const {
+    std::map<std::string, CallCount> result;
+    std::ifstream stream(folder_ / "cache" / "calls.txt");
+    std::string function;
+    for (CallCount count; stream >> function >> count.calls >> count.alive;) result[function] = count;
+    return result;
+  }
+
+  // The program with sync_log/ between it and the disk; its log is sync_log().
+  void add_sync_log() {
+    environment_["LD_PRELOAD"] = RAYMELD_SYNC_LOG_LIBRARY;
+    environment_["RAYMELD_SYNC_LOG"] = (folder_ / "cache" / "sync.txt").string();
+    environment_["ASAN_OPTIONS"] = "detect_leaks=0:verify_asan_link_order=0";  // it asks to be the first
+  }
+  std::string sync_log() const { return read_file(folder_ / "cache" / "sync.txt"); }
+
+  // Runs the program and holds it back until its stderr holds `text` and, after options.signal, options.then
+  // has returned. `hold` and `where` say at what: RAYMELD_HOLD_SUBMIT and a number, see fault_layer/, or
+  // RAYMELD_HOLD_SYNC and a part of a path, see sync_log/.
+  ProcessResult run_held(const std::string& hold, const std::string& where,
+                         std::vector<std::string> arguments, const std::string& text,
+                         ProcessOptions options = {}) {
+    const std::filesystem::path gate = folder_ / "cache" / "gate", late = gate.string() + ".late";
+    std::filesystem::remove(gate);
+    options.directory = folder_.path();
+    options.environment = environment_;
+    options.environment[hold] = where + " " + gate.string();
+    options.signal_after = text;
+    options.then = [gate, then = options.then] {
+      if (then) then();
+      write_file(gate, "");
+    };
+    arguments.insert(arguments.begin(), RAYMELD_PROGRAM);
+    const ProcessResult result = run_process(arguments, options);
+    EXPECT_TRUE(std::filesystem::exists(gate)) << "never said '" << text << "': " << result.err;
+    EXPECT_FALSE(std::filesystem::exists(late)) << "did not say '" << text << "' while it was held";
+    return result;
+  }
+  // The number of submits of the last run, which had the fault layer.
+  std::string submits() const { return std::to_string(calls().at("vkQueueSubmit").calls); }
 
   nlohmann::json run_json(const std::vector<std::string>& arguments) const {
     const ProcessResult result = run(arguments);

@@ -7,6 +7,7 @@
 #include <type_traits>
 
 #include "engine/khr_cooperative_matrix.h"
+#include "gate.h"
 
 namespace raymeld::test {
 namespace {
@@ -78,6 +79,16 @@ bool fails(const char* function) {
   return true;
 }
 
+void hold_back(std::string_view function) {
+  Hold hold;
+  {
+    const std::lock_guard lock(counting);
+    hold = interposed().hold;
+    if (function != "vkQueueSubmit" || interposed().calls.at("vkQueueSubmit") != hold.call) return;
+  }
+  wait_for_file(hold.file);
+}
+
 void count_made(const char* function) {
   const std::lock_guard lock(counting);
   ++interposed().alive[function];
@@ -119,6 +130,7 @@ struct Shim<Name, Result(VKAPI_PTR*)(Arguments...)> {
                                    const VkMemoryAllocateInfo*>) {
         if (is_beyond_the_limit(std::get<1>(all))) return VK_ERROR_OUT_OF_DEVICE_MEMORY;
       }
+      hold_back(Name::text);
       const VkResult result = real.load()(arguments...);
       if (Name::makes && result == VK_SUCCESS) count_made(Name::text);
       return result;

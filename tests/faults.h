@@ -20,8 +20,15 @@ struct Fault {
   bool lasting = false;
 };
 
+// The `call`-th vkQueueSubmit, from 1, waits until the file exists: until then a frame is being computed.
+struct Hold {
+  int call = 0;  // 0: none
+  std::string file = {};
+};
+
 struct Interposed {
   Fault fault;
+  Hold hold;
   uint64_t most_allocation_bytes = UINT64_MAX;  // what is beyond fails for want of device memory
   VkDevice device = VK_NULL_HANDLE;             // whose functions were asked for last
 

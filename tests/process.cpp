@@ -96,7 +96,7 @@ bool read_some(int descriptor, std::string& text) {
 class DueSignal {
  public:
   DueSignal(pid_t pid, const ProcessOptions& options)
-      : pid_(pid), options_(options), pending_(options.signal != 0) {}
+      : pid_(pid), options_(options), pending_(options.signal != 0 || options.then) {}
 
   // To be called whenever stderr has grown and when the time to wait is over.
   void send_if_due(const std::string& err) {
@@ -104,7 +104,8 @@ class DueSignal {
     if (!at_ && err.find(options_.signal_after) != std::string::npos)
       at_ = Clock::now() + options_.signal_delay;
     if (!at_ || Clock::now() < *at_) return;
-    kill(pid_, options_.signal);
+    if (options_.signal != 0) kill(pid_, options_.signal);
+    if (options_.then) options_.then();
     pending_ = false;
   }
 

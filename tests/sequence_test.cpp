@@ -347,32 +347,36 @@ TEST_F(Sequence, NotesAreOfTheFrameAndFewWhereNothingChanges) {
   EXPECT_EQ(verbose.find("color from", first + 40), std::string::npos) << verbose;
 }
 
-// Both can be seen only where threads happen to run so; they may, so in some run they do.
-TEST_F(Sequence, TheNextFrameIsReadAndTheLastWrittenWhileOneIsFused) {
-  write_frame(1, 48, 36);
-  write_frame(2, 32, 24);
-  write_frame(4, 48, 36);
-  bool read_meanwhile = false, wrote_meanwhile = false;
-  for (int i = 0; i < 20 && !(read_meanwhile && wrote_meanwhile); ++i) {
-    const std::string err = run(fuse_frames("1,3,2,4", {"--preview", "view.#.png"})).err;
-    const size_t wrote = err.find("frame 1: wrote");
-    ASSERT_NE(wrote, std::string::npos) << err;
-    read_meanwhile |= err.find("frame 3: cannot read") < wrote;
-    wrote_meanwhile |= err.find("frame 2: read") < wrote;
-  }
-  EXPECT_TRUE(read_meanwhile);
-  EXPECT_TRUE(wrote_meanwhile);
+TEST_F(Sequence, TheNextFrameIsReadWhileOneIsFused) {
+  write_frame(1);
+  add_fault_layer();
+  ASSERT_EQ(run(fuse_frames("1")).exit_status, 0);
+  const std::string err =
+      run_held("RAYMELD_HOLD_SUBMIT", submits(), fuse_frames("1,3"), "frame 3: cannot read").err;
+  EXPECT_LT(err.find("frame 3: cannot read"), err.find("frame 1: wrote")) << err;
 }
 
+TEST_F(Sequence, TheLastFrameIsWrittenWhileOneIsFused) {
+  write_frame(1);
+  write_frame(2, 16, 12);  // whose size is said as it is fused
+  std::filesystem::create_directory(folder_ / "fused");
+  add_sync_log();
+  std::vector<std::string> command = fuse_frames("1-2");
+  std::ranges::replace(command, std::string("out.####.exr"), std::string("fused/out.####.exr"));
+  const std::string err = run_held("RAYMELD_HOLD_SYNC", "/fused/", command, "frame 2: read").err;
+  EXPECT_LT(err.find("frame 2: read"), err.find("frame 1: wrote")) << err;
+  EXPECT_NE(err.find("frame 2: wrote"), std::string::npos) << err;
+}
+
+// The program is held at frame 4 until it has got the signal.
 TEST_F(Sequence, AnInterruptEndsAllAndLeavesWholeFrames) {
-  for (int frame = 1; frame <= 8; ++frame) write_frame(frame, 64, 48);
+  write_frames(1, 8);
+  add_fault_layer();
+  ASSERT_EQ(run(fuse_frames("1-4")).exit_status, 0);
+  for (int frame = 1; frame <= 4; ++frame) std::filesystem::remove(folder_ / out(frame));
   const std::set<std::string> before = files();
-  std::vector<std::string> arguments = fuse_frames("1-8", {"--max-memory", "1", "--kernels", "direct"});
-  arguments.insert(arguments.begin(), RAYMELD_PROGRAM);
-  const ProcessResult result = run_process(arguments, {.directory = folder_.path(),
-                                                       .environment = environment_,
-                                                       .signal = SIGINT,
-                                                       .signal_after = "frame 2: wrote"});
+  const ProcessResult result =
+      run_held("RAYMELD_HOLD_SUBMIT", submits(), fuse_frames("1-8"), "frame 2: wrote", {.signal = SIGINT});
   EXPECT_EQ(result.exit_status, 130) << result.err;
   for (const char* text : {"8 frames: ", " unfinished (", "cancelled"})
     EXPECT_NE(result.err.find(text), std::string::npos) << "'" << text << "' in: " << result.err;

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <optional>
 #include <span>
@@ -61,6 +62,7 @@ struct ProcessOptions {
   int signal = 0;                             // sent once, as soon as stderr holds ...
   std::string signal_after = {};              // ... this text, and then ...
   std::chrono::microseconds signal_delay{0};  // ... so much time has passed
+  std::function<void()> then = {};            // called once, after that, also without a signal
 };
 
 struct ProcessResult {

@@ -1,6 +1,7 @@
 // A Vulkan layer that makes a driver fail, for tests of whole programs. From the environment:
 //   RAYMELD_FAULT="FUNCTION CALL CODE"  e.g. "vkCreateBuffer 2 -1", FUNCTION "any" for any (see Fault)
 //   RAYMELD_MOST_ALLOCATION=BYTES       larger allocations fail
+//   RAYMELD_HOLD_SUBMIT="CALL FILE"     that call of vkQueueSubmit waits until the file exists (see Hold)
 //   RAYMELD_CALLS=FILE                  when the instance goes: a line "FUNCTION CALLS ALIVE" for each called
 #include <vulkan/vk_layer.h>
 #include <vulkan/vulkan_core.h>
@@ -35,6 +36,8 @@ void read_environment() {
     if (state.fault.function == "any") state.fault.function.clear();
     state.fault.code = static_cast<VkResult>(code);
   }
+  if (const char* text = std::getenv("RAYMELD_HOLD_SUBMIT"))
+    std::istringstream(text) >> state.hold.call >> state.hold.file;
   if (const char* most = std::getenv("RAYMELD_MOST_ALLOCATION"))
     state.most_allocation_bytes = std::strtoull(most, nullptr, 10);
 }
