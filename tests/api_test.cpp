@@ -265,6 +265,31 @@ TEST_F(ApiTest, FeaturesAreWhatADeviceIsMadeWith) {
   EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, Context{desc}, "0x40000000");
 }
 
+// A caller that was compiled with an older structure has an array of shorter elements.
+TEST_F(ApiTest, FeaturesAreWrittenAtTheStrideOfTheCaller) {
+  const CallerDevice caller;
+  const ExternalDevice& device = caller.external();
+  const auto features = list_features(device.get_instance_proc_addr, device.instance, device.physical_device);
+  constexpr size_t kOlder = offsetof(raymeld_feature, members);
+  constexpr char kUntouched = 0x5a;
+  std::vector<char> older((features.size() + 1) * kOlder, kUntouched);
+  std::memcpy(older.data(), &kOlder, sizeof(kOlder));
+  auto count = uint32_t(features.size());
+  ASSERT_EQ(raymeld_list_features(device.get_instance_proc_addr, device.instance, device.physical_device,
+                                  &count, reinterpret_cast<raymeld_feature*>(older.data())),
+            RAYMELD_SUCCESS);
+  for (size_t i = 0; i < features.size(); ++i) {
+    raymeld_feature written;
+    std::memcpy(static_cast<void*>(&written), older.data() + i * kOlder, kOlder);
+    EXPECT_EQ(written.struct_size, kOlder) << i;
+    EXPECT_EQ(written.bit, features[i].bit) << i;
+    EXPECT_EQ(written.supported, features[i].supported) << i;
+    EXPECT_EQ(written.extension_count, features[i].extension_count) << i;
+    EXPECT_EQ(written.extensions, features[i].extensions) << i;
+  }
+  EXPECT_EQ(std::string(older.end() - kOlder, older.end()), std::string(kOlder, kUntouched));
+}
+
 // Counts; a block begins with its size.
 struct Allocations {
   std::atomic<int> made{0}, alive{0};

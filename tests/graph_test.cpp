@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <tuple>
 
 #include "conform/model_file.h"
 #include "error_of.h"
@@ -281,6 +282,46 @@ TEST_F(GraphTest, KeepingAllActivationsMakesTheSameBits) {
           outputs.push_back(fused.read());
         }
         EXPECT_TRUE(same_bits(floats(outputs[1]), floats(outputs[0])));
+      }
+    }
+  }
+}
+
+// What a pass reads and writes of activations, whatever way it finds them.
+std::vector<std::vector<std::tuple<std::string, uint32_t, Access>>> accesses_of(const Graph& graph) {
+  std::vector<std::vector<std::tuple<std::string, uint32_t, Access>>> all;
+  for (const Pass& pass : graph.passes()) {
+    auto& own = all.emplace_back();
+    for (const Binding& binding : pass.bindings)
+      if (binding.kind == Binding::Kind::kTensor)
+        own.emplace_back(graph.tensors()[binding.tensor.id].name, binding.tensor.channel_offset,
+                         binding.access);
+  }
+  return all;
+}
+
+// Validation does not see accesses by address: barriers rest on what passes say they read. With buffers it
+// sees them, and both say the same.
+TEST(Graph, PassesByAddressHaveTheAccessesAndBarriersOfThoseWithBuffers) {
+  const TemporaryDirectory folder;
+  for (const auto& shape :
+       {small_architecture, guided_architecture, joint_architecture, cells_architecture}) {
+    const Subject subject = make_subject(shape(4), 9, 5, 1);
+    write_model(folder / "model.safetensors", subject.architecture, subject.weights);
+    const Model model(folder / "model.safetensors");
+    for (const Conv2dChoice& choose : {Conv2dChoice(conv2d_direct), Conv2dChoice(banded)}) {
+      for (const Storage storage : {Storage::kFloat32, Storage::kFloat16}) {
+        Graph buffers(storage), addressed(storage, true);
+        for (Graph* graph : {&buffers, &addressed}) {
+          network(*graph, model, 9, 5, 0, choose);
+          graph->plan();
+        }
+        ASSERT_EQ(addressed.passes().size(), buffers.passes().size());
+        EXPECT_EQ(accesses_of(addressed), accesses_of(buffers));
+        EXPECT_GT(addressed.barrier_count(), 10u);
+        for (size_t i = 0; i < buffers.passes().size(); ++i)
+          EXPECT_EQ(addressed.barrier_before(i), buffers.barrier_before(i))
+              << i << ": " << buffers.passes()[i].name;
       }
     }
   }
