@@ -88,6 +88,18 @@ std::optional<std::string> obstacle(const FusePlan& plan, std::span<const Shape>
   return std::nullopt;
 }
 
+// The same before the graph is made, which takes the host's memory in proportion to the tile: HRLS is a tensor
+// of the graph, and no tensor has more bytes than 32 bits count.
+std::optional<std::string> early_obstacle(const Model& model, TileSize tile, uint64_t most_bytes,
+                                          const FuserOptions& options) {
+  const Shape hrls = frame_shapes(model, tile, options.constants)[1];
+  const uint64_t bytes = hrls.pixels() * hrls.channels * element_bytes(options.storage);
+  const uint64_t allowed = std::min<uint64_t>(most_bytes, UINT32_MAX);
+  if (bytes <= allowed) return std::nullopt;
+  return fmt::format("HRLS alone needs {:.1f} MiB, more than the {:.1f} MiB allowed",
+                     double(bytes) / kMebibyte, double(allowed) / kMebibyte);
+}
+
 // Weights are stored times the ratio of what two tensors are stored over: then they must be within 65504, and
 // few of them so small that 16 bits have fewer digits for them.
 bool fits_half(const Model& model) {
@@ -113,6 +125,12 @@ std::optional<std::string> wide_obstacle(const FusePlan& plan, const Model& mode
 }
 
 }  // namespace
+
+void check_lrhs_size(TileSize size) {
+  const auto [height, width] = size;
+  if (height >= 1 && width >= 1 && height <= kMostSide && width <= kMostSide) return;
+  throw SizeError("LRHS of {} x {} pixels, expected sides from 1 to {}", width, height, kMostSide);
+}
 
 Storage storage_for(Precision precision, const DeviceInfo& device) {
   const bool half = precision == Precision::kFp16 ||
@@ -158,13 +176,17 @@ FuserOptions wide_options(const DeviceInfo& device, FuserOptions options, uint64
 
 FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const DeviceInfo& device,
                      const FuserOptions& options) {
+  check_lrhs_size({height, width});
   const uint64_t most_bytes = memory_limit(device, options) / (options.fp32_kernels ? 2 : 1);
   const StorageExponents exponents = exponents_for(model, options);
   std::optional<FusePlan> plan;  // of the tile tried last
   std::optional<std::string> reason;
   const auto fits = [&](TileSize tile) {
-    plan = describe(model, tile, tile.height < height || tile.width < width, device, options, exponents);
-    reason = obstacle(*plan, buffer_shapes(model, tile, options), device, most_bytes);
+    reason = early_obstacle(model, tile, most_bytes, options);
+    if (!reason) {
+      plan = describe(model, tile, tile.height < height || tile.width < width, device, options, exponents);
+      reason = obstacle(*plan, buffer_shapes(model, tile, options), device, most_bytes);
+    }
     if (!reason && options.fp32_kernels) reason = wide_obstacle(*plan, model, device, options);
     // Every layer's output stays readable in a frame of one tile only.
     if (reason && options.keep_activations)

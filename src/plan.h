@@ -87,8 +87,8 @@ uint64_t memory_limit(const DeviceInfo& device, const FuserOptions& options);
 // there.
 FuserOptions wide_options(const DeviceInfo& device, FuserOptions options, uint64_t taken_bytes);
 
-// Plans frames of (height, width) LRHS pixels for a device. Throws Error when not even the smallest tile
-// fits.
+// Plans frames of (height, width) LRHS pixels for a device. Throws SizeError, and Error when not even the
+// smallest tile fits.
 FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const DeviceInfo& device,
                      const FuserOptions& options);
 
@@ -97,6 +97,12 @@ class SizeError : public Error {
  public:
   using Error::Error;
 };
+
+// No LRHS is larger than this, in pixels: what plans take of the host's memory grows with its sides.
+inline constexpr uint32_t kMostSide = 65536;
+
+// Throws SizeError unless both sides are from 1 to kMostSide.
+void check_lrhs_size(TileSize size);
 
 // The graph of frames of (size.height, size.width) LRHS pixels for a device that runs `plan`, of one tile
 // that is no smaller: by the same kernels, in the same memory. Throws Error, and SizeError.

@@ -50,7 +50,7 @@ TEST_F(ApiTest, FailuresSayWhatWasExpected) {
     desc.*member = value;
     EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, Fusion(context, model, desc), text);
   };
-  refused(&raymeld_fusion_desc::width, 0u, "LRHS of 0 x 6 pixels");
+  refused(&raymeld_fusion_desc::width, 0u, "LRHS of 0 x 6 pixels, expected sides from 1 to 65536");
   refused(&raymeld_fusion_desc::precision, raymeld_precision(3), "precision is 3");
   refused(&raymeld_fusion_desc::kernels, raymeld_kernels(2), "kernels is 2");
   refused(&raymeld_fusion_desc::lrhs_sampling, raymeld_sampling(-1), "lrhs_sampling is");
@@ -455,6 +455,27 @@ TEST_F(ApiTest, ActivationsMayLieInTheCallersMemory) {
   desc_.memory_offset_bytes += 4;
   EXPECT_FAILURE(RAYMELD_ERROR_DEVICE, Fusion(context, model, desc_), "at a multiple of");
   caller.vk().FreeMemory(device, memory, nullptr);
+}
+
+// A plan of such sizes would take all of the host's memory.
+TEST_F(ApiTest, AbsurdSizesAreRefusedBeforeTheyArePlanned) {
+  const Context context;
+  const SharedModel model(file_);
+  for (const auto side : {&raymeld_fusion_desc::height, &raymeld_fusion_desc::width}) {
+    for (const uint32_t pixels : {65537u, 4'000'000'000u, UINT32_MAX}) {
+      raymeld_fusion_desc desc = desc_;
+      desc.*side = pixels;
+      const std::string told = std::to_string(pixels);
+      EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, Fusion(context, model, desc), told, "from 1 to 65536");
+      EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, memory_needs(context, model, desc), told);
+    }
+  }
+  Fusion fusion(context, model, desc_);
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.prepare_size(4'000'000'000, 4'000'000'000),
+                 "4000000000", "at most 9 x 6");
+  desc_.height = desc_.width = 65536;  // the largest there is takes tiles
+  desc_.max_memory_bytes = 16 << 20;
+  EXPECT_LT(memory_needs(context, model, desc_).size_bytes, desc_.max_memory_bytes);
 }
 
 TEST_F(ApiTest, WhatCannotBeMadeHasNoMemoryNeeds) {

@@ -373,6 +373,8 @@ TEST_F(FrameTextureTest, WhatAnImageLacksIsSaid) {
   EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, run(fusion, bad, {good, good, good}, good), "lrhs: view");
   EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, run(fusion, good, {good, good, bad}, good),
                  "hrls[2], normal: view");
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, run(fusion, good, {bad, good, good}, good), "hrls: view");
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, run(fusion, good, {good, good, good}, bad), "fused: view");
   bad = view_of(*image, kReadOnly);
   EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, run(fusion, good, {good, good, good}, bad),
                  "fused: layout is 5", "GENERAL");

@@ -217,7 +217,7 @@ typedef enum raymeld_sampling {
 
 typedef struct raymeld_fusion_desc {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_fusion_desc));
-  uint32_t height RAYMELD_IS(0); /* of LRHS, in pixels */
+  uint32_t height RAYMELD_IS(0); /* of LRHS, in pixels; from 1 to 65536 */
   uint32_t width RAYMELD_IS(0);
   raymeld_precision precision RAYMELD_IS(RAYMELD_PRECISION_AUTO);
   raymeld_kernels kernels RAYMELD_IS(RAYMELD_KERNELS_AUTO);

@@ -249,8 +249,7 @@ FuserOptions fuser_options(const raymeld_fusion_desc& desc, const ContextState& 
 }
 
 void check_desc(const raymeld_fusion_desc& desc) {
-  if (desc.height == 0 || desc.width == 0)
-    throw InvalidArgument("raymeld_fusion_desc: LRHS of {} x {} pixels", desc.width, desc.height);
+  check_lrhs_size({desc.height, desc.width});
   check_choice(desc.precision, RAYMELD_PRECISION_FP16, "precision");
   check_choice(desc.kernels, RAYMELD_KERNELS_DIRECT, "kernels");
   check_choice(desc.lrhs_sampling, RAYMELD_SAMPLING_CENTERED, "lrhs_sampling");

@@ -2,7 +2,7 @@
 
 #include <charconv>
 
-#include "error.h"
+#include "plan.h"
 
 namespace raymeld::cli {
 
@@ -23,7 +23,9 @@ TileSize lrhs_size(const Model& model, const std::string& size) {
   if (full.width % scale != 0 || full.height % scale != 0) {
     throw Error("--size {} is no multiple of the scale {} of model {}", size, scale, model.name());
   }
-  return {full.height / scale, full.width / scale};
+  const TileSize lrhs{full.height / scale, full.width / scale};
+  check_lrhs_size(lrhs);
+  return lrhs;
 }
 
 }  // namespace raymeld::cli
