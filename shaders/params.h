@@ -147,6 +147,15 @@ struct Encode {
   float constants[8];  // what channels are that are from RAYMELD_FIRST_CONSTANT and further
 };
 
+struct Variance {
+  FRAME_VIEW frame;
+  uint height;
+  uint width;
+  uint plane;
+  uint log_transfer;  // 0: linear
+  float clip;
+};
+
 struct Highlights {
   FRAME_VIEW frame;
   uint height;

@@ -54,9 +54,12 @@ void check_constant_layers(const Model& model, const ConstantLayers& constants) 
   }
 }
 
-std::vector<std::string> image_layers(const Architecture& a, const ConstantLayers& constants) {
+std::vector<std::string> image_layers(const Architecture& a, const ConstantLayers& constants,
+                                      bool compute_variance) {
   std::vector<std::string> layers = a.hrls_layers;
-  std::erase_if(layers, [&](const std::string& layer) { return constants.contains(layer); });
+  std::erase_if(layers, [&](const std::string& layer) {
+    return constants.contains(layer) || (compute_variance && layer == "variance");
+  });
   return layers;
 }
 
@@ -83,7 +86,7 @@ void take_constant_layers(const Architecture& a, Image& hrls, ConstantLayers& co
   hrls.data.resize(size_t(kept) * plane);
 }
 
-HrlsChannels hrls_channels(const Architecture& a, const ConstantLayers& constants) {
+HrlsChannels hrls_channels(const Architecture& a, const ConstantLayers& constants, bool compute_variance) {
   HrlsChannels result;
   const auto append = [&](const std::string& layer, const auto& channel_of) {
     result.first[layer] = static_cast<uint32_t>(result.encoded.size());
@@ -97,8 +100,11 @@ HrlsChannels hrls_channels(const Architecture& a, const ConstantLayers& constant
   }
   result.unread = static_cast<uint32_t>(result.encoded.size());
   uint32_t next = 0;
-  for (const std::string& layer : image_layers(a, constants))
-    append(layer, [&](uint32_t) { return EncodedChannel{kind_of(layer), next++}; });
+  for (const std::string& layer : image_layers(a, constants)) {
+    const bool computed = compute_variance && layer == "variance";
+    if (computed) result.variance = static_cast<uint32_t>(result.encoded.size());
+    append(layer, [&](uint32_t c) { return EncodedChannel{kind_of(layer), computed ? c : next++}; });
+  }
   for (const std::string& layer : a.hrls_layers) {
     const auto constant = constants.find(layer);
     for (size_t c = 0; c < 3; ++c) {

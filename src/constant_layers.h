@@ -22,7 +22,9 @@ using ConstantLayers = std::map<std::string, std::array<float, 3>>;
 void check_constant_layers(const Model& model, const ConstantLayers& constants);
 
 // The layers that an HRLS image holds, three channels each: the model's without these, in its order.
-std::vector<std::string> image_layers(const Architecture& architecture, const ConstantLayers& constants);
+// `compute_variance`: nor does it hold the variance, which the device computes of the color.
+std::vector<std::string> image_layers(const Architecture& architecture, const ConstantLayers& constants,
+                                      bool compute_variance = false);
 
 // Moves the layers of an HRLS image that are constant, once encoded with whatever exposure, to `constants`,
 // which are the layers that the image does not hold.
@@ -33,10 +35,12 @@ void take_constant_layers(const Architecture& architecture, Image& hrls, Constan
 struct HrlsChannels {
   std::vector<EncodedChannel> encoded;
   uint32_t unread = 0;                    // of them, in front: by convolutions
+  std::optional<uint32_t> variance = {};  // the first of the three among them that variance() makes, if any
   std::map<std::string, uint32_t> first;  // of a layer's three, among `encoded`
   // Of the channels that the model has weights for, see Conv2dOptions.
   std::vector<std::optional<float>> constants;
 };
-HrlsChannels hrls_channels(const Architecture& architecture, const ConstantLayers& constants);
+HrlsChannels hrls_channels(const Architecture& architecture, const ConstantLayers& constants,
+                           bool compute_variance = false);
 
 }  // namespace raymeld

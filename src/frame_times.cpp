@@ -46,9 +46,10 @@ std::string key_of(const Model& model, const FusePlan& plan, const FuserOptions&
   const Tiling& tiling = plan.tiling;
   const Conv2dKernel kernel = options.kernels.conv2d({64, 64, 32, 32, 3});  // tells direct ones from others
   const char* kernels = kernel.tile == 0 && !kernel.matrix ? "direct kernels" : "fast kernels";
+  const size_t layers =
+      image_layers(model.architecture(), options.constants, options.compute_variance).size();
   return fmt::format("{}, {} parameters, {} layers, {}x{} in {} tiles, {}, {}", model.name(),
-                     model.parameters(), image_layers(model.architecture(), options.constants).size(),
-                     tiling.frame.width, tiling.frame.height, tiling.count(),
+                     model.parameters(), layers, tiling.frame.width, tiling.frame.height, tiling.count(),
                      options.storage == Storage::kFloat16 ? "fp16" : "fp32", kernels);
 }
 
@@ -61,7 +62,7 @@ Image noise(const Shape& shape, uint32_t seed) {
 
 FrameTime measure_frame(const Device& device, const Model& model, TileSize frame, const FuserOptions& options,
                         const std::filesystem::path& folder, const MillisecondClock& now_ms) {
-  const auto shapes = frame_shapes(model, frame, options.constants);
+  const auto shapes = frame_shapes(model, frame, options.constants, options.compute_variance);
   const Image lrhs = noise(shapes[0], 1), hrls = noise(shapes[1], 2);
   const auto make = [&] { return Fuser(device, model, frame.height, frame.width, options, folder); };
   Image fused;

@@ -87,7 +87,7 @@ uint64_t Fuser::allocated_bytes() const {
 }
 
 std::array<Shape, 3> Fuser::image_shapes(TileSize tile) const {
-  return frame_shapes(model_, tile, options_.constants);
+  return frame_shapes(model_, tile, options_.constants, options_.compute_variance);
 }
 
 FrameBindings Fuser::bindings(const FrameBuffer& lrhs, const FrameBuffer& hrls,

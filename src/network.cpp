@@ -128,12 +128,20 @@ struct Builder {
     return x;
   }
 
-  // HRLS's channels [first, last) as they are kept: of one buffer, or a layer at a time of its image.
+  // HRLS's channels [first, last) as they are kept: of one buffer, or a layer at a time of its image; the
+  // variance by itself where the device computes it.
   void encode_hrls(const std::string& name, const Tensor& hrls, uint32_t first, uint32_t last, bool needed) {
     const std::span<const EncodedChannel> channels = hrls_channels.encoded;
     const auto encode_run = [&](FrameSlot slot, uint32_t begin, std::span<const EncodedChannel> run) {
       encode(graph, name, slot, hrls.slice(begin, uint32_t(run.size())), run, a.transfer, a.clip, needed);
     };
+    const uint32_t computed = hrls_channels.variance.value_or(UINT32_MAX);
+    if (first <= computed && computed < last) {
+      if (first < computed) encode_hrls(name, hrls, first, computed, needed);
+      variance(graph, "variance", hrls.slice(computed, 3), a.transfer, a.clip);
+      if (computed + 3 < last) encode_hrls(name, hrls, computed + 3, last, needed);
+      return;
+    }
     if (!graph.frame_images().inputs)
       return encode_run(FrameSlot::kHrls, first, channels.subspan(first, last - first));
     for (uint32_t begin = first; begin < last; begin += 3) {
@@ -252,9 +260,10 @@ double encoded_range(const Architecture& a) {
 }  // namespace
 
 void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase,
-             const Conv2dChoice& choose, const StorageExponents& exponents, const ConstantLayers& constants) {
+             const Conv2dChoice& choose, const StorageExponents& exponents, const ConstantLayers& constants,
+             bool compute_variance) {
   check_constant_layers(model, constants);
-  const HrlsChannels channels = hrls_channels(model.architecture(), constants);
+  const HrlsChannels channels = hrls_channels(model.architecture(), constants, compute_variance);
   Builder build{
       .graph = graph, .model = model, .choose = choose, .exponents = exponents, .hrls_channels = channels};
   add_network(build, height, width, phase);
@@ -305,7 +314,7 @@ std::vector<Conv2dShape> conv2d_shapes(const Model& model, uint32_t height, uint
 // Follows the right-most pixel of cell 0 back through the longest paths to LRHS and to HRLS: a 3x3 reaches
 // one pixel further at its own resolution, a shuffle moves to the pixel of the other resolution that lies
 // furthest out.
-uint32_t receptive_halo(const Architecture& a) {
+uint32_t receptive_halo(const Architecture& a, bool compute_variance) {
   uint32_t x = a.scale - 1;
   x += a.head_layers + 1;  // head.i, rec
   if (a.upscale == Upscale::kDirect) {
@@ -321,6 +330,7 @@ uint32_t receptive_halo(const Architecture& a) {
     for (uint32_t i = 0; i < a.levels(); ++i) x = 2 * (x + 1) + 1;  // down.i
     x += 1;                                                         // hrls
   }
+  if (compute_variance) x += 1;
   if (a.base != Base::kJoint) return std::max(x / a.scale, lrhs);
   x += (1u << kJointLevels) - 1;  // joint.i
   return x / a.scale + 2;  // the upsampled irradiance, a mean of 3x3: further than a firefly's neighbours

@@ -10,10 +10,11 @@ namespace raymeld {
 // HRLS image of (s height, s width, K), of image_layers(), in FrameSlot::kHrls or, as images, of each layer
 // in its layer_slot(), to the fused image of (s height, s width, 3). `phase`: where LRHS samples lie in their
 // s x s cell (see DecodeOptions). `choose`: how each convolution is computed. `exponents`: of the tensors it
-// makes. `constants`: they are in the convolutions' biases. Throws Error naming the layer.
+// makes. `constants`: they are in the convolutions' biases. `compute_variance`: as image_layers() has it.
+// Throws Error naming the layer.
 void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase,
              const Conv2dChoice& choose = conv2d_direct, const StorageExponents& exponents = {},
-             const ConstantLayers& constants = {});
+             const ConstantLayers& constants = {}, bool compute_variance = false);
 
 // What the model's weights are expected to make of encoded images.
 ActivationEstimate estimate_activations(const Model& model);
@@ -31,6 +32,6 @@ std::vector<Conv2dShape> conv2d_shapes(const Model& model, uint32_t height, uint
 bool tile_4_is_accurate(const Architecture& architecture, const ConvWeights& weights, uint32_t channels_in);
 
 // How many LRHS pixels around a pixel its s x s output pixels can depend on, in each direction.
-uint32_t receptive_halo(const Architecture& architecture);
+uint32_t receptive_halo(const Architecture& architecture, bool compute_variance = false);
 
 }  // namespace raymeld

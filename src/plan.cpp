@@ -25,13 +25,14 @@ Graph make_graph(const Model& model, TileSize tile, bool part, const FuserOption
   Graph graph(options.storage, options.kernels.addressed, options.keep_activations, sparse,
               options.frame_images);
   graph.read_vectors(options.kernels.vector);
-  network(graph, model, tile.height, tile.width, options.phase, choose, exponents, options.constants);
+  network(graph, model, tile.height, tile.width, options.phase, choose, exponents, options.constants,
+          options.compute_variance);
   return graph;
 }
 
 // Of the frame's images those that are buffers.
 std::vector<Shape> buffer_shapes(const Model& model, TileSize tile, const FuserOptions& options) {
-  const auto [lrhs, hrls, fused] = frame_shapes(model, tile, options.constants);
+  const auto [lrhs, hrls, fused] = frame_shapes(model, tile, options.constants, options.compute_variance);
   std::vector<Shape> shapes;
   if (!options.frame_images.inputs) shapes = {lrhs, hrls};
   if (!options.frame_images.output) shapes.push_back(fused);
@@ -88,11 +89,11 @@ std::optional<std::string> obstacle(const FusePlan& plan, std::span<const Shape>
   return std::nullopt;
 }
 
-// The same before the graph is made, which takes the host's memory in proportion to the tile: HRLS is a tensor
-// of the graph, and no tensor has more bytes than 32 bits count.
+// The same before the graph is made, which takes the host's memory in proportion to the tile: HRLS is a
+// tensor of the graph, and no tensor has more bytes than 32 bits count.
 std::optional<std::string> early_obstacle(const Model& model, TileSize tile, uint64_t most_bytes,
                                           const FuserOptions& options) {
-  const Shape hrls = frame_shapes(model, tile, options.constants)[1];
+  const Shape hrls = frame_shapes(model, tile, options.constants, options.compute_variance)[1];
   const uint64_t bytes = hrls.pixels() * hrls.channels * element_bytes(options.storage);
   const uint64_t allowed = std::min<uint64_t>(most_bytes, UINT32_MAX);
   if (bytes <= allowed) return std::nullopt;
@@ -148,12 +149,15 @@ float lrhs_phase(bool centered, uint32_t scale) noexcept {
   return centered ? (static_cast<float>(scale) - 1.0f) / 2.0f : 0.0f;
 }
 
-std::array<Shape, 3> frame_shapes(const Model& model, TileSize tile, const ConstantLayers& constants) {
+std::array<Shape, 3> frame_shapes(const Model& model, TileSize tile, const ConstantLayers& constants,
+                                  bool compute_variance) {
   const Architecture& a = model.architecture();
   const uint32_t height = a.scale * tile.height, width = a.scale * tile.width;
   // As of image_layers(), without its strings: this is asked in every frame that is recorded.
-  const auto layers = static_cast<uint32_t>(std::ranges::count_if(
-      a.hrls_layers, [&](const std::string& layer) { return !constants.contains(layer); }));
+  const auto layers =
+      static_cast<uint32_t>(std::ranges::count_if(a.hrls_layers, [&](const std::string& layer) {
+        return !constants.contains(layer) && !(compute_variance && layer == "variance");
+      }));
   return {Shape{tile.height, tile.width, 3}, Shape{height, width, 3 * layers}, Shape{height, width, 3}};
 }
 
@@ -193,7 +197,8 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
       throw Error("keeping every layer's output takes one tile: {}", *reason);
     return !reason;
   };
-  const Tiling tiling = choose_tiling({height, width}, receptive_halo(model.architecture()), fits);
+  const uint32_t halo = receptive_halo(model.architecture(), options.compute_variance);
+  const Tiling tiling = choose_tiling({height, width}, halo, fits);
   if (tiling.count() == 0) throw Error("model {}: the smallest tile does not fit: {}", model.name(), *reason);
   plan->tiling = tiling;
   plan->flop *= tiling.count();

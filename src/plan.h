@@ -54,6 +54,7 @@ struct FuserOptions {
   // that one's output: see LastFrame.
   bool changed_only = false;
   ConstantLayers constants = {};  // of HRLS; no image holds them
+  bool compute_variance = false;  // of the color, by the device, where the model reads it; no image holds it
   float phase = 0;                // see lrhs_phase()
   float exposure = 0;             // of fuse(): see exposure.h; 0: what the model's exposure_key asks for
   // Of the caller, for the activations: of a tile that is not done again in 32 bits. Nothing in it is kept
@@ -108,8 +109,9 @@ void check_lrhs_size(TileSize size);
 // that is no smaller: by the same kernels, in the same memory. Throws Error, and SizeError.
 Graph graph_within(const FusePlan& plan, const Model& model, TileSize size, const FuserOptions& options);
 
-// The images of a tile, as frames bring and take them: LRHS, HRLS without its constant layers, fused.
-std::array<Shape, 3> frame_shapes(const Model& model, TileSize tile, const ConstantLayers& constants = {});
+// The images of a tile, as frames bring and take them: LRHS, HRLS with image_layers(), fused.
+std::array<Shape, 3> frame_shapes(const Model& model, TileSize tile, const ConstantLayers& constants = {},
+                                  bool compute_variance = false);
 
 uint64_t frame_bytes(const Shape& shape);
 

@@ -162,8 +162,10 @@ TEST_F(ApiTest, StructuresOfOtherVersions) {
             RAYMELD_ERROR_INVALID_ARGUMENT);
   EXPECT_NE(std::string(raymeld_error()).find("struct_size is 5000"), std::string::npos);
   desc_.struct_size = sizeof(desc_);
-  desc_.reserved = 1;
-  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, Fusion(context, model, desc_), "reserved is 1, expected 0");
+  raymeld_frame frame;
+  frame.reserved = 1;
+  EXPECT_EQ(raymeld_record(fusion, VK_NULL_HANDLE, &frame), RAYMELD_ERROR_INVALID_ARGUMENT);
+  EXPECT_STREQ(raymeld_error(), "raymeld_frame: reserved is 1, expected 0");
 
   const auto small = std::make_unique<size_t>(sizeof(size_t));  // that is all of it
   raymeld_context plain = nullptr;
@@ -230,6 +232,17 @@ TEST_F(ApiTest, StockModelsHaveNames) {
   EXPECT_FAILURE(RAYMELD_ERROR_MODEL, SharedModel("mine"), "mine");
   std::filesystem::current_path(before);
   unsetenv("RAYMELD_MODELS");
+}
+
+TEST_F(ApiTest, DevicesAreListedByIndex) {
+  uint32_t count = 0;
+  EXPECT_EQ(raymeld_list_devices(nullptr, nullptr), RAYMELD_ERROR_INVALID_ARGUMENT);
+  EXPECT_EQ(raymeld_list_devices(&count, nullptr), RAYMELD_SUCCESS);
+  const std::vector<DeviceInfo> devices = list_devices();
+  ASSERT_EQ(count, devices.size());
+  std::vector<const char*> names(count);
+  EXPECT_EQ(raymeld_list_devices(&count, names.data()), RAYMELD_SUCCESS);
+  for (const DeviceInfo& device : devices) EXPECT_EQ(names[device.index], device.name);
 }
 
 TEST_F(ApiTest, FeaturesAreWhatADeviceIsMadeWith) {

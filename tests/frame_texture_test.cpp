@@ -203,22 +203,29 @@ TEST_F(FrameTextureTest, FloatsHaveTheBitsOfBuffers) {
     float threshold = 0;
     uint32_t border = 0;
     VkImageLayout layout = VK_IMAGE_LAYOUT_GENERAL;
+    bool variance = false;
   };
+  reference::Architecture with_variance = small_architecture(2);
+  with_variance.hrls_layers.push_back(reference::LayerKind::kVariance);
   const Case cases[] = {
       {make_subject(small_architecture(2), 6, 9, 1)},
       {make_subject(small_architecture(2), 10, 9, 2), RAYMELD_PRECISION_FP16, RAYMELD_KERNELS_DIRECT, 0, 3,
        kReadOnly},
       {make_subject(small_architecture(2), 20, 30, 4), RAYMELD_PRECISION_FP32, RAYMELD_KERNELS_DIRECT, 0.3f,
        2},
+      {make_subject(with_variance, 6, 9, 5), RAYMELD_PRECISION_FP32, RAYMELD_KERNELS_DIRECT, 0, 3, kReadOnly,
+       true},
   };
   for (const Case& at : cases) {
-    const Subject& subject = at.subject;
+    Subject subject = at.subject;
     SCOPED_TRACE(subject.lrhs.h);
     use(subject);
+    if (at.variance) subject.hrls = slice(reference::exact(subject.hrls), 0, subject.hrls.c - 3).value;
     raymeld_fusion_desc desc = image_desc(subject);
     desc.precision = at.precision;
     desc.kernels = at.kernels;
     desc.adaptive_threshold = at.threshold;
+    desc.compute_variance = at.variance;
     Fusion fusion(context_, *model_, desc);
     const auto texture = [&](const Planes& image, int first) {
       return view_of(input(VK_FORMAT_R32G32B32A32_SFLOAT, uint32_t(image.w) + at.border,

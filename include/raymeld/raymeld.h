@@ -110,6 +110,11 @@ typedef struct raymeld_context_desc {
   const char* selector RAYMELD_IS(NULL);
 } raymeld_context_desc;
 
+/* Lists the names of the system's devices in the order of the indices that raymeld_context_desc::selector
+ * takes. `names` may be NULL; else it has room for *count. *count becomes the number of devices there are, of
+ * which those that there was room for are written. The texts are the library's, for ever. */
+RAYMELD_API raymeld_result raymeld_list_devices(uint32_t* count, const char** names);
+
 /* `desc` may be NULL. */
 RAYMELD_API raymeld_result raymeld_context_create(const raymeld_context_desc* desc, raymeld_context* context);
 RAYMELD_API void raymeld_context_destroy(raymeld_context context); /* NULL is none */
@@ -222,7 +227,8 @@ typedef struct raymeld_fusion_desc {
   raymeld_precision precision RAYMELD_IS(RAYMELD_PRECISION_AUTO);
   raymeld_kernels kernels RAYMELD_IS(RAYMELD_KERNELS_AUTO);
   raymeld_sampling lrhs_sampling RAYMELD_IS(RAYMELD_SAMPLING_MODEL);
-  uint32_t reserved RAYMELD_IS(0);
+  /* HRLS does not hold "variance": the device computes that layer of the color, where the model reads it. */
+  VkBool32 compute_variance RAYMELD_IS(VK_FALSE);
   /* Of all that is made on the device, and of the activations in `memory` as well; 0: what it has to give. */
   uint64_t max_memory_bytes RAYMELD_IS(0);
   /* What raymeld_fuse() multiplies radiance by for the network, from 2^-24 to 2^24, and divides its output
@@ -344,7 +350,8 @@ typedef struct raymeld_image {
  * - normal: of that surface, of length 1, in the camera's space (x to the right, y up, z away from it), or 0
  * - diffuse: the part of color that was first reflected diffusely, with the albedo
  * - specular: the part that was first mirrored, refracted or glossy, with its colour
- * - variance: of color; for each channel the mean square less the squared mean over 3x3 pixels
+ * - variance: of color; for each channel the mean square less the squared mean over 3x3 pixels, where what
+ *   lies beyond a border is the nearest pixel; see compute_variance
  *
  * NaN is read as 0; radiance and variance as no less than 0 and no more than the model was trained for,
  * albedo as in [0, 1], normals in [-1, 1]. */

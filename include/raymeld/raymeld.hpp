@@ -42,6 +42,15 @@ inline std::vector<std::string> strings(uint32_t count, const char* const* texts
   return {texts, texts + count};
 }
 
+inline std::vector<std::string> list(raymeld_result (*list_names)(uint32_t*, const char**)) {
+  uint32_t count = 0;
+  check(list_names(&count, nullptr));
+  std::vector<const char*> names(count);
+  check(list_names(&count, names.data()));
+  names.resize(std::min<size_t>(count, names.size()));  // there may be others by now
+  return {names.begin(), names.end()};
+}
+
 }  // namespace detail
 
 inline std::vector<raymeld_feature> list_features(PFN_vkGetInstanceProcAddr get_instance_proc_addr,
@@ -55,14 +64,10 @@ inline std::vector<raymeld_feature> list_features(PFN_vkGetInstanceProcAddr get_
 }
 
 // The names of the stock models.
-inline std::vector<std::string> list_models() {
-  uint32_t count = 0;
-  detail::check(raymeld_list_models(&count, nullptr));
-  std::vector<const char*> names(count);
-  detail::check(raymeld_list_models(&count, names.data()));
-  names.resize(std::min<size_t>(count, names.size()));  // there may be others by now
-  return {names.begin(), names.end()};
-}
+inline std::vector<std::string> list_models() { return detail::list(raymeld_list_models); }
+
+// The names of the system's devices, by index.
+inline std::vector<std::string> device_names() { return detail::list(raymeld_list_devices); }
 
 class Context {
  public:

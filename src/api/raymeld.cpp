@@ -114,6 +114,16 @@ std::vector<const char*> texts_of(const std::vector<std::string>& strings) {
   return texts;
 }
 
+// As raymeld_list_models() does.
+void write_names(const std::vector<std::string>& all, uint32_t& count, const char** names) {
+  static std::mutex mutex;
+  static std::set<std::string> texts;  // all there ever were
+  const std::lock_guard lock(mutex);
+  for (size_t i = 0; names && i < std::min<size_t>(count, all.size()); ++i)
+    names[i] = texts.insert(all[i]).first->c_str();
+  count = static_cast<uint32_t>(all.size());
+}
+
 uint32_t count_of(std::span<const char* const> texts) { return static_cast<uint32_t>(texts.size()); }
 
 // Of one of the C enumerations, whose values run from 0 to `last`.
@@ -234,6 +244,7 @@ FuserOptions fuser_options(const raymeld_fusion_desc& desc, const ContextState& 
   options.changed_only = desc.changed_only;
   options.frame_images = {.inputs = desc.input_images != 0, .output = desc.output_image != 0};
   options.constants = absent_layers(desc, model);
+  options.compute_variance = desc.compute_variance;
   const auto kernels = [&](Storage storage) {
     return desc.kernels == RAYMELD_KERNELS_AUTO ? kernels_for(device, storage, context.cache_folder)
                                                 : Kernels{};
@@ -472,7 +483,7 @@ struct raymeld_fusion_t {
         model(std::move(of)),
         options(fuser_options(desc, *context, model->model)),
         fuser(*context->device, model->model, desc.height, desc.width, options, context->cache_folder),
-        layer_names(image_layers(model->model.architecture(), options.constants)),
+        layer_names(image_layers(model->model.architecture(), options.constants, options.compute_variance)),
         layers(texts_of(layer_names)) {}
 
   void wait_for_submitted() {
@@ -517,6 +528,15 @@ raymeld_result raymeld_context_create(const raymeld_context_desc* desc, raymeld_
     if (asked.cache_folder) state->cache_folder = asked.cache_folder;
     state->device = device_for(asked, state->allocation_callbacks ? &*state->allocation_callbacks : nullptr);
     *context = new raymeld_context_t{std::move(state)};
+  });
+}
+
+raymeld_result raymeld_list_devices(uint32_t* count, const char** names) {
+  return guarded(RAYMELD_ERROR_DEVICE, [&] {
+    given(count, "count");
+    std::vector<std::string> all;
+    for (const DeviceInfo& device : list_devices()) all.push_back(device.name);
+    write_names(all, *count, names);
   });
 }
 
@@ -569,16 +589,7 @@ raymeld_result raymeld_model_load(const char* file, raymeld_model* model) {
 }
 
 raymeld_result raymeld_list_models(uint32_t* count, const char** names) {
-  return guarded(RAYMELD_ERROR_MODEL, [&] {
-    given(count, "count");
-    static std::mutex mutex;
-    static std::set<std::string> texts;  // all there ever were
-    const std::lock_guard lock(mutex);
-    const std::vector<std::string> all = stock_models();
-    for (size_t i = 0; names && i < std::min<size_t>(*count, all.size()); ++i)
-      names[i] = texts.insert(all[i]).first->c_str();
-    *count = static_cast<uint32_t>(all.size());
-  });
+  return guarded(RAYMELD_ERROR_MODEL, [&] { write_names(stock_models(), given(count, "count"), names); });
 }
 
 raymeld_result raymeld_model_read(const void* bytes, size_t size_bytes, const char* name,
@@ -678,7 +689,8 @@ raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands, c
     if (!made.fuser.is_prepared(size))
       throw InvalidArgument("a frame of {} x {} LRHS pixels, which raymeld_prepare_size() did not make ready",
                             size.width, size.height);
-    const auto shapes = frame_shapes(made.model->model, size, made.options.constants);
+    const auto shapes =
+        frame_shapes(made.model->model, size, made.options.constants, made.options.compute_variance);
     const FrameBindings images = bindings_of(asked, shapes, made.options.frame_images, made.layers);
     made.fuser.record(commands, images, asked.exposure != 0 ? asked.exposure : 1, size);
   });

@@ -69,6 +69,40 @@ void check_random(Check& check, const Target& target, const Size& size, const En
   check.within(encoded(check, target, image, encoding, way, precision), expected);
 }
 
+// Noise on a level that is far above it, as a wall's, in every other pixel; specials of all sizes in the
+// rest.
+void check_variance(Check& check, const Target& target, const Size& size, const Encoding& encoding,
+                    uint64_t seed, const Way& way, Precision precision) {
+  Planes image = image_of(LayerKind::kRadiance, size, encoding, seed);
+  const Planes noise = reference::random_planes(3, size.h, size.w, reference::Fill::kUniform, seed + 1);
+  for (size_t i = 0; i < image.data.size(); ++i)
+    if (i / 16 % 2 == 0) image.data[i] = float((8 + 0.01 * noise.data[i]) / encoding.exposure);
+  const FrameImage frame(target.device, image, frame_layouts()[encoding.layout]);
+  LayerRun run(target, precision, way.addressed);
+  const Tensor out = run.tensor("out", image.c, image.h, image.w);
+  variance(run.graph(), "variance", out, encoding.log ? Transfer::kLog : Transfer::kLinear, encoding.clip);
+  run.run(frame.frame(FrameSlot::kHrls), encoding.exposure);
+  check.within(
+      run.read(out),
+      reference::variance(image, encoding.log ? reference::Transfer::kLog : reference::Transfer::kLinear,
+                          encoding.clip, precision, encoding.exposure));
+}
+
+// By hand, where every sum is exact: a pixel that is alone, the edge, and what is not finite.
+void check_exact_variance(Check& check, const Target& target, const Way& way, Precision precision) {
+  constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+  const Planes row(1, 1, 5, {0, 0, 9, 0, kNaN});
+  Planes expected(1, 1, 5, {0, 18, 18, 18, 0});  // a third of 81 less 9
+  const FrameImage frame(target.device, concat(concat(row, row), row));
+  LayerRun run(target, precision, way.addressed);
+  const Tensor out = run.tensor("out", 3, 1, 5);
+  variance(run.graph(), "variance", out, Transfer::kLinear, 100);
+  run.run(frame.frame(FrameSlot::kHrls));
+  Bounded bounded = reference::exact(concat(concat(expected, expected), expected));
+  for (double& bound : bounded.bound.data) bound = 18 * (precision == Precision::kFp16 ? 1e-3 : 1e-6);
+  check.within(run.read(out), bounded);
+}
+
 // What LRHS has beyond the clip, which takes part of the exposure's inverse only.
 void check_highlights(Check& check, const Target& target, const Size& size, const Encoding& encoding,
                       uint64_t seed, const Way& way, Precision precision) {
@@ -105,6 +139,8 @@ void conform_encode(Collector& collector) {
   Collector::for_each(plain_ways(), [&](const Way& way, Precision precision) {
     collector.run("encode", way, precision, "what is not finite or out of range, 9 x 1 x 8",
                   [&](Check& check) { check_sanitised(check, collector.target(), way, precision); });
+    collector.run("variance", way, precision, "one bright pixel, 3 x 1 x 5",
+                  [&](Check& check) { check_exact_variance(check, collector.target(), way, precision); });
     uint64_t next = precision == Precision::kFp16 ? 3 : 0;
     for (const bool log : {false, true}) {
       for (const Size& size : collector.sizes()) {
@@ -118,6 +154,12 @@ void conform_encode(Collector& collector) {
                                   encoding.exposure, encoding.layout, size.h, size.w),
                       [&](Check& check) {
                         check_random(check, collector.target(), size, encoding, seed, way, precision);
+                      });
+        collector.run("variance", way, precision,
+                      fmt::format("{}, exposure {:g}, layout {}, 3 x {} x {}", log ? "log" : "linear",
+                                  encoding.exposure, encoding.layout, size.h, size.w),
+                      [&](Check& check) {
+                        check_variance(check, collector.target(), size, encoding, seed, way, precision);
                       });
         if (log) continue;
         collector.run("highlights", way, precision,

@@ -65,6 +65,23 @@ void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor&
   graph.add(std::move(pass));
 }
 
+void variance(Graph& graph, const std::string& name, const Tensor& out, Transfer transfer, float clip) {
+  check_clip(name, clip);
+  check_image(name, out);
+  Pass pass;
+  pass.name = name;
+  pass.shader =
+      &(graph.frame_images().inputs ? shaders::kVarianceImage : shaders::kVariance)[graph.addressed()];
+  pass.bindings = {frame_binding(graph, FrameSlot::kHrls), exposure_binding(), write_binding(out)};
+  pass.bindings[1].by_address = pass.bindings[2].by_address = graph.addressed();
+  pass.set_push(params::Variance{
+      {}, out.shape.height, out.shape.width, graph.plane(out), transfer == Transfer::kLog, clip});
+  pass.groups = pixel_groups(out.shape);
+  pass.footprint = pixel_footprint(graph, out.shape, 1);
+  pass.bytes = elements(out) * static_cast<double>(4 + element_bytes(graph.storage()));
+  graph.add(std::move(pass));
+}
+
 void highlights(Graph& graph, const std::string& name, const Tensor& out, float clip) {
   check_clip(name, clip);
   Pass pass;

@@ -145,6 +145,11 @@ struct EncodedChannel {
 void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor& out,
             std::span<const EncodedChannel> channels, Transfer transfer, float clip, bool needed = false);
 
+// The variance of HRLS's color to (H, W, 3), encoded as encode() does: for each channel the mean over 3x3
+// pixels, edges replicated, of the squared difference from their mean; what is not finite counts as 0. In a
+// sparse graph it is computed where it is needed.
+void variance(Graph& graph, const std::string& name, const Tensor& out, Transfer transfer, float clip);
+
 // What LRHS has beyond the clip, scene linear (h, w, c): max(0, x - clip / exposure), at most 65504; of NaN
 // 0.
 void highlights(Graph& graph, const std::string& name, const Tensor& out, float clip);

@@ -18,6 +18,8 @@ RAYMELD_SPIRV(space_to_depth, buffers)
 RAYMELD_SPIRV(pixel_shuffle, buffers)
 RAYMELD_SPIRV_FORMS(encode)
 RAYMELD_SPIRV_FORMS(encode_image)
+RAYMELD_SPIRV_FORMS(variance)
+RAYMELD_SPIRV_FORMS(variance_image)
 RAYMELD_SPIRV_FORMS(highlights)
 RAYMELD_SPIRV_FORMS(highlights_image)
 RAYMELD_SPIRV_FORMS(decode)
@@ -59,6 +61,8 @@ const Shader kSpaceToDepth RAYMELD_SHADER(space_to_depth);
 const Shader kPixelShuffle RAYMELD_SHADER(pixel_shuffle);
 const Forms kEncode RAYMELD_FORMS(encode);
 const Forms kEncodeImage RAYMELD_FORMS(encode_image);
+const Forms kVariance RAYMELD_FORMS(variance);
+const Forms kVarianceImage RAYMELD_FORMS(variance_image);
 const Forms kHighlights RAYMELD_FORMS(highlights);
 const Forms kHighlightsImage RAYMELD_FORMS(highlights_image);
 const Forms kDecode RAYMELD_FORMS(decode);

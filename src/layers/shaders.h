@@ -23,6 +23,8 @@ extern const Forms kWinogradMultiply;
 extern const Forms kWinogradOutput;
 extern const Forms kEncode;
 extern const Forms kEncodeImage;  // the frame's images are no buffers: frame.glsl
+extern const Forms kVariance;
+extern const Forms kVarianceImage;
 extern const Forms kHighlights;
 extern const Forms kHighlightsImage;
 extern const Forms kDecode;

@@ -226,17 +226,20 @@ Bounded pixel_shuffle(const Bounded& x, int r) {
   return {move(x.value), move(x.bound)};
 }
 
+namespace {
+
 // An exposure other than 1 rounds once, its square twice.
-Bounded encode(const Planes& image, LayerKind kind, Transfer transfer, double clip, Precision precision,
+Bounded encode(const Bounded& image, LayerKind kind, Transfer transfer, double clip, Precision precision,
                double exposure) {
   const bool radiance = kind == LayerKind::kRadiance || kind == LayerKind::kVariance;
   const double low = kind == LayerKind::kNormal ? -1 : 0, high = radiance ? clip : 1;
   const double factor = !radiance ? 1 : kind == LayerKind::kVariance ? exposure * exposure : exposure;
-  Bounded result = exact(image);
-  for (size_t i = 0; i < image.data.size(); ++i) {
+  Bounded result = image;
+  for (size_t i = 0; i < result.value.data.size(); ++i) {
     double &value = result.value.data[i], &bound = result.bound.data[i];
     const double scaled = std::isnan(value) ? 0 : value * factor;
-    double off = factor == 1 || std::isinf(scaled) ? 0 : gamma(2) * std::abs(scaled) + kFlush;
+    double off = bound * factor * (1 + gamma(2));
+    off += factor == 1 || std::isinf(scaled) ? 0 : gamma(2) * std::abs(scaled) + kFlush;
     if (std::abs(value) < kFlush) off += std::abs(scaled);  // a subnormal may be flushed as it is read
     const double least = std::clamp(scaled - off, low, high), most = std::clamp(scaled + off, low, high);
     const Transfer curve = radiance ? transfer : Transfer::kLinear;
@@ -246,6 +249,41 @@ Bounded encode(const Planes& image, LayerKind kind, Transfer transfer, double cl
     bound = stored_bound(value, bound, precision);
   }
   return result;
+}
+
+// The mean of nine rounds ten times at most, a sum of nine squared differences from it thirteen times. That
+// the mean is off by d adds d^2 to the variance, as the differences from the right one sum up to 0.
+void variance_at(const Planes& color, int c, int y, int x, Bounded& to) {
+  std::array<double, 9> values;
+  double sum = 0, magnitude = 0;
+  for (int i = 0; i < 9; ++i) {
+    const int near_y = std::clamp(y + i / 3 - 1, 0, color.h - 1),
+              near_x = std::clamp(x + i % 3 - 1, 0, color.w - 1);
+    const double value = color.at(c, near_y, near_x);
+    values[size_t(i)] = std::isfinite(value) ? value : 0;
+    sum += values[size_t(i)];
+    magnitude += std::abs(values[size_t(i)]);
+  }
+  double squares = 0;
+  for (const double value : values) squares += (value - sum / 9) * (value - sum / 9);
+  const double off = gamma(10) * magnitude / 9 + 9 * kFlush;
+  to.value.at(c, y, x) = squares / 9;
+  to.bound.at(c, y, x) = off * off + gamma(13) * (squares / 9 + off * off) + 9 * kFlush;
+}
+
+}  // namespace
+
+Bounded encode(const Planes& image, LayerKind kind, Transfer transfer, double clip, Precision precision,
+               double exposure) {
+  return encode(exact(image), kind, transfer, clip, precision, exposure);
+}
+
+Bounded variance(const Planes& color, Transfer transfer, double clip, Precision precision, double exposure) {
+  Bounded result = exact(color);
+  for (int c = 0; c < color.c; ++c)
+    for (int y = 0; y < color.h; ++y)
+      for (int x = 0; x < color.w; ++x) variance_at(color, c, y, x, result);
+  return encode(result, LayerKind::kVariance, transfer, clip, precision, exposure);
 }
 
 namespace {

@@ -55,6 +55,11 @@ enum class Transfer { kLinear, kLog };
 Bounded encode(const Planes& image, LayerKind kind, Transfer transfer, double clip, Precision precision,
                double exposure = 1);
 
+// For each channel the mean over 3x3 pixels, edges replicated, of the squared difference from their mean,
+// encoded as LayerKind::kVariance; what is not finite counts as 0.
+Bounded variance(const Planes& color, Transfer transfer, double clip, Precision precision,
+                 double exposure = 1);
+
 // (c, h, w) -> (c, s*h, s*w): output X reads u = (X - phase) / s clamped to [0, w - 1], likewise y. Unstored.
 Bounded bilinear(const Bounded& x, int scale, double phase);
 

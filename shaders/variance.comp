@@ -1,0 +1,53 @@
+// The variance of HRLS's color as the network reads it: for each channel the mean over 3x3 pixels, edges replicated, of the
+// squared difference from their mean, encoded as encode.comp does. What is not finite counts as 0. One invocation for each
+// pixel, which makes three channels, all of what it fetches.
+#version 450
+#extension GL_GOOGLE_include_directive : require
+#include "params.h"
+#include "tensor.glsl"
+#include "memory.glsl"
+#include "transfer.glsl"
+#include "frame.glsl"
+
+layout(local_size_x = 64, local_size_y = 2) in;
+#include "invocation.glsl"
+#include "left_out.glsl"
+#ifdef DATA_BY_ADDRESS
+layout(push_constant) uniform Push {
+  Floats exposure;
+  Values target;
+  Variance p;
+};
+#else
+layout(push_constant) uniform Push { Variance p; };
+layout(std430, binding = 2) readonly buffer Exposure { float v[2]; } exposure;
+layout(std430, binding = 3) writeonly buffer Target { STORAGE v[]; } target;
+#endif
+
+vec3 color_at(ivec2 pixel) {
+  uvec2 at = uvec2(clamp(pixel, ivec2(0), ivec2(p.width, p.height) - 1));
+#ifdef FRAME_IMAGE
+  vec3 color = frame_texel(p.frame, at).rgb;
+#else
+  vec3 color = vec3(frame_value(p.frame, 0, at), frame_value(p.frame, 1, at), frame_value(p.frame, 2, at));
+#endif
+  [[unroll]] for (uint c = 0; c < 3; ++c) color[c] = isnan(color[c]) || isinf(color[c]) ? 0.0 : color[c];
+  return color;
+}
+
+void main() {
+  uvec3 id = global_invocation_id();
+  if (id.x >= p.width || id.y >= p.height || is_left_out(id.xy)) return;
+  const float kShare = 1.0 / 9.0;
+  vec3 colors[9], mean = vec3(0.0), squares = vec3(0.0);
+  [[unroll]] for (int i = 0; i < 9; ++i) {
+    colors[i] = color_at(ivec2(id.xy) + ivec2(i % 3, i / 3) - 1);
+    mean += colors[i] * kShare;  // the sum of nine of them could overflow
+  }
+  [[unroll]] for (int i = 0; i < 9; ++i) squares += (colors[i] - mean) * (colors[i] - mean);
+  vec3 variance = squares * kShare * (exposure.v[0] * exposure.v[0]);
+  [[unroll]] for (uint c = 0; c < 3; ++c) {
+    float value = to_network(min(variance[c], p.clip), p.log_transfer);
+    target.v[address(c, id.y, id.x, p.plane, p.width)] = STORAGE(storable(value));
+  }
+}
