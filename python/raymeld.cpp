@@ -2,9 +2,13 @@
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
 
+#include <algorithm>
+#include <filesystem>
 #include <map>
 #include <mutex>
+#include <optional>
 #include <raymeld/raymeld.hpp>
 
 namespace py = pybind11;
@@ -38,17 +42,45 @@ Value one_of(const std::string& text, const char* name,
   throw py::value_error(std::string(name) + " is '" + text + "', expected one of " + expected);
 }
 
+// A side of LRHS. Throws ValueError.
+uint32_t side(int64_t pixels, const char* name) {
+  constexpr int64_t kMost = 65536;  // as raymeld.h says
+  if (pixels >= 1 && pixels <= kMost) return uint32_t(pixels);
+  throw py::value_error(std::string(name) + " is " + std::to_string(pixels) + ", expected 1 to " +
+                        std::to_string(kMost) + " pixels of LRHS");
+}
+
+bool contains(const std::vector<std::string>& texts, const std::string& text) {
+  return std::ranges::find(texts, text) != texts.end();
+}
+
+std::string joined(const std::vector<std::string>& texts) {
+  std::string all;
+  for (const std::string& text : texts) all += (all.empty() ? "" : ", ") + text;
+  return all;
+}
+
+std::string repr_of(const raymeld::SharedModel& model) {
+  const raymeld_model_info info = model.info();
+  return "<raymeld.Model '" + std::string(info.name) + "', scale " + std::to_string(info.scale) + ", reads " +
+         joined(model.layers()) + ">";
+}
+
 // Of one size, as the arguments of Fusion() say.
 class Fuser {
  public:
-  Fuser(std::shared_ptr<raymeld::SharedModel> model, uint32_t height, uint32_t width,
+  Fuser(std::shared_ptr<raymeld::SharedModel> model, int64_t height, int64_t width,
         const std::string& precision, const std::string& kernels, const std::string& sampling,
         uint64_t max_memory_bytes, float exposure, float adaptive_threshold, bool changed_only,
         const std::vector<std::string>& absent_layers, const std::string& device)
-      : height_(height), width_(width) {
-    raymeld_fusion_desc desc;
-    desc.height = height;
-    desc.width = width;
+      : model_(std::move(model)),
+        height_(side(height, "height")),
+        width_(side(width, "width")),
+        absent_layers_(absent_layers) {
+    raymeld_fusion_desc& desc = desc_;
+    desc.height = height_;
+    desc.width = width_;
+    desc.compute_variance = VK_TRUE;
     desc.precision = one_of<raymeld_precision>(precision, "precision",
                                                {{"auto", RAYMELD_PRECISION_AUTO},
                                                 {"fp32", RAYMELD_PRECISION_FP32},
@@ -63,16 +95,17 @@ class Fuser {
     desc.exposure = exposure;
     desc.adaptive_threshold = adaptive_threshold;
     desc.changed_only = changed_only;
-    std::vector<const char*> absent;
-    for (const std::string& layer : absent_layers) absent.push_back(layer.c_str());
-    desc.absent_layer_count = uint32_t(absent.size());
-    desc.absent_layers = absent.data();
+    for (const std::string& layer : absent_layers_) absent_.push_back(layer.c_str());
+    desc.absent_layer_count = uint32_t(absent_.size());
+    desc.absent_layers = absent_.data();
     const py::gil_scoped_release released;
     raymeld_context_desc context;
     context.selector = device.c_str();
-    fusion_ = std::make_unique<raymeld::Fusion>(raymeld::Context(context), *model, desc);
+    context_.emplace(context);
+    fusion_.emplace(*context_, *model_, desc);
     info_ = fusion_->info();
     layers_ = fusion_->layers();
+    reads_variance_ = contains(model_->layers(), "variance") && !contains(absent_layers_, "variance");
   }
 
   const std::vector<std::string>& layers() const { return layers_; }
@@ -81,7 +114,12 @@ class Fuser {
   uint64_t memory_bytes() {
     const py::gil_scoped_release released;
     const std::lock_guard lock(mutex_);
-    return fusion_->info().memory_bytes;
+    return fusion_ ? fusion_->info().memory_bytes : 0;
+  }
+  std::string repr() const {
+    return "<raymeld.Fusion of '" + std::string(model_->info().name) + "', LRHS of " +
+           std::to_string(height_) + " x " + std::to_string(width_) + " pixels (height x width), " +
+           precision() + ">";
   }
   py::dict status() {
     raymeld_status last;
@@ -103,7 +141,10 @@ class Fuser {
     const size_t plane = full_height * full_width;
     std::vector<float> small(3 * size_t{height_} * width_), large, fused(3 * plane);
     copy_planes(lrhs, "lrhs", height_, width_, small.data());
-    for (const std::string& layer : layers()) {
+    std::vector<std::string> needed = layers();
+    const bool given_variance = reads_variance_ && hrls.contains("variance");
+    if (given_variance) needed = model_layers_with_variance();
+    for (const std::string& layer : needed) {
       const auto found = hrls.find(layer);
       if (found == hrls.end()) throw py::key_error("hrls has no '" + layer + "'");
       large.resize(large.size() + 3 * plane);
@@ -113,6 +154,11 @@ class Fuser {
     {
       const py::gil_scoped_release released;
       const std::lock_guard lock(mutex_);
+      if (!fusion_ || desc_.compute_variance == VkBool32(given_variance)) {
+        fusion_.reset();
+        desc_.compute_variance = !given_variance;
+        fusion_.emplace(*context_, *model_, desc_);
+      }
       status_ = fusion_->fuse(small.data(), large.data(), fused.data());
     }
     py::array_t<float> image({full_height, full_width, size_t{3}});
@@ -125,10 +171,24 @@ class Fuser {
   }
 
  private:
+  // Those of HRLS, in the model's order, where it brings the variance.
+  std::vector<std::string> model_layers_with_variance() const {
+    std::vector<std::string> layers = model_->layers();
+    std::erase_if(layers, [&](const std::string& layer) { return contains(absent_layers_, layer); });
+    return layers;
+  }
+
+  std::shared_ptr<raymeld::SharedModel> model_;
   uint32_t height_, width_;
-  std::unique_ptr<raymeld::Fusion> fusion_;
-  raymeld_fusion_info info_;  // of what does not change
-  std::vector<std::string> layers_;
+  std::vector<std::string> absent_layers_;
+  std::vector<const char*> absent_;
+  raymeld_fusion_desc desc_;
+  std::optional<raymeld::Context> context_;
+  // Made again where HRLS brings a variance that the last one did not, or the other way round.
+  std::optional<raymeld::Fusion> fusion_;
+  raymeld_fusion_info info_;         // of what does not change
+  std::vector<std::string> layers_;  // without the variance
+  bool reads_variance_ = false;
   // Threads of Python's take turns; who waits for it does not hold the interpreter's lock.
   std::mutex mutex_;
   raymeld_status status_;
@@ -149,32 +209,41 @@ PYBIND11_MODULE(raymeld, module) {
                                "." + std::to_string(version & 255);
   py::register_exception<raymeld::Failure>(module, "Error", PyExc_RuntimeError);
 
-  module.def("list_models", &raymeld::list_models, "The names of the stock models.");
+  module.def("list_models", &raymeld::list_models, "Returns the names of the stock models.");
+  module.def(
+      "devices", &raymeld::device_names,
+      "Returns the names of the system's devices; Fusion takes an index among them, or part of a name.");
   py::class_<SharedModel, std::shared_ptr<SharedModel>>(
       module, "Model", "A network and its weights, for any number of fusions.")
-      .def(py::init<const std::string&>(), py::arg("file"),
-           "file: a safetensors file, or the name of a stock model, see list_models(). Raises Error.")
+      .def(py::init([](const std::filesystem::path& file) {
+             return std::make_shared<SharedModel>(file.string());
+           }),
+           py::arg("file"),
+           "file is the path of a safetensors file, or the name of a stock model, see list_models().\n"
+           "Raises Error.")
+      .def("__repr__", &repr_of)
       .def_property_readonly("name", [](const SharedModel& model) { return model.info().name; })
       .def_property_readonly(
           "scale", [](const SharedModel& model) { return model.info().scale; },
           "Full-size pixels to one of LRHS, in each direction.")
-      .def_property_readonly("layers", &SharedModel::layers, "Of HRLS, in order.")
+      .def_property_readonly("layers", &SharedModel::layers, "The layers of HRLS that it reads, in order.")
       .def_property_readonly("optional_layers", &SharedModel::optional_layers,
-                             "Those that the model was trained to do without.")
+                             "The layers that the model was trained to do without.")
       .def_property_readonly("parameters", [](const SharedModel& model) { return model.info().parameters; });
 
   py::class_<Fuser>(
       module, "Fusion",
       "A model made ready for frames of one size on one device.\n\n"
-      "height, width: of LRHS, in pixels. precision: 'auto', 'fp32' or 'fp16'. kernels: 'auto'\n"
-      "or 'direct'. sampling: where LRHS samples lie, 'model', 'nearest' or 'centered'.\n"
-      "max_memory_bytes: on the device; 0: what it has to give. exposure: 0: what suits the\n"
-      "model. adaptive_threshold: blocks in which both renders agree to within this are not\n"
-      "computed; 0: all are. changed_only: computes only what changed since the last frame.\n"
-      "absent_layers: those of the model's optional layers that HRLS does not have. device: an\n"
-      "index, a UUID or part of the name; '': the first GPU, else a driver for CPUs.\n"
+      "height and width are those of LRHS, in pixels, at most 65536. precision is 'auto', 'fp32'\n"
+      "or 'fp16', and kernels 'auto' or 'direct'. sampling says where LRHS samples lie: 'model',\n"
+      "'nearest' or 'centered'. max_memory_bytes limits what is taken on the device; 0 is what it\n"
+      "has to give. An exposure of 0 is what suits the model. Blocks in which both renders agree\n"
+      "to within adaptive_threshold are not computed. changed_only computes only what changed\n"
+      "since the last frame. absent_layers are the optional layers of the model that HRLS does not\n"
+      "have. device is an index of devices(), a UUID or part of a name; '' is the first GPU, else a\n"
+      "driver for CPUs.\n"
       "Raises Error, and ValueError.")
-      .def(py::init<std::shared_ptr<SharedModel>, uint32_t, uint32_t, const std::string&, const std::string&,
+      .def(py::init<std::shared_ptr<SharedModel>, int64_t, int64_t, const std::string&, const std::string&,
                     const std::string&, uint64_t, float, float, bool, const std::vector<std::string>&,
                     const std::string&>(),
            py::arg("model"), py::arg("height"), py::arg("width"), py::kw_only(),
@@ -182,15 +251,17 @@ PYBIND11_MODULE(raymeld, module) {
            py::arg("max_memory_bytes") = 0, py::arg("exposure") = 0.0f, py::arg("adaptive_threshold") = 0.0f,
            py::arg("changed_only") = false, py::arg("absent_layers") = std::vector<std::string>{},
            py::arg("device") = "")
-      .def("fuse", &Fuser::fuse, py::arg("lrhs"), py::arg("hrls"),
-           "lrhs: (height, width, 3), hrls: {layer: (scale * height, scale * width, 3)} of all `layers`, "
-           "scene\n"
-           "linear. Returns (scale * height, scale * width, 3). Other threads run while the device works.\n"
-           "Raises Error, ValueError and KeyError.")
-      .def_property_readonly("layers", &Fuser::layers, "Of HRLS, that fuse() asks for.")
+      .def("__repr__", &Fuser::repr)
+      .def(
+          "fuse", &Fuser::fuse, py::arg("lrhs"), py::arg("hrls"),
+          "lrhs is (height, width, 3) and hrls {layer: (scale * height, scale * width, 3)} of all `layers`,\n"
+          "scene linear. A model that reads the variance takes it from hrls, or else computes it of the\n"
+          "color. Returns (scale * height, scale * width, 3). Other threads run while the device works.\n"
+          "Raises Error, ValueError and KeyError.")
+      .def_property_readonly("layers", &Fuser::layers, "The layers of HRLS that fuse() asks for.")
       .def_property_readonly("scale", &Fuser::scale)
       .def_property_readonly("precision", &Fuser::precision, "'fp32' or 'fp16'.")
-      .def_property_readonly("memory_bytes", &Fuser::memory_bytes, "On the device, so far.")
+      .def_property_readonly("memory_bytes", &Fuser::memory_bytes, "What it takes on the device, so far.")
       .def_property_readonly(
           "status", &Fuser::status,
           "Of the last frame: saturated, values that fp16 could not hold; redone_tiles,\n"

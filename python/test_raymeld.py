@@ -1,6 +1,7 @@
 """The Python module gives what the program gives: test_raymeld.py PROGRAM MODEL FOLDER, the folder for its files."""
 
 import os
+import pathlib
 import subprocess
 import sys
 import threading
@@ -76,6 +77,35 @@ class Test(unittest.TestCase):
         with self.assertRaisesRegex(raymeld.Error, "no model 'x3-fast'.* x4-fast"):
             raymeld.Model("x3-fast")
 
+    def test_paths_and_what_things_are(self):
+        model = raymeld.Model(pathlib.Path(MODEL))
+        self.assertEqual(model.layers, self.model.layers)
+        self.assertRegex(repr(model), f"<raymeld.Model '{model.name}', scale {model.scale}, reads color, ")
+        self.assertRegex(repr(self.fusion(precision="fp32")),
+                         f"<raymeld.Fusion of '{model.name}', LRHS of 6 x 8 pixels .*, fp32>")
+
+    def test_devices_are_chosen_by_name_or_index(self):
+        names = raymeld.devices()
+        self.assertGreater(len(names), 0)
+        expected = self.fusion(device="0").fuse(self.lrhs, self.hrls)
+        if len(set(names)) == len(names):
+            numpy.testing.assert_array_equal(self.fusion(device=names[0]).fuse(self.lrhs, self.hrls), expected)
+
+    def test_variance_is_computed_unless_it_is_given(self):
+        model = raymeld.Model(pathlib.Path(__file__).parent.parent / "tests" / "golden" / "tiny-x2.safetensors")
+        self.assertIn("variance", model.layers)
+        fusion = raymeld.Fusion(model, HEIGHT, WIDTH, precision="fp32")
+        self.assertNotIn("variance", fusion.layers)
+        hrls = {name: image(i, 2 * HEIGHT, 2 * WIDTH) for i, name in enumerate(fusion.layers)}
+        padded = numpy.pad(hrls["color"].astype(numpy.float64), ((1, 1), (1, 1), (0, 0)), "edge")
+        around = numpy.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(0, 1))
+        first = fusion.fuse(self.lrhs, hrls)
+        second = fusion.fuse(self.lrhs, {**hrls, "variance": around.var(axis=(3, 4))})
+        other = fusion.fuse(self.lrhs, {**hrls, "variance": numpy.zeros_like(hrls["color"])})
+        self.assertGreater(abs(second - other).sum(), 0)
+        self.assertLess(abs(first - second).sum(), 1e-3 * abs(second - other).sum())
+        numpy.testing.assert_array_equal(fusion.fuse(self.lrhs, hrls), first)
+
     def test_what_is_wrong_is_named(self):
         with self.assertRaisesRegex(raymeld.Error, "none.safetensors"):
             raymeld.Model("none.safetensors")
@@ -85,6 +115,9 @@ class Test(unittest.TestCase):
             self.fusion(precision="half")
         with self.assertRaisesRegex(raymeld.Error, "cannot do without layer 'color'"):
             self.fusion(absent_layers=["color"])
+        for height in (-1, 0, 65537, 4_000_000_000):
+            with self.assertRaisesRegex(ValueError, f"height is {height}, expected 1 to 65536"):
+                raymeld.Fusion(self.model, height, WIDTH)
         fusion = self.fusion()
         with self.assertRaisesRegex(ValueError, r"lrhs has the shape \(8, 6, 3\), expected \(6, 8, 3\)"):
             fusion.fuse(self.lrhs.transpose(1, 0, 2), self.hrls)
