@@ -98,6 +98,29 @@ TEST_F(VarianceTest, WhatChangedHasTheBitsOfAWholeFrame) {
   }
 }
 
+// The color is encoded before the blocks are known, the variance behind that.
+TEST_F(VarianceTest, BlocksThatDoNotAgreeHaveTheSameBits) {
+  Inputs in = inputs(small_architecture(2), 40, 40);
+  const auto settle = [](Image& image) {
+    for (int c = 0; c < 3; ++c)
+      for (int y = 0; y < image.height; ++y)
+        for (int x = 0; x < image.width / 2; ++x) image.at(c, y, x) = 0.5f;
+  };
+  settle(in.lrhs);
+  settle(in.without);
+  const std::vector<float> whole = fuse(in.model, in.lrhs, in.without, {.compute_variance = true});
+  Fuser fuser(gpu(), in.model, 40, 40, {.threshold = 1e-6f, .compute_variance = true}, shared_cache_folder());
+  Image fused;
+  const FuseReport report = fuser.fuse(in.lrhs, in.without, fused);
+  EXPECT_GT(report.settled_share, 0);
+  EXPECT_LT(report.settled_share, 1);
+  Image expected(fused.width, fused.height, 3);
+  expected.data = whole;
+  for (int y = 0; y < fused.height; ++y)
+    for (int x = 48; x < fused.width; ++x)
+      EXPECT_EQ(fused.at(0, y, x), expected.at(0, y, x)) << y << ", " << x;
+}
+
 TEST_F(VarianceTest, IsNotReadOfTheFrame) {
   const Inputs in = inputs(small_architecture(2), 6, 9);
   EXPECT_EQ(frame_shapes(in.model, {6, 9})[1].channels, 12u);
