@@ -4,6 +4,7 @@
 
 #include "cli/fuse.h"
 #include "cli/interrupt.h"
+#include "io/label.h"
 #include "io/png.h"
 
 namespace raymeld::cli {
@@ -94,8 +95,15 @@ void stage_previews(FuseFrame& frame, const std::optional<Comparison>& compariso
   };
   if (!arguments.preview.empty()) stage(arguments.preview, picture(fused));
   if (arguments.before_after.empty()) return;
-  std::vector<Picture> pictures = {picture(comparison->bicubic), picture(comparison->hrls), picture(fused)};
-  if (frame.images.reference) pictures.push_back(picture(*frame.images.reference));
+  std::vector<Picture> pictures;
+  const auto add = [&](const Image& image, const char* label) {
+    pictures.push_back(picture(image));
+    add_label(pictures.back(), label);
+  };
+  add(comparison->bicubic, "BICUBIC LRHS");
+  add(comparison->hrls, "HRLS");
+  add(fused, "FUSED");
+  if (frame.images.reference) add(*frame.images.reference, "REFERENCE");
   stage(arguments.before_after, side_by_side(pictures));
 }
 

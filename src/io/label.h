@@ -1,0 +1,14 @@
+// Words on pictures.
+#pragma once
+
+#include <string_view>
+
+#include "io/png.h"
+
+namespace raymeld {
+
+// Writes white capitals on a black box into the top left corner, larger on larger pictures; what does not fit
+// is cut off. Letters that the font lacks are spaces.
+void add_label(Picture& picture, std::string_view text);
+
+}  // namespace raymeld
