@@ -123,11 +123,13 @@ TEST(LayerMap, SeveralViewLayersAreNeverMixed) {
   // The compositor's layer sorts first but has no passes; of the full ones the first is taken.
   const Names names = rgba("Composite.Combined") + blender_old("Main") + blender_old("Second");
   EXPECT_EQ(map_layers(names).view_layer, "Main");
+  EXPECT_EQ(map_layers(names).others, (Names{"--map viewlayer=Composite", "--map viewlayer=Second"}));
   LayerChoice choice;
   choice.view_layer = "Second";
   const LayerMap map = map_layers(names, choice);
   EXPECT_EQ(read_from(map, "color"), triple("Second.Combined"));
   EXPECT_EQ(read_from(map, "albedo"), triple("Second.Denoising Albedo"));
+  EXPECT_EQ(map.others, Names{});
   choice.view_layer = "Composite";
   const LayerMap composite = map_layers(names, choice);
   EXPECT_EQ(read_from(composite, "color"), triple("Composite.Combined"));
@@ -222,6 +224,23 @@ TEST(LayerMap, TheOnlyColoursOfAFileAreTheBeauty) {
   EXPECT_FALSE(map_layers(rgba("one") + rgba("two")).layers.contains("color"));
 }
 
+// Houdini's beauty is C; guides that another renderer has too do not decide against it.
+TEST(LayerMap, AColorIsWorthMoreThanGuides) {
+  const Names guides = {"N.X",
+                        "N.Y",
+                        "N.Z",
+                        "diffuse_albedo.R",
+                        "diffuse_albedo.G",
+                        "diffuse_albedo.B",
+                        "specular_direct.R",
+                        "specular_direct.G",
+                        "specular_direct.B",
+                        "specular_indirect.R",
+                        "specular_indirect.G",
+                        "specular_indirect.B"};
+  EXPECT_EQ(read_from(map_layers(rgba("C") + guides), "color"), triple("C"));
+}
+
 TEST(LayerMap, PresetByName) {
   const Names names = Names{"B", "G", "R"} + xyz("N") + rgb("albedo");
   EXPECT_EQ(map_layers(names).preset, "arnold");
@@ -299,7 +318,7 @@ TEST(LayerMap, NamesEachAlternativeOnce) {
   EXPECT_TRUE(
       contains(message,
                "color: looked for plain R, G, B | rgba | RGBA | rgb | RGB | beauty | Beauty | color | "
-               "Color | main | Noisy Image | Combined | Ci\n"))
+               "Color | main | C | Noisy Image | Combined | Ci\n"))
       << message;
   EXPECT_TRUE(contains(message, "normal: looked for normal | Normal | NORMAL | Denoising Normal | N | Ns"))
       << message;

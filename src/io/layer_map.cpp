@@ -3,6 +3,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <set>
 
 #include "error.h"
 #include "io/channel_groups.h"
@@ -85,23 +86,49 @@ std::vector<const LayerPreset*> chosen_presets(const LayerChoice& choice) {
               names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", ")));
 }
 
+// The options that choose the map's view layer and view.
+std::string scope_text(const LayerMap& map) {
+  std::vector<std::string> options;
+  if (!map.view_layer.empty()) options.push_back(fmt::format("--map viewlayer={}", map.view_layer));
+  if (!map.view.empty()) options.push_back(fmt::format("--map view={}", map.view));
+  return fmt::format("{}", fmt::join(options, " "));
+}
+
+std::pair<bool, size_t> worth(const LayerMap& map) {
+  return {map.layers.contains("color"), map.layers.size()};
+}
+
+// View layers and views whose color is another one than the best map's, each once.
+std::vector<std::string> others_than(const LayerMap& best, const std::vector<LayerMap>& maps) {
+  std::set<std::string> colors;
+  if (best.layers.contains("color")) colors.insert(best.layers.at("color").terms[0][0]);
+  std::vector<std::string> others;
+  for (const LayerMap& map : maps) {
+    const bool has_scope = !map.view_layer.empty() || !map.view.empty();
+    if (has_scope && map.layers.contains("color") && colors.insert(map.layers.at("color").terms[0][0]).second)
+      others.push_back(scope_text(map));
+  }
+  return others;
+}
+
 LayerMap best_map(const ChannelGroups& groups, const LayerChoice& choice) {
-  std::optional<LayerMap> best;
+  std::vector<LayerMap> maps;
   std::vector<Scope> refused;
   for (const LayerPreset* preset : chosen_presets(choice)) {
     for (const Scope& scope : scopes_of(*preset, groups)) {
       const bool is_wanted = (choice.view_layer.empty() || choice.view_layer == scope.view_layer) &&
                              (choice.view.empty() || choice.view == scope.view);
-      if (!is_wanted) {
+      if (is_wanted) {
+        maps.push_back(apply(*preset, scope, groups));
+      } else {
         refused.push_back(scope);
-        continue;
       }
-      LayerMap map = apply(*preset, scope, groups);
-      if (!best || map.layers.size() > best->layers.size()) best = std::move(map);
     }
   }
-  if (!best) throw_no_scope(choice, refused);
-  return *best;
+  if (maps.empty()) throw_no_scope(choice, refused);
+  LayerMap best = *std::ranges::max_element(maps, {}, worth);
+  best.others = others_than(best, maps);
+  return best;
 }
 
 std::vector<std::string> split(const std::string& text, char separator) {
@@ -133,7 +160,7 @@ void apply_overrides(const LayerChoice& choice, const ChannelGroups& groups, Lay
   for (const auto& [layer, value] : choice.overrides) {
     if (layer != "alpha") {
       map.layers[layer] = {LayerRule::kRead, {overridden(layer, value, groups)}, ""};
-      if (layer == "color") map.alpha = groups.alpha(value);
+      if (layer == "color") map.alpha = groups.alpha(value), map.others.clear();
     }
   }
   const auto alpha = choice.overrides.find("alpha");
@@ -158,6 +185,16 @@ std::map<std::string, std::string> looked_for(const LayerChoice& choice, const C
   return joined;
 }
 
+// Lists the groups of channels that could be a layer, as --map names them.
+std::string groups_text(const ChannelGroups& groups) {
+  std::vector<std::string> texts;
+  for (const std::string& prefix : groups.prefixes()) {
+    if (const auto triple = groups.triple(prefix))
+      texts.push_back(prefix.empty() ? fmt::format("{}", fmt::join(*triple, ",")) : prefix);
+  }
+  return texts.empty() ? "no group of three channels" : fmt::format("{}", fmt::join(texts, ", "));
+}
+
 }  // namespace
 
 LayerMap map_layers(std::span<const std::string> channel_names, const LayerChoice& choice) {
@@ -170,6 +207,7 @@ LayerMap map_layers(std::span<const std::string> channel_names, const LayerChoic
   if (color != map.layers.end() && !map.layers.contains("variance"))
     map.layers["variance"] = {LayerRule::kVariance, color->second.terms, "the file has no variance"};
   map.looked_for = looked_for(choice, groups);
+  map.has = groups_text(groups);
   return map;
 }
 

@@ -46,6 +46,8 @@ struct LayerMap {
   std::map<std::string, LayerSource> layers;      // only what was found
   std::map<std::string, std::string> looked_for;  // per layer, for messages
   std::optional<std::string> alpha;               // the channel that belongs to color
+  std::vector<std::string> others = {};           // options for other view layers and views with a color
+  std::string has = {};                           // the groups of channels in the file, for messages
 };
 
 // Reads `cycles`, `viewlayer=NAME`, `view=NAME`, `albedo=PREFIX`, `albedo=CHANNEL,CHANNEL,CHANNEL` and
@@ -53,8 +55,8 @@ struct LayerMap {
 LayerChoice parse_layer_choice(std::span<const std::string> items);
 
 // Finds the layers among the channels of one file. Of several presets, view layers and views the one that
-// gives the most layers is taken, the first of equals. Throws Error when an override or a chosen name is not
-// in the file.
+// gives a color and the most layers is taken, the first of equals. Throws Error when an override or a chosen
+// name is not in the file.
 LayerMap map_layers(std::span<const std::string> channel_names, const LayerChoice& choice = {});
 
 // One line per layer: where it comes from.

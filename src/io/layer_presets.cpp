@@ -11,7 +11,7 @@ LayerPreset generic() {
           {
               {"color",
                kRead,
-               {{"", "rgba", "RGBA", "rgb", "RGB", "beauty", "Beauty", "color", "Color", "main"}}},
+               {{"", "rgba", "RGBA", "rgb", "RGB", "beauty", "Beauty", "color", "Color", "main", "C"}}},
               {"albedo", kRead, {{"albedo", "Albedo", "ALBEDO"}}},
               {"normal", kRead, {{"normal", "Normal", "NORMAL"}}},
               {"diffuse", kRead, {{"diffuse", "Diffuse"}}},

@@ -95,7 +95,8 @@ void require_layers(const LayerMap& map, std::span<const std::string> wanted, co
                                                               : looked_for->second);
   }
   if (!missing.empty())
-    throw Error("'{}' lacks layers that are needed (preset {}):{}", file, map.preset, missing);
+    throw Error("'{}' lacks layers that are needed (preset {}):{}\n  the file has: {}", file, map.preset,
+                missing, map.has);
 }
 
 }  // namespace raymeld
