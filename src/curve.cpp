@@ -187,7 +187,7 @@ const Candidate& for_target(std::span<const Candidate> front, const FrameTraits&
   };
   const auto reaches =
       std::ranges::find_if(front, [&](const Candidate& candidate) { return probability(candidate) >= 0.5; });
-  return reaches != front.end() ? *reaches : *std::ranges::max_element(front, {}, probability);
+  return reaches != front.end() ? *reaches : front.back();
 }
 
 }  // namespace raymeld

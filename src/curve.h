@@ -78,7 +78,7 @@ const Candidate& at_level(std::span<const Candidate> front, double level);
 // The best that takes no longer; the fastest where all do.
 const Candidate& within_budget(std::span<const Candidate> front, double time_ms);
 
-// The fastest that more likely than not reaches the PSNR; where none does, the likeliest.
+// The fastest that more likely than not reaches the PSNR; where none does, the best.
 const Candidate& for_target(std::span<const Candidate> front, const FrameTraits& traits, double psnr_db);
 
 }  // namespace raymeld

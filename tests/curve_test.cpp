@@ -55,7 +55,7 @@ TEST(Curve, TargetTakesTheFastestThatIsExpectedToReachIt) {
   const FrameTraits traits{2, 7};  // 2 dB above the mean
   EXPECT_EQ(for_target(front, traits, 31).point.model, "a");
   EXPECT_EQ(for_target(front, traits, 32.1).point.model, "b");
-  EXPECT_EQ(for_target(front, traits, 40).point.model, "c");
+  for (const double beyond : {40, 99, 1000000}) EXPECT_EQ(for_target(front, traits, beyond).point.model, "c");
   EXPECT_DOUBLE_EQ(front[0].point.estimate.probability(traits, 32), 0.5);
   EXPECT_NEAR(front[0].point.estimate.probability(traits, 33), 0.1587, 1e-4);
   EXPECT_NEAR(front[0].point.estimate.probability(traits, 30), 0.9772, 1e-4);

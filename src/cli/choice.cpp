@@ -165,7 +165,10 @@ Choice choose_model(const FuseArguments& arguments, bool sequence, const Device&
         fmt::format("{} is not enough: the fastest takes {}", choice.wish, duration_text(chosen->time_ms)),
         1);
   if (choice.probability.value_or(1) < 0.5)
-    console.warn(fmt::format("{} is not to be expected: {:.1f} dB are", choice.wish, choice.estimate_db), 1);
+    console.warn(
+        fmt::format("{} is not to be expected of any model: {}, the best, is taken, with {:.1f} dB expected",
+                    choice.wish, choice.model, choice.estimate_db),
+        1);
   return choice;
 }
 
