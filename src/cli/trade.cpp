@@ -185,7 +185,8 @@ void add_trade(CLI::App& app) {
                    "Measures these models: names, scales such as x4, or files; without it all stock models")
       ->delimiter(',');
   command->add_option("--views", arguments->views, "Measures only the first views, this many")
-      ->type_name("N");
+      ->type_name("N")
+      ->check(CLI::Range(size_t{1}, size_t{1'000'000}));
   CLI::Option* quick = command->add_flag(
       "--quick", arguments->quick,
       "Measures only one setting of each model, in fp32, and one pair of renders of each view");

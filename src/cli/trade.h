@@ -91,8 +91,7 @@ std::vector<TradeStrip> make_strips(const std::vector<TestView>& views,
 // is off most; below it its error, as heat_map() shows it.
 Picture strip_of(const std::vector<Image>& images, const Image& reference, const Image& judged);
 
-// Where a smaller first and a larger second value are better: whether no other is as good in both and better
-// in one.
+// Of points of cost and PSNR, those that bring at least 0.01 dB more than any that costs less, or as much.
 std::vector<bool> on_front(const std::vector<std::pair<double, double>>& points);
 
 // What is summed up of a setting's results.

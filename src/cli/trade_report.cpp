@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <numeric>
 
 #include "cli/trade.h"
 #include "cli/trade_page.h"
@@ -12,6 +14,9 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 using Values = std::vector<double>;
+
+// Kernels round differently, which is worth no time: the figures of docs/ have two decimals.
+constexpr double kLeastStepDb = 0.01;
 
 // RFC 4648.
 std::string base64(std::span<const char> bytes) {
@@ -144,11 +149,16 @@ Json renders_json(const Trade& trade) {
 }  // namespace
 
 std::vector<bool> on_front(const std::vector<std::pair<double, double>>& points) {
-  std::vector<bool> front;
-  for (const auto& [cost, gain] : points) {
-    front.push_back(std::ranges::none_of(points, [&](const auto& other) {
-      return other.first <= cost && other.second >= gain && (other.first < cost || other.second > gain);
-    }));
+  std::vector<size_t> order(points.size());
+  std::iota(order.begin(), order.end(), size_t{0});
+  std::ranges::stable_sort(order, {},
+                           [&](size_t i) { return std::pair(points[i].first, -points[i].second); });
+  std::vector<bool> front(points.size());
+  double best = -std::numeric_limits<double>::infinity();
+  for (const size_t i : order) {
+    if (points[i].second < best + kLeastStepDb) continue;
+    front[i] = true;
+    best = points[i].second;
   }
   return front;
 }

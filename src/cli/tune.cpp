@@ -1,4 +1,6 @@
 // Measures a device, so that raymeld fuse knows its fastest kernels.
+#include <algorithm>
+
 #include "cli/commands.h"
 #include "cli/console.h"
 #include "cli/interrupt.h"
@@ -44,6 +46,19 @@ void print_entry(const Conv2dShape& shape, const Tuning::Entry& entry) {
                     kernel_text(shape, entry.kernel)));
 }
 
+void measure(const Device& device, const std::filesystem::path& folder, Storage storage,
+             const std::vector<Conv2dShape>& shapes, Tuning& tuning, bool silent) {
+  const std::filesystem::path file = tuning_file(folder, device, storage);
+  PipelineCache cache(device, folder);
+  tune(device, cache, storage, shapes, tuning, [&](const Conv2dShape& shape, const Tuning::Entry& entry) {
+    if (!silent) print_entry(shape, entry);
+    save_tuning(file, tuning);  // what is measured stays measured
+    check_interrupted();
+  });
+  cache.save();
+  FrameTimes::forget(device, folder);
+}
+
 void run(const TuneArguments& arguments) {
   const auto device = Device::create({arguments.device});
   const std::filesystem::path folder = PipelineCache::default_folder();
@@ -62,17 +77,17 @@ void run(const TuneArguments& arguments) {
     shapes.insert(shapes.end(), all.begin(), all.end());
   }
   const Console console(!arguments.json);
-  console.note(fmt::format("measuring {} ({})", device->info().name, device->info().driver));
-  PipelineCache cache(*device, folder);
-  tune(*device, cache, storage, shapes, tuning, [&](const Conv2dShape& shape, const Tuning::Entry& entry) {
-    if (!arguments.json) print_entry(shape, entry);
-    save_tuning(file, tuning);  // what is measured stays measured
-    check_interrupted();
-  });
-  cache.save();
-  FrameTimes::forget(*device, folder);
-  console.note(
-      fmt::format("activations {}; wrote {}", tuning.addressed ? "by address" : "in buffers", file.string()));
+  const bool known =
+      std::ranges::all_of(shapes, [&](const Conv2dShape& shape) { return tuning.entries.contains(shape); });
+  if (known) {
+    console.note(fmt::format("nothing to measure: {} has all {} shapes; --again measures them anew",
+                             file.string(), shapes.size()));
+  } else {
+    console.note(fmt::format("measuring {} ({})", device->info().name, device->info().driver));
+    measure(*device, folder, storage, shapes, tuning, arguments.json);
+    console.note(fmt::format("activations {}; wrote {}", tuning.addressed ? "by address" : "in buffers",
+                             file.string()));
+  }
   if (!arguments.json) return;
   nlohmann::ordered_json json{{"device", device->info().name},
                               {"driver", device->info().driver},
