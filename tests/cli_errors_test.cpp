@@ -61,6 +61,8 @@ TEST_F(CliErrors, Usage) {
   expect_error({"tune", "--model", tiny_model(), "--size", "66x48"}, {"66x48", "scale 4"});
   for (const char* command : {"graph", "tune"})
     expect_error({command, "--model", tiny_model(), "--size", "4000000000x64"}, {"1000000000 x 16", "to 65536"});
+  for (const char* views : {"0", "-3", "two"})
+    expect_error({"trade", "--data", "none", "--views", views}, {"--views", views});
   expect_error({"tune", "--precision", "int8"}, {"--precision", "fp16"});
   expect_error({"conform", "--suite", "poetry"}, {"--suite", "conv2d"});
   expect_error({"conform", "--quick", "--full"}, {"--quick", "--full"});
@@ -129,6 +131,14 @@ void write_parts(const fs::path& path) {
   }
 }
 
+// Where no color is found, the message lists what the file has.
+TEST_F(CliErrors, LayersOfTheFileAreListed) {
+  const std::vector<std::string> names = {"paint.R", "paint.G", "paint.B", "wall.X",
+                                          "wall.Y",  "wall.Z",  "id"};
+  write_image(folder_ / "high.exr", names, random_image(names, 32, 24, 2));
+  expect_error(fuse(), {"high.exr", "color: looked for", "the file has: paint, wall"});
+}
+
 TEST_F(CliErrors, ChannelsThatCannotBePassedThrough) {
   write_parts(folder_ / "high.exr");
   EXPECT_EQ(run(fuse({"--map", "color=beauty", "--dry-run"})).exit_status, 0);
@@ -164,20 +174,68 @@ TEST_F(CliErrors, Outputs) {
                                     "--model", tiny_model(), "-o",      output};
   };
   expect_error(to("none/out.exr"), {"none/out.exr", "no folder"});
-  expect_error(to("."), {"'.'", "folder"});
+  fs::create_directory(folder_ / "folder.exr");
+  fs::create_symlink("/dev/full", folder_ / "device.exr");
+  remember_files();
+  expect_error(to("folder.exr"), {"'folder.exr'", "folder"});
+  expect_error(to("device.exr"), {"device.exr", "regular file"});
   expect_error(to("./high.exr"), {"./high.exr", "same file"});
-  expect_error(fuse({"--preview", "low.exr"}), {"low.exr", "same file"});
   expect_error(fuse({"--dump", "low.exr"}), {"low.exr", "folder"});
-  expect_error(fuse({"--preview", "./out.exr"}), {"out.exr", "same file as the output"});
   expect_error(fuse({"--preview", "z.png", "--preview-before-after", "z.png"}), {"z.png", "same file"});
   expect_error(fuse({"--dump", "none/layers"}), {"none"});
-  fs::copy_file(tiny_model(), folder_ / "m.safetensors");
+  fs::create_hard_link(folder_ / "low.exr", folder_ / "low.png");
+  fs::copy_file(tiny_model(), folder_ / "model.exr");
   remember_files();
+  expect_error(fuse({"--preview", "low.png"}), {"low.png", "same file"});
   expect_error(
-      {"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "--model", "m.safetensors", "-o", "m.safetensors"},
-      {"m.safetensors", "same file as the input"});
+      {"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "--model", "./model.exr", "-o", "model.exr"},
+      {"model.exr", "same file as the input"});
   expect_error({"degrade", "high.exr", "--scale", "4", "-o", "high.exr"}, {"high.exr", "same file"});
-  expect_error({"compare", "low.exr", "low.exr", "--error-map", "low.exr"}, {"low.exr", "same file"});
+  expect_error({"compare", "low.exr", "low.exr", "--error-map", "low.png"}, {"low.png", "same file"});
+}
+
+TEST_F(CliErrors, OutputsOfAnotherKind) {
+  expect_error({"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "--model", tiny_model(), "-o", "x.png"},
+               {"--output", "'x.png' does not end in .exr", "--preview"});
+  expect_error({"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "-o", "out"},
+               {"'out' does not end in .exr"});
+  for (const char* option : {"--preview", "--preview-before-after"})
+    expect_error(fuse({option, "foo.jpg"}), {option, "'foo.jpg' does not end in .png"});
+  expect_error({"degrade", "high.exr", "--scale", "4", "-o", "low.png"}, {"'low.png' does not end in .exr"});
+  expect_error({"compare", "low.exr", "low.exr", "--error-map", "e.exr"}, {"'e.exr' does not end in .png"});
+  EXPECT_EQ(run(fuse({"--preview", "UPPER.PNG"})).exit_status, 0);
+}
+
+// With --json stdout has the error too, once, whatever kind it is.
+TEST_F(CliErrors, AreInJsonToo) {
+  const auto error = [&](const std::vector<std::string>& arguments) {
+    const ProcessResult result = run(arguments);
+    EXPECT_EQ(result.exit_status, 2);
+    EXPECT_EQ(result.err.find("raymeld: error: "), 0u) << result.err;
+    const auto json = nlohmann::json::parse(result.out);
+    const std::string message = json.at("error");
+    EXPECT_NE(result.err.find(message), std::string::npos) << result.err;
+    return message;
+  };
+  EXPECT_NE(
+      error({"fuse", "--lrhs", "none.exr", "--hrls", "high.exr", "-o", "out.exr", "--json"}).find("none.exr"),
+      std::string::npos);
+  EXPECT_NE(error(fuse({"--json", "--window", "9"})).find("--window"), std::string::npos);
+  EXPECT_NE(error({"compare", "low.exr", "high.exr", "--json"}).find("sizes must be equal"),
+            std::string::npos);
+  const std::string sequence = error({"fuse", "--lrhs", "low.#.exr", "--hrls", "high.exr", "-o", "out.#.exr",
+                                      "--model", tiny_model(), "--frames", "1", "--json"});
+  EXPECT_EQ(sequence.find("1 frames: 0 fused, 1 failed (1)"), 0u) << sequence;
+}
+
+// What the disk says is said once.
+TEST_F(CliErrors, AFullDiskIsSaidOnce) {
+  const ProcessResult result = run_process({"sh", "-c", "ulimit -f 0; exec \"$@\"", "sh", RAYMELD_PROGRAM,
+                                            "compare", "low.exr", "low.exr", "--error-map", "map.png"},
+                                           {.directory = folder_.path(), .environment = environment_});
+  EXPECT_EQ(result.exit_status, 2);
+  EXPECT_EQ(result.err.find("cannot write"), result.err.rfind("cannot write")) << result.err;
+  EXPECT_NE(result.err.find("cannot write 'map.png': File too large"), std::string::npos) << result.err;
 }
 
 // Blocks of 512 bytes: the preview fits, the image does not, and neither stays. What was there before does.
@@ -201,9 +259,6 @@ TEST_F(CliErrors, FullDisk) {
                      {"standard output"});
   expect_shell_error("exec \"$@\" > /dev/full", {"graph", "--model", tiny_model(), "--size", "64x48"},
                      {"standard output"});
-  expect_error(
-      {"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "--model", tiny_model(), "-o", "/dev/full"},
-      {"/dev/full", "regular file"});
 }
 
 TEST_F(CliErrors, Devices) {

@@ -66,8 +66,22 @@ TEST_F(CliReport, ConstantAndMissingLayersAreFound) {
   const std::vector<std::string> names(kLayeredNames.begin(), kLayeredNames.begin() + 6);
   write_image(folder_ / "high.exr", names, high);
   const std::string missing = lines(arguments).at(2);
-  EXPECT_NE(missing.find("; no albedo"), std::string::npos) << missing;
+  EXPECT_NE(missing.find("; no albedo, which costs about 0.8 dB"), std::string::npos) << missing;
   EXPECT_EQ(missing.find("everywhere"), std::string::npos) << missing;
+}
+
+TEST_F(CliReport, TheViewLayerThatIsReadIsSaid) {
+  std::vector<std::string> names;
+  for (const char* layer : {"Left", "Right"})
+    for (const char* pass : {"Combined", "Denoising Normal", "Denoising Albedo"})
+      for (const std::string& color : kColorNames)
+        names.push_back(fmt::format("{}.{}.{}", layer, pass, color));
+  write_image(folder_ / "high.exr", names, random_image(names, 32, 24, 2));
+  const std::string both = lines(fuse()).at(2);
+  EXPECT_NE(both.find("HRLS has several view layers, and 'Left' is read; others are --map viewlayer=Right"),
+            std::string::npos)
+      << both;
+  EXPECT_EQ(lines(fuse({"--map", "viewlayer=Right"})).at(2).find("several"), std::string::npos);
 }
 
 }  // namespace

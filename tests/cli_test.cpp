@@ -365,6 +365,33 @@ TEST_F(Cli, NanAndInfAreCountedAndReplaced) {
   for (float value : read("out.exr").data) ASSERT_TRUE(std::isfinite(value));
 }
 
+TEST_F(Cli, NanInAlphaIsCountedAndReplaced) {
+  for (const Imf::PixelType type : {Imf::HALF, Imf::FLOAT}) {
+    Image high = random_image(kLayeredNames, 32, 24, 2);
+    high.at(9, 3, 4) = high.at(9, 9, 9) = NAN;
+    if (type == Imf::FLOAT) high.at(9, 0, 0) = -INFINITY;  // write_exr() has no infinite half
+    write_image(folder_ / "high.exr", kLayeredNames, high, type);
+    const Json warnings = run_json(fuse({"--json"})).at("warnings");
+    ASSERT_EQ(warnings.size(), type == Imf::FLOAT ? 2u : 1u);
+    EXPECT_EQ(warnings[0].at("message"), "HRLS 'high.exr': 2 values of channel 'A' are NaN; written as 0");
+    EXPECT_EQ(warnings[0].at("count"), 2);
+    if (type == Imf::FLOAT) {
+      EXPECT_EQ(warnings[1].at("message"),
+                "HRLS 'high.exr': 1 values of channel 'A' are infinite; written as +-65504");
+    }
+    const Image alpha = read("out.exr", {"A"}), before = read("high.exr", {"A"});
+    for (size_t i = 0; i < alpha.data.size(); ++i) {
+      const float expected = std::isnan(before.data[i]) ? 0 : std::clamp(before.data[i], -65504.0f, 65504.0f);
+      EXPECT_EQ(alpha.data[i], expected);
+    }
+    const Json kept = run_json(fuse({"--json", "--keep-layers"})).at("warnings");
+    ASSERT_EQ(kept.size(), 1u);
+    EXPECT_EQ(kept[0].at("message"), "HRLS 'high.exr': 2 values of channel 'A' are NaN; written as they are");
+    EXPECT_EQ(ExrFile(folder_ / "out.exr").read_raw("A").bytes,
+              ExrFile(folder_ / "high.exr").read_raw("A").bytes);
+  }
+}
+
 TEST_F(Cli, DegradeKeepsEveryFourthPixelOfEachType) {
   const Image image = random_image({"R", "G", "B"}, 32, 24, 7);
   ExrOutput output;
@@ -496,6 +523,20 @@ TEST_F(Cli, CompareGivesThePapersMeasures) {
   EXPECT_EQ(sanitized.at("warnings").at(0).at("count"), 1);
 }
 
+TEST_F(Cli, CompareHasFewDigitsAndTheNamesOfJson) {
+  Image small(8, 6, 3), large(8, 6, 3);
+  std::ranges::fill(small.data, 1e-30f);
+  std::ranges::fill(large.data, 1e30f);
+  write_image(folder_ / "small.exr", kColorNames, small, Imf::FLOAT);
+  write_image(folder_ / "large.exr", kColorNames, large, Imf::FLOAT);
+  const std::string table = run({"compare", "large.exr", "small.exr"}).out;
+  Json json = run_json({"compare", "large.exr", "small.exr", "--json"});
+  json.erase("warnings");
+  for (const auto& [name, value] : json.items()) EXPECT_NE(table.find(name), std::string::npos) << table;
+  std::istringstream words(table.substr(table.find('\n')));
+  for (std::string word; words >> word;) EXPECT_LE(word.size(), 9u) << table;
+}
+
 // In a folder of the test's own, so that nothing was measured before.
 TEST_F(Cli, TuneMeasuresOnceAndFuseReadsIt) {
   const std::vector<std::string> tune{"tune",  "--model",     tiny_model(), "--size",
@@ -514,6 +555,18 @@ TEST_F(Cli, TuneMeasuresOnceAndFuseReadsIt) {
   const Image untuned = read("out.exr");
   for (size_t i = 0; i < tuned.data.size(); ++i)
     EXPECT_NEAR(tuned.data[i], untuned.data[i], 1e-3 * (1 + untuned.data[i]));
+}
+
+TEST_F(Cli, TuneSaysWhenThereIsNothingToDo) {
+  const std::vector<std::string> tune{"tune",  "--model",     tiny_model(), "--size",
+                                      "32x32", "--precision", "fp32"};
+  const ProcessResult first = run(tune);
+  EXPECT_NE(first.err.find("measuring "), std::string::npos) << first.err;
+  EXPECT_NE(first.err.find("; wrote "), std::string::npos) << first.err;
+  const ProcessResult again = run(tune);
+  EXPECT_EQ(again.err.find("nothing to measure: "), 0u) << again.err;
+  for (const char* done : {"measuring", "wrote"})
+    EXPECT_EQ(again.err.find(done), std::string::npos) << again.err;
 }
 
 TEST_F(Cli, KernelsAgree) {

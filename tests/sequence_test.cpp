@@ -200,6 +200,7 @@ TEST_F(Sequence, BadFramesFailAlone) {
         "raymeld: error: 6 frames: 2 fused, 4 failed (2-5); "})
     EXPECT_NE(result.err.find(text), std::string::npos) << "'" << text << "' in: " << result.err;
   const Json json = Json::parse(result.out);
+  EXPECT_EQ(json.at("error").get<std::string>().find("6 frames: 2 fused, 4 failed (2-5); "), 0u);
   EXPECT_EQ(json.at("fused"), Json({1, 6}));
   EXPECT_EQ(json.at("failed"), Json({2, 3, 4, 5}));
   EXPECT_EQ(json.at("skipped"), Json::array());
@@ -345,6 +346,26 @@ TEST_F(Sequence, NotesAreOfTheFrameAndFewWhereNothingChanges) {
   const size_t first = verbose.find("LRHS low.####.exr: color from R, G, B");
   EXPECT_NE(first, std::string::npos) << verbose;
   EXPECT_EQ(verbose.find("color from", first + 40), std::string::npos) << verbose;
+}
+
+TEST_F(Sequence, AnExposureThatDriftsIsSaid) {
+  const std::string model = source_path("tests/golden/guided-x4.safetensors").string();
+  const auto said = [&](float gain, const std::vector<std::string>& more) {
+    for (const int frame : {1, 2, 3}) {
+      write_frame(frame);
+      Image low = random_image(kColorNames, 8, 6, 1);
+      for (float& value : low.data) value *= frame == 2 ? gain : 1;
+      write_image(folder_ / this->low(frame), kColorNames, low, Imf::FLOAT);
+    }
+    std::vector<std::string> arguments = fuse_frames("1-3", more);
+    arguments[8] = model;
+    return run(arguments).err;
+  };
+  const std::string drifts = said(1.2f, {});
+  EXPECT_NE(drifts.find("the input exposure was found frame by frame, from "), std::string::npos) << drifts;
+  EXPECT_NE(drifts.find(" (frame 2) to "), std::string::npos) << drifts;
+  EXPECT_EQ(said(1.02f, {}).find("frame by frame"), std::string::npos);
+  EXPECT_EQ(said(1.2f, {"--input-exposure", "0.5"}).find("frame by frame"), std::string::npos);
 }
 
 TEST_F(Sequence, TheNextFrameIsReadWhileOneIsFused) {

@@ -1,6 +1,7 @@
 #include <array>
 
 #include "cli/commands.h"
+#include "cli/help.h"
 #include "cli/inputs.h"
 #include "cli/outputs.h"
 #include "cli/quality.h"
@@ -62,13 +63,17 @@ void add_compare(CLI::App& app) {
       ->add_option("REFERENCE", arguments->reference,
                    "Reads the reference from this OpenEXR file of the same size")
       ->required();
-  command->add_option("--error-map", arguments->error_map,
-                      "Writes a PNG of each pixel's RelMSE (0.5, 0.01): black up to 1e-4, yellow from 1");
+  command
+      ->add_option("--error-map", arguments->error_map,
+                   "Writes a PNG of each pixel's RelMSE (0.5, 0.01): black up to 1e-4, yellow from 1")
+      ->check(ends_in(".png"));
   command->add_option("--map", arguments->map, "Says which channels to read, in both files, as for fuse")
       ->type_name("ITEM")
       ->allow_extra_args(false);
   command->add_flag("--json", arguments->json, "Prints one JSON object instead of a table");
-  command->footer("Example:\n  raymeld compare fused.exr reference.exr --error-map error.png");
+  command->footer(
+      "psnr_db is of sRGB; relmse_bcr is the relative squared error with (0.5, 0.01), relmse_gharbi with (1, "
+      "1e-4).\n\nExample:\n  raymeld compare fused.exr reference.exr --error-map error.png");
   command->callback([arguments] { compare(*arguments); });
 }
 

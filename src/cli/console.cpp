@@ -2,6 +2,7 @@
 
 #include <unistd.h>
 
+#include <atomic>
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
@@ -12,6 +13,7 @@
 namespace raymeld::cli {
 namespace {
 
+std::atomic<bool> printed = false;
 std::mutex stderr_mutex;
 bool bar_is_drawn = false;  // on a terminal, on the line that is written next
 
@@ -38,8 +40,11 @@ void draw_bar(double share) {
 
 }  // namespace
 
+bool has_printed() { return printed; }
+
 void print(const std::string& text) {
   say("");
+  if (!text.empty()) printed = true;
   if (std::fwrite(text.data(), 1, text.size(), stdout) != text.size() || std::fflush(stdout) != 0) {
     throw Error("cannot write to standard output: {}", std::strerror(errno));
   }

@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include "cli/commands.h"
+#include "cli/help.h"
 #include "cli/interrupt.h"
 #include "cli/outputs.h"
 #include "error.h"
@@ -74,7 +75,8 @@ void add_degrade(CLI::App& app) {
       ->required()
       ->check(CLI::IsMember({2, 4, 8}));
   command->add_option("-o,--output", arguments->output, "Writes the small image to this OpenEXR file")
-      ->required();
+      ->required()
+      ->check(ends_in(".exr"));
   command->footer(
       "The top-left pixel of each cell is kept, as in the paper, and the file says so in the attribute\n"
       "raymeldSampling, which fuse heeds.\n\nExample:\n  raymeld degrade full.exr --scale 4 -o low.exr");

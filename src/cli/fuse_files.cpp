@@ -242,8 +242,11 @@ void load_frame(FuseFrame& frame) {
     sanitize_input(*images.reference, "reference", files.reference->path(), frame.console);
     images.reference = seen_through(std::move(*images.reference), files.hrls_windows.data, files.window);
   }
-  for (const std::string& name : passed_channels(files, frame.arguments.keep_layers))
+  const bool keeps = frame.arguments.keep_layers;
+  for (const std::string& name : passed_channels(files, keeps)) {
     images.passed.push_back(cropped(files.hrls.read_raw(name), files.window));
+    sanitize_passed(images.passed.back(), !keeps, files.hrls.path(), frame.console);
+  }
 }
 
 }  // namespace raymeld::cli

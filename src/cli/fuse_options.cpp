@@ -56,8 +56,11 @@ void add_files(CLI::App& command, FuseArguments& a) {
       .add_option("-o,--output", a.output,
                   "Writes the fused image to this OpenEXR file; windows, attributes and alpha are those of "
                   "HRLS")
-      ->type_name("FILE");
-  command.add_option("--preview", a.preview, "Writes the fused image as an sRGB PNG too")->type_name("FILE");
+      ->type_name("FILE")
+      ->check(ends_in(".exr", "; --preview writes a PNG"));
+  command.add_option("--preview", a.preview, "Writes the fused image as an sRGB PNG too")
+      ->type_name("FILE")
+      ->check(ends_in(".png"));
   command
       .add_option("--map", a.map,
                   "Says where layers are: a preset (generic, cycles, arnold, pbrt, renderman), LAYER=PREFIX, "
@@ -91,7 +94,8 @@ void add_more_files(CLI::App& command, FuseArguments& a) {
   command
       .add_option("--preview-before-after", a.before_after,
                   "Writes a PNG with bicubic LRHS, HRLS, fused and, if given, the reference side by side")
-      ->type_name("FILE");
+      ->type_name("FILE")
+      ->check(ends_in(".png"));
   command.add_option("--exposure", a.exposure_stops, "Brightens the previews by this many stops")
       ->type_name("STOPS")
       ->check(finite);

@@ -3,6 +3,7 @@
 
 #include <fmt/ranges.h>
 
+#include "cli/layer_costs.h"
 #include "io/exr_window.h"
 
 namespace raymeld::cli {
@@ -40,6 +41,35 @@ std::string profile_text(const FuseReport& report) {
   return text + row("total", total.time_ms, total.flop, total.bytes);
 }
 
+// Costs add up where layers are missing together; empty where none is known.
+std::string cost_text(const ConstantLayers& absent) {
+  double db = 0;
+  size_t known = 0;
+  for (const LayerCost& cost : kLayerCosts) {
+    if (!absent.contains(std::string(cost.layer))) continue;
+    db += cost.db;
+    ++known;
+  }
+  if (known == 0) return "";
+  if (known == kLayerCosts.size()) db = kAllLayersCostDb;
+  return db < 0.1 ? ", which costs less than 0.1 dB" : fmt::format(", which costs about {:.1f} dB", db);
+}
+
+// Names the layers that the model takes and HRLS lacks.
+std::string absent_text(const ConstantLayers& absent) {
+  std::vector<std::string> names;
+  for (const auto& [layer, zeros] : absent) names.push_back(layer);
+  return fmt::format("no {}{}", fmt::join(names, ", "), cost_text(absent));
+}
+
+// Says which view layer is read where a file has several.
+void add_view_layers(const char* role, const LayerMap& map, std::vector<std::string>& found) {
+  if (map.others.empty()) return;
+  found.push_back(fmt::format("{} has several view layers, and '{}{}{}' is read; others are {}", role,
+                              map.view_layer, map.view.empty() ? "" : ".", map.view,
+                              fmt::join(map.others, " or ")));
+}
+
 // The share of a frame that was not computed, and why; empty where all was.
 std::string spared_text(double share, const char* why) {
   return share > 0 ? fmt::format("{:.0f} % of the frame {}; ", 100 * share, why) : "";
@@ -59,7 +89,9 @@ ConstantLayers found_constants(const FuseFrame& frame) {
 
 std::vector<std::string> findings(const FuseFiles& files) {
   std::vector<std::string> found = {fmt::format("LRHS samples {}", sampling_name(files))};
-  for (const auto& [layer, zeros] : files.absent_layers) found.push_back(fmt::format("no {}", layer));
+  add_view_layers("LRHS", files.lrhs_map, found);
+  add_view_layers("HRLS", files.hrls_map, found);
+  if (!files.absent_layers.empty()) found.push_back(absent_text(files.absent_layers));
   if (!files.model->architecture().trained_on(files.phase > 0))
     found.push_back(fmt::format("{} was not trained on {} LRHS", files.model->name(), sampling_name(files)));
   return found;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <filesystem>
 #include <sstream>
 
 namespace raymeld::cli {
@@ -48,6 +49,14 @@ bool is_literal(const std::string& name) {
 }
 
 }  // namespace
+
+CLI::Validator ends_in(const std::string& extension, const std::string& hint) {
+  const auto check = [extension, hint](const std::string& path) {
+    const std::string own = CLI::detail::to_lower(std::filesystem::path(path).extension().string());
+    return own == extension ? "" : fmt::format("'{}' does not end in {}{}", path, extension, hint);
+  };
+  return CLI::Validator(check, "");
+}
 
 std::string value_text(const CLI::Option& option) {
   if (option.get_type_size() == 0) return "";

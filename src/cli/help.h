@@ -19,6 +19,10 @@ class HelpFormatter : public CLI::Formatter {
   std::string make_option_desc(const CLI::Option* option) const override;
 };
 
+// A check for options that name a file to write: its name must end in this, such as ".exr", in either case.
+// The hint says what else the user may have wanted.
+CLI::Validator ends_in(const std::string& extension, const std::string& hint = "");
+
 // The names that the value of an option can have, such as auto, fp32 and fp16; empty where it can be
 // anything.
 std::vector<std::string> choices(const CLI::Option& option);

@@ -14,4 +14,8 @@ LayerMap map_color(const ExrFile& file, const LayerChoice& choice);
 // sanitize(), with a warning for NaN and one for infinities; `role` says what the file is.
 void sanitize_input(Image& image, const char* role, const std::filesystem::path& path, Console& console);
 
+// Counts what is not finite in a channel that is written as it was read, and warns of it. Where `mends`, NaN
+// becomes 0 and infinities +-65504; else infinities, which a depth may have, are no concern.
+void sanitize_passed(ExrRawChannel& channel, bool mends, const std::filesystem::path& path, Console& console);
+
 }  // namespace raymeld::cli

@@ -1,4 +1,6 @@
+#include <algorithm>
 #include <cstdio>
+#include <string_view>
 
 #include "cli/commands.h"
 #include "cli/console.h"
@@ -11,8 +13,14 @@ namespace {
 
 using namespace raymeld::cli;
 
-int fail(const Failure& failure) {
+bool wants_json = false;  // whether --json is among the arguments, valid or not
+
+// Says it on stderr and, for programs that read stdout as JSON, there.
+int fail(const Failure& failure) try {
   complain(failure.message);
+  if (wants_json && !has_printed()) print(json_text({{"error", failure.message}}));
+  return failure.status;
+} catch (...) {  // stdout takes nothing
   return failure.status;
 }
 
@@ -47,15 +55,17 @@ int parse_and_run(CLI::App& app, int argc, char** argv) try {
   if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
   const std::vector<std::string> unknown = app.remaining();
   const bool has_no_command = app.get_subcommands().empty() && !unknown.empty();
-  complain(has_no_command ? fmt::format("there is no command '{}'", unknown.front()) : error.what());
+  const int status = fail(
+      {kError, has_no_command ? fmt::format("there is no command '{}'", unknown.front()) : error.what()});
   fmt::print(stderr, "raymeld --help and raymeld COMMAND --help tell more.\n");
-  return kError;
+  return status;
 }
 
 }  // namespace
 
 int main(int argc, char** argv) try {
   catch_signals();
+  wants_json = std::find(argv, argv + argc, std::string_view("--json")) != argv + argc;
   CLI::App app("raymeld: fuses a small many-sample render (LRHS) with a full-size few-sample one (HRLS)",
                "raymeld");
   describe(app);

@@ -12,10 +12,10 @@ Quality measure(const Image& image, const Image& reference) {
 }
 
 std::string table(const QualityTable& rows) {
-  std::string text = fmt::format("{:<13} {:>10} {:>20} {:>18}\n", "", "PSNR in dB", "RelMSE (0.5, 0.01)",
-                                 "RelMSE (1, 1e-4)");
+  std::string text =
+      fmt::format("{:<13} {:>10} {:>12} {:>14}\n", "", "psnr_db", "relmse_bcr", "relmse_gharbi");
   for (const auto& [name, quality] : rows) {
-    text += fmt::format("{:<13} {:>10.3f} {:>20.6f} {:>18.6f}\n", name, quality.psnr_db, quality.relmse_bcr,
+    text += fmt::format("{:<13} {:>10.4g} {:>12.4g} {:>14.4g}\n", name, quality.psnr_db, quality.relmse_bcr,
                         quality.relmse_gharbi);
   }
   return text;

@@ -144,6 +144,7 @@ void Pipeline::write() {
       frame.console.note(
           fmt::format("wrote {}: {}", written_text(frame.arguments), took_text(frame, total_ms)));
       if (patterns_.json) outcome.facts = frame_json(frame, device_.info(), quality, total_ms);
+      outcome.exposure = frame.result.report.exposure;
       outcome.status = Status::kFused;
     });
   }
@@ -198,11 +199,20 @@ void run_sequence(const SequenceArguments& sequence, const FuseArguments& given)
   check_output_folders(of_frame(patterns, sequence.frames.front()));
 
   if (device) Pipeline(patterns, *device, models, outcomes).run();
-  if (patterns.json) print(json_text(summary_json(outcomes, watch.ms())));
   const std::string summary = summary_text(outcomes, watch.ms());
   const bool stopped = interrupted() && !frames_that(Status::kUnfinished, outcomes).empty();
-  if (!stopped && !frames_that(Status::kFailed, outcomes).empty()) throw Error("{}", summary);
-  Console(patterns.notes()).note(summary);
+  const bool failed = !stopped && !frames_that(Status::kFailed, outcomes).empty();
+  if (patterns.json) {
+    Json json = summary_json(outcomes, watch.ms());
+    if (failed) json["error"] = summary;
+    print(json_text(json));
+  }
+  const Console console(patterns.notes());
+  if (patterns.input_exposure == 0) {
+    if (const std::string hint = exposure_hint(outcomes); !hint.empty()) console.note(hint);
+  }
+  if (failed) throw Error("{}", summary);
+  console.note(summary);
   if (stopped) throw Cancelled();
 }
 

@@ -2,12 +2,16 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "cli/frames.h"
 
 namespace raymeld::cli {
 namespace {
 
 using Json = nlohmann::ordered_json;
+
+constexpr float kSteadyExposure = 1.05f;
 
 const char* status_name(Status status) {
   switch (status) {
@@ -31,6 +35,22 @@ std::vector<int> frames_that(Status status, std::span<const Outcome> outcomes) {
     if (outcome.status == status) frames.push_back(outcome.frame);
   }
   return frames;
+}
+
+std::string exposure_hint(std::span<const Outcome> outcomes) {
+  std::vector<std::pair<float, int>> exposures;  // with the frame
+  for (const Outcome& outcome : outcomes) {
+    if (outcome.status == Status::kFused) exposures.emplace_back(outcome.exposure, outcome.frame);
+  }
+  if (exposures.empty()) return "";
+  std::ranges::sort(exposures);
+  const auto [least, darkest] = exposures.front();
+  const auto [most, brightest] = exposures.back();
+  if (most <= kSteadyExposure * least) return "";
+  return fmt::format(
+      "the input exposure was found frame by frame, from {:.4g} (frame {}) to {:.4g} (frame {}); "
+      "--input-exposure {:.4g} keeps it steady",
+      least, darkest, most, brightest, exposures[exposures.size() / 2].first);
 }
 
 std::string summary_text(std::span<const Outcome> outcomes, double total_ms) {

@@ -14,10 +14,15 @@ struct Outcome {
   int frame = 0;
   Status status = Status::kUnfinished;
   std::string error = {};
+  float exposure = 0;                                               // of a fused frame
   nlohmann::ordered_json facts = nlohmann::ordered_json::object();  // with --json, of a fused frame
 };
 
 std::vector<int> frames_that(Status status, std::span<const Outcome> outcomes);
+
+// Says that the exposures of fused frames differ by more than a twentieth, and which one to give to all;
+// empty where they do not.
+std::string exposure_hint(std::span<const Outcome> outcomes);
 
 std::string summary_text(std::span<const Outcome> outcomes, double total_ms);
 nlohmann::ordered_json summary_json(std::span<const Outcome> outcomes, double total_ms);

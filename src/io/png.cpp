@@ -95,11 +95,14 @@ std::vector<char> png_bytes(const Picture& picture) {
   return bytes;
 }
 
-void write_png(AtomicFile& file, const Picture& picture) try {
-  const std::vector<char> bytes = png_bytes(picture);
+void write_png(AtomicFile& file, const Picture& picture) {
+  std::vector<char> bytes;
+  try {
+    bytes = png_bytes(picture);
+  } catch (const Error& error) {
+    throw Error("cannot write '{}': {}", file.path().string(), error.what());
+  }
   file.write(bytes.data(), bytes.size());
-} catch (const Error& error) {
-  throw Error("cannot write '{}': {}", file.path().string(), error.what());
 }
 
 }  // namespace raymeld
