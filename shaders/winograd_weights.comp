@@ -39,7 +39,9 @@ void store(uint at, vec2 values) {
 #endif
 }
 
-// G g, of a column or a row of two filters.
+// G g, of a column or a row of two filters. Each product with 1/24 or a multiple of it is rounded to nearest by
+// itself: then it is exact where it is a whole number, as tests ask. A division might not be, nor what a compiler
+// makes of two such products.
 void transform(vec2 g0, vec2 g1, vec2 g2, out vec2 u[kMostSide]) {
   vec2 outer = g0 + g2;
   u[0] = g0;
@@ -47,12 +49,13 @@ void transform(vec2 g0, vec2 g1, vec2 g2, out vec2 u[kMostSide]) {
     u[1] = 0.5 * (outer + g1);
     u[2] = 0.5 * (outer - g1);
   } else {
-    vec2 far = (g0 + 4.0 * g2) / 24.0;
+    precise vec2 far = (g0 + 4.0 * g2) * (1.0 / 24.0), middle = g1 * (1.0 / 12.0);
+    precise vec2 sum = (outer + g1) * (-1.0 / 6.0), difference = (outer - g1) * (-1.0 / 6.0);
     u[0] = 0.25 * g0;
-    u[1] = (outer + g1) / -6.0;
-    u[2] = (outer - g1) / -6.0;
-    u[3] = far + g1 / 12.0;
-    u[4] = far - g1 / 12.0;
+    u[1] = sum;
+    u[2] = difference;
+    u[3] = far + middle;
+    u[4] = far - middle;
   }
   u[kSide - 1] = g2;
 }

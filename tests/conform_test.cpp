@@ -8,6 +8,7 @@
 #include "conform/collector.h"
 #include "conform/conv2d_trials.h"
 #include "conform/network.h"
+#include "conform/report.h"
 #include "conform/values.h"
 #include "error_of.h"
 #include "gpu.h"
@@ -35,6 +36,9 @@ TEST_P(ConformTest, PassesInFull) {
     const auto& [layer, kernel, precision, shape] = finding.of;
     double& kept = worst[fmt::format("{} {} {}", layer, kernel, name_of(precision))];
     kept = std::max(kept, finding.worst.ratio);
+    if (finding.rms_ratio == 0) return;
+    double& kept_rms = worst["RMS " + fmt::format("{} {} {}", layer, kernel, name_of(precision))];
+    kept_rms = std::max(kept_rms, finding.rms_ratio);
   }};
   conform::conform(GetParam(), target(), options);
   EXPECT_GT(passed, 0u);
@@ -103,6 +107,21 @@ TEST_F(CollectorTest, WhatADeviceLacksIsNotTried) {
   const Finding result = finding([](Check&) { FAIL() << "tried"; }, matrices);
   EXPECT_EQ(result.outcome, Outcome::kUnsupported);
   EXPECT_EQ(result.message, "cooperative matrix");
+}
+
+// A device of which nothing could be tried does not conform.
+TEST(Report, ComplainsOfFailuresAndWhereNothingPassed) {
+  using conform::Report;
+  Report report;
+  EXPECT_NE(report.complaint().find("no case passed"), std::string::npos);
+  report.add({.of = {.layer = "a"}, .outcome = Outcome::kUnsupported, .message = "16-bit storage"});
+  report.add({.of = {.layer = "b"}, .outcome = Outcome::kUnsupported, .message = "cooperative matrix"});
+  report.add({.of = {.layer = "b"}, .outcome = Outcome::kUnsupported, .message = "cooperative matrix"});
+  EXPECT_EQ(report.complaint(), "no case passed: 3 are unsupported (16-bit storage, cooperative matrix)");
+  report.add({.of = {.layer = "c"}});
+  EXPECT_EQ(report.complaint(), "");
+  report.add({.of = {.layer = "d"}, .outcome = Outcome::kFailed});
+  EXPECT_EQ(report.complaint(), "1 of the device's cases failed");
 }
 
 // What the shader cannot use of a device's matrices is not asked of it.

@@ -1,5 +1,8 @@
 #include "conform/collector.h"
 
+#include <fmt/format.h>
+
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
@@ -57,6 +60,14 @@ void Check::take(const Worst& worst, size_t values, const std::string& what) {
 
 void Check::within(const Planes& actual, const Bounded& expected, const std::string& what) {
   take(reference::worst(actual, expected), actual.data.size(), what);
+}
+
+void Check::rms(const Planes& actual, const Planes& truth, double allowed, const std::string& what) {
+  const double error = reference::rms_of_difference(actual, truth);
+  const double ratio = error == 0 ? 0 : error / allowed;
+  finding_.values += actual.data.size();
+  finding_.rms_ratio = std::max(finding_.rms_ratio, ratio);
+  that(ratio <= 1, fmt::format("{}: the RMS error is {:.3g}, allowed {:.3g}", what, error, allowed));
 }
 
 void Check::same_bits(const Planes& actual, const Planes& expected, const std::string& what) {

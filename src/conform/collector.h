@@ -20,8 +20,8 @@ struct Way {
 
 // Of layers with one kernel.
 std::span<const Way> plain_ways();
-// Two sizes of tiles, so small that a convolution has several: those that the device's matrices and its shared
-// memory allow. Where they allow none, one that is impossible, and so unsupported.
+// Two sizes of tiles, so small that a convolution has several: those that the device's matrices and its
+// shared memory allow. Where they allow none, one that is impossible, and so unsupported.
 std::vector<MatrixTiles> matrix_tiles(const DeviceInfo& device, uint32_t kernel);
 
 // What a case's comparisons are handed to; its finding keeps the worst of them.
@@ -32,6 +32,9 @@ class Check {
   // `what`: which of several comparisons this is.
   void within(const reference::Planes& actual, const reference::Bounded& expected,
               const std::string& what = {});
+  // The RMS error is at most so large.
+  void rms(const reference::Planes& actual, const reference::Planes& truth, double allowed,
+           const std::string& what);
   // The same bits, or NaN for NaN.
   void same_bits(const reference::Planes& actual, const reference::Planes& expected,
                  const std::string& what = {});

@@ -30,6 +30,7 @@ struct Finding {
   Outcome outcome = Outcome::kPassed;
   reference::Worst worst = {};  // of all comparisons of the case
   std::string where = {};       // which of them that was, where there are several
+  double rms_ratio = 0;         // the largest RMS error over the one allowed, where that was asked
   size_t values = 0;            // that were compared
   std::string message = {};     // what failed, or the feature that is missing
 };

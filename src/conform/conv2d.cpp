@@ -5,6 +5,7 @@
 
 #include "conform/conv2d_trials.h"
 #include "conform/suites.h"
+#include "reference/winograd.h"
 
 namespace raymeld::conform {
 namespace {
@@ -48,16 +49,32 @@ Bounded expected(const Bounded& x, const Conv& conv, bool relu, Precision precis
   return reference::conv2d(x, conv, relu, precision, pointers, way.tile(), way.units());
 }
 
+// What a trial is filled with: `factor` is that of weights, bias and residuals.
+struct Values {
+  Fill fill = Fill::kUniform;
+  double factor = 1;
+};
+
+// Values whose sums are whole numbers. F(4, 3) divides weights by 24 in both directions, and sums up so much
+// that its inputs and weights are -1, 0 and 1 of these.
+Values whole_values(const Way& way) {
+  return way.tile() == 4 ? Values{Fill::kSigns, 24 * 24} : Values{Fill::kIntegers};
+}
+
 // A convolution of one trial in a run, and what it must give.
 struct Convolved {
   Tensor out;
   Bounded expected;
+  Planes in_floats;   // as a scalar computation has it
+  Planes magnitudes;  // S of F(4, 3)
 };
 
-Convolved add_values(LayerRun& run, const Trial& trial, uint32_t kernel, const Size& size, Fill fill,
-                     uint64_t seed, const Way& way, Precision precision) {
-  const Conv conv = round_to(random_conv(trial.out, trial.in, int(kernel), fill, seed), precision);
-  const Planes x = round_to(random_planes(trial.in, size.h, size.w, fill, seed + 1), precision);
+Convolved add_values(LayerRun& run, const Trial& trial, uint32_t kernel, const Size& size,
+                     const Values& values, uint64_t seed, const Way& way, Precision precision) {
+  Conv conv = round_to(random_conv(trial.out, trial.in, int(kernel), values.fill, seed), precision);
+  for (double& v : conv.weight) v *= values.factor;
+  for (double& v : conv.bias) v *= values.factor;
+  const Planes x = round_to(random_planes(trial.in, size.h, size.w, values.fill, seed + 1), precision);
   const int in_front = trial.in - trial.behind;
   const Tensor in = run.input("in", slice(exact(x), 0, in_front).value);
   const Tensor out = run.tensor("out", trial.out, size.h, size.w);
@@ -66,28 +83,47 @@ Convolved add_values(LayerRun& run, const Trial& trial, uint32_t kernel, const S
   std::vector<Tensor> residuals;
   std::vector<Bounded> bounded;
   for (int i = 0; i < trial.residuals; ++i) {
-    const Planes values =
-        round_to(random_planes(trial.out, size.h, size.w, fill, seed + 2 + uint64_t(i)), precision);
-    residuals.push_back(run.input(fmt::format("residual {}", i), values));
-    bounded.push_back(exact(values));
+    Planes residual =
+        round_to(random_planes(trial.out, size.h, size.w, values.fill, seed + 2 + uint64_t(i)), precision);
+    for (double& v : residual.data) v *= values.factor;
+    residuals.push_back(run.input(fmt::format("residual {}", i), residual));
+    bounded.push_back(exact(residual));
   }
   conv2d(run.graph(), "conv", in, out, run.weights(conv),
          {.kernel = kernel, .relu = trial.relu, .residuals = residuals, .behind = behind, .how = way.kernel});
-  return {out, expected(exact(x), conv, trial.relu, precision, bounded, way)};
+  std::vector<const Planes*> pointers;
+  for (const Bounded& residual : bounded) pointers.push_back(&residual.value);
+  return {out, expected(exact(x), conv, trial.relu, precision, bounded, way),
+          reference::conv2d_in_floats(x, conv, trial.relu, precision, pointers, way.tile()),
+          way.tile() == 4 ? reference::winograd_magnitudes(exact(x), conv, 4) : Planes()};
+}
+
+// Within the bound, and with the RMS error of a scalar computation.
+void check_random(Check& check, const LayerRun& run, const Convolved& random, const Way& way,
+                  Precision precision) {
+  const Planes actual = run.read(random.out), &truth = random.expected.value;
+  check.within(actual, random.expected, "random");
+  check.rms(actual, truth, way.units() * reference::allowed_rms(truth, random.in_floats, precision),
+            "random");
+}
+
+// Every partial sum is a whole number that a float holds, so no rounding is left.
+void check_whole(Check& check, const LayerRun& run, const Convolved& whole) {
+  check.within(run.read(whole.out), exact(whole.expected.value), "integers");
+  for (const double s : whole.magnitudes.data)
+    if (s >= 0x1p24) return check.that(false, fmt::format("integers: sums of {} are not exact", s));
 }
 
 // Random values within bounds, small integers exactly; as two convolutions of one graph, so that a driver
-// compiles their kernel once. The weights of F(4, 3) are divided by 3: no integers.
+// compiles their kernel once.
 void check_values(Check& check, const Target& target, const Trial& trial, uint32_t kernel, const Size& size,
                   uint64_t seed, const Way& way, Precision precision) {
-  const bool integers = way.kernel.tile != 4;
   LayerRun run(target, precision, way.addressed);
-  const Convolved random = add_values(run, trial, kernel, size, Fill::kUniform, seed, way, precision);
-  Convolved whole;
-  if (integers) whole = add_values(run, trial, kernel, size, Fill::kIntegers, seed, way, precision);
+  const Convolved random = add_values(run, trial, kernel, size, {}, seed, way, precision);
+  const Convolved whole = add_values(run, trial, kernel, size, whole_values(way), seed, way, precision);
   run.run();
-  check.within(run.read(random.out), random.expected, "random");
-  if (integers) check.within(run.read(whole.out), exact(whole.expected.value), "integers");
+  check_random(check, run, random, way, precision);
+  check_whole(check, run, whole);
 }
 
 // Reads channels of a tensor and writes others of it, whose neighbours stay as they were.
@@ -159,8 +195,8 @@ void check_vectors(Check& check, const Target& target, const Way& way, Precision
   lane_by_lane.kernel.vector = 0;
   LayerRun run(target, precision, way.addressed);
   const Size size{10, 128};
-  const Convolved vectors = add_values(run, trial, 3, size, Fill::kUniform, 1, way, precision);
-  const Convolved lanes = add_values(run, trial, 3, size, Fill::kUniform, 1, lane_by_lane, precision);
+  const Convolved vectors = add_values(run, trial, 3, size, {}, 1, way, precision);
+  const Convolved lanes = add_values(run, trial, 3, size, {}, 1, lane_by_lane, precision);
   run.run();
   check.within(run.read(vectors.out), vectors.expected);
   check.same_bits(run.read(vectors.out), run.read(lanes.out), "lane by lane");

@@ -106,22 +106,33 @@ void check_not_finite(Check& check, const Target& target, const Way& way, Precis
   }
 }
 
-// What the output holds is limited after the exposure is undone, so that none of the range is lost.
+// What the output holds is limited after the exposure is undone, so that none of the range is lost. The log
+// transfer keeps of a value far below 1 / exposure no more than 1 + 8 x does; at 0.01 / exposure the bound
+// must still say something.
 void check_range(Check& check, const Target& target, const Way& way) {
-  constexpr std::array kRadiance{0.25, 60000.0, 65504.0, 1e6};
   for (const float exposure : {0x1p-24f, 0x1p-7f, 1.0f, 0x1p7f, 0x1p24f}) {
+    const std::array radiance{0.25, 60000.0, 65504.0, 1e6, std::min(0.01 / exposure, 60000.0)};
     for (const bool log : {false, true}) {
-      Planes rec(1, 1, 4);
-      Bounded expected = exact(Planes(1, 1, 4, {0.25, 60000, 65504, 65504}));
-      for (size_t i = 0; i < kRadiance.size(); ++i) {
-        const double exposed = kRadiance[i] * exposure;
+      Planes rec(1, 1, int(radiance.size()));
+      for (size_t i = 0; i < radiance.size(); ++i) {
+        const double exposed = radiance[i] * exposure;
         rec.data[i] = float(log ? std::log1p(8 * exposed) / 3 : exposed);
-        // Near 0 log(1 + 8 x) keeps no more of x than 1 + 8 x does.
-        if (i < 3) expected.bound.data[i] = 2e-5 * kRadiance[i] + (log ? 2e-7 / exposure : 0);
+      }
+      const std::string what = fmt::format("{}, exposure {:g}", log ? "log" : "linear", exposure);
+      const Bounded expected = reference::decode(
+          exact(rec), nullptr, log ? reference::Transfer::kLog : reference::Transfer::kLinear,
+          Precision::kFp32, exposure);
+      for (size_t i = 0; i < radiance.size(); ++i) {
+        const bool tells = !log || radiance[i] * exposure >= 0.0099;
+        check.that(!tells || expected.bound.data[i] <= 2e-5 * radiance[i],
+                   fmt::format("{}: the bound of {} is {}", what, radiance[i], expected.bound.data[i]));
+        check.that(
+            !tells || std::abs(expected.value.data[i] - std::min(radiance[i], 65504.0)) <= 2e-5 * radiance[i],
+            fmt::format("{}: the reference has {} for {}", what, expected.value.data[i], radiance[i]));
       }
       const Decoding decoding{.log = log, .exposure = exposure};
       check.within(decoded(check, target, rec, nullptr, decoding, way, Precision::kFp32).image, expected,
-                   fmt::format("{}, exposure {:g}", log ? "log" : "linear", exposure));
+                   what);
     }
   }
 }

@@ -38,17 +38,28 @@ Kernels kernels_of(const Way& way) {
           }};
 }
 
-reference::Outputs truth(const Subject& subject, const NetworkTrial& trial,
-                         const std::map<std::string, Planes>& given) {
+reference::Weights rounded_weights(const Subject& subject, const NetworkTrial& trial) {
   reference::Weights weights;
   for (const auto& [name, conv] : subject.weights) weights[name] = round_to(conv, trial.precision);
-  return reference::network(subject.architecture, weights, subject.lrhs, subject.hrls, trial.phase,
-                            trial.precision, given, trial.exposure, trial.way.tile(), trial.way.units());
+  return weights;
 }
 
-// Both keep their bounds of the same value.
+reference::Outputs truth(const Subject& subject, const NetworkTrial& trial,
+                         const std::map<std::string, Planes>& given) {
+  return reference::network(subject.architecture, rounded_weights(subject, trial), subject.lrhs, subject.hrls,
+                            trial.phase, trial.precision, given, trial.exposure, trial.way.tile(),
+                            trial.way.units());
+}
+
+std::map<std::string, Planes> in_floats(const Subject& subject, const NetworkTrial& trial) {
+  return reference::network_in_floats(subject.architecture, rounded_weights(subject, trial), subject.lrhs,
+                                      subject.hrls, trial.phase, trial.precision, trial.exposure,
+                                      trial.way.tile());
+}
+
+// Both keep their bounds of the same value, and their RMS errors, unless `rms` is 0.
 void agree(const Collector& collector, const std::string& name, const NetworkTrial& trial,
-           const Planes& output, const Bounded& expected) {
+           const Planes& output, const Bounded& expected, double rms) {
   const std::string key = fmt::format("{}, {}, {}", name, trial.way.name, name_of(trial.precision));
   for (const Values& other : collector.options().others) {
     const std::string layer = "agreement with " + other.device;
@@ -61,6 +72,7 @@ void agree(const Collector& collector, const std::string& name, const NetworkTri
       Bounded near{known->second, expected.bound};
       for (double& bound : near.bound.data) bound *= 2;
       check.within(output, near);
+      if (rms > 0) check.rms(output, known->second, 2 * rms, "both");
     });
   }
   if (collector.options().keep) collector.options().keep->outputs[key] = output;
@@ -132,12 +144,25 @@ void conform_one(const Collector& collector, const std::string& name, const Subj
     check.that(run.report.status.saturated == 0, "counted saturated values");
   });
   Bounded carried;
+  double rms = 0;
   of("network, whole", [&](Check& check) {
     if (run.layers.empty()) throw Error("the network did not run");
-    carried = truth(subject, trial, {}).at("output");
+    const reference::Outputs right = truth(subject, trial, {});
+    carried = right.at("output");
     check.within(run.output, carried);
+    constexpr int kLeastPixels = 7;  // the RMS of fewer is a matter of luck
+    if (subject.lrhs.h * subject.lrhs.w < kLeastPixels) return;
+    const std::map<std::string, Planes> near = in_floats(subject, trial);
+    const auto allowed = [&](const std::string& layer) {
+      return way.units() * reference::allowed_rms(right.at(layer).value, near.at(layer), precision);
+    };
+    for (const auto& [layer, device] : run.layers)
+      check.rms(device, right.at(layer).value, allowed(layer), layer);
+    rms = allowed("output");
+    check.rms(run.output, carried.value, rms, "output");
   });
-  if (!run.layers.empty() && !carried.value.data.empty()) agree(collector, name, trial, run.output, carried);
+  if (!run.layers.empty() && !carried.value.data.empty())
+    agree(collector, name, trial, run.output, carried, rms);
 }
 
 }  // namespace raymeld::conform

@@ -40,7 +40,8 @@ struct NetworkTrial {
 };
 
 // Three cases of `name`: each layer against the reference fed with the device's own values; the output with
-// bounds carried through all layers; and, where other devices' values are given, against theirs.
+// bounds carried through all layers, and the RMS errors of all layers; and, where other devices' values are
+// given, against theirs.
 void conform_one(const Collector& collector, const std::string& name, const Subject& subject,
                  const NetworkTrial& trial);
 

@@ -82,6 +82,20 @@ Worst worst(const Planes& actual, const Bounded& expected) {
   return result;
 }
 
+double rms_of_difference(const Planes& a, const Planes& b) {
+  if (a.data.size() != b.data.size()) throw std::invalid_argument("RMS of planes of different shapes");
+  double sum = 0;
+  for (size_t i = 0; i < a.data.size(); ++i) sum += (a.data[i] - b.data[i]) * (a.data[i] - b.data[i]);
+  return a.data.empty() ? 0 : std::sqrt(sum / double(a.data.size()));
+}
+
+double allowed_rms(const Planes& truth, const Planes& in_floats, Precision precision) {
+  double largest = 0;
+  for (const double v : truth.data) largest = std::max(largest, std::abs(v));
+  return kRmsFactor * rms_of_difference(in_floats, truth) +
+         (precision == Precision::kFp16 ? kHalfUnit : kUnit) * largest;
+}
+
 std::string text_of(const Worst& at, size_t values) {
   return fmt::format(
       "worst error / bound {:.3g} at c {}, y {}, x {}: {:.9g}, expected {:.9g} within {:.3g}; {} of {} "

@@ -51,6 +51,15 @@ struct Worst {
   size_t failures = 0;  // values with a ratio above 1
 };
 Worst worst(const Planes& actual, const Bounded& expected);
+// The root of the mean square of the differences.
+double rms_of_difference(const Planes& a, const Planes& b);
+
+// A measured bound beside the proved ones, which are hundreds of times wider where roundings cancel, as they
+// mostly do: the RMS error of a right device is at most kRmsFactor times that of a scalar computation in floats,
+// and one rounding of the largest value. Nothing proves it.
+inline constexpr double kRmsFactor = 4;
+double allowed_rms(const Planes& truth, const Planes& in_floats, Precision precision);
+
 // "worst error / bound 1.2 at c 0, y 3, x 1: ...", of so many values.
 std::string text_of(const Worst& worst, size_t values);
 

@@ -1,20 +1,29 @@
 #include <algorithm>
+#include <functional>
 #include <stdexcept>
 
 #include "reference/reference.h"
+#include "reference/samples.h"
 
 namespace raymeld::reference {
 namespace {
 
+// What later layers read of one, by its name.
+using Replace = std::function<Bounded(const std::string& name, const Bounded& output)>;
+
 class Run {
  public:
-  Run(const Weights& weights, Precision precision, const std::map<std::string, Planes>& given, int tile,
-      int units)
-      : weights_(weights), precision_(precision), given_(given), tile_(tile), units_(units) {}
+  // `in_floats`: conv2d_in_floats() computes the convolutions.
+  Run(const Weights& weights, Precision precision, Replace replace, int tile, int units, bool in_floats)
+      : weights_(weights),
+        precision_(precision),
+        replace_(std::move(replace)),
+        tile_(tile),
+        units_(units),
+        in_floats_(in_floats) {}
 
   Bounded keep(const std::string& name, Bounded output) {
-    const auto replacement = given_.find(name);
-    Bounded next = replacement == given_.end() ? output : exact(replacement->second);
+    Bounded next = replace_(name, output);
     outputs_.insert_or_assign(name, std::move(output));
     return next;
   }
@@ -25,22 +34,30 @@ class Run {
 
   Bounded conv(const std::string& name, const std::string& weights_name, const Bounded& x, bool relu,
                const std::vector<const Bounded*>& residuals) {
-    return keep(name, conv2d(x, weights(weights_name), relu, precision_, residuals, tile_, units_));
+    return keep(name, convolve(x, weights(weights_name), relu, residuals));
   }
 
   Bounded conv_lrhs(const Bounded& x, bool centered) {
     Conv conv = weights("lrhs");
     if (centered && !conv.centered_bias.empty()) conv.bias = conv.centered_bias;
-    return keep("lrhs", conv2d(x, conv, true, precision_, {}, tile_, units_));
+    return keep("lrhs", convolve(x, conv, true));
   }
 
   Bounded conv_and_shuffle(const std::string& name, const Bounded& x, int r) {
-    return keep(name, pixel_shuffle(conv2d(x, weights(name), true, precision_, {}, tile_, units_), r));
+    return keep(name, pixel_shuffle(convolve(x, weights(name), true), r));
   }
 
   Outputs take() { return std::move(outputs_); }
 
  private:
+  Bounded convolve(const Bounded& x, const Conv& conv, bool relu,
+                   const std::vector<const Bounded*>& residuals = {}) const {
+    if (!in_floats_) return conv2d(x, conv, relu, precision_, residuals, tile_, units_);
+    std::vector<const Planes*> values;
+    for (const Bounded* residual : residuals) values.push_back(&residual->value);
+    return exact(conv2d_in_floats(x.value, conv, relu, precision_, values, tile_));
+  }
+
   const Conv& weights(const std::string& name) const {
     const auto found = weights_.find(name);
     if (found == weights_.end()) throw std::invalid_argument("reference: no weights for " + name);
@@ -49,8 +66,9 @@ class Run {
 
   const Weights& weights_;
   const Precision precision_;
-  const std::map<std::string, Planes>& given_;
+  const Replace replace_;
   const int tile_, units_;
+  const bool in_floats_;
   Outputs outputs_;
 };
 
@@ -142,12 +160,13 @@ Bounded upscale(Run& run, const Architecture& a, Bounded x) {
   return x;
 }
 
-}  // namespace
+struct Frame {
+  const Planes &lrhs, &hrls;
+  double phase, exposure;
+};
 
-Outputs network(const Architecture& a, const Weights& weights, const Planes& lrhs, const Planes& hrls,
-                double phase, Precision precision, const std::map<std::string, Planes>& given,
-                double exposure, int tile, int units) {
-  Run run(weights, precision, given, tile, units);
+Outputs outputs_of(Run& run, const Architecture& a, const Frame& frame, Precision precision) {
+  const auto& [lrhs, hrls, phase, exposure] = frame;
   const bool joint = a.base == Base::kJoint;
   Bounded low =
       run.keep("encode.lrhs", encode(lrhs, LayerKind::kRadiance, a.transfer, a.clip, precision, exposure));
@@ -174,6 +193,36 @@ Outputs network(const Architecture& a, const Weights& weights, const Planes& lrh
   run.keep("output", decode(x, a.base == Base::kBilinear ? &base : nullptr, a.transfer, Precision::kFp32,
                             exposure, &upsampled, a.clip));
   return run.take();
+}
+
+}  // namespace
+
+Outputs network(const Architecture& a, const Weights& weights, const Planes& lrhs, const Planes& hrls,
+                double phase, Precision precision, const std::map<std::string, Planes>& given,
+                double exposure, int tile, int units) {
+  const auto replace = [&](const std::string& name, const Bounded& output) {
+    const auto replacement = given.find(name);
+    return replacement == given.end() ? output : exact(replacement->second);
+  };
+  Run run(weights, precision, replace, tile, units, false);
+  return outputs_of(run, a, {lrhs, hrls, phase, exposure}, precision);
+}
+
+std::map<std::string, Planes> network_in_floats(const Architecture& a, const Weights& weights,
+                                                const Planes& lrhs, const Planes& hrls, double phase,
+                                                Precision precision, double exposure, int tile) {
+  std::map<std::string, Planes> values;
+  uint64_t seed = 0;
+  const auto draw = [&](const std::string& name, const Bounded& output) {
+    const Planes& value = output.value;
+    Planes drawn = random_planes(value.c, value.h, value.w, Fill::kUniform, ++seed);
+    for (size_t i = 0; i < drawn.data.size(); ++i)
+      drawn.data[i] = value.data[i] + drawn.data[i] * output.bound.data[i];
+    return exact(values.insert_or_assign(name, std::move(drawn)).first->second);
+  };
+  Run run(weights, precision, draw, tile, 1, true);
+  outputs_of(run, a, {lrhs, hrls, phase, exposure}, precision);
+  return values;
 }
 
 }  // namespace raymeld::reference

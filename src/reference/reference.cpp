@@ -9,6 +9,7 @@
 #include <stdexcept>
 
 #include "reference/transfer.h"
+#include "reference/winograd.h"
 
 namespace raymeld::reference {
 namespace {
@@ -35,89 +36,25 @@ Sum convolve_at(const Bounded& x, const Conv& conv, int o, int row, int column) 
   return sum;
 }
 
-// Of minimal filtering with 3 taps, Lavin and Gray 2016: B^T, G and A^T for tiles of 2 and of 4.
-using Matrix = std::vector<std::vector<double>>;
-struct Filtering {
-  Matrix input, weight, output;
-};
-const Filtering& filtering(int tile) {
-  static const Filtering f23{{{1, 0, -1, 0}, {0, 1, 1, 0}, {0, -1, 1, 0}, {0, 1, 0, -1}},
-                             {{1, 0, 0}, {.5, .5, .5}, {.5, -.5, .5}, {0, 0, 1}},
-                             {{1, 1, 1, 0}, {0, 1, -1, -1}}};
-  static const Filtering f43{
-      {{4, 0, -5, 0, 1, 0},
-       {0, -4, -4, 1, 1, 0},
-       {0, 4, -4, -1, 1, 0},
-       {0, -2, -1, 2, 1, 0},
-       {0, 2, -1, -2, 1, 0},
-       {0, 4, 0, -5, 0, 1}},
-      {{1. / 4, 0, 0},
-       {-1. / 6, -1. / 6, -1. / 6},
-       {-1. / 6, 1. / 6, -1. / 6},
-       {1. / 24, 1. / 12, 1. / 6},
-       {1. / 24, -1. / 12, 1. / 6},
-       {0, 0, 1}},
-      {{1, 1, 1, 1, 1, 0}, {0, 1, -1, 2, -2, 0}, {0, 1, 1, 4, 4, 0}, {0, 1, -1, 8, -8, 1}}};
-  return tile == 2 ? f23 : f43;
-}
-
-// |m| x |m|^T, of a square x.
-Matrix absolute_both(const Matrix& m, const Matrix& x) {
-  Matrix result(m.size(), std::vector<double>(m.size(), 0.0));
-  for (size_t i = 0; i < m.size(); ++i) {
-    for (size_t j = 0; j < m.size(); ++j) {
-      for (size_t k = 0; k < x.size(); ++k) {
-        for (size_t l = 0; l < x.size(); ++l) result[i][j] += std::abs(m[i][k]) * x[k][l] * std::abs(m[j][l]);
-      }
-    }
-  }
-  return result;
-}
-
-// What flows through the absolute values of a tile's transforms to each of its outputs, of output channel o.
-Matrix tile_magnitudes(const Bounded& x, const Conv& conv, int o, int y0, int x0, int tile) {
-  const Filtering& f = filtering(tile);
-  const int side = tile + conv.kernel - 1, pad = conv.kernel / 2;
-  Matrix sum(size_t(side), std::vector<double>(size_t(side), 0.0));
-  for (int i = 0; i < conv.in; ++i) {
-    Matrix d = sum, g(size_t(conv.kernel), std::vector<double>(size_t(conv.kernel)));
-    for (int ky = 0; ky < conv.kernel; ++ky) {
-      for (int kx = 0; kx < conv.kernel; ++kx) g[size_t(ky)][size_t(kx)] = std::abs(conv.at(o, i, ky, kx));
-    }
-    for (int r = 0; r < side; ++r) {
-      for (int c = 0; c < side; ++c) {
-        const int y = y0 + r - pad, x_ = x0 + c - pad;
-        const bool inside = y >= 0 && y < x.value.h && x_ >= 0 && x_ < x.value.w;
-        d[size_t(r)][size_t(c)] = inside ? std::abs(x.value.at(i, y, x_)) + x.bound.at(i, y, x_) : 0;
-      }
-    }
-    const Matrix u = absolute_both(f.weight, g), v = absolute_both(f.input, d);
-    for (size_t r = 0; r < sum.size(); ++r) {
-      for (size_t c = 0; c < sum.size(); ++c) sum[r][c] += u[r][c] * v[r][c];
-    }
-  }
-  return absolute_both(f.output, sum);
-}
-
-// Replaces the magnitudes of direct sums. Roundings beside the sums over channels: up to 4 in each of two
-// passes of the input's transform and of the weight's, up to 6 in each of two of the output's, 1 for the
-// bias.
-Planes filtered_magnitudes(const Bounded& x, const Conv& conv, int tile) {
-  Planes result(conv.out, x.value.h, x.value.w);
+// Without the bias.
+Planes sums_in_floats(const Planes& x, const Conv& conv) {
+  const int pad = conv.kernel / 2;
+  Planes result(conv.out, x.h, x.w);
   for (int o = 0; o < conv.out; ++o) {
-    for (int y0 = 0; y0 < result.h; y0 += tile) {
-      for (int x0 = 0; x0 < result.w; x0 += tile) {
-        const Matrix s = tile_magnitudes(x, conv, o, y0, x0, tile);
-        for (int y = y0; y < std::min(y0 + tile, result.h); ++y) {
-          for (int c = x0; c < std::min(x0 + tile, result.w); ++c)
-            result.at(o, y, c) = s[size_t(y - y0)][size_t(c - x0)] + std::abs(conv.bias[size_t(o)]);
+    for (int row = 0; row < x.h; ++row) {
+      for (int column = 0; column < x.w; ++column) {
+        float sum = 0;
+        for (int i = 0; i < conv.in; ++i) {
+          for (int y = std::max(row - pad, 0); y <= std::min(row + pad, x.h - 1); ++y)
+            for (int u = std::max(column - pad, 0); u <= std::min(column + pad, x.w - 1); ++u)
+              sum += float(conv.at(o, i, y - row + pad, u - column + pad)) * float(x.at(i, y, u));
         }
+        result.at(o, row, column) = sum;
       }
     }
   }
   return result;
 }
-constexpr int kFilteringRoundings = 2 * 4 + 2 * 4 + 2 * 6 + 1;
 
 void relu_in_place(double& value, double& bound) {
   if (value - bound < -double(FLT_MAX)) {
@@ -150,15 +87,16 @@ Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precisio
   expect(conv.weight.size() == size_t(conv.out) * conv.in * conv.kernel * conv.kernel, "conv2d: weights");
   expect(conv.bias.size() == size_t(conv.out), "conv2d: bias");
   const bool filtered = tile > 1 && conv.kernel == 3;
-  const int n = filtered ? conv.in + 1 + kFilteringRoundings : conv.in * conv.kernel * conv.kernel + 1;
-  const Planes magnitudes = filtered ? filtered_magnitudes(x, conv, tile) : Planes();
+  const int n = filtered ? conv.in + 1 + kWinogradRoundings : conv.in * conv.kernel * conv.kernel + 1;
+  const Planes magnitudes = filtered ? winograd_magnitudes(x, conv, tile) : Planes();
   Bounded result = exact(Planes(conv.out, x.value.h, x.value.w));
   for (const Bounded* residual : residuals) expect_same_shape(residual->value, result.value);
   for (int o = 0; o < conv.out; ++o) {
     for (int y = 0; y < x.value.h; ++y) {
       for (int column = 0; column < x.value.w; ++column) {
         const Sum sum = convolve_at(x, conv, o, y, column);
-        const double magnitude = filtered ? magnitudes.at(o, y, column) : sum.magnitude;
+        const double magnitude =
+            filtered ? magnitudes.at(o, y, column) + std::abs(conv.bias[size_t(o)]) : sum.magnitude;
         double value = sum.value, bound = sum.input_error + gamma(units * n) * magnitude + n * kFlush;
         if (relu) relu_in_place(value, bound);
         for (const Bounded* residual : residuals) {
@@ -168,6 +106,23 @@ Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precisio
         }
         result.value.at(o, y, column) = value;
         result.bound.at(o, y, column) = stored_bound(value, bound, precision);
+      }
+    }
+  }
+  return result;
+}
+
+Planes conv2d_in_floats(const Planes& x, const Conv& conv, bool relu, Precision precision,
+                        const std::vector<const Planes*>& residuals, int tile) {
+  const bool filtered = tile > 1 && conv.kernel == 3;
+  Planes result = filtered ? winograd_in_floats(x, conv, tile) : sums_in_floats(x, conv);
+  for (int o = 0; o < conv.out; ++o) {
+    for (int y = 0; y < x.h; ++y) {
+      for (int column = 0; column < x.w; ++column) {
+        float sum = float(result.at(o, y, column)) + float(conv.bias[size_t(o)]);
+        if (relu && sum < 0) sum = 0;
+        for (const Planes* residual : residuals) sum += float(residual->at(o, y, column));
+        result.at(o, y, column) = round_to(sum, precision);
       }
     }
   }

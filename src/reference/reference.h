@@ -31,8 +31,15 @@ struct Conv {
 Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precision,
                const std::vector<const Bounded*>& residuals = {}, int tile = 0, int units = 1);
 
-// A tensor core may align a step's addends to the largest of them and truncate each, then truncate the sum:
-// twice the error of a rounding for each addend and, as a step has few of them, at most as much for the sum.
+// What one right device makes of it: sums in floats, in the order of the equation or, with `tile`, of F(m,
+// 3), and stored.
+Planes conv2d_in_floats(const Planes& x, const Conv& conv, bool relu, Precision precision,
+                        const std::vector<const Planes*>& residuals = {}, int tile = 0);
+
+// A tensor core's step adds b exact products to a sum: it may align these b + 1 addends to the largest, of
+// which it keeps 24 bits, and truncate each and their sum, so that every one of b + 2 truncations errs by
+// less than 2 u S. n products take n / b steps: 2 (1 + 2 / b) n u S, which is at most 4 n u S as no step has
+// b < 2.
 inline constexpr int kMatrixUnits = 4;
 
 // Along c.
@@ -142,5 +149,12 @@ Outputs network(const Architecture& architecture, const Weights& weights, const 
                 const Planes& hrls, double phase, Precision precision,
                 const std::map<std::string, Planes>& given = {}, double exposure = 1, int tile = 0,
                 int units = 1);
+
+// What one right device makes of the same, by the same names: each convolution by conv2d_in_floats(), and of
+// any other layer values drawn evenly from within the layer's own bounds. How far these are from the truth is
+// how far a device may be expected to be, where the bounds of network() say how far the worst may.
+std::map<std::string, Planes> network_in_floats(const Architecture& architecture, const Weights& weights,
+                                                const Planes& lrhs, const Planes& hrls, double phase,
+                                                Precision precision, double exposure = 1, int tile = 0);
 
 }  // namespace raymeld::reference

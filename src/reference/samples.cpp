@@ -17,6 +17,7 @@ double uniform(std::mt19937_64& random) { return double(random() >> 11) * 0x1p-5
 float draw(std::mt19937_64& random, Fill fill) {
   const double u = uniform(random);
   if (fill == Fill::kIntegers) return float(std::floor(u * 5) - 2);
+  if (fill == Fill::kSigns) return float(std::floor(u * 3) - 1);
   if (fill == Fill::kSpecials && uniform(random) < 0.5)
     return special_values()[size_t(u * special_values().size())];
   return float(2 * u - 1);

@@ -12,6 +12,7 @@ namespace raymeld::reference {
 enum class Fill {
   kUniform,   // in [-1, 1)
   kIntegers,  // -2 .. 2: sums are exact in fp32, and in fp16 while they stay below 2^11
+  kSigns,     // -1, 0, 1
   kSpecials,  // every other value one of special_values()
 };
 

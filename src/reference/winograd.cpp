@@ -1,0 +1,142 @@
+#include "reference/winograd.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace raymeld::reference {
+namespace {
+
+template <typename Number>
+using Matrix = std::vector<std::vector<Number>>;
+
+template <typename Number>
+struct Transforms {
+  Matrix<Number> input, weight, output;  // B^T, G, A^T
+};
+
+template <typename Number>
+Transforms<Number> transforms(int tile) {
+  if (tile == 2) {
+    return {{{1, 0, -1, 0}, {0, 1, 1, 0}, {0, -1, 1, 0}, {0, 1, 0, -1}},
+            {{1, 0, 0}, {.5, .5, .5}, {.5, -.5, .5}, {0, 0, 1}},
+            {{1, 1, 1, 0}, {0, 1, -1, -1}}};
+  }
+  const auto over = [](double a, double b) { return Number(a / b); };
+  return {{{4, 0, -5, 0, 1, 0},
+           {0, -4, -4, 1, 1, 0},
+           {0, 4, -4, -1, 1, 0},
+           {0, -2, -1, 2, 1, 0},
+           {0, 2, -1, -2, 1, 0},
+           {0, 4, 0, -5, 0, 1}},
+          {{over(1, 4), 0, 0},
+           {over(-1, 6), over(-1, 6), over(-1, 6)},
+           {over(-1, 6), over(1, 6), over(-1, 6)},
+           {over(1, 24), over(1, 12), over(1, 6)},
+           {over(1, 24), over(-1, 12), over(1, 6)},
+           {0, 0, 1}},
+          {{1, 1, 1, 1, 1, 0}, {0, 1, -1, 2, -2, 0}, {0, 1, 1, 4, 4, 0}, {0, 1, -1, 8, -8, 1}}};
+}
+
+template <typename Number>
+Matrix<Number> zeros(size_t rows, size_t columns) {
+  return Matrix<Number>(rows, std::vector<Number>(columns));
+}
+
+template <typename Number>
+Matrix<Number> product(const Matrix<Number>& a, const Matrix<Number>& b) {
+  Matrix<Number> result = zeros<Number>(a.size(), b[0].size());
+  for (size_t i = 0; i < a.size(); ++i)
+    for (size_t j = 0; j < b[0].size(); ++j)
+      for (size_t k = 0; k < b.size(); ++k) result[i][j] += a[i][k] * b[k][j];
+  return result;
+}
+
+template <typename Number>
+Matrix<Number> transposed(const Matrix<Number>& m) {
+  Matrix<Number> result = zeros<Number>(m[0].size(), m.size());
+  for (size_t i = 0; i < m.size(); ++i)
+    for (size_t j = 0; j < m[0].size(); ++j) result[j][i] = m[i][j];
+  return result;
+}
+
+// m x m^T
+template <typename Number>
+Matrix<Number> both_ways(const Matrix<Number>& m, const Matrix<Number>& x) {
+  return product(product(m, x), transposed(m));
+}
+
+template <typename Number>
+Matrix<Number> filter_of(const Conv& conv, int o, int i) {
+  Matrix<Number> g = zeros<Number>(3, 3);
+  for (int y = 0; y < 3; ++y)
+    for (int x = 0; x < 3; ++x) g[size_t(y)][size_t(x)] = Number(conv.at(o, i, y, x));
+  return g;
+}
+
+// The square of pixels whose top left is (top, left), with zeros outside of the image.
+template <typename Number>
+Matrix<Number> square_of(const Planes& image, int i, int top, int left, size_t side) {
+  Matrix<Number> d = zeros<Number>(side, side);
+  for (size_t r = 0; r < side; ++r) {
+    for (size_t c = 0; c < side; ++c) {
+      const int y = top + int(r), x = left + int(c);
+      if (y >= 0 && y < image.h && x >= 0 && x < image.w) d[r][c] = Number(image.at(i, y, x));
+    }
+  }
+  return d;
+}
+
+template <typename Number>
+Planes convolve(const Planes& image, const Conv& conv, const Transforms<Number>& f) {
+  const size_t side = f.input.size(), tile = f.output.size();
+  const auto in = size_t(conv.in), out = size_t(conv.out);
+  std::vector<Matrix<Number>> weights(out * in), inputs(in);
+  for (size_t o = 0; o < out; ++o)
+    for (size_t i = 0; i < in; ++i)
+      weights[o * in + i] = both_ways(f.weight, filter_of<Number>(conv, int(o), int(i)));
+  Planes result(conv.out, image.h, image.w);
+  for (int top = 0; top < image.h; top += int(tile)) {
+    for (int left = 0; left < image.w; left += int(tile)) {
+      for (size_t i = 0; i < in; ++i)
+        inputs[i] = both_ways(f.input, square_of<Number>(image, int(i), top - 1, left - 1, side));
+      for (size_t o = 0; o < out; ++o) {
+        Matrix<Number> sums = zeros<Number>(side, side);
+        for (size_t i = 0; i < in; ++i)
+          for (size_t r = 0; r < side; ++r)
+            for (size_t c = 0; c < side; ++c) sums[r][c] += weights[o * in + i][r][c] * inputs[i][r][c];
+        const Matrix<Number> values = both_ways(f.output, sums);
+        for (int y = 0; y < std::min(int(tile), image.h - top); ++y)
+          for (int x = 0; x < std::min(int(tile), image.w - left); ++x)
+            result.at(int(o), top + y, left + x) = values[size_t(y)][size_t(x)];
+      }
+    }
+  }
+  return result;
+}
+
+void make_absolute(Matrix<double>& m) {
+  for (auto& row : m)
+    for (double& v : row) v = std::abs(v);
+}
+
+}  // namespace
+
+Planes winograd(const Planes& x, const Conv& conv, int tile) {
+  return convolve(x, conv, transforms<double>(tile));
+}
+
+Planes winograd_in_floats(const Planes& x, const Conv& conv, int tile) {
+  return convolve(x, conv, transforms<float>(tile));
+}
+
+Planes winograd_magnitudes(const Bounded& x, const Conv& conv, int tile) {
+  Transforms<double> f = transforms<double>(tile);
+  for (Matrix<double>* m : {&f.input, &f.weight, &f.output}) make_absolute(*m);
+  Conv weights = conv;
+  for (double& w : weights.weight) w = std::abs(w);
+  Planes reach = x.value;
+  for (size_t i = 0; i < reach.data.size(); ++i) reach.data[i] = std::abs(reach.data[i]) + x.bound.data[i];
+  return convolve(reach, weights, f);
+}
+
+}  // namespace raymeld::reference
