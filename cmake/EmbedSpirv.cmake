@@ -1,9 +1,10 @@
-# Writes SPIRV as the C++ array SYMBOL (little-endian words) to OUTPUT.
-file(READ ${SPIRV} hex HEX)
-string(REGEX REPLACE "(..)(..)(..)(..)" "0x\\4\\3\\2\\1," words "${hex}")
-string(LENGTH "${hex}" digits)
-math(EXPR count "${digits} / 8")
-file(WRITE ${OUTPUT} "#include <cstdint>\n#include <span>\n"
-  "static const uint32_t words[${count}] = {${words}};\n"
-  "extern const std::span<const uint32_t> ${SYMBOL};\n"
-  "const std::span<const uint32_t> ${SYMBOL}(words);\n")
+# Writes each of the files SPIRV, NAME.spv, as the C++ array k_NAME (little-endian words) to OUTPUT.
+set(text "#include <cstdint>\n#include <span>\n")
+foreach(file ${SPIRV})
+  cmake_path(GET file STEM name)
+  file(READ ${file} hex HEX)
+  string(REGEX REPLACE "(..)(..)(..)(..)" "0x\\4\\3\\2\\1," words "${hex}")
+  string(APPEND text "static const uint32_t ${name}[] = {${words}};\n"
+    "extern const std::span<const uint32_t> k_${name};\nconst std::span<const uint32_t> k_${name}(${name});\n")
+endforeach()
+file(WRITE ${OUTPUT} "${text}")

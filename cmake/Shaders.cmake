@@ -9,31 +9,31 @@ file(GLOB shader_sources CONFIGURE_DEPENDS ${shader_dir}/*.comp)
 file(GLOB shader_includes CONFIGURE_DEPENDS ${shader_dir}/*.glsl ${shader_dir}/*.h)
 file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/shaders)
 
-# Appends to `objects` the C++ source that has the SPIR-V as k_VARIANT; further arguments are macros.
-function(embed_shader objects source variant)
-  set(spirv ${CMAKE_BINARY_DIR}/shaders/${variant}.spv)
-  set(embedded ${CMAKE_BINARY_DIR}/shaders/${variant}.cpp)
+# Appends to `list` the file of the SPIR-V of a variant; further arguments are macros.
+function(compile_shader list source variant)
+  set(output ${CMAKE_BINARY_DIR}/shaders/${variant}.spv)
   list(TRANSFORM ARGN PREPEND -D)
   add_custom_command(
-    OUTPUT ${embedded}
-    BYPRODUCTS ${spirv}
-    COMMAND ${GLSLANG} -V --target-env vulkan1.1 --quiet ${ARGN} -I${shader_dir} -o ${spirv} ${source}
-    COMMAND ${SPIRV_VAL} --target-env vulkan1.1 ${spirv}
-    COMMAND ${CMAKE_COMMAND} -DSPIRV=${spirv} -DOUTPUT=${embedded} -DSYMBOL=k_${variant}
-            -P ${PROJECT_SOURCE_DIR}/cmake/EmbedSpirv.cmake
-    DEPENDS ${source} ${shader_includes} ${PROJECT_SOURCE_DIR}/cmake/EmbedSpirv.cmake
+    OUTPUT ${output}
+    COMMAND ${GLSLANG} -V --target-env vulkan1.1 --quiet ${ARGN} -I${shader_dir} -o ${output} ${source}
+    COMMAND ${SPIRV_VAL} --target-env vulkan1.1 ${output}
+    DEPENDS ${source} ${shader_includes}
     COMMENT "Shader ${variant}")
-  set(${objects} ${${objects}} ${embedded} PARENT_SCOPE)
+  set(${list} ${${list}} ${output} PARENT_SCOPE)
 endfunction()
 
-set(matrix_source ${CMAKE_BINARY_DIR}/shaders/conv2d_matrix.cpp)
-add_custom_command(
-  OUTPUT ${matrix_source}
-  COMMAND ${CMAKE_COMMAND} -DSPIRV=${shader_dir}/conv2d_matrix.spv -DOUTPUT=${matrix_source} -DSYMBOL=k_conv2d_matrix
-          -P ${PROJECT_SOURCE_DIR}/cmake/EmbedSpirv.cmake
-  DEPENDS ${shader_dir}/conv2d_matrix.spv ${PROJECT_SOURCE_DIR}/cmake/EmbedSpirv.cmake
-  COMMENT "Shader conv2d_matrix")
-list(APPEND shader_objects ${matrix_source})
+# Makes one C++ source of files of SPIR-V: NAME.spv is its k_NAME. One for all compiles in a second, one for each in twenty.
+function(embed_spirv output)
+  set(embed ${PROJECT_SOURCE_DIR}/cmake/EmbedSpirv.cmake)
+  add_custom_command(
+    OUTPUT ${output}
+    COMMAND ${CMAKE_COMMAND} "-DSPIRV=${ARGN}" -DOUTPUT=${output} -P ${embed}
+    DEPENDS ${ARGN} ${embed}
+    COMMENT "Shaders as C++"
+    VERBATIM)
+endfunction()
+
+set(spirv ${shader_dir}/conv2d_matrix.spv)
 list(REMOVE_ITEM shader_sources ${shader_dir}/conv2d_matrix.comp)
 
 set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${shader_sources})
@@ -50,12 +50,13 @@ foreach(source ${shader_sources})
     if(NOT variant STREQUAL name)
       set(macros FRAME_IMAGE)
     endif()
-    embed_shader(shader_objects ${source} ${variant}_buffers_f32 ${macros})
-    embed_shader(shader_objects ${source} ${variant}_buffers_f16 ${macros} STORAGE_F16)
+    compile_shader(spirv ${source} ${variant}_buffers_f32 ${macros})
+    compile_shader(spirv ${source} ${variant}_buffers_f16 ${macros} STORAGE_F16)
     if(by_address)
-      embed_shader(shader_objects ${source} ${variant}_addresses_f32 ${macros} DATA_BY_ADDRESS)
-      embed_shader(shader_objects ${source} ${variant}_addresses_f16 ${macros} DATA_BY_ADDRESS STORAGE_F16)
+      compile_shader(spirv ${source} ${variant}_addresses_f32 ${macros} DATA_BY_ADDRESS)
+      compile_shader(spirv ${source} ${variant}_addresses_f16 ${macros} DATA_BY_ADDRESS STORAGE_F16)
     endif()
   endforeach()
 endforeach()
-add_library(raymeld_shaders STATIC ${shader_objects})
+embed_spirv(${CMAKE_BINARY_DIR}/shaders/shaders.cpp ${spirv})
+add_library(raymeld_shaders STATIC ${CMAKE_BINARY_DIR}/shaders/shaders.cpp)
