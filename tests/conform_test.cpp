@@ -112,15 +112,18 @@ TEST_F(CollectorTest, WhatADeviceLacksIsNotTried) {
 // A device of which nothing could be tried does not conform.
 TEST(Report, ComplainsOfFailuresAndWhereNothingPassed) {
   using conform::Report;
+  const auto layer = [](const char* name) {
+    return conform::Case{name, "", reference::Precision::kFp32, ""};
+  };
   Report report;
   EXPECT_NE(report.complaint().find("no case passed"), std::string::npos);
-  report.add({.of = {.layer = "a"}, .outcome = Outcome::kUnsupported, .message = "16-bit storage"});
-  report.add({.of = {.layer = "b"}, .outcome = Outcome::kUnsupported, .message = "cooperative matrix"});
-  report.add({.of = {.layer = "b"}, .outcome = Outcome::kUnsupported, .message = "cooperative matrix"});
+  report.add({.of = layer("a"), .outcome = Outcome::kUnsupported, .message = "16-bit storage"});
+  report.add({.of = layer("b"), .outcome = Outcome::kUnsupported, .message = "cooperative matrix"});
+  report.add({.of = layer("b"), .outcome = Outcome::kUnsupported, .message = "cooperative matrix"});
   EXPECT_EQ(report.complaint(), "no case passed: 3 are unsupported (16-bit storage, cooperative matrix)");
-  report.add({.of = {.layer = "c"}});
+  report.add({.of = layer("c")});
   EXPECT_EQ(report.complaint(), "");
-  report.add({.of = {.layer = "d"}, .outcome = Outcome::kFailed});
+  report.add({.of = layer("d"), .outcome = Outcome::kFailed});
   EXPECT_EQ(report.complaint(), "1 of the device's cases failed");
 }
 
