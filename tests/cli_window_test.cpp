@@ -135,7 +135,7 @@ TEST_F(CliWindow, CostsWhatItsPixelsCost) {
   EXPECT_LT(part.at("peak_bytes"), whole.at("peak_bytes"));
   EXPECT_EQ(plan({"--window", text_of(data_)}), whole);
   const std::string text = run(fuse({"--dry-run", "--window", text_of(parts_[0])})).out;
-  EXPECT_NE(text.find("13 x 9 pixels at 116,98"), std::string::npos) << text;
+  EXPECT_NE(text.find("window 13 x 9 at 116,98"), std::string::npos) << text;
 }
 
 TEST_F(CliWindow, TilesGiveTheSameBits) {
