@@ -156,12 +156,17 @@ TEST_F(Sequence, PatternsAndFramesBelongTogether) {
   expect_error(fuse({"--frames", "1-2"}), {"--lrhs 'low.exr'", "--hrls 'high.exr'"});
   expect_error(fuse_frames("1-2", {"--preview", "a.png"}), {"--preview 'a.png'", "all frames"});
   expect_error(fuse_frames("1-2", {"--dump", "####/layers"}), {"--dump '####/layers'", "all frames"});
-  expect_error(fuse_frames("1-2", {"--preview", "./out.####.exr"}), {"out.0001.exr", "output twice"});
-  expect_error(
-      fuse_frames("1-2", {"--preview", "../" + folder_.path().filename().string() + "/high.####.exr"}),
-      {"high.0001.exr", "input"});
+  expect_error(fuse_frames("1-2", {"--preview", "./a.####.png", "--preview-before-after", "a.####.png"}),
+               {"a.0001.png", "output twice"});
+  const auto written = [&](const std::string& frames, const std::string& output) {
+    std::vector<std::string> arguments = fuse_frames(frames);
+    arguments[6] = output;
+    return arguments;
+  };
+  expect_error(written("1-2", "../" + folder_.path().filename().string() + "/high.####.exr"),
+               {"high.0001.exr", "input"});
   // What another frame reads.
-  expect_error(fuse_frames("1-20001x10000", {"--preview", "low.1####.exr"}), {"low.10001.exr", "input"});
+  expect_error(written("1-20001x10000", "low.1####.exr"), {"low.10001.exr", "input"});
   // With one LRHS for all.
   const ProcessResult result = run({"fuse", "--lrhs", low(1), "--hrls", "high.####.exr", "-o", "out.####.exr",
                                     "--model", tiny_model(), "--frames", "1-2"});
