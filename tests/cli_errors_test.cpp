@@ -207,7 +207,7 @@ TEST_F(CliErrors, OutputsOfAnotherKind) {
   EXPECT_EQ(run(fuse({"--preview", "UPPER.PNG"})).exit_status, 0);
 }
 
-// With --json stdout has the error too, once, whatever kind it is.
+// An error of any kind is on stdout too with --json, once.
 TEST_F(CliErrors, AreInJsonToo) {
   const auto error = [&](const std::vector<std::string>& arguments) {
     const ProcessResult result = run(arguments);

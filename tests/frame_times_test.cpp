@@ -54,7 +54,7 @@ TEST_F(FrameTimesTest, AreKeptByWhatTheyDependOn) {
   EXPECT_FALSE(times.known(model_, 6, 8, other));
 }
 
-// By a clock of which it is known how long every frame takes.
+// A clock of the test decides how long every frame takes.
 TEST_F(FrameTimesTest, AreTheFirstAndTheMedianOfTheFurther) {
   const std::vector<double> frames_ms{50, 9, 2, 7};
   size_t asked = 0;

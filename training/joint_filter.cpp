@@ -95,7 +95,7 @@ void forward(Level& level, float* out) {
   }
 }
 
-// With w the weight of pixel j for pixel i, c its certainty, W the sum of weights and C that of w c, a level is
+// Pixel j has the weight w for pixel i and the certainty c; W is the sum of weights, C that of w c. A level is
 // y = sum of w c x / C and C / W. `out` is what forward() gave; the gradients are added to.
 void backward(Level& level, const float* out, const float* grad_out, float* grad_x, float* grad_guides, float* grad_taps) {
   const int h = level.h, w = level.w, plane = h * w;

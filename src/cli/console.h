@@ -15,7 +15,7 @@ namespace raymeld::cli {
 // To stdout, at once. Throws Error.
 void print(const std::string& text);
 
-// Whether print() was called with any text, so that a second object of JSON would make stdout unreadable.
+// Says if print() was called with any text: a second object of JSON would then make stdout unreadable.
 bool has_printed();
 
 // Indented, ending with \n; bytes of file names that are no UTF-8 are replaced.

@@ -91,7 +91,7 @@ std::vector<TradeStrip> make_strips(const std::vector<TestView>& views,
 // is off most; below it its error, as heat_map() shows it.
 Picture strip_of(const std::vector<Image>& images, const Image& reference, const Image& judged);
 
-// Of points of cost and PSNR, those that bring at least 0.01 dB more than any that costs less, or as much.
+// Marks the points of cost and PSNR that bring at least 0.01 dB more than any that costs less, or as much.
 std::vector<bool> on_front(const std::vector<std::pair<double, double>>& points);
 
 // What is summed up of a setting's results.

@@ -88,7 +88,7 @@ void check_variance(Check& check, const Target& target, const Size& size, const 
                           encoding.clip, precision, encoding.exposure));
 }
 
-// By hand, where every sum is exact: a pixel that is alone, the edge, and what is not finite.
+// Checks values known by hand, whose sums are exact: a pixel that is alone, the edge, and what is not finite.
 void check_exact_variance(Check& check, const Target& target, const Way& way, Precision precision) {
   constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
   const Planes row(1, 1, 5, {0, 0, 9, 0, kNaN});

@@ -28,7 +28,7 @@ constexpr std::array<Glyph, 12> kFont = {{{'B', {0x1e, 0x11, 0x11, 0x1e, 0x11, 0
                                           {'S', {0x0f, 0x10, 0x10, 0x0e, 0x01, 0x01, 0x1e}},
                                           {'U', {0x11, 0x11, 0x11, 0x11, 0x11, 0x11, 0x0e}}}};
 
-// Whether the label has ink at this pixel of its box, before it is enlarged.
+// Says if the label has ink at this pixel of its box, before it is enlarged.
 bool has_ink(std::string_view text, int x, int y) {
   const int column = x - kMargin, row = y - kMargin;
   if (column < 0 || row < 0 || row >= kHeight || column % (kWidth + 1) == kWidth) return false;
