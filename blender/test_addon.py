@@ -112,6 +112,28 @@ class Test(unittest.TestCase):
             # Rows begin below.
             self.assertGreater(psnr(small, reference[3::4, ::4]), psnr(small, shifted[3::4, ::4]) + 3)
 
+    def test_renders_made_by_hand_need_no_option(self):
+        """The README's recipe: the same scene at full size and at a quarter of it, by Resolution %."""
+        scene, folder = self.scene, pathlib.Path(self.folder.name)
+        scene.render.resolution_x, scene.render.resolution_y = 4 * WIDTH, 4 * HEIGHT
+        scene.cycles.use_denoising, scene.cycles.use_adaptive_sampling = False, False
+        layer = bpy.context.view_layer
+        layer.cycles.denoising_store_passes = True
+        for light in ("diffuse", "glossy"):
+            for kind in ("direct", "indirect", "color"):
+                setattr(layer, f"use_pass_{light}_{kind}", True)
+        scene.render.image_settings.file_format = "OPEN_EXR_MULTILAYER"
+        for name, percentage, samples in (("high", 100, 2), ("low", 25, 32)):
+            scene.render.resolution_percentage, scene.cycles.samples = percentage, samples
+            scene.render.filepath = str(folder / f"{name}.exr")
+            bpy.ops.render.render(write_still=True)
+        command = [PROGRAM, "fuse", "--lrhs", folder / "low.exr", "--hrls", folder / "high.exr", "-o"]
+        subprocess.run([*command, folder / "plain.exr"], check=True)
+        for sampling, same in (("centered", True), ("nearest", False)):
+            subprocess.run([*command, folder / f"{sampling}.exr", "--lrhs-sampling", sampling], check=True)
+            said = numpy.array_equal(pixels_of(folder / "plain.exr"), pixels_of(folder / f"{sampling}.exr"))
+            self.assertEqual(said, same, sampling)
+
     def test_pixels_that_are_not_square(self):
         self.scene.render.pixel_aspect_x, self.scene.render.pixel_aspect_y = 1, 2.5  # the side is the height
         self.expect_every_fourth_pixel()

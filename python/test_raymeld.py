@@ -52,7 +52,7 @@ class Test(unittest.TestCase):
         maps = [a for layer in self.model.layers[1:] for a in ("--map", f"{layer}=" + ",".join(f"{layer}.{c}" for c in rgb))]
         out = os.path.join(FOLDER, "fused.exr")
         subprocess.run([PROGRAM, "fuse", "--lrhs", low, "--hrls", high, "-o", out, "--model", MODEL, "--precision", "fp32",
-                        "--input-exposure", "1", "--adaptive", "off", "--output-type", "float", *maps], check=True)
+                        "--input-exposure", "1", "--adaptive", "off", "--lrhs-sampling", "nearest", "--output-type", "float", *maps], check=True)
         expected = oiio.ImageBuf(out).get_pixels(oiio.FLOAT)
         numpy.testing.assert_array_equal(fused, expected)
         self.assertEqual(fusion.precision, "fp32")

@@ -141,6 +141,19 @@ class Cli : public testing::Test {
   // The number of submits of the last run, which had the fault layer.
   std::string submits() const { return std::to_string(calls().at("vkQueueSubmit").calls); }
 
+  // The program fails, says all `texts` on stderr, prints nothing and leaves the files as they were.
+  ProcessResult expect_error(const std::vector<std::string>& arguments,
+                             const std::vector<std::string>& texts) const {
+    const std::set<std::string> before = files();
+    const ProcessResult result = run(arguments);
+    EXPECT_EQ(result.exit_status, 2) << result.err;
+    EXPECT_EQ(result.out, "");
+    for (const std::string& text : texts)
+      EXPECT_NE(result.err.find(text), std::string::npos) << "'" << text << "' in: " << result.err;
+    EXPECT_EQ(files(), before);
+    return result;
+  }
+
   nlohmann::json run_json(const std::vector<std::string>& arguments) const {
     const ProcessResult result = run(arguments);
     EXPECT_EQ(result.exit_status, 0) << result.err;

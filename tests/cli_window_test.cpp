@@ -40,7 +40,7 @@ class CliWindow : public Cli {
                                 const std::string& output = "out.exr") const {
     std::vector<std::string> arguments = {"fuse", "--lrhs",        "low.exr", "--hrls",        "high.exr",
                                           "-o",   output,          "--model", model_.string(), "--precision",
-                                          "fp32", "--output-type", "float"};
+                                          "fp32", "--output-type", "float",   "--pair-check",  "off"};
     arguments.insert(arguments.end(), more.begin(), more.end());
     return arguments;
   }

@@ -3,58 +3,13 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <functional>
 #include <random>
 
 #include "error.h"
+#include "made_pair.h"
 
-namespace raymeld {
+namespace raymeld::test {
 namespace {
-
-// The light of a made-up scene: tiles of many brightnesses under a gradient, without any symmetry.
-float scene(float x, float y) {
-  const int tile = int(std::floor(x / 31)) * 37 + int(std::floor(y / 23)) * 101;
-  return (0.1f + float(tile * tile % 89) / 89) * (1 + 0.5f * std::sin(0.02f * x + 0.0001f * y * y));
-}
-
-Image image_of(int width, int height, const std::function<float(int, int)>& light) {
-  Image image(width, height, 3);
-  for (int c = 0; c < 3; ++c)
-    for (int y = 0; y < height; ++y)
-      for (int x = 0; x < width; ++x) image.at(c, y, x) = light(x, y);
-  return image;
-}
-
-struct Pair {
-  Image lrhs, hrls;
-};
-
-// A noisy HRLS of 384 x 256 and a clean LRHS, the mean of each cell or its top-left pixel.
-Pair make_pair(int scale, bool centered) {
-  std::mt19937 random(7);
-  std::exponential_distribution<float> noise(1);
-  const auto low = [&](int x, int y) {
-    if (!centered) return scene(float(x * scale), float(y * scale));
-    float sum = 0;
-    for (int i = 0; i < scale * scale; ++i)
-      sum += scene(float(x * scale + i % scale), float(y * scale + i / scale));
-    return sum / float(scale * scale);
-  };
-  return {image_of(384 / scale, 256 / scale, low), image_of(384, 256, [&](int x, int y) {
-            return scene(float(x), float(y)) * (0.5f + 0.5f * noise(random));
-          })};
-}
-
-Image turned(const Image& image, bool mirrored, bool flipped) {
-  return image_of(image.width, image.height, [&](int x, int y) {
-    return image.at(0, flipped ? image.height - 1 - y : y, mirrored ? image.width - 1 - x : x);
-  });
-}
-
-Image times(Image image, float factor) {
-  for (float& value : image.data) value *= factor;
-  return image;
-}
 
 Relation relation(const Image& lrhs, const Image& hrls) {
   return examine_pair(lrhs, hrls, hrls.width / lrhs.width).relation;
@@ -131,4 +86,4 @@ TEST(PairRelationTest, SizesThatDoNotFitAreAnError) {
 }
 
 }  // namespace
-}  // namespace raymeld
+}  // namespace raymeld::test

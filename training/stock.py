@@ -11,7 +11,7 @@ CHOICES = dict(
     hrls_kernel=3,
     head_layers=2,
     # What users feed.
-    lrhs_sampling=("nearest", "centered"),
+    lrhs_sampling=("centered", "nearest"),
     optional_layers=("albedo", "normal", "diffuse", "specular"),
     exposure_key=0.18,
     base="joint",

@@ -23,13 +23,12 @@ V2i divide_down(V2i value, int divisor) {
 
 Box2i moved(const Box2i& window, V2i by) { return {window.min + by, window.max + by}; }
 
-// Whether both data windows start at the same place of the picture, to within a cell.
+}  // namespace
+
 bool starts_agree(const Windows& lrhs, const Windows& hrls, int scale) {
   const V2i gap = hrls.data.min - hrls.display.min - (lrhs.data.min - lrhs.display.min) * scale;
   return std::abs(gap.x) < scale && std::abs(gap.y) < scale;
 }
-
-}  // namespace
 
 std::optional<Canvas> fit(const Windows& lrhs, const Windows& hrls, int scale) {
   const bool displays_match = is_scaled(lrhs.display, hrls.display, scale);

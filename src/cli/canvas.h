@@ -25,6 +25,9 @@ struct Canvas {
 // data window touches. Empty when neither are, or LRHS has no data there.
 std::optional<Canvas> fit(const Windows& lrhs, const Windows& hrls, int scale);
 
+// Whether both data windows start at the same place of the picture, to within a cell.
+bool starts_agree(const Windows& lrhs, const Windows& hrls, int scale);
+
 // The part of `canvas` that its full-size window `kept` takes: the cells it touches, `halo` more on each
 // side, and what is missing to whole blocks of `block` x `block` cells, counted from the canvas's corner; as
 // far as the canvas goes.

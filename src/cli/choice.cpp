@@ -83,11 +83,8 @@ Candidates candidates_of(const std::vector<CurvePoint>& points, Timer& timer, bo
 FrameTraits read_traits(const FuseArguments& arguments, LastModel& models) {
   FuseFiles files = open_files(arguments, models);
   Console silent(false);  // what is wrong with the pixels is said when they are read for good
-  const Image lrhs = load_lrhs(files, silent);
-  Image hrls = load_layers(files.hrls, files.hrls_map, kColor);
-  sanitize_input(hrls, "HRLS", files.hrls.path(), silent);
-  return traits_of(lrhs, seen_through(std::move(hrls), files.hrls_windows.data, files.frame.hrls),
-                   files.phase);
+  const ColorPair colors = load_colors(arguments, files, silent);
+  return traits_of(colors.lrhs, colors.hrls, files.phase);
 }
 
 std::string text_of(const Choice& choice, const std::string& best, size_t models) {

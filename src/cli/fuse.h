@@ -13,11 +13,15 @@
 #include "cli/quality.h"
 #include "fuser.h"
 #include "io/layers_from_exr.h"
+#include "pair.h"
 
 namespace raymeld::cli {
 
 // What becomes of a frame with values that --precision fp16 cannot hold.
 enum class Overflow { kError, kWarn, kRedo };
+
+// What becomes of a frame whose LRHS and HRLS do not belong together.
+enum class PairCheck { kRefuse, kWarn, kOff };
 
 // What a model is to be chosen by: see choice.h.
 struct Wish {
@@ -39,6 +43,7 @@ struct FuseArguments {
   std::string lrhs, hrls, output, model, device, reference, preview, before_after, dump;
   Precision precision = Precision::kAuto;
   Overflow overflow = Overflow::kError;
+  PairCheck pair_check = PairCheck::kRefuse;
   KernelChoice kernels = KernelChoice::kAuto;
   std::string sampling = "auto", output_type = "auto";
   std::vector<std::string> map, lrhs_map;
@@ -69,6 +74,10 @@ struct FuseArguments {
   }
 };
 
+// Who says where LRHS samples lie. Where neither an option nor the file does, the pixels of both files show
+// it, or do not: then LRHS is taken for an ordinary small render.
+enum class PhaseSource { kOption, kFile, kPair, kDefault };
+
 // The files, open, with all that can be known before their pixels are read.
 struct FuseFiles {
   ExrFile lrhs, hrls;
@@ -78,7 +87,9 @@ struct FuseFiles {
   Canvas frame, canvas;          // all that HRLS takes; what is fused of it: the window and a halo
   Imath::Box2i window;           // of the output, within HRLS's data window
   ConstantLayers absent_layers;  // that the model takes and does without
-  float phase = 0;               // of LRHS samples; see FuserOptions
+  float phase = 0;               // of LRHS samples; see FuserOptions; examine() finds what is not said
+  PhaseSource phase_source = PhaseSource::kDefault;
+  PairFindings pair;  // by examine()
   std::optional<ExrFile> reference;
   LayerMap reference_map;
 
@@ -129,6 +140,18 @@ std::vector<std::string> passed_channels(const FuseFiles& files, bool keep_layer
 
 // The frame's (3, h, w), all finite.
 Image load_lrhs(FuseFiles& files, Console& console);
+
+// Finds from the whole frame's pixels what nobody says of them: where LRHS samples lie and how bright LRHS
+// is, which it makes as bright as HRLS. Warns of a pair that hardly belongs together. Throws Error where it
+// cannot.
+void examine(const FuseArguments& arguments, FuseFiles& files, Image& lrhs, const Image& hrls,
+             Console& console);
+
+struct ColorPair {
+  Image lrhs, hrls;
+};
+// Reads the whole frame's colors, (3, h, w) and (3, s h, s w), all finite, and examines them.
+ColorPair load_colors(const FuseArguments& arguments, FuseFiles& files, Console& console);
 
 // What radiance is multiplied by for the network, with the frame's LRHS.
 float exposure_for(const FuseArguments& arguments, const Model& model, const Image& lrhs);

@@ -64,13 +64,14 @@ Canvas find_canvas(const ExrFile& lrhs, const Windows& lrhs_windows, const ExrFi
               needed_sizes(lrhs_windows, scales));
 }
 
-// Where nobody says it, LRHS is read as in training: weights made for nearest samples lose about 2 dB on a
-// real low-resolution render when their base is shifted by its true phase.
-float find_phase(std::string sampling, const ExrFile& lrhs, const Architecture& model) {
-  const auto* said = lrhs.header().findTypedAttribute<Imf::StringAttribute>("raymeldSampling");
-  if (sampling == "auto" && said) sampling = said->value();
-  const bool centered = sampling == "centered" || (sampling != "nearest" && model.lrhs_centered);
-  return lrhs_phase(centered, model.scale);
+// Where LRHS samples lie and who says so. Where nobody does, the phase is preliminary.
+std::pair<float, PhaseSource> said_phase(const std::string& option, const ExrFile& lrhs, uint32_t scale) {
+  const auto* mark = lrhs.header().findTypedAttribute<Imf::StringAttribute>("raymeldSampling");
+  const std::string file = mark ? mark->value() : "";
+  for (const auto& [said, source] : {std::pair(option, PhaseSource::kOption), {file, PhaseSource::kFile}}) {
+    if (said == "nearest" || said == "centered") return {lrhs_phase(said == "centered", scale), source};
+  }
+  return {lrhs_phase(true, scale), PhaseSource::kDefault};
 }
 
 ConstantLayers absent_layers(const LayerMap& hrls, const Architecture& model) {
@@ -179,7 +180,7 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
     reference_map = map_color(*reference, choice);
     check_reference(*reference, reference_map, hrls, hrls_windows.data);
   }
-  const float phase = find_phase(arguments.sampling, lrhs, architecture);
+  const auto [phase, phase_source] = said_phase(arguments.sampling, lrhs, architecture.scale);
   FuseFiles files{std::move(lrhs),
                   std::move(hrls),
                   std::move(lrhs_map),
@@ -192,6 +193,8 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
                   window,
                   absent,
                   phase,
+                  phase_source,
+                  {},
                   std::move(reference),
                   std::move(reference_map)};
   check_passed_channels(files, arguments.keep_layers);
@@ -211,6 +214,14 @@ Image load_lrhs(FuseFiles& files, Console& console) {
   return seen_through(std::move(lrhs), files.lrhs_windows.data, files.frame.lrhs);
 }
 
+ColorPair load_colors(const FuseArguments& arguments, FuseFiles& files, Console& console) {
+  Image lrhs = load_lrhs(files, console), hrls = load_layers(files.hrls, files.hrls_map, kColor);
+  sanitize_input(hrls, "HRLS", files.hrls.path(), console);
+  hrls = seen_through(std::move(hrls), files.hrls_windows.data, files.frame.hrls);
+  examine(arguments, files, lrhs, hrls, console);
+  return {std::move(lrhs), std::move(hrls)};
+}
+
 float exposure_for(const FuseArguments& arguments, const Model& model, const Image& lrhs) {
   if (arguments.input_exposure != 0) return arguments.input_exposure;
   return exposure_of(lrhs.data.data(), lrhs.plane_size(), model.architecture().exposure_key);
@@ -227,13 +238,14 @@ void load_frame(FuseFrame& frame) {
   FuseFiles& files = frame.files;
   FuseImages& images = frame.images;
   images.lrhs = load_lrhs(files, frame.console);
-  images.exposure = exposure_for(frame.arguments, *files.model, images.lrhs);
   const Architecture& model = files.model->architecture();
   images.constants = files.absent_layers;
   images.hrls = load_layers(files.hrls, files.hrls_map, image_layers(model, images.constants));
   sanitize_input(images.hrls, "HRLS", files.hrls.path(), frame.console);
   take_constant_layers(model, images.hrls, images.constants);
   images.hrls = seen_through(std::move(images.hrls), files.hrls_windows.data, files.frame.hrls);
+  examine(frame.arguments, files, images.lrhs, images.hrls, frame.console);
+  images.exposure = exposure_for(frame.arguments, *files.model, images.lrhs);
   images.settled_share = find_settled_share(frame.arguments, files, images);
   images.lrhs = seen_through(std::move(images.lrhs), files.frame.lrhs, files.canvas.lrhs);
   images.hrls = seen_through(std::move(images.hrls), files.frame.hrls, files.canvas.hrls);

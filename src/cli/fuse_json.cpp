@@ -59,6 +59,9 @@ Json facts(const FuseFiles& files, const DeviceInfo& device, Storage storage, co
           {"width", width_of(files.window)},
           {"height", height_of(files.window)},
           {"lrhs_sampling", sampling_name(files)},
+          {"lrhs_sampling_from", sampling_source(files)},
+          {"pair_correlation", files.pair.correlation},
+          {"lrhs_brightness", files.pair.brightness},
           {"absent_layers", names_of(files.absent_layers)},
           {"input_exposure", exposure},
           {"tiles", tiling.count()}};

@@ -76,11 +76,15 @@ void add_more_files(CLI::App& command, FuseArguments& a) {
   command
       .add_option(
           "--lrhs-sampling", a.sampling,
-          "Says where LRHS samples lie: nearest (every scale-th pixel, as degrade makes it), centered "
-          "(a real low-resolution render) or auto (what the file says, else as the model was "
-          "trained)")
+          "Says what LRHS is: centered (an ordinary small render), nearest (every scale-th pixel of a full "
+          "one, as degrade makes it) or auto (what the file says, else what the pixels of both files show)")
       ->check(CLI::IsMember({"auto", "nearest", "centered"}))
       ->capture_default_str();
+  add_named<PairCheck>(
+      command, "--pair-check", a.pair_check,
+      {{"refuse", PairCheck::kRefuse}, {"warn", PairCheck::kWarn}, {"off", PairCheck::kOff}},
+      "Says what files that do not belong together are: an error, a warning, or not looked for; both "
+      "but off make LRHS as bright as HRLS");
   add_parsed(command, "--window", a.window, parse_window,
              "Fuses and writes only this part of HRLS, in the pixels of its file: as it would be in the "
              "whole frame, for about the cost of these pixels")

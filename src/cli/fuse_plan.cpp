@@ -5,12 +5,6 @@
 namespace raymeld::cli {
 namespace {
 
-// Reads LRHS only where it decides.
-float find_exposure(const FuseArguments& arguments, FuseFiles& files, Console& console) {
-  const bool known = arguments.input_exposure != 0 || files.model->architecture().exposure_key == 0;
-  return exposure_for(arguments, *files.model, known ? Image() : load_lrhs(files, console));
-}
-
 struct Plan {
   float exposure = 0;
   FuserOptions options;
@@ -18,7 +12,8 @@ struct Plan {
 };
 
 Plan make_plan(const FuseArguments& arguments, FuseFiles& files, const Device& device, Console& console) {
-  const float exposure = find_exposure(arguments, files, console);
+  const ColorPair colors = load_colors(arguments, files, console);
+  const float exposure = exposure_for(arguments, *files.model, colors.lrhs);
   const FuserOptions options =
       fuser_options(arguments, files, device, arguments.threshold.value_or(0), files.absent_layers);
   return {exposure, options,

@@ -70,6 +70,27 @@ void add_view_layers(const char* role, const LayerMap& map, std::vector<std::str
                               fmt::join(map.others, " or ")));
 }
 
+// Says what LRHS is and how that is known.
+std::string sampling_text(const FuseFiles& files) {
+  const std::string what = files.phase > 0
+                               ? "an ordinary small render"
+                               : fmt::format("every {}. pixel of a full render", files.canvas.scale);
+  const auto why = [&] {
+    switch (files.phase_source) {
+      case PhaseSource::kOption:
+        return "as --lrhs-sampling says";
+      case PhaseSource::kFile:
+        return "as it says itself";
+      case PhaseSource::kPair:
+        return "as the pixels show";
+      case PhaseSource::kDefault:
+        return "which the pixels do not show";
+    }
+    return "";
+  };
+  return fmt::format("LRHS is {}, {}", what, why());
+}
+
 // The share of a frame that was not computed, and why; empty where all was.
 std::string spared_text(double share, const char* why) {
   return share > 0 ? fmt::format("{:.0f} % of the frame {}; ", 100 * share, why) : "";
@@ -78,6 +99,20 @@ std::string spared_text(double share, const char* why) {
 }  // namespace
 
 const char* sampling_name(const FuseFiles& files) { return files.phase == 0 ? "nearest" : "centered"; }
+
+const char* sampling_source(const FuseFiles& files) {
+  switch (files.phase_source) {
+    case PhaseSource::kOption:
+      return "option";
+    case PhaseSource::kFile:
+      return "file";
+    case PhaseSource::kPair:
+      return "pair";
+    case PhaseSource::kDefault:
+      return "default";
+  }
+  return "";
+}
 
 double giga_per_second(double count, double time_ms) { return time_ms > 0 ? count / time_ms * 1e-6 : 0; }
 
@@ -88,7 +123,10 @@ ConstantLayers found_constants(const FuseFrame& frame) {
 }
 
 std::vector<std::string> findings(const FuseFiles& files) {
-  std::vector<std::string> found = {fmt::format("LRHS samples {}", sampling_name(files))};
+  std::vector<std::string> found = {sampling_text(files)};
+  if (files.frame.lrhs == files.lrhs_windows.data &&
+      !starts_agree(files.lrhs_windows, files.hrls_windows, files.frame.scale))
+    found.push_back("the data windows start at different places and are taken for the same view");
   add_view_layers("LRHS", files.lrhs_map, found);
   add_view_layers("HRLS", files.hrls_map, found);
   if (!files.absent_layers.empty()) found.push_back(absent_text(files.absent_layers));

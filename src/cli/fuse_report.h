@@ -5,7 +5,7 @@
 
 namespace raymeld::cli {
 
-// Phrases for what the user should know about the files: their sampling, missing layers, a model that was not
+// Phrases for what the user should know about the files: what LRHS is, missing layers, a model that was not
 // trained on such files.
 std::vector<std::string> findings(const FuseFiles& files);
 
@@ -49,6 +49,7 @@ nlohmann::ordered_json to_json(const LayerMap& map);
 ConstantLayers found_constants(const FuseFrame& frame);
 
 const char* sampling_name(const FuseFiles& files);
+const char* sampling_source(const FuseFiles& files);
 
 // Operations, or bytes, in `time_ms`, in thousands of millions a second; 0 where no time was measured.
 double giga_per_second(double count, double time_ms);

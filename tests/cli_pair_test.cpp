@@ -1,0 +1,151 @@
+// What fuse finds of a pair and does about it.
+#include <OpenEXR/ImfStringAttribute.h>
+
+#include "cli_fixture.h"
+#include "made_pair.h"
+
+namespace raymeld::test {
+namespace {
+
+class CliPair : public Cli {
+ protected:
+  void write_pair(const Image& lrhs, const Image& color) {
+    Image hrls(color.width, color.height, int(kLayeredNames.size()));
+    for (int c = 0; c < hrls.channels; ++c)
+      std::copy_n(color.plane(c % 3), color.plane_size(), hrls.plane(c));
+    write_image(folder_ / "low.exr", kColorNames, lrhs, Imf::FLOAT);
+    write_image(folder_ / "high.exr", kLayeredNames, hrls, Imf::FLOAT);
+  }
+  void write_pair(const Pair& pair) { write_pair(pair.lrhs, pair.hrls); }
+
+  Image fused(const std::vector<std::string>& more = {}) {
+    const ProcessResult result = run(fuse(more));
+    EXPECT_EQ(result.exit_status, 0) << result.err;
+    return read("out.exr");
+  }
+  std::string said(const std::vector<std::string>& more = {}) {
+    const ProcessResult result = run(fuse(more));
+    EXPECT_EQ(result.exit_status, 0) << result.err;
+    return result.err;
+  }
+  nlohmann::json planned(const std::vector<std::string>& more = {}) {
+    std::vector<std::string> arguments = fuse({"--dry-run", "--json"});
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return run_json(arguments);
+  }
+};
+
+TEST_F(CliPair, WhereSamplesLieIsFoundFromThePixels) {
+  for (const std::string sampling : {"nearest", "centered"}) {
+    write_pair(make_pair(4, sampling == "centered"));
+    const nlohmann::json plan = planned();
+    EXPECT_EQ(plan.at("lrhs_sampling"), sampling);
+    EXPECT_EQ(plan.at("lrhs_sampling_from"), "pair");
+    EXPECT_EQ(fused().data, fused({"--lrhs-sampling", sampling}).data);
+  }
+  EXPECT_NE(said().find("found LRHS is an ordinary small render, as the pixels show"), std::string::npos);
+}
+
+TEST_F(CliPair, TheOptionAndTheFileDecideOverThePixels) {
+  const Pair pair = make_pair(4, true);
+  write_pair(pair);
+  const nlohmann::json asked = planned({"--lrhs-sampling", "nearest"});
+  EXPECT_EQ(asked.at("lrhs_sampling"), "nearest");
+  EXPECT_EQ(asked.at("lrhs_sampling_from"), "option");
+  ExrOutput marked;
+  marked.source = Imf::Header(pair.lrhs.width, pair.lrhs.height);
+  marked.source.insert("raymeldSampling", Imf::StringAttribute("nearest"));
+  for (int c = 0; c < 3; ++c)
+    marked.planes.push_back({kColorNames[size_t(c)], Imf::FLOAT, pair.lrhs.plane(c)});
+  write_exr(folder_ / "low.exr", marked);
+  EXPECT_EQ(planned().at("lrhs_sampling_from"), "file");
+  EXPECT_EQ(planned().at("lrhs_sampling"), "nearest");
+}
+
+TEST_F(CliPair, WithoutEvidenceLrhsIsAnOrdinarySmallRender) {
+  const nlohmann::json plan = planned();
+  EXPECT_EQ(plan.at("lrhs_sampling"), "centered");
+  EXPECT_EQ(plan.at("lrhs_sampling_from"), "default");
+  EXPECT_NE(said().find("found LRHS is an ordinary small render, which the pixels do not show"),
+            std::string::npos);
+}
+
+TEST_F(CliPair, FilesThatDoNotBelongTogetherAreRefused) {
+  const Pair pair = make_pair(4, true);
+  std::mt19937 random(3);
+  std::uniform_real_distribution<float> uniform(0, 1);
+  const Image noise = image_of(pair.lrhs.width, pair.lrhs.height, [&](int, int) { return uniform(random); });
+  const std::vector<std::pair<Image, std::string>> strangers = {
+      {turned(pair.lrhs, true, false), "left and right exchanged"},
+      {turned(pair.lrhs, false, true), "top and bottom exchanged"},
+      {turned(pair.lrhs, true, true), "turned by 180 degrees"},
+      {noise, "their structures correlate by"}};
+  for (const auto& [lrhs, reason] : strangers) {
+    write_pair(lrhs, pair.hrls);
+    expect_error(fuse(), {"LRHS 'low.exr'", "HRLS 'high.exr'", reason, "--pair-check warn"});
+    EXPECT_FALSE(std::filesystem::exists(folder_ / "out.exr"));
+  }
+  const std::string warned = said({"--pair-check", "warn"});
+  EXPECT_NE(warned.find("warning: LRHS 'low.exr' does not show what HRLS 'high.exr' shows"),
+            std::string::npos)
+      << warned;
+  EXPECT_EQ(said({"--pair-check", "off"}).find("warning"), std::string::npos);
+}
+
+TEST_F(CliPair, LrhsIsMadeAsBrightAsHrls) {
+  const Pair pair = make_pair(4, true);
+  write_pair(pair);
+  const Image honest = fused();
+  for (const float factor : {0.25f, 4.0f}) {
+    write_pair(times(pair.lrhs, factor), pair.hrls);
+    const ProcessResult result = run(fuse({"--json"}));
+    ASSERT_EQ(result.exit_status, 0) << result.err;
+    EXPECT_NEAR(nlohmann::json::parse(result.out).at("lrhs_brightness").get<float>() * factor, 1, 0.1);
+    EXPECT_NE(result.err.find("times as bright as HRLS 'high.exr'"), std::string::npos) << result.err;
+    const Image found = fused(), given = fused({"--pair-check", "off"});
+    double with = 0, without = 0;
+    for (size_t i = 0; i < found.data.size(); ++i) {
+      with += std::abs(double(found.data[i]) - honest.data[i]);
+      without += std::abs(double(given.data[i]) - honest.data[i]);
+    }
+    EXPECT_LT(with, 0.1 * without);
+  }
+}
+
+TEST_F(CliPair, AWindowIsFusedAsTheWholeFrameIs) {
+  const Pair pair = make_pair(4, false);
+  write_pair(times(pair.lrhs, 3), pair.hrls);
+  const std::vector<std::string> kernels = {"--kernels", "direct"};
+  const Image whole = fused(kernels);
+  const Image part = fused({"--kernels", "direct", "--window", "16,32,24,20"});
+  EXPECT_EQ(part.data, crop(whole, 16, 32, 24, 20).data);
+}
+
+TEST_F(CliPair, DataWindowsThatContradictEachOtherAreSaid) {
+  const Pair pair = make_pair(4, true);
+  write_pair(pair);
+  const Imath::Box2i data = window(40, 30, pair.lrhs.width, pair.lrhs.height),
+                     display = window(0, 0, 500, 400);
+  write_image(folder_ / "low.exr", kColorNames, pair.lrhs, data, display);
+  const std::string text = said();
+  EXPECT_NE(text.find("the data windows start at different places"), std::string::npos) << text;
+}
+
+TEST_F(CliPair, EachFrameOfASequenceIsCheckedByItself) {
+  const Pair pair = make_pair(4, true);
+  write_pair(pair);
+  for (const char* name : {"low", "high"})
+    std::filesystem::copy(folder_ / fmt::format("{}.exr", name), folder_ / fmt::format("{}.1.exr", name));
+  write_pair(turned(pair.lrhs, true, false), pair.hrls);
+  for (const char* name : {"low", "high"})
+    std::filesystem::copy(folder_ / fmt::format("{}.exr", name), folder_ / fmt::format("{}.2.exr", name));
+  const ProcessResult result = run({"fuse", "--lrhs", "low.#.exr", "--hrls", "high.#.exr", "-o", "out.#.exr",
+                                    "--model", tiny_model(), "--frames", "1-2"});
+  EXPECT_EQ(result.exit_status, 2) << result.err;
+  EXPECT_NE(result.err.find("frame 2: LRHS 'low.2.exr' does not show"), std::string::npos) << result.err;
+  EXPECT_TRUE(std::filesystem::exists(folder_ / "out.1.exr"));
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "out.2.exr"));
+}
+
+}  // namespace
+}  // namespace raymeld::test
