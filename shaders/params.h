@@ -136,6 +136,18 @@ struct Shuffle {
   uint plane_large;
 };
 
+struct ExposureSums {
+  FRAME_VIEW frame;
+  uint height;
+  uint width;
+  uint stride;  // from one pixel of an invocation to its next, in all of the image
+};
+
+struct FoundExposure {
+  uint sums;
+  float root;  // of the key, times the number of pixels
+};
+
 struct Encode {
   FRAME_VIEW frame;
   uint height;
@@ -258,6 +270,8 @@ struct Decode {
 #define RAYMELD_LANES 16
 
 #define RAYMELD_STRIP 4  // see strip.glsl
+
+#define RAYMELD_SUMMANDS 128  // see workgroup_sum.glsl
 
 // Which borders of the image a pixel touches; biases may depend on it, see border.glsl.
 #define RAYMELD_TOP 1

@@ -55,6 +55,7 @@ void Fuser::take_smaller_tiles(const OutOfMemory& refused) try {
   last_redone_ = false;
   if (last_frame_) last_frame_->change_all();
   host_.reset();
+  exposures_.clear();
   program_.reset();
   plan_ = std::move(plan);
 } catch (const Error& error) {
@@ -69,8 +70,34 @@ Program& Fuser::made_program() {
     program_.emplace(device_, plan_.graph, cache_, kFramesInFlight + 1, options_.work_limits,
                      options_.scratch);
     program_->set_threshold(options_.threshold);
+    if (computes_exposure()) exposure_program(plan_.tiling.tile);
   }
   return *program_;
+}
+
+// Finds the exposure of frames of this size: for when the Program of the network is made.
+Program& Fuser::exposure_program(TileSize size) {
+  const auto [height, width] = size;
+  if (!exposures_.contains({height, width})) {
+    Graph graph(options_.storage, false, false, {}, options_.frame_images);
+    raymeld::exposure(graph, "exposure", height, width, model_.architecture().exposure_key);
+    graph.plan();
+    exposures_.try_emplace({height, width}, std::move(graph), *program_, cache_);
+  }
+  return exposures_.at({height, width}).program;
+}
+
+// What record() was asked for; 0: what exposure_program() finds.
+float Fuser::recorded_exposure(float asked) const {
+  if (asked != 0 || !options_.compute_exposure) {
+    check_exposure(asked);
+    return asked;
+  }
+  if (model_.architecture().exposure_key == 0) return 1;
+  if (plan_.tiling.count() > 1)
+    throw SizeError("frames take {} tiles, of which each has the exposure of the whole: it is to be given",
+                    plan_.tiling.count());
+  return 0;
 }
 
 Fuser::Host::~Host() {
@@ -107,17 +134,24 @@ void Fuser::record(VkCommandBuffer commands, const FrameBuffer& lrhs, const Fram
 
 void Fuser::record(VkCommandBuffer commands, const FrameBindings& frame, float exposure,
                    std::optional<TileSize> size) {
-  check_exposure(exposure);
+  exposure = recorded_exposure(exposure);
   if (options_.changed_only)
     throw Error("record() knows nothing of what changed: a Fuser with changed_only has fuse() alone");
   if (size && !is_prepared(*size))
     throw Error("recording a frame of {} x {} LRHS pixels, which was not prepared", size->width,
                 size->height);
-  Program& program = !size || *size == plan_.tiling.tile ? made_program()
-                                                         : prepared_.at({size->height, size->width}).program;
+  const auto [height, width] = size.value_or(plan_.tiling.tile);
+  Program& program =
+      TileSize{height, width} == plan_.tiling.tile ? made_program() : prepared_.at({height, width}).program;
   program.bind(next_set_, frame);
   recorded_program_ = &program;
-  program.set_exposure(next_set_, exposure);
+  if (exposure != 0) {
+    program.set_exposure(next_set_, exposure);
+  } else {
+    Program& found = exposure_program({height, width});
+    found.bind(next_set_, frame);
+    found.record(commands, next_set_, 0, found.graph().passes().size());
+  }
   if (program.needs_told()) program.record_all_needed(commands);
   program.record(commands, next_set_, 0, program.graph().passes().size());
   show_host(device_, commands);
@@ -131,6 +165,7 @@ void Fuser::prepare(TileSize size) {
   const auto [place, is_new] =
       prepared_.try_emplace({size.height, size.width}, std::move(graph), made_program(), cache_);
   place->second.program.set_threshold(options_.threshold);
+  if (computes_exposure()) exposure_program(size);
   if (made_program().pipelines() > compiled) cache_.save();
 }
 

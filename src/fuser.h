@@ -79,8 +79,9 @@ class Fuser {
   // VK_ACCESS_SHADER_READ_BIT; the output is written by that stage with VK_ACCESS_SHADER_WRITE_BIT, and made
   // visible to the host, as is what take_report() reads. At most kFramesInFlight recordings may
   // be pending, each submitted at most once, to one queue. `exposure`: what radiance is multiplied by for the
-  // network; FuserOptions::exposure has no say here. Throws Error when a view passes the device's limits, and
-  // with FuserOptions::changed_only, as the inputs are not looked at.
+  // network; FuserOptions::exposure has no say here. 0, with FuserOptions::compute_exposure: exposure() of
+  // this LRHS, which the device computes; throws SizeError of frames in several tiles. Throws Error when a
+  // view passes the device's limits, and with FuserOptions::changed_only, as what changed is not looked for.
   void record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
               const FrameBuffer& fused, float exposure = 1);
   // The same by slot, for FuserOptions::frame_images: images are read in VK_IMAGE_LAYOUT_GENERAL or
@@ -136,7 +137,8 @@ class Fuser {
     ~Host();
   };
 
-  // Of record(), of another size than the tile.
+  // Of record(), beside the network for frames of the tile's size: that for another size, or what finds an
+  // exposure.
   struct Prepared {
     Graph graph;
     Program program;
@@ -148,6 +150,12 @@ class Fuser {
   auto within_memory(const Work& work);
   void take_smaller_tiles(const OutOfMemory& refused);
   Program& made_program();
+  // Whether record() may be asked to; frames in several tiles are never seen as a whole.
+  bool computes_exposure() const {
+    return options_.compute_exposure && model_.architecture().exposure_key > 0 && plan_.tiling.count() == 1;
+  }
+  float recorded_exposure(float asked) const;
+  Program& exposure_program(TileSize size);
   void reset_status();
   void check_sizes(const Image& lrhs, const Image& hrls) const;
   std::array<Shape, 3> image_shapes(TileSize tile) const;
@@ -177,8 +185,8 @@ class Fuser {
   FusePlan plan_;
   PipelineCache cache_;
   std::optional<Program> program_;
-  std::map<std::pair<uint32_t, uint32_t>, Prepared> prepared_;  // by height and width
-  const Program* recorded_program_ = nullptr;                   // by the last record()
+  std::map<std::pair<uint32_t, uint32_t>, Prepared> prepared_, exposures_;  // by height and width
+  const Program* recorded_program_ = nullptr;                               // by the last record()
   std::string shortage_;
   uint32_t next_set_ = 0;
   std::unique_ptr<Host> host_;

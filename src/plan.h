@@ -57,6 +57,7 @@ struct FuserOptions {
   bool compute_variance = false;  // of the color, by the device, where the model reads it; no image holds it
   float phase = 0;                // see lrhs_phase()
   float exposure = 0;             // of fuse(): see exposure.h; 0: what the model's exposure_key asks for
+  bool compute_exposure = false;  // record() can find, on the device, what the model's exposure_key asks for
   // Of the caller, for the activations: of a tile that is not done again in 32 bits. Nothing in it is kept
   // from one frame to the next.
   std::optional<MemoryRange> scratch = {};

@@ -59,6 +59,21 @@ TEST(Barriers, IndependentPassesNeedNone) {
   EXPECT_EQ(hand.barriers(), (Barriers{false, false, false}));
 }
 
+TEST(Barriers, TheExposureIsReadBehindWhatWritesIt) {
+  Hand hand;
+  const auto add = [&](const std::string& name, const Tensor& in, Access access) {
+    Pass with = pass(name, {in}, {hand.graph.tensor(name, kShape)});
+    with.bindings.push_back(exposure_binding(access));
+    hand.graph.add(with);
+  };
+  add("c", hand.a, Access::kRead);
+  add("d", hand.b, Access::kRead);
+  add("e", hand.a, Access::kWrite);
+  add("f", hand.b, Access::kRead);
+  add("g", hand.a, Access::kRead);
+  EXPECT_EQ(hand.barriers(), (Barriers{false, false, true, true, false}));
+}
+
 TEST(Barriers, ReadAfterWrite) {
   Hand hand;
   const Tensor c = hand.add("c", {hand.a});

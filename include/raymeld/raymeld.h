@@ -231,8 +231,9 @@ typedef struct raymeld_fusion_desc {
   VkBool32 compute_variance RAYMELD_IS(VK_FALSE);
   /* Of all that is made on the device, and of the activations in `memory` as well; 0: what it has to give. */
   uint64_t max_memory_bytes RAYMELD_IS(0);
-  /* What raymeld_fuse() multiplies radiance by for the network, from 2^-24 to 2^24, and divides its output
-   * by; 0: what suits the model, see raymeld_exposure(). */
+  /* What radiance is multiplied by for the network, from 2^-24 to 2^24, and the output divided by. 0: what
+   * suits the model, found of each frame's LRHS: by raymeld_fuse() on the host, see raymeld_exposure(), by
+   * raymeld_record() and raymeld_submit() on the device. */
   float exposure RAYMELD_IS(0);
   /* Blocks of 8 x 8 LRHS pixels in which HRLS and upsampled LRHS agree to within this, on the network's
    * scale, where 0.01 is about a step of an 8-bit display, are not computed by the network but get the mean
@@ -360,8 +361,10 @@ typedef struct raymeld_frame {
   const raymeld_image* lrhs RAYMELD_IS(NULL);
   const raymeld_image* hrls RAYMELD_IS(NULL);
   const raymeld_image* fused RAYMELD_IS(NULL);
-  /* What radiance is multiplied by for the network, from 2^-24 to 2^24, and the output divided by; 0 is 1. A
-   * renderer knows it of its last frames (raymeld_exposure()), as LRHS itself is not looked at here. */
+  /* As in raymeld_fusion_desc, for this frame; 0: as described there. Where that is 0 too, the device finds
+   * in the same recording what raymeld_exposure() would, to within 0.01 % for up to 10 million LRHS pixels,
+   * the same bits each time. Parts of a larger frame are given the exposure of all of it: a fusion whose
+   * tile_height and tile_width are not the description's refuses 0 for models that ask for an exposure. */
   float exposure RAYMELD_IS(0);
   /* Of LRHS in this frame, where it is not (tile_height, tile_width): a size that raymeld_prepare_size() made
    * ready, to which the images' sizes follow. */
@@ -446,8 +449,10 @@ RAYMELD_API raymeld_result raymeld_fuse(raymeld_fusion fusion, const float* lrhs
                                         float* fused, raymeld_status* status);
 
 /* What raymeld_fuse() multiplies radiance by for an LRHS in host memory, as it takes it: the description's
- * exposure, else what brings LRHS to the brightness that the model was trained at; 1 for models that ask for
- * none. */
+ * exposure, else what brings LRHS to the brightness that the model was trained at. That is k / m^2, from
+ * 2^-24 to 2^24, where m is the mean over LRHS of the square root of luminance (Rec. 709), colors being
+ * clamped to [0, 65504] and NaN 0, and k the model's exposure_key; 1 where LRHS is black and for models
+ * without a key. */
 RAYMELD_API raymeld_result raymeld_exposure(raymeld_fusion fusion, const float* lrhs, float* exposure);
 
 #ifdef __cplusplus

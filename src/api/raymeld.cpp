@@ -245,6 +245,7 @@ FuserOptions fuser_options(const raymeld_fusion_desc& desc, const ContextState& 
   options.frame_images = {.inputs = desc.input_images != 0, .output = desc.output_image != 0};
   options.constants = absent_layers(desc, model);
   options.compute_variance = desc.compute_variance;
+  options.compute_exposure = desc.exposure == 0 && !desc.changed_only;
   const auto kernels = [&](Storage storage) {
     return desc.kernels == RAYMELD_KERNELS_AUTO ? kernels_for(device, storage, context.cache_folder)
                                                 : Kernels{};
@@ -692,7 +693,7 @@ raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands, c
     const auto shapes =
         frame_shapes(made.model->model, size, made.options.constants, made.options.compute_variance);
     const FrameBindings images = bindings_of(asked, shapes, made.options.frame_images, made.layers);
-    made.fuser.record(commands, images, asked.exposure != 0 ? asked.exposure : 1, size);
+    made.fuser.record(commands, images, asked.exposure != 0 ? asked.exposure : made.options.exposure, size);
   });
 }
 

@@ -5,9 +5,10 @@
 namespace raymeld::conform {
 
 std::span<const Suite> suites() {
-  static const std::vector<Suite> all{{"conv2d", conform_conv2d}, {"encode", conform_encode},
-                                      {"decode", conform_decode}, {"shuffles", conform_shuffles},
-                                      {"joint", conform_joint},   {"network", conform_network, true}};
+  static const std::vector<Suite> all{{"conv2d", conform_conv2d},        {"exposure", conform_exposure},
+                                      {"encode", conform_encode},        {"decode", conform_decode},
+                                      {"shuffles", conform_shuffles},    {"joint", conform_joint},
+                                      {"network", conform_network, true}};
   return all;
 }
 

@@ -42,6 +42,7 @@ class LayerRun {
   void run(const FrameBindings& frame = {}, float exposure = 1);
   reference::Planes read(const Tensor& tensor) const;
   Status status() const { return program_->status(); }
+  Exposure exposure() const { return program_->exposure(0); }
 
  private:
   const Target& target_;

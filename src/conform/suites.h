@@ -6,6 +6,7 @@
 namespace raymeld::conform {
 
 void conform_conv2d(Collector& collector);
+void conform_exposure(Collector& collector);
 void conform_encode(Collector& collector);
 void conform_decode(Collector& collector);
 void conform_shuffles(Collector& collector);

@@ -38,6 +38,13 @@ const Binding* Pass::frame() const {
   return nullptr;
 }
 
+bool Pass::varies() const {
+  return std::ranges::any_of(bindings, [](const Binding& binding) {
+    return binding.kind == Binding::Kind::kFrame ||
+           (binding.kind == Binding::Kind::kExposure && !binding.by_address);
+  });
+}
+
 size_t Pass::address_count() const {
   return static_cast<size_t>(
       std::count_if(bindings.begin(), bindings.end(), [](const Binding& b) { return b.by_address; }));
@@ -222,17 +229,22 @@ uint32_t Graph::most_radius() const {
   return most;
 }
 
-// Ranges of the activation block that passes since the last barrier read and wrote decide. Frame images are
-// only read, or written by the last pass, and constants never change, so neither needs one.
+// Ranges of the activation block that passes since the last barrier read and wrote decide, and the exposure,
+// which is as a range behind all. Frame images are only read, or written by the last pass, and constants
+// never change, so neither needs one.
 void Graph::place_barriers() {
   barriers_.assign(passes_.size(), false);
   std::vector<Range> read, written;
   for (size_t i = 0; i < passes_.size(); ++i) {
     std::vector<Range> reads, writes;
     for (const Binding& binding : passes_[i].bindings) {
-      if (binding.kind != Binding::Kind::kTensor) continue;
-      const uint64_t begin = offset_bytes(binding.tensor);
-      const Range range{begin, begin + size_bytes(binding.tensor)};
+      Range range{UINT64_MAX - 1, UINT64_MAX};
+      if (binding.kind == Binding::Kind::kTensor) {
+        const uint64_t begin = offset_bytes(binding.tensor);
+        range = {begin, begin + size_bytes(binding.tensor)};
+      } else if (binding.kind != Binding::Kind::kExposure) {
+        continue;
+      }
       (binding.access == Access::kRead ? reads : writes).push_back(range);
     }
     const auto hazard = [&](const Range& r) { return meets(written, r); };

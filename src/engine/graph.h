@@ -142,6 +142,8 @@ struct Pass {
   size_t address_count() const;
   // The frame image this pass reads or writes, if any.
   const Binding* frame() const;
+  // Whether its descriptors differ from recording to recording.
+  bool varies() const;
   // The tensor this pass writes, if any; the last of its bindings where it writes scratch as well.
   const Tensor* output() const;
 };

@@ -141,7 +141,7 @@ Program::Program(const Program& larger, const Graph& graph, PipelineCache& cache
     return a.name == b.name && a.size_bytes == b.size_bytes && a.offset_bytes == b.offset_bytes;
   };
   if (graph.activation_bytes() > larger.graph_.activation_bytes() ||
-      !std::ranges::equal(graph.constants(), larger.graph_.constants(), same))
+      (!graph.constants().empty() && !std::ranges::equal(graph.constants(), larger.graph_.constants(), same)))
     throw Error("a graph of other weights, or more memory, than that of larger frames");
   prepare(cache, static_cast<uint32_t>(larger.sets_.size()));
 }
@@ -296,14 +296,15 @@ void Program::create_kernels(PipelineCache& cache) {
   }
 }
 
-// Passes that touch no frame image need one descriptor set, the others one for each pending recording.
+// Passes that touch no frame image and no exposure need one descriptor set, the others one for each pending
+// recording.
 void Program::create_sets(uint32_t sets) {
   const VulkanFunctions& vk = device_.vk();
   std::vector<VkDescriptorSetLayout> layouts;
   std::map<VkDescriptorType, uint32_t> counts;
   for (uint32_t set = 0; set < sets; ++set) {
     for (size_t i = 0; i < graph_.passes().size(); ++i) {
-      if (set > 0 && !graph_.passes()[i].frame()) continue;
+      if (set > 0 && !graph_.passes()[i].varies()) continue;
       layouts.push_back(pass_kernels_[i]->set_layout());
       for (const VkDescriptorType type : descriptor_types(graph_.passes()[i])) ++counts[type];
     }
@@ -329,7 +330,7 @@ void Program::create_sets(uint32_t sets) {
     std::vector<VkDescriptorSet> row;
     for (size_t i = 0; i < graph_.passes().size(); ++i) {
       const Pass& pass = graph_.passes()[i];
-      if (set > 0 && !pass.frame()) {
+      if (set > 0 && !pass.varies()) {
         row.push_back(sets_[0][i]);
         continue;
       }
@@ -339,7 +340,8 @@ void Program::create_sets(uint32_t sets) {
     sets_.push_back(std::move(row));
   }
   for (size_t i = 0; i < graph_.passes().size(); ++i) {
-    if (!graph_.passes()[i].frame()) write_set(0, i, nullptr);
+    if (graph_.passes()[i].frame()) continue;
+    for (uint32_t set = 0; set < (graph_.passes()[i].varies() ? sets : 1); ++set) write_set(set, i, nullptr);
   }
 }
 
@@ -446,6 +448,13 @@ void Program::set_exposure(uint32_t set, float exposure) {
   const Exposure values{exposure, 1 / exposure};
   std::memcpy(static_cast<std::byte*>(common_->exposures.mapped()) + set * kExposureStrideBytes, &values,
               sizeof(values));
+}
+
+Exposure Program::exposure(uint32_t set) const {
+  Exposure values;
+  std::memcpy(&values, static_cast<std::byte*>(common_->exposures.mapped()) + set * kExposureStrideBytes,
+              sizeof(values));
+  return values;
 }
 
 void Program::record(VkCommandBuffer commands, uint32_t set, size_t first, size_t last,

@@ -44,9 +44,10 @@ class Program {
   Program(const Device& device, const Graph& graph, PipelineCache& cache, uint32_t sets,
           const std::optional<WorkLimits>& limits = {}, const std::optional<MemoryRange>& activations = {});
   // For the frames of another size, in the memory and with the weights and pipelines of `larger`: of a graph
-  // that is planned within its. Recordings of both may be pending at once; they take turns on the device, and
-  // a set of one is the same exposure as that of the other. Compiles what is missing of the pipelines, and
-  // allocates on the device where the graph is sparse. Throws Error, and OutOfMemory.
+  // that is planned within its, or of one without weights that takes no more memory. Recordings of both may
+  // be pending at once; they take turns on the device, and a set of one is the same exposure as that of the
+  // other. Compiles what is missing of the pipelines, and allocates on the device where the graph is sparse.
+  // Throws Error, and OutOfMemory.
   Program(const Program& larger, const Graph& graph, PipelineCache& cache);
   ~Program();
   Program(const Program&) = delete;
@@ -59,6 +60,8 @@ class Program {
   // What recordings with descriptor set `set` multiply by and divide by, from their next submit on; 1 until
   // it is set. None may be pending.
   void set_exposure(uint32_t set, float exposure);
+  // The last one that was set, or that a pass wrote; read when the device is idle.
+  Exposure exposure(uint32_t set) const;
 
   // Records passes [first, last) with descriptor set `set`, after a barrier against all earlier compute work.
   // A dispatch of more than limits().dispatch_work is split. With `queries`, pass i is followed by a barrier

@@ -127,6 +127,10 @@ void space_to_depth(Graph& graph, const std::string& name, const Tensor& in, con
 // (h, w, r r c) -> (r h, r w, c), the inverse.
 void pixel_shuffle(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out);
 
+// Writes the recording's exposure, for what runs behind it: exposure_of() LRHS (h, w, 3), in 32 bits, by sums
+// in a fixed order. What is subnormal may count as 0.
+void exposure(Graph& graph, const std::string& name, uint32_t height, uint32_t width, float key);
+
 // How a channel of an input image is brought into the network's range.
 enum class ChannelKind : uint32_t { kRadiance, kAlbedo, kNormal, kVariance };
 enum class Transfer { kLinear, kLog };

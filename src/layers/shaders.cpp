@@ -16,6 +16,9 @@ RAYMELD_SPIRV_FORMS(winograd_multiply)
 RAYMELD_SPIRV_FORMS(winograd_output)
 RAYMELD_SPIRV(space_to_depth, buffers)
 RAYMELD_SPIRV(pixel_shuffle, buffers)
+RAYMELD_SPIRV(exposure_sums, buffers)
+RAYMELD_SPIRV(exposure_sums_image, buffers)
+RAYMELD_SPIRV(exposure, buffers)
 RAYMELD_SPIRV_FORMS(encode)
 RAYMELD_SPIRV_FORMS(encode_image)
 RAYMELD_SPIRV_FORMS(variance)
@@ -59,6 +62,9 @@ const Forms kWinogradMultiply RAYMELD_FORMS(winograd_multiply);
 const Forms kWinogradOutput RAYMELD_FORMS(winograd_output);
 const Shader kSpaceToDepth RAYMELD_SHADER(space_to_depth);
 const Shader kPixelShuffle RAYMELD_SHADER(pixel_shuffle);
+const Shader kExposureSums RAYMELD_SHADER(exposure_sums);
+const Shader kExposureSumsImage RAYMELD_SHADER(exposure_sums_image);
+const Shader kExposure RAYMELD_SHADER(exposure);
 const Forms kEncode RAYMELD_FORMS(encode);
 const Forms kEncodeImage RAYMELD_FORMS(encode_image);
 const Forms kVariance RAYMELD_FORMS(variance);

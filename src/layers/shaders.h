@@ -21,6 +21,9 @@ extern const Forms kWinogradInput;
 extern const Shader kWinogradInputVectors;  // by address and of 32-bit storage only
 extern const Forms kWinogradMultiply;
 extern const Forms kWinogradOutput;
+extern const Shader kExposureSums;
+extern const Shader kExposureSumsImage;
+extern const Shader kExposure;
 extern const Forms kEncode;
 extern const Forms kEncodeImage;  // the frame's images are no buffers: frame.glsl
 extern const Forms kVariance;
@@ -58,8 +61,9 @@ inline Binding frame_binding(const Graph& graph, FrameSlot slot) {
           .image = written ? graph.frame_images().output : graph.frame_images().inputs};
 }
 
-// Of passes with a frame_binding() only.
-inline Binding exposure_binding() { return {.kind = Binding::Kind::kExposure, .access = Access::kRead}; }
+inline Binding exposure_binding(Access access = Access::kRead) {
+  return {.kind = Binding::Kind::kExposure, .access = access};
+}
 
 inline constexpr uint32_t kUniformNumbers = 4096;  // of uniform.glsl, from 0 on
 

@@ -53,6 +53,11 @@ Bounded slice(const Bounded& x, int first, int count);
 Bounded space_to_depth(const Bounded& x, int r);
 Bounded pixel_shuffle(const Bounded& x, int r);
 
+// The exposure of LRHS (3, h, w) and its inverse, (2, 1, 1): key / m^2, where m is the mean of the square
+// root of luminance (Rec. 709) of colors in [0, 65504], NaN as 0; from 2^-24 to 2^24, and 1 where all is
+// black. The bound is that of sums in fp32 of 2^14 runs of pixels and by two trees of 128 leaves.
+Bounded exposure(const Planes& lrhs, double key);
+
 enum class LayerKind { kRadiance, kAlbedo, kNormal, kVariance };
 enum class Transfer { kLinear, kLog };
 

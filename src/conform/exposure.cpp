@@ -1,0 +1,99 @@
+#include <fmt/format.h>
+
+#include <array>
+#include <limits>
+
+#include "conform/frame_image.h"
+#include "conform/suites.h"
+
+namespace raymeld::conform {
+namespace {
+
+using reference::Bounded;
+using reference::Fill;
+using reference::Planes;
+using reference::Precision;
+using reference::Size;
+
+// What the device writes: the factor and its inverse.
+Planes found(Check& check, const Target& target, const Planes& lrhs, float key, size_t layout,
+             Precision precision) {
+  const FrameImage frame(target.device, lrhs, frame_layouts()[layout]);
+  LayerRun run(target, precision);
+  exposure(run.graph(), "exposure", uint32_t(lrhs.h), uint32_t(lrhs.w), key);
+  run.run(frame.frame(FrameSlot::kLrhs), 7);
+  check.that(frame.touched_outside() == 0, "wrote around the image");
+  const Exposure written = run.exposure();
+  return {2, 1, 1, {written.factor, written.inverse}};
+}
+
+// Colors of a brightness, every other one a special value where `specials`; the same bits again.
+void check_random(Check& check, const Target& target, const Size& size, double brightness, bool specials,
+                  size_t seed, Precision precision) {
+  const Fill fill = specials ? Fill::kSpecials : Fill::kUniform;
+  Planes lrhs = reference::random_planes(3, size.h, size.w, fill, seed);
+  for (double& value : lrhs.data)
+    if (std::abs(value) < 1) value = float(std::abs(value) * brightness);
+  const float key = seed % 2 ? 0.18f : 0.04f;
+  const size_t layout = seed % frame_layouts().size();
+  const Planes once = found(check, target, lrhs, key, layout, precision);
+  check.within(once, reference::exposure(lrhs, key));
+  check.same_bits(found(check, target, lrhs, key, layout, precision), once, "again");
+}
+
+// Checks images of one value, whose exposure is known.
+void check_flat(Check& check, const Target& target, Precision precision) {
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+  struct Case {
+    float value;
+    double exposure;
+  };
+  const std::array<Case, 12> cases{{{0.25f, 1},
+                                    {1, 0.25},
+                                    {16, 0x1p-6},
+                                    {0, 1},
+                                    {-0.0f, 1},
+                                    {-3, 1},
+                                    {kNaN, 1},
+                                    {-kInfinity, 1},
+                                    {kInfinity, 0.25 / 65504},
+                                    {3e38f, 0.25 / 65504},
+                                    {0x1p-26f, 0x1p24},
+                                    {0x1p-60f, 0x1p24}}};
+  for (const auto& [value, exposure] : cases) {
+    Planes lrhs(3, 5, 31);
+    std::ranges::fill(lrhs.data, value);
+    const bool clamped = exposure == 1 || exposure == 0x1p24;
+    const double share = clamped && value != 0.25f ? 0 : 1e-5;
+    check.within(
+        found(check, target, lrhs, 0.25f, 0, precision),
+        {Planes(2, 1, 1, {exposure, 1 / exposure}), Planes(2, 1, 1, {share * exposure, share / exposure})},
+        fmt::format("all {:g}", value));
+  }
+}
+
+}  // namespace
+
+void conform_exposure(Collector& collector) {
+  Collector::for_each(plain_ways().first(1), [&](const Way& way, Precision precision) {
+    collector.run("exposure", way, precision, "images of one value, 3 x 5 x 31",
+                  [&](Check& check) { check_flat(check, collector.target(), precision); });
+    std::vector<Size> sizes(collector.sizes().begin(), collector.sizes().end());
+    sizes.insert(sizes.end(), {{129, 131}, {150, 401}});  // of more pixels than there are invocations
+    size_t seed = 0;
+    for (const Size& size : sizes) {
+      const double brightness = std::array{1.0, 1e-5, 3e4, 40.0}[seed % 4];
+      const bool specials = ++seed % 3 == 0;
+      collector.run(
+          "exposure", way, precision,
+          fmt::format("brightness {:g}{}, layout {}, 3 x {} x {}", brightness,
+                      specials ? " and specials" : "", seed % frame_layouts().size(), size.h, size.w),
+          [&, seed](Check& check) {
+            check_random(check, collector.target(), size, brightness, specials, seed, precision);
+          });
+    }
+  });
+}
+
+}  // namespace raymeld::conform
