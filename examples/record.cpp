@@ -13,29 +13,34 @@ void check(VkResult result, const char* what) {
   if (result < 0) throw std::runtime_error(std::string(what) + " failed");
 }
 
-struct Gpu {
-  VkInstance instance;
-  VkPhysicalDevice physical;
-  VkDevice device;
-  VkQueue queue;
-};
-
-// The first device, and its first queue family, which does compute on every known driver.
-Gpu make_gpu() {
-  Gpu gpu;
+// The first device with its first queue family, which does compute on every known driver.
+raymeld_context_desc make_gpu() {
+  raymeld_context_desc gpu{.get_instance_proc_addr = vkGetInstanceProcAddr};
   const VkApplicationInfo app{.sType = VK_STRUCTURE_TYPE_APPLICATION_INFO, .apiVersion = VK_API_VERSION_1_1};
   const VkInstanceCreateInfo instance{.sType = VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO,
                                       .pApplicationInfo = &app};
   check(vkCreateInstance(&instance, nullptr, &gpu.instance), "vkCreateInstance");
   uint32_t count = 1;
-  check(vkEnumeratePhysicalDevices(gpu.instance, &count, &gpu.physical), "vkEnumeratePhysicalDevices");
+  check(vkEnumeratePhysicalDevices(gpu.instance, &count, &gpu.physical_device), "vkEnumeratePhysicalDevices");
   const float priority = 1;
   const VkDeviceQueueCreateInfo queue{
       .sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO, .queueCount = 1, .pQueuePriorities = &priority};
-  // raymeld_list_features() says what else to enable for more speed, and Context is told of it.
-  const VkDeviceCreateInfo device{
-      .sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO, .queueCreateInfoCount = 1, .pQueueCreateInfos = &queue};
-  check(vkCreateDevice(gpu.physical, &device, nullptr, &gpu.device), "vkCreateDevice");
+  // Those that make raymeld faster, as far as the device has them.
+  VkPhysicalDeviceBufferDeviceAddressFeatures addresses{
+      .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_BUFFER_DEVICE_ADDRESS_FEATURES};
+  VkPhysicalDevice16BitStorageFeatures half{.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_16BIT_STORAGE_FEATURES,
+                                            .pNext = &addresses};
+  VkPhysicalDeviceFeatures2 features{.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2, .pNext = &half};
+  const auto enabled =
+      raymeld::enable_features(vkGetInstanceProcAddr, gpu.instance, gpu.physical_device, features);
+  gpu.enabled_features = enabled.bits;
+  const VkDeviceCreateInfo device{.sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO,
+                                  .pNext = &features,
+                                  .queueCreateInfoCount = 1,
+                                  .pQueueCreateInfos = &queue,
+                                  .enabledExtensionCount = enabled.extension_count,
+                                  .ppEnabledExtensionNames = enabled.extensions};
+  check(vkCreateDevice(gpu.physical_device, &device, nullptr, &gpu.device), "vkCreateDevice");
   vkGetDeviceQueue(gpu.device, 0, 0, &gpu.queue);
   return gpu;
 }
@@ -46,7 +51,7 @@ struct Buffer {
 };
 
 // A storage buffer of so many floats that the host sees, each of them `value`.
-Buffer make_buffer(const Gpu& gpu, size_t count, float value) {
+Buffer make_buffer(const raymeld_context_desc& gpu, size_t count, float value) {
   Buffer buffer;
   const VkBufferCreateInfo info{.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
                                 .size = count * sizeof(float),
@@ -55,7 +60,7 @@ Buffer make_buffer(const Gpu& gpu, size_t count, float value) {
   VkMemoryRequirements needs;
   vkGetBufferMemoryRequirements(gpu.device, buffer.handle, &needs);
   VkPhysicalDeviceMemoryProperties has;
-  vkGetPhysicalDeviceMemoryProperties(gpu.physical, &has);
+  vkGetPhysicalDeviceMemoryProperties(gpu.physical_device, &has);
   constexpr VkFlags kHost = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
   uint32_t type = 0;
   while (!(needs.memoryTypeBits >> type & 1) || (has.memoryTypes[type].propertyFlags & kHost) != kHost)
@@ -72,13 +77,9 @@ Buffer make_buffer(const Gpu& gpu, size_t count, float value) {
   return buffer;
 }
 
-void fuse(const Gpu& gpu, const char* model_file) {
+void fuse(const raymeld_context_desc& gpu, const char* model_file) {
   const uint32_t height = 32, width = 48;  // of LRHS, in pixels
-  const raymeld::Context context({.get_instance_proc_addr = vkGetInstanceProcAddr,
-                                  .instance = gpu.instance,
-                                  .physical_device = gpu.physical,
-                                  .device = gpu.device,
-                                  .queue = gpu.queue});
+  const raymeld::Context context(gpu);
   const raymeld::SharedModel model(model_file);
   raymeld::Fusion fusion(context, model, {.height = height, .width = width, .compute_variance = VK_TRUE});
   const size_t pixels = size_t{height} * width, s = fusion.info().scale, layers = fusion.layers().size();

@@ -278,6 +278,76 @@ TEST_F(ApiTest, FeaturesAreWhatADeviceIsMadeWith) {
   EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, Context{desc}, "0x40000000");
 }
 
+// Devices are made with chains, under validation, and raymeld then uses what was enabled.
+TEST_F(ApiTest, FeaturesAreEnabledInTheCallersChain) {
+  const CallerDevice caller;
+  const ExternalDevice& external = caller.external();
+  const auto enable = [&](VkPhysicalDeviceFeatures2& chain) {
+    return enable_features(external.get_instance_proc_addr, external.instance, external.physical_device,
+                           chain);
+  };
+  const uint32_t supported = context_desc(external).enabled_features & ~RAYMELD_FEATURE_COOPERATIVE_MATRIX;
+  const uint32_t alone = supported & (RAYMELD_FEATURE_IMAGE_WRITES | RAYMELD_FEATURE_EXTERNAL_MEMORY_FD);
+  const auto use = [&](VkPhysicalDeviceFeatures2& chain, const raymeld_enabled_features& enabled) {
+    const float priority = 1;
+    auto queue = vk_struct<VkDeviceQueueCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO);
+    queue.queueFamilyIndex = external.queue_family;
+    queue.queueCount = 1;
+    queue.pQueuePriorities = &priority;
+    auto info = vk_struct<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO, &chain);
+    info.queueCreateInfoCount = 1;
+    info.pQueueCreateInfos = &queue;
+    info.enabledExtensionCount = enabled.extension_count;
+    info.ppEnabledExtensionNames = enabled.extensions;
+    ExternalDevice made = external;
+    check(caller.vk().CreateDevice(made.physical_device, &info, nullptr, &made.device), "creating a device");
+    caller.vk().GetDeviceQueue(made.device, made.queue_family, 0, &made.queue);
+    raymeld_context_desc desc = context_desc(made);
+    desc.enabled_features = enabled.bits;
+    raymeld_fusion_desc fusion = desc_;
+    if (enabled.bits & RAYMELD_FEATURE_STORAGE_16BIT) fusion.precision = RAYMELD_PRECISION_FP16;
+    Fusion(Context(desc), SharedModel(file_), fusion);
+    caller.vk().DestroyDevice(made.device, nullptr);
+  };
+  auto plain = vk_struct<VkPhysicalDeviceFeatures2>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2);
+  EXPECT_EQ(enable(plain).bits, alone);
+  EXPECT_FALSE(plain.features.shaderInt64);  // a part of what the chain has not all of
+  EXPECT_EQ(plain.features.shaderStorageImageWriteWithoutFormat, external.image_writes);
+  use(plain, enable(plain));
+
+  // Structures of their own, and a member of the caller's.
+  auto half = vk_struct<VkPhysicalDevice16BitStorageFeatures>(
+      VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_16BIT_STORAGE_FEATURES);
+  auto addresses = vk_struct<VkPhysicalDeviceBufferDeviceAddressFeatures>(
+      VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_BUFFER_DEVICE_ADDRESS_FEATURES, &half);
+  auto own = vk_struct<VkPhysicalDeviceFeatures2>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2, &addresses);
+  own.features.robustBufferAccess = VK_TRUE;
+  const raymeld_enabled_features of_own = enable(own);
+  EXPECT_EQ(of_own.bits, supported & ~RAYMELD_FEATURE_TIMELINE_SEMAPHORE);
+  EXPECT_EQ(half.storageBuffer16BitAccess, external.storage_16bit);
+  EXPECT_FALSE(half.uniformAndStorageBuffer16BitAccess);
+  EXPECT_EQ(addresses.bufferDeviceAddress, external.buffer_device_address);
+  EXPECT_EQ(own.features.shaderInt64, external.buffer_device_address);
+  EXPECT_TRUE(own.features.robustBufferAccess);
+  use(own, of_own);
+
+  // Structures of Vulkan's versions, for which the instance here is too old.
+  auto second =
+      vk_struct<VkPhysicalDeviceVulkan12Features>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES);
+  auto first = vk_struct<VkPhysicalDeviceVulkan11Features>(
+      VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_1_FEATURES, &second);
+  auto core = vk_struct<VkPhysicalDeviceFeatures2>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2, &first);
+  const raymeld_enabled_features of_core = enable(core);
+  EXPECT_EQ(of_core.bits, supported);
+  EXPECT_EQ(first.storageBuffer16BitAccess, external.storage_16bit);
+  EXPECT_EQ(second.bufferDeviceAddress, external.buffer_device_address);
+  EXPECT_EQ(second.timelineSemaphore, external.timeline_semaphore);
+  EXPECT_FALSE(second.vulkanMemoryModel);
+
+  core.sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO;
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, enable(core), "sType");
+}
+
 // A caller that was compiled with an older structure has an array of shorter elements.
 TEST_F(ApiTest, FeaturesAreWrittenAtTheStrideOfTheCaller) {
   const CallerDevice caller;

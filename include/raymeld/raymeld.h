@@ -82,6 +82,26 @@ RAYMELD_API raymeld_result raymeld_list_features(PFN_vkGetInstanceProcAddr get_i
                                                  VkInstance instance, VkPhysicalDevice physical_device,
                                                  uint32_t* count, raymeld_feature* features);
 
+/* What a device is created with beside a chain of features. */
+typedef struct raymeld_enabled_features {
+  size_t struct_size RAYMELD_IS(sizeof(raymeld_enabled_features));
+  uint32_t bits RAYMELD_IS(0); /* raymeld_context_desc::enabled_features */
+  uint32_t extension_count RAYMELD_IS(0);
+  /* All that are to be named in VkDeviceCreateInfo, beside the caller's own; the library's, for ever. */
+  const char* const* extensions RAYMELD_IS(NULL);
+} raymeld_enabled_features;
+
+/* Does what raymeld_list_features() lists: sets members of structures in the caller's own chain, with which
+ * it then creates the device (VkDeviceCreateInfo::pNext). A feature is enabled where the device supports it
+ * and the chain has a structure for each of its members: the one that is listed or
+ * VkPhysicalDeviceVulkan11Features and the like. All else in the chain stays as it is. Speed needs
+ * VkPhysicalDevice16BitStorageFeatures and VkPhysicalDeviceBufferDeviceAddressFeatures or, of Vulkan 1.2,
+ * VkPhysicalDeviceVulkan11Features and VkPhysicalDeviceVulkan12Features. */
+RAYMELD_API raymeld_result raymeld_enable_features(PFN_vkGetInstanceProcAddr get_instance_proc_addr,
+                                                   VkInstance instance, VkPhysicalDevice physical_device,
+                                                   VkPhysicalDeviceFeatures2* features,
+                                                   raymeld_enabled_features* enabled);
+
 /* ---- A device ---- */
 
 typedef struct raymeld_context_t* raymeld_context;

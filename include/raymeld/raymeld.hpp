@@ -63,6 +63,16 @@ inline std::vector<raymeld_feature> list_features(PFN_vkGetInstanceProcAddr get_
   return features;
 }
 
+// Sets members of the chain, with which a device is then created.
+inline raymeld_enabled_features enable_features(PFN_vkGetInstanceProcAddr get_instance_proc_addr,
+                                                VkInstance instance, VkPhysicalDevice physical_device,
+                                                VkPhysicalDeviceFeatures2& features) {
+  raymeld_enabled_features enabled;
+  detail::check(
+      raymeld_enable_features(get_instance_proc_addr, instance, physical_device, &features, &enabled));
+  return enabled;
+}
+
 // The names of the stock models.
 inline std::vector<std::string> list_models() { return detail::list(raymeld_list_models); }
 

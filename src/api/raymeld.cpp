@@ -10,6 +10,7 @@
 #include <mutex>
 #include <set>
 
+#include "api/features.h"
 #include "engine/frame_ring.h"
 #include "engine/imported_buffer.h"
 #include "engine/instance.h"
@@ -390,60 +391,15 @@ void hand_over(const Device& device, VkCommandBuffer commands, const std::set<Vk
                                  nullptr, uint32_t(barriers.size()), barriers.data(), 0, nullptr);
 }
 
-constexpr const char* kHalfMembers[] = {"VkPhysicalDevice16BitStorageFeatures::storageBuffer16BitAccess"};
-constexpr const char* kAddressExtensions[] = {VK_KHR_BUFFER_DEVICE_ADDRESS_EXTENSION_NAME};
-constexpr const char* kAddressMembers[] = {"VkPhysicalDeviceBufferDeviceAddressFeatures::bufferDeviceAddress",
-                                           "VkPhysicalDeviceFeatures::shaderInt64"};
-constexpr const char* kImageMembers[] = {"VkPhysicalDeviceFeatures::shaderStorageImageWriteWithoutFormat"};
-constexpr const char* kMatrixMembers[] = {
-    "VkPhysicalDeviceCooperativeMatrixFeaturesKHR::cooperativeMatrix",
-    "VkPhysicalDeviceVulkanMemoryModelFeatures::vulkanMemoryModel",
-    "VkPhysicalDeviceVulkanMemoryModelFeatures::vulkanMemoryModelDeviceScope",
-    "VkPhysicalDeviceShaderFloat16Int8Features::shaderFloat16",
-    "VkPhysicalDeviceSubgroupSizeControlFeaturesEXT::computeFullSubgroups"};
-
-constexpr const char* kTimelineExtensions[] = {VK_KHR_TIMELINE_SEMAPHORE_EXTENSION_NAME};
-constexpr const char* kTimelineMembers[] = {"VkPhysicalDeviceTimelineSemaphoreFeatures::timelineSemaphore"};
-
-constexpr const char* kFdExtensions[] = {VK_KHR_EXTERNAL_MEMORY_FD_EXTENSION_NAME};
-
-raymeld_feature feature(raymeld_feature_bits bit, bool supported, std::span<const char* const> extensions,
-                        std::span<const char* const> members, const char* without) {
-  raymeld_feature feature;
-  feature.bit = bit;
-  feature.supported = supported;
-  feature.extension_count = count_of(extensions);
-  feature.extensions = extensions.data();
-  feature.member_count = count_of(members);
-  feature.members = members.data();
-  feature.without = without;
-  return feature;
-}
-
-std::vector<raymeld_feature> features_of(const DeviceInfo& info) {
-  return {
-      feature(
-          RAYMELD_FEATURE_STORAGE_16BIT, info.storage_16bit, {}, kHalfMembers,
-          "RAYMELD_PRECISION_FP16 is an error and AUTO is FP32, which takes twice the memory and, on GPUs, "
-          "more time."),
-      feature(
-          RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS, info.buffer_device_address, kAddressExtensions,
-          kAddressMembers,
-          "All convolutions are computed directly: several times slower on drivers for CPUs. The extension "
-          "is part of Vulkan 1.2, where it need not be named."),
-      feature(RAYMELD_FEATURE_COOPERATIVE_MATRIX, info.cooperative_matrix.has_value(),
-              CooperativeMatrixFeatures::kExtensions, kMatrixMembers,
-              "Tensor cores are not used, which fp16 convolutions do where `raymeld tune` found them to be "
-              "the fastest."),
-      feature(RAYMELD_FEATURE_IMAGE_WRITES, info.image_writes, {}, kImageMembers,
-              "A fused image is a buffer: output_image is an error."),
-      feature(RAYMELD_FEATURE_TIMELINE_SEMAPHORE, info.timeline_semaphore, kTimelineExtensions,
-              kTimelineMembers,
-              "raymeld_submit() takes binary semaphores only. The extension is part of Vulkan 1.2, where it "
-              "need not be named."),
-      feature(RAYMELD_FEATURE_EXTERNAL_MEMORY_FD, info.external_memory_fd, kFdExtensions, {},
-              "raymeld_import_buffer() fails."),
-  };
+// The facts of a caller's physical device.
+DeviceInfo info_of(PFN_vkGetInstanceProcAddr get_instance_proc_addr, VkInstance instance,
+                   VkPhysicalDevice physical_device) {
+  if (!get_instance_proc_addr || !instance || !physical_device)
+    throw InvalidArgument("a device's features: a handle or get_instance_proc_addr is NULL");
+  VulkanFunctions vk;
+  vk.GetInstanceProcAddr = get_instance_proc_addr;
+  vk.load_instance(instance);
+  return describe(vk, physical_device, 0);
 }
 
 }  // namespace
@@ -502,13 +458,9 @@ raymeld_result raymeld_list_features(PFN_vkGetInstanceProcAddr get_instance_proc
                                      VkPhysicalDevice physical_device, uint32_t* count,
                                      raymeld_feature* features) {
   return guarded(RAYMELD_ERROR_DEVICE, [&] {
-    if (!get_instance_proc_addr || !instance || !physical_device)
-      throw InvalidArgument("listing features: a handle or get_instance_proc_addr is NULL");
     given(count, "count");
-    VulkanFunctions vk;
-    vk.GetInstanceProcAddr = get_instance_proc_addr;
-    vk.load_instance(instance);
-    const std::vector<raymeld_feature> all = features_of(describe(vk, physical_device, 0));
+    const std::vector<raymeld_feature> all =
+        features_of(info_of(get_instance_proc_addr, instance, physical_device));
     const size_t size = features && *count > 0 ? size_of(*features, "raymeld_feature") : 0;
     for (size_t i = 0; size > 0 && i < std::min<size_t>(*count, all.size()); ++i) {
       auto& at = *reinterpret_cast<raymeld_feature*>(reinterpret_cast<char*>(features) + i * size);
@@ -516,6 +468,23 @@ raymeld_result raymeld_list_features(PFN_vkGetInstanceProcAddr get_instance_proc
       write(all[i], at, "raymeld_feature");
     }
     *count = static_cast<uint32_t>(all.size());
+  });
+}
+
+raymeld_result raymeld_enable_features(PFN_vkGetInstanceProcAddr get_instance_proc_addr, VkInstance instance,
+                                       VkPhysicalDevice physical_device, VkPhysicalDeviceFeatures2* features,
+                                       raymeld_enabled_features* enabled) {
+  return guarded(RAYMELD_ERROR_DEVICE, [&] {
+    size_of(given(enabled, "enabled"), "raymeld_enabled_features");
+    if (given(features, "features").sType != VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2)
+      throw InvalidArgument(
+          "features: sType is {}, expected VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2 ({})",
+          int(features->sType), int(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2));
+    raymeld_enabled_features known;
+    known.bits = enable_features(info_of(get_instance_proc_addr, instance, physical_device), *features);
+    known.extension_count = count_of(extensions_of(known.bits));
+    known.extensions = extensions_of(known.bits).data();
+    write(known, *enabled, "raymeld_enabled_features");
   });
 }
 
