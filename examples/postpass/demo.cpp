@@ -55,7 +55,7 @@ void Demo::make_device() {
 void Demo::drop_renderer() {
   if (frames_) {
     for (size_t i = 0; i < frames_->size(); ++i)
-      if (const auto result = frames_->next().finish(renderer_->fusion())) finish(*result);
+      if (const auto result = frames_->next().finish()) finish(*result);
     if (last_ && !options_.png.empty()) keep_last();
     device_->get().waitIdle();
   }
@@ -194,7 +194,6 @@ Frame Demo::describe_frame() {
   Frame frame;
   frame.camera = camera_at(camera_s_, double(full.width) / full.height);
   frame.view = view_ == kViewFused && options_.history ? kViewBlended : view_;
-  frame.exposure = exposure_;
   if (options_.overlay) {
     write_text();
     frame.text_rows = text_rows_;
@@ -207,7 +206,7 @@ Frame Demo::describe_frame() {
 bool Demo::frame() {
   if (window_ && !swapchain_) return false;
   Slot& slot = frames_->next();
-  const auto result = slot.finish(renderer_->fusion());
+  const auto result = slot.finish();
   if (result) finish(*result);
   if (swapchain_) {
     const Outcome outcome = swapchain_->acquire(slot.acquired());
@@ -226,7 +225,7 @@ bool Demo::frame() {
   last_ = frame;
   const vk::CommandBuffer commands = slot.begin();
   renderer_->record(commands, frame, slot.queries());
-  slot.record_copies(frame, y4m_.has_value());
+  if (y4m_) slot.record_copy();
   if (swapchain_) swapchain_->record_blit(commands, renderer_->shown());
   slot.submit(swapchain_ ? slot.acquired() : nullptr, swapchain_ ? swapchain_->written() : nullptr);
   if (swapchain_) resized_ |= swapchain_->present() == Outcome::kStale;
@@ -235,7 +234,6 @@ bool Demo::frame() {
 
 void Demo::finish(const FrameResult& result) {
   times_.add_parts(result.part_ms);
-  if (result.exposure > 0) exposure_ = result.exposure;
   if (y4m_ && result.image) y4m_->write(result.image, renderer_->shown().size);
 }
 
@@ -243,9 +241,9 @@ void Demo::finish(const FrameResult& result) {
 void Demo::keep_last() {
   Slot& slot = frames_->next();
   renderer_->record_again(slot.begin(), last_->view, slot.queries());
-  slot.record_copies(*last_, true);
+  slot.record_copy();
   slot.submit(nullptr, nullptr);
-  const float* image = slot.finish(renderer_->fusion())->image;
+  const float* image = slot.finish()->image;
   kept_size_ = renderer_->shown().size;
   kept_.assign(image, image + size_t{4} * kept_size_.width * kept_size_.height);
 }

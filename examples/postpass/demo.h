@@ -86,7 +86,6 @@ class Demo {
   uint64_t frame_ = 0;
   bool minimised_ = false, quit_ = false, resized_ = false;
   uint32_t settling_ = 0;  // frames to come that may allocate, as something was made anew
-  float exposure_ = 1;
   double camera_s_ = 0;
   Times times_;
   char text_[kTextRows][kTextColumns];

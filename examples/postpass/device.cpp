@@ -30,22 +30,8 @@ bool has_swapchains(vk::PhysicalDevice device) {
 struct CooperativeMatrixFeatures {
   VkStructureType sType = VkStructureType(1000506000);
   void* pNext = nullptr;
-  VkBool32 cooperativeMatrix = VK_TRUE, cooperativeMatrixRobustBufferAccess = VK_FALSE;
+  VkBool32 cooperativeMatrix = VK_FALSE, cooperativeMatrixRobustBufferAccess = VK_FALSE;
 };
-
-// Those that make raymeld faster, as far as the device has them; adds what they take to `extensions`.
-uint32_t choose_features(vk::Instance instance, vk::PhysicalDevice device,
-                         std::vector<const char*>& extensions) {
-  constexpr uint32_t kWanted = RAYMELD_FEATURE_STORAGE_16BIT | RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS |
-                               RAYMELD_FEATURE_COOPERATIVE_MATRIX;
-  uint32_t bits = 0;
-  for (const raymeld_feature& feature : raymeld::list_features(vkGetInstanceProcAddr, instance, device)) {
-    if (!feature.supported || !(feature.bit & kWanted)) continue;
-    bits |= feature.bit;
-    extensions.insert(extensions.end(), feature.extensions, feature.extensions + feature.extension_count);
-  }
-  return bits;
-}
 
 }  // namespace
 
@@ -65,33 +51,24 @@ Device::Device(const Instance& instance, uint32_t index, vk::SurfaceKHR surface)
   timestamp_period_ns_ = properties.limits.timestampPeriod;
   timestamp_mask_ = ~0ull >> (64 - physical_.getQueueFamilyProperties()[queue_family_].timestampValidBits);
 
-  std::vector<const char*> extensions;
-  const uint32_t features = choose_features(instance.get(), physical_, extensions);
+  // What makes raymeld faster.
+  vk::PhysicalDeviceSubgroupSizeControlFeatures subgroups;
+  vk::PhysicalDeviceShaderFloat16Int8Features float16{.pNext = &subgroups};
+  vk::PhysicalDeviceVulkanMemoryModelFeatures model{.pNext = &float16};
+  CooperativeMatrixFeatures matrices{.pNext = &model};
+  vk::PhysicalDevice16BitStorageFeatures half{.pNext = &matrices};
+  vk::PhysicalDeviceBufferDeviceAddressFeatures addresses{.pNext = &half};
+  vk::PhysicalDeviceFeatures2 features{.pNext = &addresses};
+  const raymeld_enabled_features enabled =
+      raymeld::enable_features(vkGetInstanceProcAddr, instance.get(), physical_, features);
+  // Drivers that have none need not know the structures for cooperative matrices.
+  if (!(enabled.bits & RAYMELD_FEATURE_COOPERATIVE_MATRIX)) half.pNext = nullptr;
+  std::vector<const char*> extensions(enabled.extensions, enabled.extensions + enabled.extension_count);
   if (surface) extensions.push_back(VK_KHR_SWAPCHAIN_EXTENSION_NAME);
-  vk::PhysicalDeviceBufferDeviceAddressFeatures addresses{.bufferDeviceAddress = true};
-  vk::PhysicalDevice16BitStorageFeatures half{.storageBuffer16BitAccess = true};
-  vk::PhysicalDeviceFeatures2 enabled;
-  const auto enable = [&](auto& structure) { structure.pNext = std::exchange(enabled.pNext, &structure); };
-  if (features & RAYMELD_FEATURE_STORAGE_16BIT) enable(half);
-  if (features & RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS) {
-    enable(addresses);
-    enabled.features.shaderInt64 = true;
-  }
-  CooperativeMatrixFeatures matrices;
-  vk::PhysicalDeviceVulkanMemoryModelFeatures model{.vulkanMemoryModel = true,
-                                                    .vulkanMemoryModelDeviceScope = true};
-  vk::PhysicalDeviceShaderFloat16Int8Features float16{.shaderFloat16 = true};
-  vk::PhysicalDeviceSubgroupSizeControlFeatures subgroups{.computeFullSubgroups = true};
-  if (features & RAYMELD_FEATURE_COOPERATIVE_MATRIX) {
-    enable(matrices);
-    enable(model);
-    enable(float16);
-    enable(subgroups);
-  }
   const float priority = 1;
   const vk::DeviceQueueCreateInfo queue{
       .queueFamilyIndex = queue_family_, .queueCount = 1, .pQueuePriorities = &priority};
-  device_ = physical_.createDeviceUnique({.pNext = &enabled,
+  device_ = physical_.createDeviceUnique({.pNext = &features,
                                           .queueCreateInfoCount = 1,
                                           .pQueueCreateInfos = &queue,
                                           .enabledExtensionCount = uint32_t(extensions.size()),
@@ -106,7 +83,7 @@ Device::Device(const Instance& instance, uint32_t index, vk::SurfaceKHR surface)
   desc.device = *device_;
   desc.queue = queue_;
   desc.queue_family = queue_family_;
-  desc.enabled_features = features;
+  desc.enabled_features = enabled.bits;
   desc.allocation_callbacks = &callbacks;
   context_ = std::make_unique<raymeld::Context>(desc);
 }

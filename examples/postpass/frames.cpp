@@ -13,28 +13,23 @@ Slot::Slot(const Device& device, const Renderer& renderer, vk::CommandPool pool)
   queries_ = vk.createQueryPoolUnique({.queryType = vk::QueryType::eTimestamp, .queryCount = kStamps},
                                       counting_callbacks());
   acquired_ = vk.createSemaphoreUnique({}, counting_callbacks());
-  const vk::Extent2D small = renderer.small_size(), shown = renderer.shown().size;
-  lrhs_ = make_readback_buffer(device, sizeof(float) * 3 * small.width * small.height);
+  const vk::Extent2D shown = renderer.shown().size;
   image_ = make_readback_buffer(device, sizeof(float) * 4 * shown.width * shown.height);
 }
 
 vk::CommandBuffer Slot::begin() {
+  captured_ = false;
   commands_->begin({.flags = vk::CommandBufferUsageFlagBits::eOneTimeSubmit});
   return *commands_;
 }
 
-void Slot::record_copies(const Frame& frame, bool capture) {
-  has_lrhs_ = frame.view != kViewConverged;
-  captured_ = capture;
-  const vk::Extent2D small = renderer_.small_size(), size = renderer_.shown().size;
-  if (has_lrhs_)
-    commands_->copyBuffer(renderer_.lrhs(), *lrhs_.buffer,
-                          vk::BufferCopy{0, 0, sizeof(float) * 3 * small.width * small.height});
-  if (captured_)
-    commands_->copyImageToBuffer(
-        *renderer_.shown().image, vk::ImageLayout::eTransferSrcOptimal, *image_.buffer,
-        vk::BufferImageCopy{.imageSubresource = {vk::ImageAspectFlagBits::eColor, 0, 0, 1},
-                            .imageExtent = {size.width, size.height, 1}});
+void Slot::record_copy() {
+  captured_ = true;
+  const vk::Extent2D size = renderer_.shown().size;
+  commands_->copyImageToBuffer(
+      *renderer_.shown().image, vk::ImageLayout::eTransferSrcOptimal, *image_.buffer,
+      vk::BufferImageCopy{.imageSubresource = {vk::ImageAspectFlagBits::eColor, 0, 0, 1},
+                          .imageExtent = {size.width, size.height, 1}});
   const vk::MemoryBarrier to_host{.srcAccessMask = vk::AccessFlagBits::eTransferWrite,
                                   .dstAccessMask = vk::AccessFlagBits::eHostRead};
   commands_->pipelineBarrier(vk::PipelineStageFlagBits::eTransfer, vk::PipelineStageFlagBits::eHost, {},
@@ -55,7 +50,7 @@ void Slot::submit(vk::Semaphore waits_for, vk::Semaphore signals) {
   pending_ = true;
 }
 
-std::optional<FrameResult> Slot::finish(const raymeld::Fusion& fusion) {
+std::optional<FrameResult> Slot::finish() {
   if (!pending_) return {};
   const vk::Device vk = device_.get();
   (void)vk.waitForFences(*done_, true, UINT64_MAX);
@@ -66,7 +61,6 @@ std::optional<FrameResult> Slot::finish(const raymeld::Fusion& fusion) {
                                vk::QueryResultFlagBits::e64 | vk::QueryResultFlagBits::eWait);
   FrameResult result;
   for (uint32_t i = 0; i < kParts; ++i) result.part_ms[i] = device_.elapsed_ms(stamps[i], stamps[i + 1]);
-  if (has_lrhs_) result.exposure = fusion.exposure(lrhs_.mapped);
   if (captured_) result.image = image_.mapped;
   return result;
 }

@@ -11,7 +11,6 @@ namespace postpass {
 // What a frame left behind.
 struct FrameResult {
   std::array<double, kParts> part_ms{};
-  float exposure = 0;            // of its LRHS, for frames to come; 0: it had none
   const float* image = nullptr;  // RGBA, sRGB, of the size of Renderer::shown(), if it was captured; until
                                  // the slot is used again
 };
@@ -22,12 +21,12 @@ class Slot {
 
   // Begins the command buffer, for which the slot must be idle.
   vk::CommandBuffer begin();
-  // Copies what finish() will give; after Renderer::record().
-  void record_copies(const Frame& frame, bool capture);
+  // Copies the image that finish() will give; after Renderer::record().
+  void record_copy();
   // Ends and submits. `waits_for` and `signals`, of a window's image, may be null.
   void submit(vk::Semaphore waits_for, vk::Semaphore signals);
   // Waits until the device is done with what was submitted; nothing if nothing was.
-  std::optional<FrameResult> finish(const raymeld::Fusion& fusion);
+  std::optional<FrameResult> finish();
 
   vk::QueryPool queries() const { return *queries_; }
   vk::Semaphore acquired() const { return *acquired_; }
@@ -39,8 +38,8 @@ class Slot {
   vk::UniqueFence done_;
   vk::UniqueQueryPool queries_;
   vk::UniqueSemaphore acquired_;
-  Buffer lrhs_, image_;
-  bool pending_ = false, has_lrhs_ = false, captured_ = false;
+  Buffer image_;
+  bool pending_ = false, captured_ = false;
 };
 
 class Frames {

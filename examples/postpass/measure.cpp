@@ -20,13 +20,13 @@ class Studio {
 
   // Renders a frame; returns it as `view` shows it.
   Pixels frame(double camera_s, uint32_t view) {
-    return submit({.camera = camera_at(camera_s, aspect_), .view = view, .exposure = exposure_});
+    return submit({.camera = camera_at(camera_s, aspect_), .view = view});
   }
   // The same frame as another view.
   Pixels again(uint32_t view) {
     Slot& slot = frames_.next();
     renderer_.record_again(slot.begin(), view, slot.queries());
-    return submit(slot, {.view = view});
+    return submit(slot);
   }
   // The mean of so many frames of HRLS.
   Pixels converged(double camera_s, uint32_t frames) {
@@ -45,20 +45,18 @@ class Studio {
   Pixels submit(const Frame& frame) {
     Slot& slot = frames_.next();
     renderer_.record(slot.begin(), frame, slot.queries());
-    return submit(slot, frame);
+    return submit(slot);
   }
-  Pixels submit(Slot& slot, const Frame& frame) {
-    slot.record_copies(frame, true);
+  Pixels submit(Slot& slot) {
+    slot.record_copy();
     slot.submit(nullptr, nullptr);
-    const FrameResult result = slot.finish(renderer_.fusion()).value();
-    if (result.exposure > 0) exposure_ = result.exposure;
+    const FrameResult result = slot.finish().value();
     return {result.image, result.image + size_t{4} * size().width * size().height};
   }
 
   Renderer renderer_;
   Frames frames_;
   double aspect_;
-  float exposure_ = 1;
 };
 
 // Mean and variance of each value over images.

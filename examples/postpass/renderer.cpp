@@ -125,7 +125,6 @@ void Renderer::record(vk::CommandBuffer commands, const Frame& frame, vk::QueryP
     fused.lrhs = &images[0];
     fused.hrls = &images[1];
     fused.fused = &images[2];
-    fused.exposure = frame.exposure;
     fusion_.record(commands, fused);
     barrier(commands);
   }
@@ -138,10 +137,7 @@ void Renderer::record(vk::CommandBuffer commands, const Frame& frame, vk::QueryP
 }
 
 void Renderer::record_end(vk::CommandBuffer commands) const {
-  // Copies read LRHS too.
-  const vk::MemoryBarrier buffers{.srcAccessMask = Access::eShaderWrite,
-                                  .dstAccessMask = Access::eTransferRead};
-  commands.pipelineBarrier(Stage::eComputeShader, Stage::eTransfer, {}, buffers, {},
+  commands.pipelineBarrier(Stage::eComputeShader, Stage::eTransfer, {}, {}, {},
                            image_barrier(*shown_.image, Access::eShaderWrite, Access::eTransferRead,
                                          vk::ImageLayout::eGeneral, vk::ImageLayout::eTransferSrcOptimal));
 }

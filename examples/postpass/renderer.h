@@ -28,7 +28,6 @@ constexpr uint32_t kStamps = kParts + 1;
 struct Frame {
   Camera camera = {};
   uint32_t view = kViewFused;  // of params.h; of kViewBlended the history is kept
-  float exposure = 1;          // for raymeld
   bool restarts = false;       // of kViewConverged: nothing accumulated before counts
   uint32_t text_rows = 0;
   const char (*text)[kTextColumns] = nullptr;
@@ -51,8 +50,6 @@ class Renderer {
   vk::Extent2D small_size() const { return small_; }
   uint32_t lrhs_samples() const { return constants_.lrhs_samples; }
   uint32_t accumulated_frames() const { return accumulated_; }
-  vk::Buffer lrhs() const { return *buffers_[kLrhs].buffer; }  // (3, height, width) of small_size()
-  raymeld::Fusion& fusion() { return fusion_; }
 
  private:
   void update_constants(vk::CommandBuffer commands, const Frame& frame);
