@@ -174,6 +174,7 @@ FuserOptions wide_options(const DeviceInfo& device, FuserOptions options, uint64
   options.kernels = *options.fp32_kernels;
   options.fp32_kernels.reset();
   options.changed_only = false;  // tiles are computed again as a whole
+  options.compute_exposure = false;
   options.scratch.reset();
   return options;
 }

@@ -1,4 +1,5 @@
 // exposure: of LRHS, found in two passes.
+#include <algorithm>
 #include <cmath>
 
 #include "layers/layers.h"
