@@ -33,7 +33,7 @@ layout(push_constant) uniform Push {
 void main() {
   uint block = uniform_number(gl_WorkGroupID.y), row = uniform_number(gl_WorkGroupID.z);
   uint left = kVectors * first_of_vector().x;
-  Floats w = Floats(uint64_t(weights) + 4ul * (block * kChannels * kSide * kOutputs * kVector));
+  Quads w = Quads(uint64_t(weights) + 4ul * (block * kChannels * kSide * kOutputs * kVector));
   vec2 sum[kOutputs];
   [[unroll]] for (uint o = 0; o < kOutputs; ++o) sum[o] = vec2(0.0);
   [[unroll]] for (uint c = 0; c < kChannels; ++c) {
@@ -41,7 +41,7 @@ void main() {
       Floats pixels = Floats(uint64_t(source) + 4ul * address(c, kSide * row + y, left, p.plane, p.width));
       vec2 value = vec2(read_vector(pixels, 0), read_vector(pixels, kVector));
       [[unroll]] for (uint o = 0; o < kOutputs; ++o)
-        sum[o] = fma(vec2(read_vector(w, ((c * kSide + y) * kOutputs + o) * kVector)), value, sum[o]);
+        sum[o] = fma(vec2(read_weights(w, ((c * kSide + y) * kOutputs + o) * kVector)), value, sum[o]);
     }
     if (c % kOrder == kOrder - 1) {
       vec2 all = vec2(0.0);

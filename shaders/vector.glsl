@@ -24,6 +24,17 @@ float read_vector(Floats from, uint first) {
   }
   return own;
 }
+
+// The same of weights, whose address is the same for all lanes and a multiple of 16 bytes: drivers take a fifth of the time to
+// compile these loads of four.
+float read_weights(Quads from, uint first) {
+  float own = 0.0;
+  [[unroll]] for (uint lane = 0; lane < kVector; lane += 4) {
+    vec4 others = from.v[(first + lane) / 4];
+    [[unroll]] for (uint i = 0; i < 4; ++i) own = gl_SubgroupInvocationID == lane + i ? others[i] : own;
+  }
+  return own;
+}
 #endif
 
 #ifdef KEEPS_ORDER

@@ -10,8 +10,8 @@
 
 namespace raymeld {
 
-// Of Fuser::fuse(), for a frame in which everything is computed. A Fuser's first frame takes longer: it is
-// recorded, memory is touched for the first time, and drivers do what they put off.
+// Times of a frame in which everything is computed. The first one counts all that a Fuser takes to be made,
+// with kernels that the device's cache on disk has; further ones are Fuser::fuse() alone.
 struct FrameTime {
   double first_ms = 0, further_ms = 0;
 

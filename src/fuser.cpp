@@ -284,6 +284,27 @@ FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const
   return report;
 }
 
+void Fuser::prepare_fuse(const Progress& progress) {
+  within_memory([&] {
+    made_program();
+    prepare_host();
+    run_empty(progress);
+  });
+}
+
+// In one submit, or in one for each pass where somebody wants to know how far it is.
+void Fuser::run_empty(const Progress& progress) {
+  const size_t count = plan_.graph.passes().size(), step = progress ? 1 : count;
+  Commands pool(device_);
+  for (size_t first = 0; first < count; first += step) {
+    const VkCommandBuffer commands = pool.begin("empty passes");
+    for (size_t i = first; i < first + step; ++i) program_->record_empty(commands, kHostSet, i);
+    pool.end(commands);
+    device_.submit_and_wait(commands);
+    if (progress && !progress(double(first + step) / double(count))) throw Cancelled();
+  }
+}
+
 FuseReport Fuser::run_within_memory(const float* lrhs, const float* hrls, float* fused, float exposure,
                                     const Progress& progress) {
   return within_memory([&] {

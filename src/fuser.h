@@ -108,6 +108,10 @@ class Fuser {
   // The exposure that fuse() uses for this LRHS (3, h, w), planar and dense.
   float exposure(const float* lrhs) const;
 
+  // Does what the first fuse() would do beside fusing: allocates, records, and runs passes without
+  // workgroups, as some drivers compile a kernel when it first runs. Throws as fuse() does.
+  void prepare_fuse(const Progress& progress = {});
+
   // Fuses one frame: lrhs (3, h, w) and hrls (K, s h, s w) to fused (3, s h, s w), scene linear. Runs tile by
   // tile and waits. The first call allocates and records, and so does the first that does a tile again; other
   // ones only submit. No frame of record() may be pending. When the device runs out of memory, the frame
@@ -169,6 +173,7 @@ class Fuser {
   Status run_tile(const std::vector<bool>& needed, const Progress& progress, FuseReport& report);
   Image redo_tile(const Progress& progress, FuseReport& report);
   void prepare_host();
+  void run_empty(const Progress& progress);
   void record_chunks(Host& host) const;
   void upload(const float* lrhs, const float* hrls, const Tile& at);
   // Both from the planar, dense image of a tile; those of `blocks` that are of the core.

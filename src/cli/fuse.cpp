@@ -27,14 +27,19 @@ void run_fuse(const FuseArguments& given) {
   }
   const auto frame = open_frame(arguments, console, models);
   if (arguments.verbose) console.note(channels_text(arguments, frame->files));
+  {
+    const PhaseTimer timer(*frame, "device");
+    create_device();
+  }
+  FrameFuser fuser(*device);
+  fuser.prepare(*frame);
   load_frame(*frame);
   check_interrupted();
 
-  create_device();
   for (const std::string& line : opening_lines(arguments, *frame, device->info())) console.note(line);
   {
     ProgressBar bar(console);
-    FrameFuser(*device).fuse(*frame, [&](double share) {
+    fuser.fuse(*frame, [&](double share) {
       bar.update(share);
       return !interrupted();
     });

@@ -114,6 +114,12 @@ struct FuseResult {
   Storage storage = Storage::kFloat32;  // 32 bits too where every tile was computed again in them
 };
 
+// A part of the work on a frame and how long it took.
+struct Phase {
+  const char* name;
+  double time_ms;
+};
+
 // A frame on its way, as far as it is. One thread at a time may have it.
 struct FuseFrame {
   FuseArguments arguments;  // without patterns
@@ -122,6 +128,7 @@ struct FuseFrame {
   FuseImages images;
   FuseResult result;
   StagedFiles staged;
+  std::vector<Phase> phases = {};  // those that are over, in their order
 
   // Drops the inputs, often the largest part of a frame's memory, unless outputs show them.
   void drop_inputs() {
@@ -181,6 +188,20 @@ std::string plan_text(const FuseArguments& arguments, FuseFiles& files, const De
 nlohmann::ordered_json plan_json(const FuseArguments& arguments, FuseFiles& files, const Device& device,
                                  Console& console);
 
+// Adds a phase to a frame at the end of a scope.
+class PhaseTimer {
+ public:
+  PhaseTimer(FuseFrame& frame, const char* name) : frame_(frame), name_(name) {}
+  ~PhaseTimer() { frame_.phases.push_back({name_, watch_.ms()}); }
+  PhaseTimer(const PhaseTimer&) = delete;
+  PhaseTimer& operator=(const PhaseTimer&) = delete;
+
+ private:
+  FuseFrame& frame_;
+  const char* name_;
+  Stopwatch watch_;
+};
+
 // Fuses frames one after another. What was made for a frame serves the next ones for as long as their model,
 // size and sampling are the same; each comes out as if it were the only one.
 class FrameFuser {
@@ -189,15 +210,21 @@ class FrameFuser {
   explicit FrameFuser(const Device& device);
   ~FrameFuser();
 
+  // Begins to compile, in a thread of its own, what the frame is likely to take by all that is known before
+  // its pixels are read. Says so where the device has no kernels on disk yet.
+  void prepare(const FuseFrame& frame);
+
   // All frames must have the same options. Stages what --dump asks for. Throws Error, and Cancelled when
   // `progress` says so; then the next frame may still work.
   void fuse(FuseFrame& frame, const Progress& progress);
 
  private:
   struct Made;
-  Made& made_for(const FuseFrame& frame);
+  struct Preparation;
+  Made& made_for(FuseFrame& frame);
 
   const Device& device_;
+  std::unique_ptr<Preparation> preparation_;
   std::unique_ptr<Made> made_;
 };
 

@@ -228,13 +228,17 @@ float exposure_for(const FuseArguments& arguments, const Model& model, const Ima
 }
 
 std::unique_ptr<FuseFrame> open_frame(const FuseArguments& arguments, Console console, LastModel& models) {
+  const Stopwatch watch;
   FuseFiles files = open_files(arguments, models);
   check_written(arguments, *files.model);
-  return std::unique_ptr<FuseFrame>(
+  std::unique_ptr<FuseFrame> frame(
       new FuseFrame{arguments, std::move(console), std::move(files), {}, {}, {}});
+  frame->phases.push_back({"open", watch.ms()});
+  return frame;
 }
 
 void load_frame(FuseFrame& frame) {
+  const PhaseTimer timer(frame, "read");
   FuseFiles& files = frame.files;
   FuseImages& images = frame.images;
   images.lrhs = load_lrhs(files, frame.console);

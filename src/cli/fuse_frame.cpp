@@ -1,5 +1,8 @@
 #include <fmt/ranges.h>
 
+#include <atomic>
+#include <thread>
+
 #include "cli/fuse.h"
 #include "cli/interrupt.h"
 #include "io/exr_window.h"
@@ -113,17 +116,67 @@ struct FrameFuser::Made {
   }
 };
 
+// Kernels of a graph that is planned without the pixels, which may ask for another one: of constant layers,
+// or of blocks that need no network. Most kernels are those of the other graph too.
+struct FrameFuser::Preparation {
+  std::vector<std::shared_ptr<const Kernel>> kernels = {};
+  std::atomic<bool> is_first = false;  // on a device without kernels on disk
+  std::jthread thread = {};
+
+  // Throws Error.
+  void compile(const Device& device, const Model& model, const TileSize& frame, const FuserOptions& options,
+               const Console& console) {
+    const FusePlan plan = plan_fusion(model, frame.height, frame.width, device.info(), options);
+    const PipelineCache cache(device, PipelineCache::default_folder());
+    is_first = !cache.loaded() && !cache.file().empty();
+    if (is_first)
+      console.note(fmt::format("compiling kernels for {}, which is done once", device.info().name));
+    ProgressBar bar(console);
+    const auto progress = [&](size_t done, size_t count) {
+      if (is_first) bar.update(double(done) / double(count));
+    };
+    kernels = device.kernels().get(device, cache.handle(), kernel_recipes(plan.graph), progress);
+    cache.save();
+  }
+};
+
 FrameFuser::FrameFuser(const Device& device) : device_(device) {}
 
 FrameFuser::~FrameFuser() = default;
 
-FrameFuser::Made& FrameFuser::made_for(const FuseFrame& frame) {
+void FrameFuser::prepare(const FuseFrame& frame) {
+  preparation_ = std::make_unique<Preparation>();
+  const FuseFiles& files = frame.files;
+  const TileSize size{uint32_t(height_of(files.canvas.lrhs)), uint32_t(width_of(files.canvas.lrhs))};
+  const float threshold = frame.arguments.asked_threshold().value_or(0);
+  preparation_->thread =
+      std::jthread([&preparation = *preparation_, &device = device_, model = files.model, size,
+                    options = fuser_options(frame.arguments, files, device_, threshold, files.absent_layers),
+                    console = frame.console] {
+        try {
+          preparation.compile(device, *model, size, options, console);
+        } catch (const std::exception&) {
+          // What is wrong is said when the frame is fused.
+        }
+      });
+}
+
+FrameFuser::Made& FrameFuser::made_for(FuseFrame& frame) {
   const float threshold = find_threshold(frame.arguments, frame.images.settled_share, device_.info());
   if (made_ && made_->suits(frame, threshold)) return *made_;
   made_.reset();  // its memory is the next one's
+  const PhaseTimer timer(frame, "prepare");
+  const auto preparation = std::exchange(preparation_, nullptr);
+  if (preparation) preparation->thread.join();
   const FuserOptions options =
       fuser_options(frame.arguments, frame.files, device_, threshold, frame.images.constants);
   made_ = std::make_unique<Made>(device_, frame, options);
+  ProgressBar bar(frame.console);
+  const auto progress = [&](double share) {
+    bar.update(share);
+    return !interrupted();
+  };
+  made_->fuser.prepare_fuse(preparation && preparation->is_first ? Progress(progress) : Progress());
   return *made_;
 }
 
@@ -138,6 +191,7 @@ void FrameFuser::fuse(FuseFrame& frame, const Progress& progress) try {
   Image fused;
   // Some drivers compile a kernel when it first runs, so times are taken of a second run.
   if (arguments.profile) fuser.fuse(images.lrhs, images.hrls, fused, progress, images.exposure);
+  const PhaseTimer timer(frame, "fuse");
   const Stopwatch watch;
   result.report = fuser.fuse(images.lrhs, images.hrls, fused, progress, images.exposure);
   result.time_ms = watch.ms();

@@ -80,6 +80,7 @@ Json frame_json(const FuseFrame& frame, const DeviceInfo& device, const QualityT
   json["device_ms"] = result.report.device_ms;
   json["fuse_ms"] = result.time_ms;
   json["total_ms"] = total_ms;
+  for (const Phase& phase : frame.phases) json["phases_ms"][phase.name] = phase.time_ms;
   json["peak_bytes"] = result.allocated_bytes;
   json["metrics"] = to_json(quality);
   json["warnings"] = to_json(frame.console.warnings());

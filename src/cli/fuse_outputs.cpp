@@ -120,6 +120,7 @@ std::vector<std::string> passed_channels(const FuseFiles& files, bool keep_layer
 }
 
 QualityTable stage_outputs(FuseFrame& frame) {
+  const PhaseTimer timer(frame, "write");
   std::optional<Comparison> comparison;
   if (frame.arguments.compares()) comparison = make_comparison(frame.files, frame.images);
   stage_previews(frame, comparison);

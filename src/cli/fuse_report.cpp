@@ -25,8 +25,11 @@ std::string row(const std::string& name, double time_ms, double flop, double byt
                      giga_per_second(bytes, time_ms));
 }
 
-std::string profile_text(const FuseReport& report) {
-  std::string text;
+std::string profile_text(const FuseFrame& frame) {
+  const FuseReport& report = frame.result.report;
+  std::string text = fmt::format("{:<30} {:>12}\n", "phase", "ms");
+  for (const Phase& phase : frame.phases)
+    text += fmt::format("{:<30} {:>12.3f}\n", phase.name, phase.time_ms);
   PassTime total;
   for (const auto& [what, times] : {std::pair("layer", &report.layers), {"kernel", &report.kernels}}) {
     text += fmt::format("{:<30} {:>12} {:>10} {:>10}\n", what, "ms", "GFLOP/s", "GB/s");
@@ -192,8 +195,8 @@ std::string written_text(const FuseArguments& arguments) {
 }
 
 std::string frame_text(const FuseFrame& frame, const QualityTable& quality) {
-  const FuseReport& report = frame.result.report;
-  return (report.layers.empty() ? "" : profile_text(report)) + (quality.empty() ? "" : table(quality));
+  return (frame.result.report.layers.empty() ? "" : profile_text(frame)) +
+         (quality.empty() ? "" : table(quality));
 }
 
 }  // namespace raymeld::cli

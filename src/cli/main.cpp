@@ -1,6 +1,9 @@
+#include <OpenEXR/ImfThreading.h>
+
 #include <algorithm>
 #include <cstdio>
 #include <string_view>
+#include <thread>
 
 #include "cli/commands.h"
 #include "cli/console.h"
@@ -65,6 +68,7 @@ int parse_and_run(CLI::App& app, int argc, char** argv) try {
 
 int main(int argc, char** argv) try {
   catch_signals();
+  Imf::setGlobalThreadCount(int(std::thread::hardware_concurrency()));
   wants_json = std::find(argv, argv + argc, std::string_view("--json")) != argv + argc;
   CLI::App app("raymeld: fuses a small many-sample render (LRHS) with a full-size few-sample one (HRLS)",
                "raymeld");

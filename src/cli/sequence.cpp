@@ -44,6 +44,7 @@ class Pipeline {
         device_(device),
         models_(models),
         outcomes_(outcomes),
+        fuser_(device),
         console_(patterns.notes()) {}
 
   void run() {
@@ -70,6 +71,8 @@ class Pipeline {
   const Device& device_;
   LastModel& models_;
   std::vector<Outcome>& outcomes_;
+  FrameFuser fuser_;
+  bool prepared_ = false;  // of read()'s thread, as is what it prepares until the first frame is handed over
   Console console_;
   Handover<Job> read_, fused_;
   std::vector<std::string> channels_;  // said last by read()'s thread
@@ -105,6 +108,7 @@ void Pipeline::read() {
                              Console(patterns_.notes(), fmt::format("frame {}: ", outcome.frame)), models_);
       if (patterns_.verbose)
         note_new(job.frame->console, {channels_text(patterns_, job.frame->files)}, channels_);
+      if (!std::exchange(prepared_, true)) fuser_.prepare(*job.frame);
       load_frame(*job.frame);
     });
     if (is_read && !read_.put(std::move(job))) return;
@@ -112,7 +116,6 @@ void Pipeline::read() {
 }
 
 void Pipeline::fuse() {
-  FrameFuser fuser(device_);
   ProgressBar bar(console_);
   while (!device_lost_ && !interrupted()) {
     std::optional<Job> job = read_.take();
@@ -123,7 +126,7 @@ void Pipeline::fuse() {
     };
     const auto fuse_frame = [&] {
       note_new(job->frame->console, opening_lines(patterns_, *job->frame, device_.info()), opening_);
-      fuser.fuse(*job->frame, progress);
+      fuser_.fuse(*job->frame, progress);
       job->frame->drop_inputs();
     };
     if (attempt(*job, fuse_frame)) fused_.put(std::move(*job));

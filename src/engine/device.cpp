@@ -4,6 +4,7 @@
 
 #include "engine/constants.h"
 #include "engine/instance.h"
+#include "engine/kernel_pool.h"
 #include "error.h"
 
 namespace raymeld {
@@ -88,7 +89,7 @@ std::unique_ptr<Device> Device::wrap(const ExternalDevice& external) {
   return device;
 }
 
-Device::Device() : constants_(std::make_unique<ConstantPool>()) {}
+Device::Device() : constants_(std::make_unique<ConstantPool>()), kernels_(std::make_unique<KernelPool>()) {}
 
 Device::~Device() {
   if (device_ && fence_) vk_.DestroyFence(device_, fence_, allocator_);

@@ -17,6 +17,7 @@
 namespace raymeld {
 
 class ConstantPool;
+class KernelPool;
 
 // What `raymeld devices` shows: facts of a physical device that decide how, and whether, raymeld runs on it.
 struct DeviceInfo {
@@ -86,6 +87,7 @@ class Device {
   const VkPhysicalDeviceMemoryProperties& memory() const { return memory_; }
 
   ConstantPool& constants() const { return *constants_; }
+  KernelPool& kernels() const { return *kernels_; }
 
   // Or the caller's.
   bool is_own() const { return owns_; }
@@ -129,6 +131,7 @@ class Device {
   VkFence fence_ = VK_NULL_HANDLE;  // of submit_and_wait()
   mutable std::mutex fence_mutex_;
   std::unique_ptr<ConstantPool> constants_;
+  std::unique_ptr<KernelPool> kernels_;
   DeviceInfo info_;
   VkPhysicalDeviceProperties properties_{};
   VkPhysicalDeviceMemoryProperties memory_{};

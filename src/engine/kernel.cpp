@@ -1,43 +1,37 @@
 #include "engine/kernel.h"
 
-#include <utility>
 #include <vector>
 
 #include "error.h"
 
 namespace raymeld {
 
-Kernel::Kernel(const Device& device, VkPipelineCache cache, std::span<const uint32_t> spirv,
-               const std::string& name, std::span<const uint32_t> constants, std::array<uint32_t, 2> blocks,
-               std::span<const VkDescriptorType> descriptors, uint32_t push_bytes,
-               VkPipelineShaderStageCreateFlags stage_flags)
-    : Kernel() {
-  device_ = &device;
-  create_layout(name, descriptors, push_bytes);
-
+Kernel::Kernel(const Device& device, VkPipelineCache cache, const KernelRecipe& recipe) : Kernel(device) {
+  create_layout(recipe);
+  const std::string name = recipe.name;
   const VulkanFunctions& vk = device.vk();
   auto code = vk_struct<VkShaderModuleCreateInfo>(VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO);
-  code.codeSize = spirv.size_bytes();
-  code.pCode = spirv.data();
+  code.codeSize = recipe.spirv.size_bytes();
+  code.pCode = recipe.spirv.data();
   VkShaderModule module = VK_NULL_HANDLE;
   check(vk.CreateShaderModule(device.handle(), &code, device.allocator(), &module), "loading shader " + name);
 
   std::vector<VkSpecializationMapEntry> entries;
-  for (uint32_t id = 0; id < constants.size(); ++id) entries.push_back({id, id * 4, 4});
-  std::vector<uint32_t> values(constants.begin(), constants.end());
+  std::vector<uint32_t> values = recipe.constants;
+  for (uint32_t id = 0; id < values.size(); ++id) entries.push_back({id, id * 4, 4});
   const auto specialize = [&](uint32_t id, uint32_t value) {
     entries.push_back({id, static_cast<uint32_t>(values.size()) * 4, 4});
     values.push_back(value);
   };
   specialize(kIdLanesId, device.info().id_lanes);
-  for (uint32_t i = 0; i < blocks.size(); ++i) specialize(kBlocksId + i, blocks[i]);
+  for (uint32_t i = 0; i < recipe.blocks.size(); ++i) specialize(kBlocksId + i, recipe.blocks[i]);
   const VkSpecializationInfo specialization{static_cast<uint32_t>(entries.size()), entries.data(),
                                             values.size() * sizeof(uint32_t), values.data()};
   auto info = vk_struct<VkComputePipelineCreateInfo>(VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO);
   info.flags = VK_PIPELINE_CREATE_DISPATCH_BASE_BIT;
   info.stage = {VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
                 nullptr,
-                stage_flags,
+                recipe.stage_flags,
                 VK_SHADER_STAGE_COMPUTE_BIT,
                 module,
                 "main",
@@ -51,41 +45,31 @@ Kernel::Kernel(const Device& device, VkPipelineCache cache, std::span<const uint
 }
 
 Kernel::~Kernel() {
-  if (!device_) return;
-  const VulkanFunctions& vk = device_->vk();
-  vk.DestroyPipeline(device_->handle(), pipeline_, device_->allocator());
-  vk.DestroyPipelineLayout(device_->handle(), layout_, device_->allocator());
-  vk.DestroyDescriptorSetLayout(device_->handle(), set_layout_, device_->allocator());
+  const VulkanFunctions& vk = device_.vk();
+  vk.DestroyPipeline(device_.handle(), pipeline_, device_.allocator());
+  vk.DestroyPipelineLayout(device_.handle(), layout_, device_.allocator());
+  vk.DestroyDescriptorSetLayout(device_.handle(), set_layout_, device_.allocator());
 }
 
-Kernel& Kernel::operator=(Kernel&& other) noexcept {
-  std::swap(device_, other.device_);
-  std::swap(set_layout_, other.set_layout_);
-  std::swap(layout_, other.layout_);
-  std::swap(pipeline_, other.pipeline_);
-  return *this;
-}
-
-void Kernel::create_layout(const std::string& name, std::span<const VkDescriptorType> descriptors,
-                           uint32_t push_bytes) {
-  const VulkanFunctions& vk = device_->vk();
+void Kernel::create_layout(const KernelRecipe& recipe) {
+  const VulkanFunctions& vk = device_.vk();
   std::vector<VkDescriptorSetLayoutBinding> bindings;
-  for (uint32_t i = 0; i < descriptors.size(); ++i)
-    bindings.push_back({i, descriptors[i], 1, VK_SHADER_STAGE_COMPUTE_BIT, nullptr});
+  for (uint32_t i = 0; i < recipe.descriptors.size(); ++i)
+    bindings.push_back({i, recipe.descriptors[i], 1, VK_SHADER_STAGE_COMPUTE_BIT, nullptr});
   auto set = vk_struct<VkDescriptorSetLayoutCreateInfo>(VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO);
   set.bindingCount = static_cast<uint32_t>(bindings.size());
   set.pBindings = bindings.data();
-  check(vk.CreateDescriptorSetLayout(device_->handle(), &set, device_->allocator(), &set_layout_),
-        "describing " + name);
+  check(vk.CreateDescriptorSetLayout(device_.handle(), &set, device_.allocator(), &set_layout_),
+        std::string("describing ") + recipe.name);
 
-  const VkPushConstantRange push{VK_SHADER_STAGE_COMPUTE_BIT, 0, push_bytes};
+  const VkPushConstantRange push{VK_SHADER_STAGE_COMPUTE_BIT, 0, recipe.push_bytes};
   auto layout = vk_struct<VkPipelineLayoutCreateInfo>(VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO);
   layout.setLayoutCount = 1;
   layout.pSetLayouts = &set_layout_;
-  layout.pushConstantRangeCount = push_bytes > 0;
+  layout.pushConstantRangeCount = recipe.push_bytes > 0;
   layout.pPushConstantRanges = &push;
-  check(vk.CreatePipelineLayout(device_->handle(), &layout, device_->allocator(), &layout_),
-        "describing " + name);
+  check(vk.CreatePipelineLayout(device_.handle(), &layout, device_.allocator(), &layout_),
+        std::string("describing ") + recipe.name);
 }
 
 }  // namespace raymeld

@@ -5,6 +5,8 @@
 #include <cstdint>
 #include <span>
 #include <string>
+#include <tuple>
+#include <vector>
 
 #include "engine/device.h"
 
@@ -17,31 +19,46 @@ struct Shader {
   std::span<const uint32_t> f16;
 };
 
-// A compute pipeline: a shader with its specialization constants (ids 0, 1, 2, ...; kIdLanesId the
-// device's id_lanes; kBlocksId and the next what passes of a sparse graph know of its blocks). `descriptors`
-// are by binding; push constants fill push_bytes. Move-only.
+// What a compute pipeline is made of: a shader with its specialization constants (ids 0, 1, 2, ...; kBlocksId
+// and the next what passes of a sparse graph know of its blocks). `descriptors` are by binding; push
+// constants fill push_bytes.
+struct KernelRecipe {
+  const char* name;
+  std::span<const uint32_t> spirv;
+  std::vector<uint32_t> constants;
+  std::array<uint32_t, 2> blocks{};
+  std::vector<VkDescriptorType> descriptors;
+  uint32_t push_bytes = 0;
+  VkPipelineShaderStageCreateFlags stage_flags = 0;
+
+  bool operator<(const KernelRecipe& other) const {
+    const uint32_t *own = spirv.data(), *others = other.spirv.data();
+    return std::tie(own, constants, blocks, descriptors, push_bytes, stage_flags) <
+           std::tie(others, other.constants, other.blocks, other.descriptors, other.push_bytes,
+                    other.stage_flags);
+  }
+};
+
+// A compute pipeline; the constant kIdLanesId is the device's id_lanes.
 class Kernel {
  public:
   static constexpr uint32_t kIdLanesId = 29;  // invocation.glsl
   static constexpr uint32_t kBlocksId = 30;   // place.glsl, left_out.glsl
-  Kernel(const Device& device, VkPipelineCache cache, std::span<const uint32_t> spirv,
-         const std::string& name, std::span<const uint32_t> constants, std::array<uint32_t, 2> blocks,
-         std::span<const VkDescriptorType> descriptors, uint32_t push_bytes,
-         VkPipelineShaderStageCreateFlags stage_flags = 0);
+  // Throws Error.
+  Kernel(const Device& device, VkPipelineCache cache, const KernelRecipe& recipe);
   ~Kernel();
-  Kernel(Kernel&& other) noexcept { *this = std::move(other); }
-  Kernel& operator=(Kernel&& other) noexcept;
+  Kernel(const Kernel&) = delete;
+  Kernel& operator=(const Kernel&) = delete;
 
   VkPipeline pipeline() const { return pipeline_; }
   VkPipelineLayout layout() const { return layout_; }
   VkDescriptorSetLayout set_layout() const { return set_layout_; }
 
  private:
-  Kernel() = default;
-  void create_layout(const std::string& name, std::span<const VkDescriptorType> descriptors,
-                     uint32_t push_bytes);
+  explicit Kernel(const Device& device) : device_(device) {}
+  void create_layout(const KernelRecipe& recipe);
 
-  const Device* device_ = nullptr;
+  const Device& device_;
   VkDescriptorSetLayout set_layout_ = VK_NULL_HANDLE;
   VkPipelineLayout layout_ = VK_NULL_HANDLE;
   VkPipeline pipeline_ = VK_NULL_HANDLE;

@@ -88,6 +88,26 @@ void check_storage(const DeviceInfo& device, Storage storage) {
     throw Error("device {} has no 16-bit storage (storageBuffer16BitAccess); use fp32", device.name);
 }
 
+std::vector<KernelRecipe> kernel_recipes(const Graph& graph) {
+  std::vector<KernelRecipe> recipes;
+  for (const Pass& pass : graph.passes()) {
+    KernelRecipe recipe{.name = pass.shader->name,
+                        .spirv = graph.storage() == Storage::kFloat16 ? pass.shader->f16 : pass.shader->f32,
+                        .constants = pass.constants,
+                        .descriptors = descriptor_types(pass),
+                        .push_bytes = pass.push_bytes};
+    if (pass.items) {
+      recipe.blocks = {pass.items->columns, pass.items->rows};
+    } else if (pass.footprint) {
+      recipe.blocks = {SparseGrid::kSide * pass.footprint->scale, pass.radius};
+    }
+    // Subgroups must be whole to compute a matrix.
+    if (pass.matrix) recipe.stage_flags = VK_PIPELINE_SHADER_STAGE_CREATE_REQUIRE_FULL_SUBGROUPS_BIT_EXT;
+    recipes.push_back(std::move(recipe));
+  }
+  return recipes;
+}
+
 Program::Program(const Device& device, const Graph& graph, PipelineCache& cache, uint32_t sets,
                  const std::optional<WorkLimits>& limits, const std::optional<MemoryRange>& activations)
     : device_(device),
@@ -268,31 +288,10 @@ void Program::upload_constants() {
   common_->constants = device_.constants().get(device_, std::move(content));
 }
 
-// Passes with the same shader, constants and bindings share a pipeline.
 void Program::create_kernels(PipelineCache& cache) {
-  for (const Pass& pass : graph_.passes()) {
-    const std::vector<VkDescriptorType> descriptors = descriptor_types(pass);
-    std::array<uint32_t, 2> blocks{};
-    if (pass.items) {
-      blocks = {pass.items->columns, pass.items->rows};
-    } else if (pass.footprint) {
-      blocks = {SparseGrid::kSide * pass.footprint->scale, pass.radius};
-    }
-    std::pair key{pass.shader,
-                  std::vector{uint32_t(descriptors.size()), pass.push_bytes, blocks[0], blocks[1]}};
-    key.second.insert(key.second.end(), pass.constants.begin(), pass.constants.end());
-    auto found = common_->kernels.find(key);
-    if (found == common_->kernels.end()) {
-      const auto spirv = graph_.storage() == Storage::kFloat16 ? pass.shader->f16 : pass.shader->f32;
-      // Subgroups must be whole to compute a matrix.
-      const VkPipelineShaderStageCreateFlags flags =
-          pass.matrix ? VK_PIPELINE_SHADER_STAGE_CREATE_REQUIRE_FULL_SUBGROUPS_BIT_EXT : 0;
-      found = common_->kernels
-                  .emplace(key, Kernel(device_, cache.handle(), spirv, pass.shader->name, pass.constants,
-                                       blocks, descriptors, pass.push_bytes, flags))
-                  .first;
-    }
-    pass_kernels_.push_back(&found->second);
+  for (auto& kernel : device_.kernels().get(device_, cache.handle(), kernel_recipes(graph_))) {
+    pass_kernels_.push_back(kernel.get());
+    common_->kernels.insert(std::move(kernel));
   }
 }
 
@@ -473,26 +472,9 @@ void Program::record(VkCommandBuffer commands, uint32_t set, size_t first, size_
     const Pass& pass = graph_.passes()[i];
     const bool scheduled = i > 0 && (pass.schedules || graph_.passes()[i - 1].schedules);
     if (i > first && (queries || scheduled || graph_.barrier_before(i))) full_barrier(vk, commands, sparse);
-    const Kernel& kernel = *pass_kernels_[i];
-    vk.CmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_COMPUTE, kernel.pipeline());
-    vk.CmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_COMPUTE, kernel.layout(), 0, 1,
-                             &sets_.at(set)[i], 0, nullptr);
-    auto push = pass.push;
-    size_t next = 0;
-    for (const Binding& binding : pass.bindings) {
-      if (!binding.by_address) continue;
-      const VkDeviceAddress address = address_of(binding, set);
-      std::memcpy(push.data() + next, &address, sizeof(address));
-      next += sizeof(address);
-    }
-    // The frame's view is the first member of the parameters of every pass that touches a frame image.
-    if (pass.frame()) std::memcpy(push.data() + next, views_[set][i].data(), sizeof(views_[set][i]));
-    if (pass.push_bytes > 0) {
-      vk.CmdPushConstants(commands, kernel.layout(), VK_SHADER_STAGE_COMPUTE_BIT, 0, pass.push_bytes,
-                          push.data());
-    }
+    bind_pass(commands, set, i);
     if (pass.items) {
-      dispatch_sparse(commands, i, kernel.layout());
+      dispatch_sparse(commands, i, pass_kernels_[i]->layout());
     } else {
       dispatch(commands, pass);
     }
@@ -501,6 +483,35 @@ void Program::record(VkCommandBuffer commands, uint32_t set, size_t first, size_
                            static_cast<uint32_t>(i) + 1);
     }
   }
+}
+
+// Binds the pipeline and the descriptors of pass `index` and pushes its constants.
+void Program::bind_pass(VkCommandBuffer commands, uint32_t set, size_t index) const {
+  const VulkanFunctions& vk = device_.vk();
+  const Pass& pass = graph_.passes()[index];
+  const Kernel& kernel = *pass_kernels_[index];
+  vk.CmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_COMPUTE, kernel.pipeline());
+  vk.CmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_COMPUTE, kernel.layout(), 0, 1,
+                           &sets_.at(set)[index], 0, nullptr);
+  auto push = pass.push;
+  size_t next = 0;
+  for (const Binding& binding : pass.bindings) {
+    if (!binding.by_address) continue;
+    const VkDeviceAddress address = address_of(binding, set);
+    std::memcpy(push.data() + next, &address, sizeof(address));
+    next += sizeof(address);
+  }
+  // The frame's view is the first member of the parameters of every pass that touches a frame image.
+  if (pass.frame()) std::memcpy(push.data() + next, views_[set][index].data(), sizeof(views_[set][index]));
+  if (pass.push_bytes > 0) {
+    vk.CmdPushConstants(commands, kernel.layout(), VK_SHADER_STAGE_COMPUTE_BIT, 0, pass.push_bytes,
+                        push.data());
+  }
+}
+
+void Program::record_empty(VkCommandBuffer commands, uint32_t set, size_t index) const {
+  bind_pass(commands, set, index);
+  device_.vk().CmdDispatch(commands, 0, 0, 0);
 }
 
 // By the numbers of workgroups that schedule.comp wrote.

@@ -4,10 +4,12 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 
 #include "engine/buffer.h"
 #include "engine/constants.h"
 #include "engine/graph.h"
+#include "engine/kernel_pool.h"
 #include "engine/pipeline_cache.h"
 
 namespace raymeld {
@@ -34,6 +36,9 @@ WorkLimits limits_for(const DeviceInfo& device);
 
 // Throws Error where the device has no 16-bit storage and is asked for it.
 void check_storage(const DeviceInfo& device, Storage storage);
+
+// What the kernels of a graph's passes are made of, pass by pass.
+std::vector<KernelRecipe> kernel_recipes(const Graph& graph);
 
 class Program {
  public:
@@ -68,6 +73,9 @@ class Program {
   // and timestamp i + 1; timestamp 0 comes before pass 0.
   void record(VkCommandBuffer commands, uint32_t set, size_t first, size_t last,
               VkQueryPool queries = VK_NULL_HANDLE) const;
+
+  // Records pass `index` without any workgroup: drivers that compile a kernel when it first runs do so then.
+  void record_empty(VkCommandBuffer commands, uint32_t set, size_t index) const;
 
   const Graph& graph() const { return graph_; }
   const WorkLimits& limits() const { return limits_; }
@@ -121,6 +129,7 @@ class Program {
   VkDescriptorBufferInfo buffer_info(const Binding& binding, uint32_t set, const FrameBindings* frame) const;
   // Of the image that a pass touches, as its push constants begin.
   std::array<uint32_t, 5> view_of(const Binding& binding, const FrameBindings& frame) const;
+  void bind_pass(VkCommandBuffer commands, uint32_t set, size_t index) const;
   void dispatch(VkCommandBuffer commands, const Pass& pass) const;
   void prepare_sparse();
   void dispatch_sparse(VkCommandBuffer commands, size_t index, VkPipelineLayout layout) const;
@@ -130,7 +139,7 @@ class Program {
   struct Common {
     std::shared_ptr<const Constants> constants;
     Buffer activations, exposures;
-    std::map<std::pair<const Shader*, std::vector<uint32_t>>, Kernel> kernels;
+    std::set<std::shared_ptr<const Kernel>> kernels;
   };
 
   const Device& device_;
