@@ -73,6 +73,11 @@ TEST_F(CliErrors, Usage) {
   expect_error(fuse({"--map", "shine=R"}), {"shine", "albedo"});
 }
 
+TEST_F(CliErrors, ASwappedPairIsCalledSo) {
+  expect_error({"fuse", "--lrhs", "high.exr", "--hrls", "low.exr", "-o", "out.exr"},
+               {"LRHS 'high.exr' is 32 x 24", "HRLS 'low.exr' is 8 x 6", "exchanged"});
+}
+
 TEST_F(CliErrors, SizesThatDoNotFit) {
   write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 9, 6, 1));
   expect_error(fuse(), {"low.exr", "9 x 6", "high.exr", "32 x 24", "36 x 24 for x4"});

@@ -59,6 +59,11 @@ Canvas find_canvas(const ExrFile& lrhs, const Windows& lrhs_windows, const ExrFi
   for (int scale : scales) {
     if (const auto canvas = fit(lrhs_windows, hrls_windows, scale)) return *canvas;
   }
+  const auto fits_exchanged = [&](int scale) { return fit(hrls_windows, lrhs_windows, scale).has_value(); };
+  if (std::ranges::any_of(scales, fits_exchanged)) {
+    throw Error("LRHS '{}' is {} and HRLS '{}' is {}: they seem to be exchanged, as LRHS is the small render",
+                lrhs.path().string(), size_text(lrhs_windows), hrls.path().string(), size_text(hrls_windows));
+  }
   throw Error("the sizes do not fit: LRHS '{}' is {} and HRLS '{}' is {}; HRLS would have to be {}",
               lrhs.path().string(), size_text(lrhs_windows), hrls.path().string(), size_text(hrls_windows),
               needed_sizes(lrhs_windows, scales));
