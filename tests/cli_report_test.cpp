@@ -18,7 +18,8 @@ class CliReport : public Cli {
     std::istringstream stream(result.err);
     std::vector<std::string> lines;
     for (std::string line; std::getline(stream, line);) {
-      if (!line.ends_with(" %")) lines.push_back(line);  // shows progress every few seconds
+      const bool is_progress = line.ends_with(" %");  // every few seconds
+      if (!is_progress && !line.starts_with("compiling kernels")) lines.push_back(line);
     }
     return lines;
   }

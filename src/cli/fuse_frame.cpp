@@ -121,6 +121,7 @@ struct FrameFuser::Made {
 struct FrameFuser::Preparation {
   std::vector<std::shared_ptr<const Kernel>> kernels = {};
   std::atomic<bool> is_first = false;  // on a device without kernels on disk
+  std::exception_ptr failure = {};
   std::jthread thread = {};
 
   // Throws Error.
@@ -155,8 +156,8 @@ void FrameFuser::prepare(const FuseFrame& frame) {
                     console = frame.console] {
         try {
           preparation.compile(device, *model, size, options, console);
-        } catch (const std::exception&) {
-          // What is wrong is said when the frame is fused.
+        } catch (...) {
+          preparation.failure = std::current_exception();
         }
       });
 }
@@ -168,6 +169,7 @@ FrameFuser::Made& FrameFuser::made_for(FuseFrame& frame) {
   const PhaseTimer timer(frame, "prepare");
   const auto preparation = std::exchange(preparation_, nullptr);
   if (preparation) preparation->thread.join();
+  if (preparation && preparation->failure) std::rethrow_exception(preparation->failure);
   const FuserOptions options =
       fuser_options(frame.arguments, frame.files, device_, threshold, frame.images.constants);
   made_ = std::make_unique<Made>(device_, frame, options);
