@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <numeric>
 #include <tuple>
 #include <vector>
 
@@ -94,10 +95,32 @@ struct Moments {
       xx += dx * dx, xy += dx * dy, yy += dy * dy;
     }
   }
-  // What a straight line in x leaves of y.
-  double residual() const { return yy - xy * xy / (xx + kRidge * double(kArea)); }
   double correlation() const { return xy / std::sqrt(xx * yy); }
 };
+
+// What the best linear combination of `images` and a constant leaves of `y`: the sum of its squares.
+double residual(std::span<Values> images, Values y) {
+  const auto centre = [](Values& values) {
+    const float mean = std::accumulate(values.begin(), values.end(), 0.0f) / float(kArea);
+    for (float& value : values) value -= mean;
+  };
+  const auto product = [](const Values& a, const Values& b) {
+    return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
+  };
+  centre(y);
+  for (Values& image : images) centre(image);
+  // One after another is made independent of those before, and what it explains is taken from y.
+  for (size_t i = 0; i < images.size(); ++i) {
+    const double square = product(images[i], images[i]) + kRidge * double(kArea);
+    const auto take_from = [&](Values& values) {
+      const auto factor = float(product(images[i], values) / square);
+      for (size_t k = 0; k < kArea; ++k) values[k] -= factor * images[i][k];
+    };
+    for (size_t j = i + 1; j < images.size(); ++j) take_from(images[j]);
+    take_from(y);
+  }
+  return product(y, y);
+}
 
 double median(std::vector<double>& values) {
   const auto middle = values.begin() + std::ptrdiff_t(values.size() / 2);
@@ -108,9 +131,10 @@ double median(std::vector<double>& values) {
 // One pair, block by block.
 class Examination {
  public:
-  Examination(const Luminance& lrhs, const Luminance& hrls, int scale)
+  Examination(const Luminance& lrhs, const Luminance& hrls, int scale, std::vector<const float*> guides = {})
       : lrhs_(lrhs),
         hrls_(hrls),
+        guides_(std::move(guides)),
         scale_(scale),
         reach_(std::max(3 * scale / 2, 3)),
         side_(kSide * scale + 2 * reach_),
@@ -124,15 +148,27 @@ class Examination {
     for (int p = 0; p < side_; ++p) samples_.push_back(sample_of(p - reach_));
   }
 
-  // The log-likelihood ratio of both phases: which of two blurred HRLS, linear in each block, is nearer to
-  // LRHS.
+  // The log-likelihood ratio of both phases: of which of two blurred HRLS, color and guides, a linear
+  // combination in each block is nearer to LRHS.
   double phase_evidence() {
     double evidence = 0;
+    std::vector<Values> images[2];
     for_blocks([&](int x, int y) {
+      for (auto& phase : images) phase.clear();
+      const auto add_both = [&] {
+        images[0].push_back(filtered(nearest_));
+        images[1].push_back(filtered(centered_));
+      };
       gather(x, y);
+      add_both();
+      for (auto& phase : images)
+        for (float& value : phase.front()) value = log_curve(value, hrls_.key);
+      for (const float* guide : guides_) {
+        gather(guide, x, y);
+        add_both();
+      }
       const Values lrhs = lrhs_block(x, y);
-      const double nearest = Moments(filtered(nearest_), lrhs).residual(),
-                   centered = Moments(filtered(centered_), lrhs).residual();
+      const double nearest = residual(images[0], lrhs), centered = residual(images[1], lrhs);
       const double floor = kFloor * double(kArea);
       evidence += double(kArea) / 2 * std::log((nearest + floor) / (centered + floor));
     });
@@ -198,6 +234,17 @@ class Examination {
     }
   }
 
+  // A guide around a block.
+  void gather(const float* guide, int x0, int y0) {
+    for (int y = 0; y < side_; ++y) {
+      const int row = std::clamp(y0 * scale_ - reach_ + y, 0, hrls_.height - 1);
+      for (int x = 0; x < side_; ++x) {
+        const int column = std::clamp(x0 * scale_ - reach_ + x, 0, hrls_.width - 1);
+        pixels_[size_t(y * side_ + x)] = guide[size_t(row) * size_t(hrls_.width) + size_t(column)];
+      }
+    }
+  }
+
   Values filtered(const std::vector<float>& taps) {
     Values values{};
     for (int y = 0; y < side_; ++y) {
@@ -213,7 +260,7 @@ class Examination {
         float sum = 0;
         for (size_t i = 0; i < taps.size(); ++i)
           sum += taps[i] * rows_[(size_t(y * scale_) + i) * kSide + size_t(x)];
-        values[size_t(y * kSide + x)] = log_curve(sum, hrls_.key);
+        values[size_t(y * kSide + x)] = sum;
       }
     }
     return values;
@@ -254,6 +301,7 @@ class Examination {
   }
 
   const Luminance &lrhs_, &hrls_;
+  std::vector<const float*> guides_;
   int scale_, reach_, side_;
   std::vector<float> limits_;
   std::vector<int> samples_;
@@ -299,14 +347,15 @@ float brightness_of(std::vector<double> ratios) {
 
 }  // namespace
 
-bool PairFindings::shows_phase() const { return std::abs(phase_evidence) > 1; }
-
-PairFindings examine_pair(const Image& lrhs_image, const Image& hrls_image, int scale) {
+PairFindings examine_pair(const Image& lrhs_image, const Image& hrls_image, int scale,
+                          std::span<const int> guides) {
   if (hrls_image.width != scale * lrhs_image.width || hrls_image.height != scale * lrhs_image.height)
     throw Error("LRHS is {} x {} and HRLS {} x {}, expected {} times that", lrhs_image.width,
                 lrhs_image.height, hrls_image.width, hrls_image.height, scale);
   const Luminance lrhs(lrhs_image), hrls(hrls_image);
-  Examination examination(lrhs, hrls, scale);
+  std::vector<const float*> planes;
+  for (const int guide : guides) planes.push_back(hrls_image.plane(guide));
+  Examination examination(lrhs, hrls, scale, std::move(planes));
   PairFindings found;
   found.phase_evidence = examination.phase_evidence();
   std::vector<double> correlations = examination.correlations();

@@ -2,6 +2,9 @@
 // from a bounded number of blocks of the frame, so that it takes milliseconds at any size.
 #pragma once
 
+#include <cmath>
+#include <span>
+
 #include "io/image.h"
 
 namespace raymeld {
@@ -16,12 +19,16 @@ enum class Relation {
   kForeign,   // LRHS does not resemble HRLS
 };
 
+// Blocks are not as independent as their likelihoods take them to be: below this either phase was seen with
+// evidence for the other one (training/evaluation/pair_check.py).
+inline constexpr double kLeastPhaseEvidence = 12;
+
 struct PairFindings {
   // The logarithm of the likelihood ratio of centered and nearest LRHS samples; 0 where nothing shows it.
   double phase_evidence = 0;
+  bool shows_phase() const { return std::abs(phase_evidence) > kLeastPhaseEvidence; }
   // An LRHS without evidence is centered: an ordinary small render is what people have.
-  bool is_nearest() const { return phase_evidence < 0; }
-  bool shows_phase() const;
+  bool is_nearest() const { return shows_phase() && phase_evidence < 0; }
 
   Relation relation = Relation::kUnknown;
   double correlation = 0;  // the median over blocks in which HRLS has structure, from -1 to 1
@@ -35,7 +42,8 @@ struct PairFindings {
 };
 
 // Examines `lrhs`, (3 or more, h, w), and `hrls`, (3 or more, scale h, scale w), which begin with finite
-// scene-linear colors. Throws Error when the sizes do not fit.
-PairFindings examine_pair(const Image& lrhs, const Image& hrls, int scale);
+// scene-linear colors. `guides`: planes of HRLS that have little noise, as albedo and normal; where samples
+// are few, these show the phase better than colors. Throws Error when the sizes do not fit.
+PairFindings examine_pair(const Image& lrhs, const Image& hrls, int scale, std::span<const int> guides = {});
 
 }  // namespace raymeld

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <random>
 
@@ -37,6 +38,27 @@ TEST_P(PairTest, BrightnessOfEitherChangesNoOtherFinding) {
     EXPECT_NEAR(found.brightness * factor, 1, 0.1);
     EXPECT_EQ(found.relation, Relation::kSame);
     EXPECT_NEAR(found.phase_evidence, plain.phase_evidence, 0.01 * std::abs(plain.phase_evidence));
+  }
+}
+
+// At a sample a pixel colors are mostly noise, and only a clean guide shows which of both it is.
+TEST_P(PairTest, AGuideShowsThePhaseOfNoisyColors) {
+  for (const bool centered : {false, true}) {
+    const Pair pair = make_pair(GetParam(), centered);
+    Image guided(pair.hrls.width, pair.hrls.height, 4);
+    std::mt19937 random(5);
+    std::exponential_distribution<float> noise(1);
+    for (int y = 0; y < guided.height; ++y) {
+      for (int x = 0; x < guided.width; ++x) {
+        const float light = scene(float(x), float(y));
+        for (int c = 0; c < 3; ++c) guided.at(c, y, x) = light * 10 * std::pow(noise(random), 4.0f);
+        guided.at(3, y, x) = light;
+      }
+    }
+    const PairFindings without = examine_pair(pair.lrhs, guided, GetParam());
+    const PairFindings with = examine_pair(pair.lrhs, guided, GetParam(), std::array{3});
+    EXPECT_EQ(with.is_nearest(), !centered);
+    EXPECT_GT(std::abs(with.phase_evidence), std::abs(without.phase_evidence));
   }
 }
 

@@ -148,16 +148,20 @@ std::vector<std::string> passed_channels(const FuseFiles& files, bool keep_layer
 // The frame's (3, h, w), all finite.
 Image load_lrhs(FuseFiles& files, Console& console);
 
+// Whether a layer has little noise however few the samples are.
+inline bool is_guide(const std::string& layer) { return layer == "albedo" || layer == "normal"; }
+
 // Finds from the whole frame's pixels what nobody says of them: where LRHS samples lie and how bright LRHS
 // is, which it makes as bright as HRLS. Warns of a pair that hardly belongs together. Throws Error where it
 // cannot.
+// `layers`: what `hrls` holds, color first.
 void examine(const FuseArguments& arguments, FuseFiles& files, Image& lrhs, const Image& hrls,
-             Console& console);
+             std::span<const std::string> layers, Console& console);
 
 struct ColorPair {
   Image lrhs, hrls;
 };
-// Reads the whole frame's colors, (3, h, w) and (3, s h, s w), all finite, and examines them.
+// Reads the whole frame's colors, (3, h, w) and (3 or more, s h, s w), all finite, and examines them.
 ColorPair load_colors(const FuseArguments& arguments, FuseFiles& files, Console& console);
 
 // What radiance is multiplied by for the network, with the frame's LRHS.

@@ -220,10 +220,12 @@ Image load_lrhs(FuseFiles& files, Console& console) {
 }
 
 ColorPair load_colors(const FuseArguments& arguments, FuseFiles& files, Console& console) {
-  Image lrhs = load_lrhs(files, console), hrls = load_layers(files.hrls, files.hrls_map, kColor);
+  std::vector<std::string> layers = image_layers(files.model->architecture(), files.absent_layers);
+  std::erase_if(layers, [](const std::string& layer) { return layer != "color" && !is_guide(layer); });
+  Image lrhs = load_lrhs(files, console), hrls = load_layers(files.hrls, files.hrls_map, layers);
   sanitize_input(hrls, "HRLS", files.hrls.path(), console);
   hrls = seen_through(std::move(hrls), files.hrls_windows.data, files.frame.hrls);
-  examine(arguments, files, lrhs, hrls, console);
+  examine(arguments, files, lrhs, hrls, layers, console);
   return {std::move(lrhs), std::move(hrls)};
 }
 
@@ -253,7 +255,8 @@ void load_frame(FuseFrame& frame) {
   sanitize_input(images.hrls, "HRLS", files.hrls.path(), frame.console);
   take_constant_layers(model, images.hrls, images.constants);
   images.hrls = seen_through(std::move(images.hrls), files.hrls_windows.data, files.frame.hrls);
-  examine(frame.arguments, files, images.lrhs, images.hrls, frame.console);
+  examine(frame.arguments, files, images.lrhs, images.hrls, image_layers(model, images.constants),
+          frame.console);
   images.exposure = exposure_for(frame.arguments, *files.model, images.lrhs);
   images.settled_share = find_settled_share(frame.arguments, files, images);
   images.lrhs = seen_through(std::move(images.lrhs), files.frame.lrhs, files.canvas.lrhs);

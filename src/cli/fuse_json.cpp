@@ -60,6 +60,7 @@ Json facts(const FuseFiles& files, const DeviceInfo& device, Storage storage, co
           {"height", height_of(files.window)},
           {"lrhs_sampling", sampling_name(files)},
           {"lrhs_sampling_from", sampling_source(files)},
+          {"phase_evidence", files.pair.phase_evidence},
           {"pair_correlation", files.pair.correlation},
           {"lrhs_brightness", files.pair.brightness},
           {"absent_layers", names_of(files.absent_layers)},

@@ -31,11 +31,15 @@ std::string refusal(const FuseFiles& files) {
 }  // namespace
 
 void examine(const FuseArguments& arguments, FuseFiles& files, Image& lrhs, const Image& hrls,
-             Console& console) {
+             std::span<const std::string> layers, Console& console) {
   const bool has_phase =
       files.phase_source == PhaseSource::kOption || files.phase_source == PhaseSource::kFile;
   if (has_phase && arguments.pair_check == PairCheck::kOff) return;
-  files.pair = examine_pair(lrhs, hrls, files.canvas.scale);
+  std::vector<int> guides;
+  for (size_t i = 0; i < layers.size(); ++i) {
+    if (is_guide(layers[i])) guides.insert(guides.end(), {int(3 * i), int(3 * i + 1), int(3 * i + 2)});
+  }
+  files.pair = examine_pair(lrhs, hrls, files.canvas.scale, guides);
   const PairFindings& found = files.pair;
   if (!has_phase) {
     files.phase = lrhs_phase(!found.is_nearest(), uint32_t(files.canvas.scale));

@@ -74,8 +74,10 @@ def count(found, truth, counts):
             raise RuntimeError(found["error"])
         counts["refused"] += 1
         return
-    counts["phase right"] += truth == found["lrhs_sampling"]
-    counts["phase not shown"] += found["lrhs_sampling_from"] == "default"
+    right, shown = truth == found["lrhs_sampling"], found["lrhs_sampling_from"] == "pair"
+    counts["phase right"] += right
+    counts["phase not shown"] += not shown
+    counts["phase wrong though shown"] += shown and not right
     counts["another brightness"] += found["lrhs_brightness"] != 1
     counts["doubtful"] += 0 < found["pair_correlation"] < 0.38
 
