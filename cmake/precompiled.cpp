@@ -1,0 +1,1 @@
+// The target that compiles the shared headers wants a source.
