@@ -15,7 +15,6 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr int kFormatVersion = 3;
-constexpr double kMostPixels = 1 << 21;
 constexpr size_t kFurtherFrames = 3;
 
 std::filesystem::path file_of(const Device& device, const std::filesystem::path& folder) {
@@ -84,10 +83,10 @@ FrameTime measure_frame(const Device& device, const Model& model, TileSize frame
   return {first_ms, further_ms[kFurtherFrames / 2]};
 }
 
-// A frame of that shape, but of no more than kMostPixels fused pixels.
-TileSize measured_size(const Model& model, uint32_t height, uint32_t width) {
+// Returns the size of a frame of that shape, but of no more than `most_pixels` fused pixels.
+TileSize measured_size(const Model& model, uint32_t height, uint32_t width, double most_pixels) {
   const double pixels = double(height) * width * model.architecture().scale * model.architecture().scale;
-  const double side = std::min(1.0, std::sqrt(kMostPixels / pixels));
+  const double side = std::min(1.0, std::sqrt(most_pixels / pixels));
   return {std::max(1u, uint32_t(height * side)), std::max(1u, uint32_t(width * side))};
 }
 
@@ -98,11 +97,13 @@ double steady_ms() {
   return std::chrono::duration<double, std::milli>(now).count();
 }
 
-FrameTimes::FrameTimes(const Device& device, const std::filesystem::path& folder, MillisecondClock clock)
+FrameTimes::FrameTimes(const Device& device, const std::filesystem::path& folder, MillisecondClock clock,
+                       double most_pixels)
     : device_(device),
       folder_(folder),
       file_(file_of(device, folder)),
       clock_(std::move(clock)),
+      most_pixels_(most_pixels),
       times_(load(file_)) {}
 
 std::optional<FrameTime> FrameTimes::known(const Model& model, uint32_t height, uint32_t width,
@@ -116,7 +117,7 @@ FrameTime FrameTimes::measure(const Model& model, uint32_t height, uint32_t widt
   options.threshold = 0;
   options.keep_activations = options.profile = false;
   const FusePlan whole = plan_fusion(model, height, width, device_.info(), options);
-  const TileSize size = measured_size(model, height, width);
+  const TileSize size = measured_size(model, height, width, most_pixels_);
   const double part = plan_fusion(model, size.height, size.width, device_.info(), options).flop / whole.flop;
   FrameTime time = measure_frame(device_, model, size, options, folder_, clock_);
   time.first_ms /= part, time.further_ms /= part;

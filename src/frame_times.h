@@ -25,17 +25,19 @@ double steady_ms();
 // What is known of a device: the file lies in `folder`, or nothing is kept where that is empty.
 class FrameTimes {
  public:
-  // A file that is absent, truncated or foreign is as if nothing was measured.
+  static constexpr double kMostPixels = 1 << 21;
+
+  // A file that is absent, truncated or foreign is as if nothing was measured. `most_pixels`: see measure().
   explicit FrameTimes(const Device& device,
                       const std::filesystem::path& folder = PipelineCache::default_folder(),
-                      MillisecondClock clock = steady_ms);
+                      MillisecondClock clock = steady_ms, double most_pixels = kMostPixels);
 
   // Of a frame of (height, width) LRHS pixels: what was measured before, if it was.
   std::optional<FrameTime> known(const Model& model, uint32_t height, uint32_t width,
                                  const FuserOptions& options) const;
 
-  // Measures it with frames of noise, and keeps it. Frames of more than 2^21 pixels are measured as smaller
-  // ones, and their time scaled by their arithmetic. Throws Error.
+  // Measures it with frames of noise, and keeps it. Frames of more fused pixels than `most_pixels` are
+  // measured as smaller ones, and their time scaled by their arithmetic. Throws Error.
   FrameTime measure(const Model& model, uint32_t height, uint32_t width, FuserOptions options);
 
   // Of kernels that are no longer those.
@@ -46,6 +48,7 @@ class FrameTimes {
   const Device& device_;
   std::filesystem::path folder_, file_;
   MillisecondClock clock_;
+  double most_pixels_;
   std::map<std::string, FrameTime> times_;
 };
 

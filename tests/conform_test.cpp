@@ -27,19 +27,21 @@ using reference::Precision;
 
 class ConformTest : public GpuTest, public testing::WithParamInterface<Suite> {};
 
-TEST_P(ConformTest, PassesInFull) {
+TEST_P(ConformTest, Passes) {
   std::map<std::string, double> worst;
   size_t passed = 0;
-  const conform::Options options{.on_finding = [&](const Finding& finding) {
-    expect_passed(finding);
-    passed += finding.outcome == Outcome::kPassed;
-    const auto& [layer, kernel, precision, shape] = finding.of;
-    double& kept = worst[fmt::format("{} {} {}", layer, kernel, name_of(precision))];
-    kept = std::max(kept, finding.worst.ratio);
-    if (finding.rms_ratio == 0) return;
-    double& kept_rms = worst["RMS " + fmt::format("{} {} {}", layer, kernel, name_of(precision))];
-    kept_rms = std::max(kept_rms, finding.rms_ratio);
-  }};
+  const conform::Options options{
+      .extent = full_extent() ? conform::Extent::kFull : conform::Extent::kQuick,
+      .on_finding = [&](const Finding& finding) {
+        expect_passed(finding);
+        passed += finding.outcome == Outcome::kPassed;
+        const auto& [layer, kernel, precision, shape] = finding.of;
+        double& kept = worst[fmt::format("{} {} {}", layer, kernel, name_of(precision))];
+        kept = std::max(kept, finding.worst.ratio);
+        if (finding.rms_ratio == 0) return;
+        double& kept_rms = worst["RMS " + fmt::format("{} {} {}", layer, kernel, name_of(precision))];
+        kept_rms = std::max(kept_rms, finding.rms_ratio);
+      }};
   conform::conform(GetParam(), target(), options);
   EXPECT_GT(passed, 0u);
   for (const auto& [name, ratio] : worst) RecordProperty("worst_ratio " + name, fmt::format("{:.3g}", ratio));

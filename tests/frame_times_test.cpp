@@ -64,17 +64,17 @@ TEST_F(FrameTimesTest, AreTheFirstAndTheMedianOfTheFurther) {
   EXPECT_EQ(asked, 2 * frames_ms.size());
 }
 
-// 600x600 pixels of LRHS are 5.8 million fused ones, of which 362x362 are computed. Tiles of the whole frame
-// overlap.
+// 75x75 pixels of LRHS are 90,000 fused ones, of which 45x45 of LRHS are computed.
 TEST_F(FrameTimesTest, LargeFramesAreMeasuredAsPartsOfThem) {
   double now_ms = 0;
-  FrameTimes times(gpu(), folder_.path(), [&] { return now_ms += 10; });
-  const FrameTime time = times.measure(model_, 600, 600, {});
-  const double parts = 600.0 * 600 / (362 * 362);
+  FrameTimes times(
+      gpu(), folder_.path(), [&] { return now_ms += 10; }, 1 << 15);
+  const FrameTime time = times.measure(model_, 75, 75, {});
+  const double parts = 75.0 * 75 / (45 * 45);
   EXPECT_GE(time.first_ms, 10 * parts);
   EXPECT_LE(time.first_ms, 12 * parts);
   EXPECT_EQ(time.further_ms, time.first_ms);
-  EXPECT_EQ(times.known(model_, 600, 600, {}), time);
+  EXPECT_EQ(times.known(model_, 75, 75, {}), time);
 }
 
 TEST(SteadyMs, CountsMilliseconds) {

@@ -24,12 +24,12 @@ std::vector<FuserOptions> all_options() {
                         .band = 12,
                         .vector = lanes};
   };
-  for (const auto precision : kPrecisions) {
-    all.push_back({.storage = storage_of(precision)});
-    if (!gpu().info().buffer_device_address) continue;
-    for (const Kernels& kernels : {addressed, buffers, small})
-      all.push_back({.storage = storage_of(precision), .kernels = kernels});
-  }
+  std::vector<Kernels> ways{{}};
+  if (gpu().info().buffer_device_address) ways.insert(ways.end(), {buffers, addressed, small});
+  for (size_t i = 0; i < ways.size(); ++i)
+    for (const auto precision : kPrecisions)
+      if (full_extent() || (precision == reference::Precision::kFp16) == (i < 2))
+        all.push_back({.storage = storage_of(precision), .kernels = ways[i]});
   return all;
 }
 

@@ -4,7 +4,8 @@
 
 namespace raymeld::test {
 
-// All ways of computing convolutions that the device has but matrices, in both precisions.
+// All ways of computing convolutions that the device has but matrices, in both precisions; each in one of
+// them unless at full extent.
 std::vector<FuserOptions> all_options();
 std::string describe(const FuserOptions& options);
 

@@ -76,7 +76,9 @@ TEST_F(KernelPoolTest, ThreadsShareKernels) {
 
 // A kernel that takes longer than all others together holds a start back, however many threads there are.
 TEST_F(KernelPoolTest, NoKernelOfAStockModelTakesLongerToMakeThanAllOthers) {
-  for (const char* name : {"x4-fast", "x4-faster", "x4-balanced"}) {
+  size_t combinations = 0;
+  for (const char* name : {"x4-faster", "x4-fast", "x4-balanced"}) {
+    if (!is_tried(combinations++, 3)) continue;
     std::map<std::string, double> times_ms;
     double sum_ms = 0;
     for (const KernelRecipe& recipe : recipes_of(name)) {

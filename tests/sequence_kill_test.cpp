@@ -38,8 +38,9 @@ TEST_F(SequenceKill, TheSameCommandGoesOn) {
 
   constexpr unsigned kSeed = 1;
   std::mt19937 random(kSeed);
+  const int kills = full_extent() ? 12 : 4;
   int killed = 0, done_before = 0;
-  for (int i = 0; i < 12; ++i) {
+  for (int i = 0; i < kills; ++i) {
     SCOPED_TRACE(fmt::format("kill {} of seed {}", i, kSeed));
     for (const auto& [name, content] : expected) fs::remove(folder_ / name);
     std::vector<std::string> arguments = command();
@@ -77,7 +78,7 @@ TEST_F(SequenceKill, TheSameCommandGoesOn) {
   }
   EXPECT_GT(killed, 0);
   EXPECT_GT(done_before, 0);
-  fmt::print("seed {}: {} of 12 killed, {} frames not done again\n", kSeed, killed, done_before);
+  fmt::print("seed {}: {} of {} killed, {} frames not done again\n", kSeed, killed, kills, done_before);
 }
 
 }  // namespace

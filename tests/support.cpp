@@ -33,6 +33,15 @@ void write_file(const std::filesystem::path& path, std::string_view content) {
   if (!file) throw std::runtime_error("cannot write " + path.string());
 }
 
+bool full_extent() {
+  const char* value = std::getenv("RAYMELD_TEST_EXTENT");
+  const std::string extent = value ? value : "quick";
+  if (extent == "full" || extent == "quick") return extent == "full";
+  throw std::runtime_error("RAYMELD_TEST_EXTENT is '" + extent + "', expected quick or full");
+}
+
+bool is_tried(size_t index, size_t step) { return full_extent() || index % step == 0; }
+
 std::filesystem::path source_path(const std::filesystem::path& relative) {
   return std::filesystem::path(RAYMELD_SOURCE_DIR) / relative;
 }

@@ -56,6 +56,13 @@ std::string read_file(const std::filesystem::path& path);
 void write_file(const std::filesystem::path& path, std::string_view content);
 std::filesystem::path source_path(const std::filesystem::path& relative);  // within the repository
 
+// Returns whether RAYMELD_TEST_EXTENT=full asks for every combination of what a test tries.
+bool full_extent();
+
+// Returns whether a combination is to be tried: all of them at full extent, else the first of each `step`. A
+// step that shares no divisor with the number of values of a factor leaves none of these values out.
+bool is_tried(size_t index, size_t step);
+
 struct ProcessOptions {
   std::filesystem::path directory = {};                                // where it runs; empty: here
   std::map<std::string, std::optional<std::string>> environment = {};  // set, or unset where nullopt

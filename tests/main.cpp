@@ -1,0 +1,51 @@
+// Runs the tests of a unit. Where RAYMELD_ALLOWED_SKIPS names a file of tests that may skip, a line of a name
+// and a reason each, any other test that skips fails.
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <fstream>
+#include <iostream>
+#include <set>
+#include <string>
+
+namespace {
+
+std::set<std::string> allowed_skips(const char* path) {
+  std::ifstream file(path);
+  if (!file) {
+    std::cerr << "RAYMELD_ALLOWED_SKIPS: cannot read '" << path << "'\n";
+    std::exit(2);
+  }
+  std::set<std::string> names;
+  for (std::string line; std::getline(file, line);) names.insert(line.substr(0, line.find(' ')));
+  return names;
+}
+
+class SkipListener : public testing::EmptyTestEventListener {
+ public:
+  explicit SkipListener(const char* path) : allowed_(allowed_skips(path)) {}
+
+  void OnTestEnd(const testing::TestInfo& test) override {
+    const std::string name = std::string(test.test_suite_name()) + "." + test.name();
+    if (!test.result()->Skipped() || allowed_.contains(name)) return;
+    std::cout << name << " was skipped, which tests/allowed-skips.txt does not allow\n";
+    any_ = true;
+  }
+  bool any() const { return any_; }
+
+ private:
+  std::set<std::string> allowed_;
+  bool any_ = false;
+};
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  const char* path = std::getenv("RAYMELD_ALLOWED_SKIPS");
+  if (!path) return RUN_ALL_TESTS();
+  auto* skips = new SkipListener(path);  // which GoogleTest deletes
+  testing::UnitTest::GetInstance()->listeners().Append(skips);
+  const int status = RUN_ALL_TESTS();
+  return status == 0 && skips->any() ? 1 : status;
+}
