@@ -72,6 +72,7 @@ TEST_F(ChangedTest, FramesHaveTheBitsOfWholeOnes) {
   const auto flip = [](float& value) {
     value = std::bit_cast<float>(std::bit_cast<uint32_t>(value) ^ 0x400000u);
   };
+  size_t combinations = 0;
   for (const Architecture& a : {joint_architecture(2), small_architecture(4), cells_architecture(2)}) {
     const Model model = model_of(a);
     const int right = a.scale * kWidth - 1, bottom = a.scale * kHeight - 1;
@@ -88,6 +89,7 @@ TEST_F(ChangedTest, FramesHaveTheBitsOfWholeOnes) {
         },
     };
     for (const FuserOptions& options : all_options()) {
+      if (!is_tried(combinations++, 11)) continue;
       SCOPED_TRACE(fmt::format("x{}, {}", a.scale, describe(options)));
       Fuser whole = make(model, options, false), fuser = make(model, options);
       Scene scene = make_scene(a, 8);
@@ -237,7 +239,9 @@ TEST_F(ChangedTest, AnotherExposureIsAnotherFrame) {
 TEST_F(ChangedTest, WhatChangedMayBeSettled) {
   const Architecture a = joint_architecture(2);
   const Model model = model_of(a);
+  size_t combinations = 0;
   for (FuserOptions options : all_options()) {
+    if (!is_tried(combinations++, 4)) continue;
     SCOPED_TRACE(describe(options));
     options.threshold = 1e-3f;
     Fuser whole = make(model, options, false), fuser = make(model, options);

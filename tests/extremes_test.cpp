@@ -272,7 +272,7 @@ TEST_F(ExtremesTest, ABadPixelOfHrlsIsDimmedAndStaysWhereItIs) {
   for (const double brightness : {1.0, 1e-3}) {
     const Scene scene = make_scene(4, 24, 40, brightness);
     for (const FuserOptions& options : all_options()) {
-      if (!is_tried(combinations++, 3)) continue;
+      if (!is_tried(combinations++, 7)) continue;
       Fuser fuser = make_fuser(model, scene.lrhs, options);
       const Planes clean = fuse(fuser, scene.lrhs, scene.hrls).image;
       const DependsOn depends =

@@ -11,6 +11,7 @@
 
 #include "conform/collector.h"
 #include "conform/model_file.h"
+#include "engine/kernel_pool.h"
 
 namespace raymeld::test {
 
@@ -33,8 +34,9 @@ class SharedDevice : public testing::Environment {
  public:
   const Device& device() {
     const auto keep = [this](const std::string& message) { messages_.push_back(message); };
-    if (!device_)
-      device_ = Device::create({.selector = {}, .validation = wished_validation(), .on_message = keep});
+    if (device_) return *device_;
+    device_ = Device::create({.selector = {}, .validation = wished_validation(), .on_message = keep});
+    device_->kernels().keep(1000);
     return *device_;
   }
   PipelineCache& cache() {

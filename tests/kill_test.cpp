@@ -59,7 +59,7 @@ class Kill : public Cli {
 // appears.
 TEST_F(Kill, LeavesTheWholeOutputOrNone) {
   const char* wish = std::getenv("RAYMELD_TEST_KILLS");
-  const int kills = wish ? std::atoi(wish) : full_extent() ? 25 : 8;
+  const int kills = wish ? std::atoi(wish) : full_extent() ? 25 : 6;
   constexpr int kMostMore = 100;
   constexpr unsigned kSeed = 1;
   ASSERT_EQ(run(fuse(kOutputs)).exit_status, 0);

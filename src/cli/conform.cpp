@@ -11,6 +11,7 @@
 #include "cli/versions.h"
 #include "conform/report.h"
 #include "conform/values.h"
+#include "engine/kernel_pool.h"
 
 namespace raymeld::cli {
 namespace {
@@ -115,6 +116,7 @@ void run(const ConformArguments& arguments) {
   std::vector<conform::Values> others;
   for (const auto& file : arguments.against) others.push_back(conform::read_values(file));
   const auto device = Device::create({arguments.device});
+  device->kernels().keep(256);  // the cases of one way share most of theirs
   const DeviceInfo& info = device->info();
   const Console console(!arguments.json);
   console.note(fmt::format("testing {} ({})", info.name, info.driver));

@@ -127,7 +127,7 @@ void check_values(Check& check, const Target& target, const Trial& trial, uint32
 }
 
 // Reads channels of a tensor and writes others of it, whose neighbours stay as they were.
-void check_slices(Check& check, const Target& target, uint32_t kernel, const Way& way, Precision precision) {
+void check_slices(Check& check, const Target& target, const Way& way, Precision precision, uint32_t kernel) {
   const Planes wide = round_to(random_planes(13, 9, 7, Fill::kUniform, 1), precision);
   const Conv conv = round_to(random_conv(3, 5, int(kernel), Fill::kUniform, 2), precision);
   LayerRun run(target, precision, way.addressed);
@@ -166,7 +166,7 @@ void check_shuffled(Check& check, const Target& target, const Way& way, Precisio
 }
 
 // A 1x1 of an unshuffled image, a slice of a tensor; by vectors it gives the bits of lane by lane.
-void check_cells(Check& check, const Target& target, int r, const Way& way, Precision precision) {
+void check_cells(Check& check, const Target& target, const Way& way, Precision precision, int r) {
   const int before = 1, in_channels = 3, out_channels = 13, h = 3, w = 19;
   const Planes x = round_to(random_planes(before + in_channels, r * h, r * w, Fill::kUniform, 1), precision);
   const Conv conv = round_to(random_conv(out_channels, r * r * in_channels, 1, Fill::kUniform, 2), precision);
@@ -202,37 +202,40 @@ void check_vectors(Check& check, const Target& target, const Way& way, Precision
   check.same_bits(run.read(vectors.out), run.read(lanes.out), "lane by lane");
 }
 
-// Every size with one trial, every trial with some sizes; a quick test has two trials, as what takes long is
-// to compile their kernels.
+// Every size with one trial, every trial with some sizes; then what depends on no trial. What takes long is
+// to compile kernels, so a quick test has two trials, of which each way has one in 32 bits and the other in
+// 16, and the rest is tried in 32 bits by one way and in 16 by the next.
 void run_values(Collector& collector, std::span<const Trial> trials, uint32_t kernel,
                 const std::string& layer) {
-  if (!collector.full()) trials = trials.last(2);
   const std::vector<Way> ways = conv2d_ways(collector.device().info(), kernel);
   Collector::for_each(ways, [&](const Way& way, Precision precision) {
-    size_t next = precision == Precision::kFp16 ? trials.size() / 2 : 0;
+    size_t turn = size_t(&way - ways.data()) + size_t(precision == Precision::kFp16);
+    const auto own = collector.full() ? trials : trials.subspan(trials.size() - 2 + turn % 2, 1);
+    size_t next = precision == Precision::kFp16 ? own.size() / 2 : 0;
     for (const Size& size : collector.sizes()) {
-      const Trial& trial = trials[next % trials.size()];
+      const Trial& trial = own[next % own.size()];
       const uint64_t seed = 10 * ++next;
       collector.run(layer, way, precision, text_of(trial, size), [&](Check& check) {
         check_values(check, collector.target(), trial, kernel, size, seed, way, precision);
       });
     }
-    collector.run(layer, way, precision, "slices of one tensor, 5 -> 3 of 13 channels, 9 x 7",
-                  [&](Check& check) { check_slices(check, collector.target(), kernel, way, precision); });
+    const auto run = [&](const std::string& shape, const auto& check_shape) {
+      if (!collector.full() && turn++ % 2 == 0) return;
+      collector.run(layer, way, precision, shape,
+                    [&](Check& check) { check_shape(check, collector.target(), way, precision); });
+    };
+    run("slices of one tensor, 5 -> 3 of 13 channels, 9 x 7",
+        [&](auto&&... arguments) { check_slices(arguments..., kernel); });
     if (kernel == 1) {
       for (const int r : {2, 4, 8}) {
-        collector.run(layer, way, precision,
-                      fmt::format("of space to depth by {}, {} -> 13 channels, ReLU, 3 x 19", r, 3 * r * r),
-                      [&](Check& check) { check_cells(check, collector.target(), r, way, precision); });
+        run(fmt::format("of space to depth by {}, {} -> 13 channels, ReLU, 3 x 19", r, 3 * r * r),
+            [&](auto&&... arguments) { check_cells(arguments..., r); });
       }
       return;
     }
-    collector.run(layer, way, precision, "of space to depth, to pixel shuffle, 8 -> 12 channels, 5 x 35",
-                  [&](Check& check) { check_shuffled(check, collector.target(), way, precision); });
-    if (way.kernel.vector == 0) return;
-    collector.run(layer, way, precision,
-                  "rows of whole vectors, 5 and 4 -> 7 channels, ReLU, 1 residual, 10 x 128",
-                  [&](Check& check) { check_vectors(check, collector.target(), way, precision); });
+    run("of space to depth, to pixel shuffle, 8 -> 12 channels, 5 x 35", check_shuffled);
+    if (way.kernel.vector > 0)
+      run("rows of whole vectors, 5 and 4 -> 7 channels, ReLU, 1 residual, 10 x 128", check_vectors);
   });
 }
 

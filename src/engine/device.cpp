@@ -92,6 +92,7 @@ std::unique_ptr<Device> Device::wrap(const ExternalDevice& external) {
 Device::Device() : constants_(std::make_unique<ConstantPool>()), kernels_(std::make_unique<KernelPool>()) {}
 
 Device::~Device() {
+  kernels_.reset();  // what it keeps goes before the device
   if (device_ && fence_) vk_.DestroyFence(device_, fence_, allocator_);
   if (!owns_) return;
   if (device_) vk_.DestroyDevice(device_, nullptr);

@@ -81,7 +81,15 @@ std::vector<std::shared_ptr<const Kernel>> KernelPool::get(const Device& device,
   }
   std::vector<std::shared_ptr<const Kernel>> found;
   for (const KernelRecipe& recipe : recipes) found.push_back(kernels.at(recipe));
+  const std::lock_guard lock(mutex_);
+  kept_.insert(kept_.end(), found.begin(), found.end());
+  kept_.erase(kept_.begin(), kept_.end() - ptrdiff_t(std::min(kept_.size(), most_kept_)));
   return found;
+}
+
+void KernelPool::keep(size_t count) {
+  const std::lock_guard lock(mutex_);
+  most_kept_ = count;
 }
 
 }  // namespace raymeld

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <deque>
 #include <functional>
 #include <map>
 #include <memory>
@@ -22,8 +23,14 @@ class KernelPool {
                                                  std::span<const KernelRecipe> recipes,
                                                  const Progress& progress = {});
 
+  // Keeps the last `count` kernels that get() gave, even if nobody else has them any more: for those who make
+  // many Programs, one after another, of the same kernels. By default none is kept.
+  void keep(size_t count);
+
  private:
   std::mutex mutex_;
+  size_t most_kept_ = 0;
+  std::deque<std::shared_ptr<const Kernel>> kept_;
   std::map<KernelRecipe, std::weak_ptr<const Kernel>> known_;
 };
 
