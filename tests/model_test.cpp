@@ -161,7 +161,8 @@ TEST_F(ModelTest, WrongEntriesAreNamed) {
   };
   for (const auto& [key, values] : wrong) {
     for (const std::string& value : values) {
-      const std::string message = error_after([&](SafeTensors& content) { content.metadata[key] = value; });
+      const std::string message =
+          error_after([&, &key = key](SafeTensors& content) { content.metadata[key] = value; });
       EXPECT_TRUE(contains(message, key)) << key << " = \"" << value << "\": " << message;
     }
   }
@@ -169,7 +170,8 @@ TEST_F(ModelTest, WrongEntriesAreNamed) {
 
 TEST_F(ModelTest, EveryTensorIsNeeded) {
   for (const auto& [key, data] : read_safetensors(golden_model_path(4)).tensors) {
-    const std::string message = error_after([&](SafeTensors& content) { content.tensors.erase(key); });
+    const std::string message =
+        error_after([&, &key = key](SafeTensors& content) { content.tensors.erase(key); });
     EXPECT_TRUE(contains(message, "tensor " + key)) << key << ": " << message;
     EXPECT_TRUE(contains(message, "missing")) << message;
   }

@@ -12,7 +12,7 @@
 
 #include "api/features.h"
 #include "engine/frame_ring.h"
-#include "engine/imported_buffer.h"
+#include "engine/external_buffer.h"
 #include "engine/instance.h"
 #include "exposure.h"
 #include "fuser.h"
@@ -412,7 +412,7 @@ struct raymeld_context_t {
 struct raymeld_buffer_t {
   std::shared_ptr<const ContextState> context;
   VkDeviceSize size_bytes;
-  ImportedBuffer buffer;
+  ExternalBuffer buffer;
 
   raymeld_buffer_t(std::shared_ptr<const ContextState> on, const MemoryFd& from)
       : context(std::move(on)), size_bytes(from.size_bytes), buffer(*context->device, from) {

@@ -128,16 +128,19 @@ std::vector<Way> network_ways(const DeviceInfo& device, size_t index) {
 
 void conform_one(const Collector& collector, const std::string& name, const Subject& subject,
                  const NetworkTrial& trial) {
-  const auto& [way, precision, phase, exposure] = trial;
+  const Way& way = trial.way;
+  const Precision precision = trial.precision;
   NetworkRun run;
   const auto of = [&](const std::string& layer, const std::function<void(Check&)>& body) {
     collector.run(layer, way, precision, name, body);
   };
   of("network, layer by layer", [&](Check& check) {
     const Model model(model_file(subject.architecture, subject.weights), "tiny");
-    run = run_network(
-        collector.target(), model, subject,
-        {.storage = storage_of(precision), .kernels = kernels_of(way), .phase = phase, .exposure = exposure});
+    run = run_network(collector.target(), model, subject,
+                      {.storage = storage_of(precision),
+                       .kernels = kernels_of(way),
+                       .phase = trial.phase,
+                       .exposure = trial.exposure});
     reference::Outputs layers = truth(subject, trial, run.layers);
     for (const auto& [layer, device] : run.layers) check.within(device, layers.at(layer), layer);
     check.within(run.output, layers.at("output"), "output");

@@ -8,11 +8,12 @@
 namespace raymeld::conform {
 
 void Report::add(const Finding& finding) {
-  const auto& [layer, kernel, precision, shape] = finding.of;
+  const Case& of = finding.of;
   auto row = std::ranges::find_if(rows_, [&](const Row& r) {
-    return std::tie(r.layer, r.kernel, r.precision) == std::tie(layer, kernel, precision);
+    return std::tie(r.layer, r.kernel, r.precision) == std::tie(of.layer, of.kernel, of.precision);
   });
-  if (row == rows_.end()) row = rows_.insert(row, {.layer = layer, .kernel = kernel, .precision = precision});
+  if (row == rows_.end())
+    row = rows_.insert(row, {.layer = of.layer, .kernel = of.kernel, .precision = of.precision});
   if (finding.outcome == Outcome::kUnsupported) {
     ++row->unsupported;
     row->missing = finding.message;

@@ -15,14 +15,14 @@ struct MemoryFd {
   uint64_t offset_bytes = 0, size_bytes = 0;
 };
 
-class ImportedBuffer {
+class ExternalBuffer {
  public:
   // `from.fd` stays the caller's, who may close it. Throws Error: where the device cannot import such memory,
   // or a buffer cannot lie there.
-  ImportedBuffer(const Device& device, const MemoryFd& from);
-  ~ImportedBuffer() { destroy(); }
-  ImportedBuffer(const ImportedBuffer&) = delete;
-  ImportedBuffer& operator=(const ImportedBuffer&) = delete;
+  ExternalBuffer(const Device& device, const MemoryFd& from);
+  ~ExternalBuffer() { destroy(); }
+  ExternalBuffer(const ExternalBuffer&) = delete;
+  ExternalBuffer& operator=(const ExternalBuffer&) = delete;
 
   VkBuffer handle() const { return buffer_; }
 

@@ -1,4 +1,4 @@
-#include "engine/imported_buffer.h"
+#include "engine/external_buffer.h"
 
 #include <fcntl.h>
 #include <unistd.h>
@@ -46,7 +46,7 @@ uint32_t memory_type_of(const Device& device, const MemoryFd& from, uint32_t all
 
 }  // namespace
 
-ImportedBuffer::ImportedBuffer(const Device& device, const MemoryFd& from) : device_(device) {
+ExternalBuffer::ExternalBuffer(const Device& device, const MemoryFd& from) : device_(device) {
   try {
     create(from);
   } catch (...) {
@@ -55,12 +55,12 @@ ImportedBuffer::ImportedBuffer(const Device& device, const MemoryFd& from) : dev
   }
 }
 
-void ImportedBuffer::destroy() {
+void ExternalBuffer::destroy() {
   device_.vk().DestroyBuffer(device_.handle(), buffer_, device_.allocator());
   device_.vk().FreeMemory(device_.handle(), memory_, device_.allocator());
 }
 
-void ImportedBuffer::create(const MemoryFd& from) {
+void ExternalBuffer::create(const MemoryFd& from) {
   if (!device_.info().external_memory_fd)
     throw Error("{}: VK_KHR_external_memory_fd is not enabled on device {}", kWhat, device_.info().name);
   if (from.type == VK_EXTERNAL_MEMORY_HANDLE_TYPE_DMA_BUF_BIT_EXT && !device_.info().dma_buf)
@@ -90,7 +90,7 @@ void ImportedBuffer::create(const MemoryFd& from) {
 }
 
 // A copy of the descriptor, as what is imported is Vulkan's even if what follows fails.
-void ImportedBuffer::import(const MemoryFd& from, const VkMemoryRequirements& needs) {
+void ExternalBuffer::import(const MemoryFd& from, const VkMemoryRequirements& needs) {
   auto dedicated = vk_struct<VkMemoryDedicatedAllocateInfo>(VK_STRUCTURE_TYPE_MEMORY_DEDICATED_ALLOCATE_INFO);
   dedicated.buffer = buffer_;
   auto import = vk_struct<VkImportMemoryFdInfoKHR>(VK_STRUCTURE_TYPE_IMPORT_MEMORY_FD_INFO_KHR,
