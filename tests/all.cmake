@@ -31,7 +31,9 @@ set_tests_properties(matrix PROPERTIES FIXTURES_REQUIRED sid COST 200)
 
 # libFuzzer, and a few units under sanitizers, of one build with clang.
 add_test(NAME sanitize COMMAND ${PROJECT_SOURCE_DIR}/scripts/sanitize --some)
-set_tests_properties(sanitize PROPERTIES COST 1000)
+set_tests_properties(sanitize PROPERTIES RUN_SERIAL TRUE)
 
 set_tests_properties(package blender training evaluation drivers matrix sanitize slurm soak trade_page
-  PROPERTIES LABELS all TIMEOUT 1500)
+  PROPERTIES LABELS all)
+# A machine may be busy, and some of these build.
+set_tests_properties(${unit_tests} drivers matrix sanitize package evaluation training blender PROPERTIES TIMEOUT 3000)
