@@ -31,7 +31,7 @@ struct Trial {
 // Odd channel counts around the shader's blocks of 4 and 8, every kernel with every number of residuals.
 constexpr std::array k3x3{Trial{1, 1, false, 0},   Trial{3, 8, true, 0},     Trial{9, 5, false, 2},
                           Trial{18, 8, true, 0},   Trial{2, 16, true, 3},    Trial{24, 3, false, 0},
-                          Trial{9, 5, true, 1, 4}, Trial{7, 4, false, 3, 1}, Trial{5, 9, true, 1}};
+                          Trial{9, 5, true, 1, 4}, Trial{7, 4, false, 3, 1}, Trial{19, 9, true, 1}};
 constexpr std::array k1x1{Trial{4, 3, false, 3}, Trial{8, 4, true, 2}, Trial{7, 17, false, 1},
                           Trial{16, 12, true, 0}, Trial{11, 9, false, 1, 7}};
 
