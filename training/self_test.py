@@ -191,7 +191,7 @@ class Pairs(unittest.TestCase):
     def test_nearest_samples_lie_on_the_reference(self):
         """Whatever the mirroring, transposition, weights of light, exposure and channels, all images show one scene."""
         for seed in range(20):
-            lrhs, hrls, reference, centered = self.sample(seed)
+            lrhs, hrls, reference, centered, _ = self.sample(seed)
             self.assertFalse(centered.any())
             torch.testing.assert_close(lrhs, reference[:, ::4, ::4])
             torch.testing.assert_close(hrls[:3], reference)
@@ -199,7 +199,7 @@ class Pairs(unittest.TestCase):
     def test_small_renders_are_means_of_the_reference(self):
         for scale in (2, 4, 8):
             for seed in range(10):
-                lrhs, hrls, reference, centered = self.sample(seed, scale, ("centered",))
+                lrhs, hrls, reference, centered, _ = self.sample(seed, scale, ("centered",))
                 self.assertTrue(centered.all())
                 torch.testing.assert_close(lrhs, torch.nn.functional.avg_pool2d(reference, scale), rtol=1e-3, atol=1e-3)
                 torch.testing.assert_close(hrls[:3], reference)
