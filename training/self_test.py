@@ -133,6 +133,75 @@ class JointFilter(unittest.TestCase):
         torch.testing.assert_close(even, torch.full_like(even, 0.5))
 
 
+STEERED = ("guide_features=8", "knows_spp=true", "lrhs_layers=color,albedo,normal")
+
+
+class Steered(unittest.TestCase):
+    """A network that steers the filter."""
+
+    def inputs(self, kind=torch.float32, layers=9):
+        generator = torch.Generator().manual_seed(1)
+        lrhs, hrls = (torch.rand(2, *shape, generator=generator).to(kind) for shape in ((layers, 4, 6), (18, 16, 24)))
+        return lrhs, hrls
+
+    def network(self, config=stock.config("x4-fast", STEERED)):
+        torch.manual_seed(1)
+        return model.Network(config)
+
+    def test_starts_as_the_fixed_filter(self):
+        fixed, steered = stock.config("x4-fast"), stock.config("x4-fast", STEERED)
+        network, (lrhs, hrls) = self.network(), self.inputs()
+        albedo, normal, up = hrls[:, 3:6], hrls[:, 6:9], hrls[:, :6]
+        arguments = up, hrls[:, :3], albedo, normal
+        with torch.no_grad():
+            steering = network.steering(torch.rand(2, 24, 4, 6), hrls, up, spp=torch.tensor([16.0, 1.0])[None, :, None, None])
+            for centered in torch.tensor([False, True]):
+                expected = model.joint_candidates(*arguments, fixed, centered)
+                spp = torch.tensor([16.0, 1.0])[None, :, None, None]
+                for a, b in zip(model.joint_candidates(*arguments, steered, centered, steering, spp), expected):
+                    torch.testing.assert_close(a, b, rtol=1e-3, atol=1e-3)
+
+    def test_gradient_of_all_that_steers(self):
+        """Against finite differences, in double precision."""
+        network, (lrhs, hrls) = self.network().double(), self.inputs(torch.float64)
+        with torch.no_grad():
+            for tensor in network.steering.parameters():
+                tensor += 0.1 * torch.randn_like(tensor)
+        spp = torch.tensor([[64.0, 4.0], [16.0, 1.0]]).double()[..., None, None]
+        weigh = torch.rand(2, 3, 16, 24).double()
+        value = lambda: (model.predict(network, lrhs, hrls, torch.tensor(True), spp=spp)[0] * weigh).sum()
+        value().backward()
+        learned = [*network.steering.parameters(), network.lrhs.by_spp, network.hrls.by_spp]
+        for tensor in learned:
+            along, step = torch.randn_like(tensor), 1e-6
+            ends = []
+            for sign in (1, -1):
+                with torch.no_grad():
+                    tensor += sign * step * along
+                    ends.append(float(value()))
+                    tensor -= sign * step * along
+            slope = (ends[0] - ends[1]) / (2 * step)
+            self.assertAlmostEqual(slope, float((tensor.grad * along).sum()), delta=1e-3 * abs(slope) + 1e-5)
+
+    def test_more_samples_of_lrhs_count_more(self):
+        network, (lrhs, hrls) = self.network(), self.inputs()
+        images = [
+            model.predict(network, lrhs, hrls, spp=torch.tensor([lrhs_spp, 1.0])[None, :, None, None])[0]
+            for lrhs_spp in (16.0, 64.0)
+        ]
+        self.assertFalse(torch.equal(*images))
+
+    def test_layers_of_lrhs_may_be_absent(self):
+        """Then irradiance is made with those of HRLS."""
+        config, (lrhs, hrls) = stock.config("x4-fast"), self.inputs()
+        layers = hrls[:, 3:6], hrls[:, 6:9]
+        bare = torch.cat([lrhs[:, :3], 0 * lrhs[:, 3:]], dim=1)
+        for centered in torch.tensor([False, True]):
+            expected = model.irradiance(lrhs[:, :3], *layers, config, centered)
+            self.assertTrue(torch.equal(model.irradiance(bare, *layers, config, centered), expected))
+            self.assertFalse(torch.equal(model.irradiance(lrhs, *layers, config, centered), expected))
+
+
 class JointLight(unittest.TestCase):
     def light(self, color, config, centered=False):
         low, albedo = torch.zeros(1, 6, 8, 8), torch.full((1, 3, 8, 8), 0.6)
