@@ -266,6 +266,7 @@ class Steering(nn.Module):
 
     def __init__(self, config, read):
         super().__init__()
+        self.config = config
         n, levels = config.guide_features, max(JOINT_LEVELS)
         self.own = nn.Conv2d(3 * len(config.hrls_layers) + 6, n, 1, bias=False)
         self.features = nn.Conv2d(read, (n + 2) * config.scale**2, 3, padding=1)
@@ -275,26 +276,26 @@ class Steering(nn.Module):
             self.widths_by_spp = nn.Parameter(torch.zeros(levels, n))
         for tensor in self.features.parameters():
             nn.init.zeros_(tensor)
-        self.start_fixed(config)
+        self.start_fixed()
 
-    def start_fixed(self, config):
+    def start_fixed(self):
         """The first guides are those of joint_guides() and brightness; what is beyond them begins small."""
-        weight, layers = self.own.weight.data[..., 0, 0], config.hrls_layers
+        weight, layers = self.own.weight.data[..., 0, 0], self.config.hrls_layers
         weight.mul_(0.05)
         weight[:7] = 0
         for first, name, width in ((0, "albedo", JOINT_ALBEDO), (3, "normal", JOINT_NORMAL)):
             start = 3 * layers.index(name)
             weight[first : first + 3, start : start + 3] = torch.eye(3) / width
-        weight[6, -3:] = torch.tensor([0.2126, 0.7152, 0.0722]) / JOINT_IRRADIANCE
+        weight[6, -3:] = luminance(torch.eye(3)[..., None, None])[:, 0, 0] / JOINT_IRRADIANCE
 
     def forward(self, read, layers, low, spp):
         """(guides, logarithms of how much LRHS and HRLS count, both [N, C, H, W], widths, taps)."""
-        n, scale = self.own.out_channels, int((self.features.out_channels // (self.own.out_channels + 2)) ** 0.5)
-        more = F.pixel_shuffle(self.features(read), scale).to(layers.dtype)
+        n = self.config.guide_features
+        more = F.pixel_shuffle(self.features(read), self.config.scale).to(layers.dtype)
         with torch.autocast("cpu", enabled=False):
             guides = self.own(torch.cat([layers, low], dim=1)) + more[:, :n]
         widths = self.widths[:, None]
-        if hasattr(self, "widths_by_spp"):
+        if self.config.knows_spp:
             widths = widths + self.widths_by_spp[:, None] * log_spp(spp)[:, 1, :, 0]
         return guides, more[:, n:].clamp(-STEERING_MOST, STEERING_MOST), widths.exp(), self.taps.exp()[:, TAP_KINDS]
 
