@@ -207,6 +207,12 @@ class Network(nn.Module):
             nn.init.zeros_(self.rec.bias)
             self.rec.weight.data.mul_(0.1)
 
+    def unshuffled(self, hrls, first=0):
+        """What the channels of `hrls`, of all that the encoder reads those from `first` on, add to its features."""
+        planes = self.config.scale**2
+        weight = self.hrls.weight[:, first * planes : (first + hrls.shape[1]) * planes]
+        return F.conv2d(F.pixel_unshuffle(hrls, self.config.scale), weight, padding=self.config.hrls_kernel // 2)
+
     def encode_hrls(self, hrls, spp):
         if self.config.hrls_encoder == "unshuffled":
             return F.relu(self.told(self.hrls(F.pixel_unshuffle(hrls, self.config.scale)), self.hrls, spp, 1))
@@ -397,15 +403,13 @@ def joint_predict(network, lrhs, hrls, upsampled, centered, spp):
             y = network.trunk(f_lrhs, network.encode_hrls(read, spp))
             steering = network.steering(y, high, up, spp)
         else:
-            first = 18 * config.scale**2
-            unshuffled = F.pixel_unshuffle(read, config.scale)
-            part = network.told(F.conv2d(unshuffled, network.hrls.weight[:, :first], network.hrls.bias, padding=1), network.hrls, spp, 1)
-            steering = network.steering(torch.cat([f_lrhs, F.relu(part)], dim=1), high, up, spp)
+            seen = network.unshuffled(read) + network.hrls.bias[:, None, None]
+            seen = network.told(seen, network.hrls, spp, 1)
+            steering = network.steering(torch.cat([f_lrhs, F.relu(seen)], dim=1), high, up, spp)
         candidates = joint_candidates(*arguments, steering, spp)
         levels = network.prepared(torch.cat(candidates[2:], dim=1))
-        if config.guide_source != "trunk":
-            rest = F.conv2d(F.pixel_unshuffle(levels, config.scale), network.hrls.weight[:, first:], padding=1)
-            y = network.trunk(f_lrhs, F.relu(part + rest))
+        if config.guide_source == "encoder":
+            y = network.trunk(f_lrhs, F.relu(seen + network.unshuffled(levels, read.shape[1])))
         y = network.reconstruct(y, torch.cat([read, levels], dim=1))
     weights = torch.softmax(y[:, 3:], dim=1).split(1, dim=1)
     return y[:, :3] + sum(weight * candidate for weight, candidate in zip(weights, candidates, strict=True))
