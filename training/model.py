@@ -1,6 +1,7 @@
 """The fusion network and the encoding of its inputs; names are those of the model file."""
 
 import dataclasses
+import functools
 import math
 
 import torch
@@ -51,7 +52,7 @@ class Config:
     lrhs_layers: tuple = ("color",)  # beyond color optional
     knows_spp: bool = False
     guide_features: int = 0  # N; 0: the joint filter has fixed guides
-    guide_source: str = "trunk"
+    guide_source: str = "encoder"  # or trunk: the guides are made of what the encoders, or the trunk, make
 
     def __post_init__(self):
         self.upscaled_features = self.upscaled_features or self.features
@@ -361,10 +362,11 @@ def joint_light(low, hrls, albedo, config, centered, counts=(1, 1)):
     return torch.cat([torch.log1p(JOINT_COMPRESS * light) / JOINT_COMPRESS, own + certainty], dim=1)
 
 
-def joint_candidates(low, hrls, albedo, normal, config, centered, steering=None, spp=None):
+def joint_candidates(low, hrls, albedo, normal, config, centered, spp=None, steering=None):
     """What the output is mixed of, encoded: LRHS, LRHS with the albedo of HRLS, three levels of a filter of both.
 
-    `low` [N, 6, H, W] is the encoded LRHS and its irradiance, both upsampled; the others are full-size layers.
+    `low` [N, 6, H, W] is the encoded LRHS and its irradiance, both upsampled; the others are full-size layers;
+    `steering` is what Steering gives, None for fixed guides.
     """
     if steering:
         guides, counts, widths, taps = steering
@@ -382,6 +384,26 @@ def joint_candidates(low, hrls, albedo, normal, config, centered, steering=None,
     return low[:, :3], *(transfer(light * (albedo + ALBEDO_FLOOR), config.transfer) for light in lights)
 
 
+def steer(network, low, high, up, filtered, centered, spp):
+    """(candidates of a filter that the network steers, what the network makes of them).
+
+    `low` and `high` are what the network reads, `up` LRHS and its irradiance at full size; `filtered` gives the candidates.
+    """
+    config, layers = network.config, network.prepared(high)
+    f_lrhs = network.encode_lrhs(network.prepared(low), centered, spp)
+    if config.guide_source == "trunk":
+        told = y = network.trunk(f_lrhs, network.encode_hrls(layers, spp))
+    else:
+        seen = network.unshuffled(layers) + network.hrls.bias[:, None, None]
+        seen = network.told(seen, network.hrls, spp, 1)
+        told = torch.cat([f_lrhs, F.relu(seen)], dim=1)
+    candidates = filtered(steering=network.steering(told, high, up, spp))
+    levels = network.prepared(torch.cat(candidates[2:], dim=1))
+    if config.guide_source == "encoder":
+        y = network.trunk(f_lrhs, F.relu(seen + network.unshuffled(levels, high.shape[1])))
+    return candidates, network.reconstruct(y, torch.cat([layers, levels], dim=1))
+
+
 def joint_predict(network, lrhs, hrls, upsampled, centered, spp):
     """predict() up to the encoded image."""
     config = network.config
@@ -392,25 +414,12 @@ def joint_predict(network, lrhs, hrls, upsampled, centered, spp):
     low = torch.cat([low[:, :3], light, low[:, 3:]], dim=1)
     up = upsampled(low[:, :6])
     high = encode(hrls, config.hrls_layers, config)
-    arguments = up, layers["color"], albedo, normal, config, centered
-    if not config.guide_features:
-        candidates = joint_candidates(*arguments, spp=spp)
-        y = network(low, torch.cat([high, *candidates[2:]], dim=1), centered, spp)
+    filtered = functools.partial(joint_candidates, up, layers["color"], albedo, normal, config, centered, spp)
+    if config.guide_features:
+        candidates, y = steer(network, low, high, up, filtered, centered, spp)
     else:
-        f_lrhs = network.encode_lrhs(network.prepared(low), centered, spp)
-        read = network.prepared(high)
-        if config.guide_source == "trunk":
-            y = network.trunk(f_lrhs, network.encode_hrls(read, spp))
-            steering = network.steering(y, high, up, spp)
-        else:
-            seen = network.unshuffled(read) + network.hrls.bias[:, None, None]
-            seen = network.told(seen, network.hrls, spp, 1)
-            steering = network.steering(torch.cat([f_lrhs, F.relu(seen)], dim=1), high, up, spp)
-        candidates = joint_candidates(*arguments, steering, spp)
-        levels = network.prepared(torch.cat(candidates[2:], dim=1))
-        if config.guide_source == "encoder":
-            y = network.trunk(f_lrhs, F.relu(seen + network.unshuffled(levels, read.shape[1])))
-        y = network.reconstruct(y, torch.cat([read, levels], dim=1))
+        candidates = filtered()
+        y = network(low, torch.cat([high, *candidates[2:]], dim=1), centered, spp)
     weights = torch.softmax(y[:, 3:], dim=1).split(1, dim=1)
     return y[:, :3] + sum(weight * candidate for weight, candidate in zip(weights, candidates, strict=True))
 

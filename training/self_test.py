@@ -144,26 +144,42 @@ class Steered(unittest.TestCase):
         lrhs, hrls = (torch.rand(2, *shape, generator=generator).to(kind) for shape in ((layers, 4, 6), (18, 16, 24)))
         return lrhs, hrls
 
-    def network(self, config=stock.config("x4-fast", STEERED)):
+    def network(self, source="encoder"):
         torch.manual_seed(1)
-        return model.Network(config)
+        return model.Network(stock.config("x4-fast", (*STEERED, f"guide_source={source}")))
 
     def test_starts_as_the_fixed_filter(self):
+        """Until widths, taps and features have learned."""
         fixed, steered = stock.config("x4-fast"), stock.config("x4-fast", STEERED)
-        network, (lrhs, hrls) = self.network(), self.inputs()
-        albedo, normal, up = hrls[:, 3:6], hrls[:, 6:9], hrls[:, :6]
-        arguments = up, hrls[:, :3], albedo, normal
+        network, hrls = self.network(), self.inputs()[1]
+        up, spp = hrls[:, :6], torch.tensor([16.0, 1.0])[None, :, None, None]
+        arguments = up, hrls[:, :3], hrls[:, 3:6], hrls[:, 6:9]
         with torch.no_grad():
-            steering = network.steering(torch.rand(2, 24, 4, 6), hrls, up, spp=torch.tensor([16.0, 1.0])[None, :, None, None])
+            steering = network.steering(torch.rand(2, 48, 4, 6), hrls, up, spp)
             for centered in torch.tensor([False, True]):
                 expected = model.joint_candidates(*arguments, fixed, centered)
-                spp = torch.tensor([16.0, 1.0])[None, :, None, None]
-                for a, b in zip(model.joint_candidates(*arguments, steered, centered, steering, spp), expected):
+                for a, b in zip(model.joint_candidates(*arguments, steered, centered, spp, steering), expected):
                     torch.testing.assert_close(a, b, rtol=1e-3, atol=1e-3)
 
+    def test_starts_as_the_model_before(self):
+        """Guides from the encoders leave the image of a model without them as it was."""
+        before, network, (lrhs, hrls) = model.Network(stock.config("x4-fast")), self.network(), self.inputs()
+        own = network.state_dict()
+        network.load_state_dict(own | {key: grow.overlaid(own[key], value) for key, value in before.state_dict().items()})
+        bare = torch.cat([lrhs[:, :3], 0 * lrhs[:, 3:]], dim=1)
+        with torch.no_grad():
+            for centered in torch.tensor([False, True]):
+                expected = model.predict(before, lrhs[:, :3], hrls, centered)[0]
+                torch.testing.assert_close(model.predict(network, bare, hrls, centered)[0], expected, rtol=1e-3, atol=1e-3)
+
     def test_gradient_of_all_that_steers(self):
-        """Against finite differences, in double precision."""
-        network, (lrhs, hrls) = self.network().double(), self.inputs(torch.float64)
+        for source in ("encoder", "trunk"):
+            with self.subTest(source):
+                self.compare_slopes(self.network(source).double())
+
+    def compare_slopes(self, network):
+        """Gradients and finite differences, in double precision."""
+        lrhs, hrls = self.inputs(torch.float64)
         with torch.no_grad():
             for tensor in network.steering.parameters():
                 tensor += 0.1 * torch.randn_like(tensor)
@@ -183,7 +199,7 @@ class Steered(unittest.TestCase):
             slope = (ends[0] - ends[1]) / (2 * step)
             self.assertAlmostEqual(slope, float((tensor.grad * along).sum()), delta=1e-3 * abs(slope) + 1e-5)
 
-    def test_more_samples_of_lrhs_count_more(self):
+    def test_samples_of_lrhs_count(self):
         network, (lrhs, hrls) = self.network(), self.inputs()
         images = [
             model.predict(network, lrhs, hrls, spp=torch.tensor([lrhs_spp, 1.0])[None, :, None, None])[0]
@@ -272,6 +288,18 @@ class Pairs(unittest.TestCase):
                 self.assertTrue(centered.all())
                 torch.testing.assert_close(lrhs, torch.nn.functional.avg_pool2d(reference, scale), rtol=1e-3, atol=1e-3)
                 torch.testing.assert_close(hrls[:3], reference)
+
+    def test_layers_of_lrhs_follow_it(self):
+        config = bent(stock.config("x4-fast", STEERED), lrhs_sampling=("centered",), optional_layers=())
+        blank = 0
+        for seed in range(20):
+            with mock.patch.object(dataset, "add_fireflies"):
+                lrhs, hrls, _, _, spp = dataset.sample([Lookalike()], config, 32, random.Random(seed))
+            blank += not lrhs[3:].any()
+            expected = torch.nn.functional.avg_pool2d(hrls[3:9], 4) * bool(lrhs[3:].any())
+            torch.testing.assert_close(lrhs[3:], expected)
+            self.assertEqual(spp[0], 16)
+        self.assertTrue(0 < blank < 10)
 
     def test_target_and_inputs_share_no_noise(self):
         view, rng = Lookalike(), random.Random(1)
