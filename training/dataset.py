@@ -18,6 +18,7 @@ REFERENCE = ("reference-a", "reference-b")  # independent parts, of 16 and 48 sa
 TARGET_CLIP = 100.0  # at the view's exposure; as in section 3.2 of Hou et al. 2021
 CENTERED_SHARE = 0.75  # of the crops have an ordinary small render, the others every s-th pixel
 GUIDES_SHARE = 0.25  # of the crops have albedo and normal of a render of their own
+NO_LRHS_LAYERS_SHARE = 0.2  # of the crops have no layers of LRHS but color
 
 
 class View:
@@ -47,10 +48,10 @@ class View:
         """Names of the renders of albedo and normal alone."""
         return [name for name in self.spp if name.startswith("guides-")]
 
-    def reference(self, parts=REFERENCE):
-        """[LAYERS, H, W], float32: the mean of the parts by their samples."""
+    def reference(self, parts=REFERENCE, here=...):
+        """[LAYERS, H, W] or a window of it, float32: the mean of the parts by their samples."""
         total = sum(self.spp[part] for part in parts)
-        return sum(self.spp[part] / total * self.read(part)[:LAYER_CHANNELS].float() for part in parts)
+        return sum(self.spp[part] / total * self.read(part)[:LAYER_CHANNELS][here].float() for part in parts)
 
     def mean_sqrt(self):
         if self._mean_sqrt is None:
@@ -133,8 +134,13 @@ def add_fireflies(layers, rng):
         layers[RADIANCE, rng.randrange(height), rng.randrange(width)] *= 10 ** rng.uniform(1, 3)
 
 
-def crop(render, y, x, size):
-    return render[:LAYER_CHANNELS, y : y + size, x : x + size].float()
+def window(y, x, size):
+    return ..., slice(y, y + size), slice(x, x + size)
+
+
+def lrhs_layers(lrhs, config):
+    """The channels of LAYERS, in the order of the config."""
+    return torch.cat([lrhs[3 * LAYERS.index(name) :][:3] for name in config.lrhs_layers])
 
 
 def pick_lrhs(view, scale, high, is_centered, rng):
@@ -146,19 +152,20 @@ def pick_lrhs(view, scale, high, is_centered, rng):
 
 
 def sample(views, config, size, rng):
-    """One random crop: lrhs [3, size/s, size/s], hrls [K, size, size], reference [3, size, size], centered or not."""
+    """One random crop: lrhs [L, size/s, size/s], hrls [K, size, size], reference [3, size, size], centered or not, spp."""
     scale, view = config.scale, rng.choice(views)
     is_centered = config.lrhs_sampling == ("centered",)
     if len(config.lrhs_sampling) == 2:
         is_centered = rng.random() < CENTERED_SHARE
     high = rng.choice(("0001", "0001", "0002", "0004", "0008"))
     low, parts = pick_lrhs(view, scale, high, is_centered, rng)
-    hrls = view.read(high)
-    y, x = (rng.randint(0, (side - size) // scale) * scale for side in hrls.shape[-2:])
-    hrls, reference = crop(hrls, y, x, size), view.reference(parts)[:, y : y + size, x : x + size].clone()
-    lrhs = crop(view.read(low), *(n // scale if is_centered else n for n in (y, x, size)))
+    y, x = (rng.randint(0, (side - size) // scale) * scale for side in view.read(high).shape[-2:])
+    here = window(y, x, size)
+    hrls, reference = view.read(high)[:LAYER_CHANNELS][here].float(), view.reference(parts, here)
+    there = window(*(n // scale for n in (y, x, size))) if is_centered else here
+    lrhs = view.read(low)[:LAYER_CHANNELS][there].float()
     if view.guides() and rng.random() < GUIDES_SHARE:
-        hrls[3:9] = view.read(rng.choice(view.guides()))[:6, y : y + size, x : x + size]
+        hrls[3:9] = view.read(rng.choice(view.guides()))[:6][here]
     images = [hrls, reference, lrhs]
     reweigh(images, rng)
     hrls, reference, lrhs = augment(images, rng)
@@ -167,10 +174,13 @@ def sample(views, config, size, rng):
     add_fireflies(hrls, rng)
     hrls = with_variance(hrls)
     drop_layers(hrls, config, rng)
-    if not is_centered:
-        lrhs = lrhs[:, ::scale, ::scale]
+    lrhs = lrhs_layers(lrhs if is_centered else lrhs[:, ::scale, ::scale], config)
+    lrhs[:3] *= exposure
+    if rng.random() < NO_LRHS_LAYERS_SHARE:
+        lrhs[3:] = 0
     reference = reference[:3].clamp(0, TARGET_CLIP) * exposure
-    return lrhs[:3] * exposure, hrls, reference, torch.tensor(is_centered).reshape(1, 1, 1)
+    spp = torch.tensor([float(view.spp[name]) for name in (low, high)])
+    return lrhs, hrls, reference, torch.tensor(is_centered).reshape(1, 1, 1), spp.reshape(2, 1, 1)
 
 
 def batch(views, config, size, count, seed):
@@ -178,10 +188,17 @@ def batch(views, config, size, count, seed):
     return tuple(torch.stack(images) for images in zip(*(sample(views, config, size, rng) for _ in range(count))))
 
 
-def pair(view, config, low, high):
-    """A whole view with its ordinary small render, batch of one: lrhs, hrls, reference, and the exposure of all three."""
+def pair(view, config, low, high, guides=None):
+    """A whole view with its ordinary small render, batch of one: lrhs, hrls, reference, exposure of all three, spp.
+
+    `guides`: samples of the render that albedo and normal of HRLS are of, if it is one of its own.
+    """
     exposure = view.exposure(config)
     hrls = view.read(f"{high:04}")[:LAYER_CHANNELS].float()
+    if guides:
+        hrls[3:9] = view.read(f"guides-{guides:04}")[:6]
     hrls[RADIANCE] *= exposure
-    lrhs = view.read(f"lowres-x{config.scale}-{low:04}")[None, :3].float()
-    return lrhs * exposure, with_variance(hrls)[None], view.reference()[None, :3] * exposure, exposure
+    lrhs = lrhs_layers(view.read(f"lowres-x{config.scale}-{low:04}").float(), config)
+    lrhs[:3] *= exposure
+    spp = torch.tensor([float(low), float(high)]).reshape(1, 2, 1, 1)
+    return lrhs[None], with_variance(hrls)[None], view.reference()[None, :3] * exposure, exposure, spp

@@ -28,7 +28,9 @@ def write(path, name, config, state, provenance, half=False):
 
 def untrained_config(shape, choices):
     """A stock model's, or of "scale,features,growth,dense_layers,blocks,groups", with metadata entries changed."""
-    config = stock.config(shape) if shape in stock.names() else model.Config(*map(int, shape.split(",")))
+    if shape in stock.names():
+        return stock.config(shape, choices)
+    config = model.Config(*map(int, shape.split(",")))
     return model.Config.parse(config.metadata() | dict(choice.split("=") for choice in choices))
 
 

@@ -77,10 +77,14 @@ def level(x, guides, taps, step):
     return slow_level(x, guides, taps, step) if x.dtype == torch.float64 else Level.apply(x, guides, taps, step)
 
 
-def joint_filter(x, guides, levels):
-    """[levels, N, 4, H, W]: levels at steps of 1, 2, 4 ..., each made of the one before it, with binomial taps."""
+def joint_filter(x, guides, levels, widths=None, taps=None):
+    """[levels, N, 4, H, W]: levels at steps of 1, 2, 4 ..., each made of the one before it.
+
+    `widths` [levels, N or 1, G] multiply the guides; `taps` [levels, 9] are binomial by default.
+    """
     result = []
     for i in range(levels):
-        x = level(x, guides, TAPS.to(x.dtype), 2**i)
+        scaled = guides if widths is None else guides * widths[i, :, :, None, None]
+        x = level(x, scaled, TAPS.to(x.dtype) if taps is None else taps[i], 2**i)
         result.append(x)
     return torch.stack(result)

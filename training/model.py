@@ -1,6 +1,7 @@
 """The fusion network and the encoding of its inputs; names are those of the model file."""
 
 import dataclasses
+import functools
 import math
 
 import torch
@@ -16,6 +17,9 @@ ALBEDO_FLOOR = 0.4
 JOINT_COMPRESS = 0.2
 JOINT_ALBEDO, JOINT_NORMAL, JOINT_IRRADIANCE = 1.5, 1.2, 0.0667
 JOINT_LEVELS = (1, 3, 5)
+TAP_KINDS = [2, 1, 2, 1, 0, 1, 2, 1, 2]  # of the filter's 3x3 taps, row by row: centre, side or corner
+STEERING_MOST = 4.0  # the largest logarithm of what a network makes a render count in the filter
+SPP_MOST = (256.0, 16.0)  # samples of LRHS and HRLS beyond which a network knows of no more
 # A pixel may be as many times as bright as the second brightest of its neighbours, and a little; else it is a firefly.
 FIREFLY, FIREFLY_FLOOR = 20.0, 1e-3
 
@@ -45,6 +49,10 @@ class Config:
     lrhs_sampling: tuple = ("nearest",)
     optional_layers: tuple = ()
     exposure_key: float = 0.0
+    lrhs_layers: tuple = ("color",)  # beyond color optional
+    knows_spp: bool = False
+    guide_features: int = 0  # N; 0: the joint filter has fixed guides
+    guide_source: str = "encoder"  # or trunk: the guides are made of what the encoders, or the trunk, make
 
     def __post_init__(self):
         self.upscaled_features = self.upscaled_features or self.features
@@ -157,7 +165,7 @@ class Group(nn.Module):
 
 
 class Network(nn.Module):
-    """Encoded lrhs [N, 3 or 6, h, w] and hrls [N, K, s*h, s*w] -> encoded image [N, 3, s*h, s*w].
+    """Encoded lrhs [N, L, h, w] and hrls [N, K, s*h, s*w] -> encoded image [N, 3, s*h, s*w].
 
     With a joint base: a residual and the logarithm of a weight for each candidate, and K counts those of the filter.
     """
@@ -167,14 +175,20 @@ class Network(nn.Module):
         self.config = config
         c, s, halvings = config.features, config.scale, config.halvings
         k, m = 3 * (len(config.hrls_layers) + config.joint_layers), config.upscaled_features
-        self.lrhs = nn.Conv2d(6 if config.base == "joint" else 3, c, 3, padding=1)
+        self.lrhs = nn.Conv2d(3 * (len(config.lrhs_layers) + (config.base == "joint")), c, 3, padding=1)
         if len(config.lrhs_sampling) == 2:
             self.lrhs.centered_bias = nn.Parameter(self.lrhs.bias.detach().clone())
+        steered_by_trunk = config.guide_features and config.guide_source != "encoder"
+        encoded = 3 * len(config.hrls_layers) if steered_by_trunk else k
         if config.hrls_encoder == "full":
-            self.hrls = nn.Conv2d(k, c, 3, padding=1)
+            self.hrls = nn.Conv2d(encoded, c, 3, padding=1)
             self.down = nn.ModuleList(nn.Conv2d(4 * c, c, 3, padding=1) for _ in range(halvings))
         else:
-            self.hrls = nn.Conv2d(k * s * s, c, config.hrls_kernel, padding=config.hrls_kernel // 2)
+            self.hrls = nn.Conv2d(encoded * s * s, c, config.hrls_kernel, padding=config.hrls_kernel // 2)
+        if config.knows_spp:
+            self.lrhs.by_spp, self.hrls.by_spp = (nn.Parameter(torch.zeros(c)) for _ in range(2))
+        if config.guide_features:
+            self.steering = Steering(config, {"trunk": c, "encoder": 2 * c}[config.guide_source])
         self.fuse = nn.Conv2d(2 * c, c, 1)
         self.groups = nn.ModuleList(Group(config) for _ in range(config.groups))
         if config.upscale == "stages":
@@ -194,40 +208,107 @@ class Network(nn.Module):
             nn.init.zeros_(self.rec.bias)
             self.rec.weight.data.mul_(0.1)
 
-    def encode_hrls(self, hrls):
+    def unshuffled(self, hrls, first=0):
+        """What the channels of `hrls`, of all that the encoder reads those from `first` on, add to its features."""
+        planes = self.config.scale**2
+        weight = self.hrls.weight[:, first * planes : (first + hrls.shape[1]) * planes]
+        return F.conv2d(F.pixel_unshuffle(hrls, self.config.scale), weight, padding=self.config.hrls_kernel // 2)
+
+    def encode_hrls(self, hrls, spp):
         if self.config.hrls_encoder == "unshuffled":
-            return F.relu(self.hrls(F.pixel_unshuffle(hrls, self.config.scale)))
-        f_hrls = F.relu(self.hrls(hrls))
+            return F.relu(self.told(self.hrls(F.pixel_unshuffle(hrls, self.config.scale)), self.hrls, spp, 1))
+        f_hrls = F.relu(self.told(self.hrls(hrls), self.hrls, spp, 1))
         for conv in self.down:
             f_hrls = F.relu(conv(F.pixel_unshuffle(f_hrls, 2)))
         return f_hrls
 
-    def encode_lrhs(self, lrhs, centered):
-        y = self.lrhs(lrhs)
+    def encode_lrhs(self, lrhs, centered, spp):
+        y = self.told(self.lrhs(lrhs), self.lrhs, spp, 0)
         if len(self.config.lrhs_sampling) == 2:
             shift = (self.lrhs.centered_bias - self.lrhs.bias)[:, None, None]
             y = torch.where(centered, y + shift, y)
         return F.relu(y)
 
-    def forward(self, lrhs, hrls, centered=torch.tensor(False)):
-        """`centered`, boolean: whether LRHS samples lie in the centre of their cell; one, or [N, 1, 1, 1]."""
-        config = self.config
-        # Left to the layers, the conversions take a third of a training step.
-        dtype = torch.bfloat16 if torch.is_autocast_cpu_enabled() else lrhs.dtype
-        lrhs, hrls = (x.to(dtype, memory_format=torch.channels_last) for x in (lrhs, hrls))
-        f_lrhs = self.encode_lrhs(lrhs, centered)
-        fused = F.relu(self.fuse(torch.cat([f_lrhs, self.encode_hrls(hrls)], dim=1)))
+    def told(self, y, conv, spp, which):
+        """With the samples of LRHS (0) or HRLS (1) in the bias."""
+        return y + (conv.by_spp[:, None, None] * log_spp(spp)[:, which, None]).to(y.dtype) if self.config.knows_spp else y
+
+    def prepared(self, x):
+        """Left to the layers, the conversions take a third of a training step."""
+        dtype = torch.bfloat16 if torch.is_autocast_cpu_enabled() else x.dtype
+        return x.to(dtype, memory_format=torch.channels_last)
+
+    def trunk(self, f_lrhs, f_hrls):
+        fused = F.relu(self.fuse(torch.cat([f_lrhs, f_hrls], dim=1)))
         y = fused
         for group in self.groups:
             y = group(y)
-        y = y + (f_lrhs if config.long_skip == "lrhs" else fused)
+        return y + (f_lrhs if self.config.long_skip == "lrhs" else fused)
+
+    def reconstruct(self, y, hrls):
+        """What the trunk made, and what is read at full size -> the image."""
+        config = self.config
         for conv in self.up:
             y = F.pixel_shuffle(F.relu(conv(y)), 2 if config.upscale == "stages" else config.scale)
         if config.guide == "hrls":
             y = torch.cat([y, hrls], dim=1)
         for i, conv in enumerate(self.head):
             y = F.relu(conv(y)) + (y if i else 0)
-        return self.rec(y).to(torch.float32 if dtype == torch.bfloat16 else dtype)
+        y = self.rec(y)
+        return y.float() if y.dtype == torch.bfloat16 else y
+
+    def forward(self, lrhs, hrls, centered=torch.tensor(False), spp=None):
+        """`centered`, boolean: whether LRHS samples lie in the centre of their cell; one, or [N, 1, 1, 1].
+
+        `spp`: samples a pixel of LRHS and HRLS, [1 or N, 2, 1, 1].
+        """
+        lrhs, hrls = self.prepared(lrhs), self.prepared(hrls)
+        y = self.trunk(self.encode_lrhs(lrhs, centered, spp), self.encode_hrls(hrls, spp))
+        return self.reconstruct(y, hrls)
+
+
+class Steering(nn.Module):
+    """What the network makes of the joint filter: N guides of each pixel, how much each render counts there, and by
+    level the widths of the guides and the taps. It starts as the filter with fixed guides."""
+
+    def __init__(self, config, read):
+        super().__init__()
+        self.config = config
+        n, levels = config.guide_features, max(JOINT_LEVELS)
+        self.own = nn.Conv2d(3 * len(config.hrls_layers) + 6, n, 1, bias=False)
+        self.features = nn.Conv2d(read, (n + 2) * config.scale**2, 3, padding=1)
+        self.widths = nn.Parameter(torch.zeros(levels, n))
+        self.taps = nn.Parameter(torch.tensor([1 / 4, 1 / 8, 1 / 16]).log().repeat(levels, 1))
+        if config.knows_spp:
+            self.widths_by_spp = nn.Parameter(torch.zeros(levels, n))
+        for tensor in self.features.parameters():
+            nn.init.zeros_(tensor)
+        self.start_fixed()
+
+    def start_fixed(self):
+        """The first guides are those of joint_guides() and brightness; what is beyond them begins small."""
+        weight, layers = self.own.weight.data[..., 0, 0], self.config.hrls_layers
+        weight.mul_(0.05)
+        weight[:7] = 0
+        for first, name, width in ((0, "albedo", JOINT_ALBEDO), (3, "normal", JOINT_NORMAL)):
+            start = 3 * layers.index(name)
+            weight[first : first + 3, start : start + 3] = torch.eye(3) / width
+        weight[6, -3:] = luminance(torch.eye(3)[..., None, None])[:, 0, 0] / JOINT_IRRADIANCE
+
+    def forward(self, read, layers, low, spp):
+        """(guides, logarithms of how much LRHS and HRLS count, both [N, C, H, W], widths, taps)."""
+        n = self.config.guide_features
+        more = F.pixel_shuffle(self.features(read), self.config.scale).to(layers.dtype)
+        with torch.autocast("cpu", enabled=False):
+            guides = self.own(torch.cat([layers, low], dim=1)) + more[:, :n]
+        widths = self.widths[:, None]
+        if self.config.knows_spp:
+            widths = widths + self.widths_by_spp[:, None] * log_spp(spp)[:, 1, :, 0]
+        return guides, more[:, n:].clamp(-STEERING_MOST, STEERING_MOST), widths.exp(), self.taps.exp()[:, TAP_KINDS]
+
+
+def log_spp(spp):
+    return torch.log2(spp.clamp(min=1).minimum(torch.tensor(SPP_MOST).to(spp)[:, None, None]))
 
 
 def joint_guides(albedo, normal):
@@ -235,18 +316,23 @@ def joint_guides(albedo, normal):
 
 
 def irradiance(lrhs, albedo, normal, config, centered):
-    """LRHS over the albedo of HRLS, encoded, and the mean of 3x3 such pixels as far as they are alike in HRLS.
+    """LRHS over its albedo, encoded, and the mean of 3x3 such pixels as far as they are alike.
 
-    Those of HRLS are of the same pixel, or where LRHS is centered the mean of the cell.
+    Albedo and normal are LRHS's own, channels 3 to 9, where it has any; else those of HRLS, of the same pixel, or where
+    LRHS is centered the mean of the cell.
     """
 
     def own(layer):
         cell = layer[..., :: config.scale, :: config.scale]
         return torch.where(centered, F.avg_pool2d(layer, config.scale), cell) if centered.any() else cell
 
-    light = transfer(linear(lrhs, config) / (own(albedo) + ALBEDO_FLOOR), config.transfer)
+    guides = own(torch.cat([albedo, normal], dim=1))
+    if lrhs.shape[1] > 3:
+        known = lrhs[:, 3:].abs().amax((1, 2, 3), keepdim=True) > 0
+        guides = torch.where(known, lrhs[:, 3:9], guides)
+    light = transfer(linear(lrhs[:, :3], config) / (guides[:, :3] + ALBEDO_FLOOR), config.transfer)
     even = torch.cat([light, torch.ones_like(light[:, :1])], dim=1)
-    return joint_filter(even, joint_guides(own(albedo), own(normal)), 1)[0, :, :3]
+    return joint_filter(even, joint_guides(guides[:, :3], guides[:, 3:]), 1)[0, :, :3]
 
 
 def without_fireflies(color):
@@ -259,11 +345,11 @@ def without_fireflies(color):
     return color * ((FIREFLY * second + FIREFLY_FLOOR) / bright.clamp(min=FIREFLY_FLOOR)).clamp(max=1)
 
 
-def joint_light(low, hrls, albedo, config, centered):
+def joint_light(low, hrls, albedo, config, centered, counts=(1, 1)):
     """What the joint filter filters, [N, 4, H, W]: compressed light of HRLS and LRHS together, and its certainty.
 
     A pixel of LRHS has the certainty lrhs_certainty where it was rendered, one of HRLS 1; centered, it is spread over
-    the cell. `low` as in joint_candidates().
+    the cell. `counts` multiply the certainties of LRHS and HRLS. `low` as in joint_candidates().
     """
     light = without_fireflies(linear(hrls, config)) / (albedo + ALBEDO_FLOOR)
     nearest = torch.zeros_like(light[:, :1])
@@ -271,44 +357,82 @@ def joint_light(low, hrls, albedo, config, centered):
     certainty = torch.where(centered, torch.tensor(config.lrhs_certainty / config.scale**2).to(light), nearest)
     nearest_light = decode(low[:, :3], config.transfer) / (albedo + ALBEDO_FLOOR)
     given = torch.where(centered, decode(low[:, 3:], config.transfer), nearest_light)
-    light = (light + certainty * given) / (1 + certainty)
-    return torch.cat([torch.log1p(JOINT_COMPRESS * light) / JOINT_COMPRESS, 1 + certainty], dim=1)
+    certainty, own = certainty * counts[0], counts[1]
+    light = (own * light + certainty * given) / (own + certainty)
+    return torch.cat([torch.log1p(JOINT_COMPRESS * light) / JOINT_COMPRESS, own + certainty], dim=1)
 
 
-def joint_candidates(low, hrls, albedo, normal, config, centered):
+def joint_candidates(low, hrls, albedo, normal, config, centered, spp=None, steering=None):
     """What the output is mixed of, encoded: LRHS, LRHS with the albedo of HRLS, three levels of a filter of both.
 
-    `low` [N, 6, H, W] is the encoded LRHS and its irradiance, both upsampled; the others are full-size layers.
+    `low` [N, 6, H, W] is the encoded LRHS and its irradiance, both upsampled; the others are full-size layers;
+    `steering` is what Steering gives, None for fixed guides.
     """
-    light = joint_light(low, hrls, albedo, config, centered)
-    brightness = luminance(low[:, 3:])[:, None]
-    guides = torch.cat([joint_guides(albedo, normal), brightness / JOINT_IRRADIANCE], dim=1)
-    levels = joint_filter(light, guides, max(JOINT_LEVELS))
+    if steering:
+        guides, counts, widths, taps = steering
+        counts = counts.exp().split(1, dim=1)
+    else:
+        brightness = luminance(low[:, 3:])[:, None]
+        guides = torch.cat([joint_guides(albedo, normal), brightness / JOINT_IRRADIANCE], dim=1)
+        counts, widths, taps = (1, 1), None, None
+    if config.knows_spp:
+        counts = counts[0] * spp[:, :1] / spp[:, 1:] / config.scale**2, counts[1]
+    light = joint_light(low, hrls, albedo, config, centered, counts)
+    levels = joint_filter(light, guides, max(JOINT_LEVELS), widths, taps)
     lights = [torch.expm1(JOINT_COMPRESS * levels[level - 1][:, :3]) / JOINT_COMPRESS for level in JOINT_LEVELS]
     lights = [decode(low[:, 3:], config.transfer), *lights]
     return low[:, :3], *(transfer(light * (albedo + ALBEDO_FLOOR), config.transfer) for light in lights)
 
 
-def joint_predict(network, lrhs, hrls, upsampled, centered):
+def steer(network, low, high, up, filtered, centered, spp):
+    """(candidates of a filter that the network steers, what the network makes of them).
+
+    `low` and `high` are what the network reads, `up` LRHS and its irradiance at full size; `filtered` gives the candidates.
+    """
+    config, layers = network.config, network.prepared(high)
+    f_lrhs = network.encode_lrhs(network.prepared(low), centered, spp)
+    if config.guide_source == "trunk":
+        told = y = network.trunk(f_lrhs, network.encode_hrls(layers, spp))
+    else:
+        seen = network.unshuffled(layers) + network.hrls.bias[:, None, None]
+        seen = network.told(seen, network.hrls, spp, 1)
+        told = torch.cat([f_lrhs, F.relu(seen)], dim=1)
+    candidates = filtered(steering=network.steering(told, high, up, spp))
+    levels = network.prepared(torch.cat(candidates[2:], dim=1))
+    if config.guide_source == "encoder":
+        y = network.trunk(f_lrhs, F.relu(seen + network.unshuffled(levels, high.shape[1])))
+    return candidates, network.reconstruct(y, torch.cat([layers, levels], dim=1))
+
+
+def joint_predict(network, lrhs, hrls, upsampled, centered, spp):
     """predict() up to the encoded image."""
     config = network.config
     layers = dict(zip(config.hrls_layers, hrls.split(3, dim=1)))
     albedo, normal = (encode_layer(layers[name], name, config) for name in ("albedo", "normal"))
-    low = torch.cat([encode_layer(lrhs, "color", config), irradiance(lrhs, albedo, normal, config, centered)], dim=1)
-    candidates = joint_candidates(upsampled(low), layers["color"], albedo, normal, config, centered)
-    high = torch.cat([encode(hrls, config.hrls_layers, config), *candidates[2:]], dim=1)
-    y = network(low, high, centered)
+    low = encode(lrhs, config.lrhs_layers, config)
+    light = irradiance(torch.cat([lrhs[:, :3], low[:, 3:]], dim=1), albedo, normal, config, centered)
+    low = torch.cat([low[:, :3], light, low[:, 3:]], dim=1)
+    up = upsampled(low[:, :6])
+    high = encode(hrls, config.hrls_layers, config)
+    filtered = functools.partial(joint_candidates, up, layers["color"], albedo, normal, config, centered, spp)
+    if config.guide_features:
+        candidates, y = steer(network, low, high, up, filtered, centered, spp)
+    else:
+        candidates = filtered()
+        y = network(low, torch.cat([high, *candidates[2:]], dim=1), centered, spp)
     weights = torch.softmax(y[:, 3:], dim=1).split(1, dim=1)
     return y[:, :3] + sum(weight * candidate for weight, candidate in zip(weights, candidates, strict=True))
 
 
-def predict(network, lrhs, hrls, centered=torch.tensor(False), exposure=1.0):
-    """As rendered, lrhs [N, 3, h, w] and hrls [N, K, s*h, s*w] -> (encoded, scene linear) image [N, 3, s*h, s*w].
+def predict(network, lrhs, hrls, centered=torch.tensor(False), exposure=1.0, spp=None):
+    """As rendered, lrhs [N, L, h, w] and hrls [N, K, s*h, s*w] -> (encoded, scene linear) image [N, 3, s*h, s*w].
 
-    `centered` as in Network.forward; `exposure`: what the inputs were multiplied by. The linear image has, where it is
-    near the clip, what LRHS has beyond it.
+    `centered` and `spp` as in Network.forward, as many samples of LRHS as of a cell of HRLS by default; `exposure`: what
+    the inputs were multiplied by. The linear image has, where it is near the clip, what LRHS has beyond it.
     """
     config = network.config
+    if spp is None:
+        spp = torch.tensor([config.scale**2, 1.0]).reshape(1, 2, 1, 1).to(lrhs)
 
     def upsampled(x):
         bases = [bilinear(x, config.scale)]
@@ -317,14 +441,14 @@ def predict(network, lrhs, hrls, centered=torch.tensor(False), exposure=1.0):
         return torch.where(centered, bases[-1], bases[0])
 
     if config.base == "joint":
-        y = joint_predict(network, lrhs, hrls, upsampled, centered)
+        y = joint_predict(network, lrhs, hrls, upsampled, centered, spp)
     else:
         low = encode(lrhs, ("color",), config)
-        y = network(low, encode(hrls, config.hrls_layers, config), centered)
+        y = network(low, encode(hrls, config.hrls_layers, config), centered, spp)
         if config.base == "bilinear":
             y = y + upsampled(low)
     fused = decode(y, config.transfer)
-    beyond = torch.nan_to_num(lrhs - config.clip).clamp(0, HALF_MAX * exposure)
+    beyond = torch.nan_to_num(lrhs[:, :3] - config.clip).clamp(0, HALF_MAX * exposure)
     return y, fused + (8 * fused / config.clip - 1).clamp(0, 1) * highlights(beyond, upsampled)
 
 

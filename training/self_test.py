@@ -133,6 +133,91 @@ class JointFilter(unittest.TestCase):
         torch.testing.assert_close(even, torch.full_like(even, 0.5))
 
 
+STEERED = ("guide_features=8", "knows_spp=true", "lrhs_layers=color,albedo,normal")
+
+
+class Steered(unittest.TestCase):
+    """A network that steers the filter."""
+
+    def inputs(self, kind=torch.float32, layers=9):
+        generator = torch.Generator().manual_seed(1)
+        lrhs, hrls = (torch.rand(2, *shape, generator=generator).to(kind) for shape in ((layers, 4, 6), (18, 16, 24)))
+        return lrhs, hrls
+
+    def network(self, source="encoder"):
+        torch.manual_seed(1)
+        return model.Network(stock.config("x4-fast", (*STEERED, f"guide_source={source}")))
+
+    def test_starts_as_the_fixed_filter(self):
+        """Until widths, taps and features have learned."""
+        fixed, steered = stock.config("x4-fast"), stock.config("x4-fast", STEERED)
+        network, hrls = self.network(), self.inputs()[1]
+        up, spp = hrls[:, :6], torch.tensor([16.0, 1.0])[None, :, None, None]
+        arguments = up, hrls[:, :3], hrls[:, 3:6], hrls[:, 6:9]
+        with torch.no_grad():
+            steering = network.steering(torch.rand(2, 48, 4, 6), hrls, up, spp)
+            for centered in torch.tensor([False, True]):
+                expected = model.joint_candidates(*arguments, fixed, centered)
+                for a, b in zip(model.joint_candidates(*arguments, steered, centered, spp, steering), expected):
+                    torch.testing.assert_close(a, b, rtol=1e-3, atol=1e-3)
+
+    def test_starts_as_the_model_before(self):
+        """Guides from the encoders leave the image of a model without them as it was."""
+        before, network, (lrhs, hrls) = model.Network(stock.config("x4-fast")), self.network(), self.inputs()
+        own = network.state_dict()
+        network.load_state_dict(own | {key: grow.overlaid(own[key], value) for key, value in before.state_dict().items()})
+        bare = torch.cat([lrhs[:, :3], 0 * lrhs[:, 3:]], dim=1)
+        with torch.no_grad():
+            for centered in torch.tensor([False, True]):
+                expected = model.predict(before, lrhs[:, :3], hrls, centered)[0]
+                torch.testing.assert_close(model.predict(network, bare, hrls, centered)[0], expected, rtol=1e-3, atol=1e-3)
+
+    def test_gradient_of_all_that_steers(self):
+        for source in ("encoder", "trunk"):
+            with self.subTest(source):
+                self.compare_slopes(self.network(source).double())
+
+    def compare_slopes(self, network):
+        """Gradients and finite differences, in double precision."""
+        lrhs, hrls = self.inputs(torch.float64)
+        with torch.no_grad():
+            for tensor in network.steering.parameters():
+                tensor += 0.1 * torch.randn_like(tensor)
+        spp = torch.tensor([[64.0, 4.0], [16.0, 1.0]]).double()[..., None, None]
+        weigh = torch.rand(2, 3, 16, 24).double()
+        value = lambda: (model.predict(network, lrhs, hrls, torch.tensor(True), spp=spp)[0] * weigh).sum()
+        value().backward()
+        learned = [*network.steering.parameters(), network.lrhs.by_spp, network.hrls.by_spp]
+        for tensor in learned:
+            along, step = torch.randn_like(tensor), 1e-6
+            ends = []
+            for sign in (1, -1):
+                with torch.no_grad():
+                    tensor += sign * step * along
+                    ends.append(float(value()))
+                    tensor -= sign * step * along
+            slope = (ends[0] - ends[1]) / (2 * step)
+            self.assertAlmostEqual(slope, float((tensor.grad * along).sum()), delta=1e-3 * abs(slope) + 1e-5)
+
+    def test_samples_of_lrhs_count(self):
+        network, (lrhs, hrls) = self.network(), self.inputs()
+        images = [
+            model.predict(network, lrhs, hrls, spp=torch.tensor([lrhs_spp, 1.0])[None, :, None, None])[0]
+            for lrhs_spp in (16.0, 64.0)
+        ]
+        self.assertFalse(torch.equal(*images))
+
+    def test_layers_of_lrhs_may_be_absent(self):
+        """Then irradiance is made with those of HRLS."""
+        config, (lrhs, hrls) = stock.config("x4-fast"), self.inputs()
+        layers = hrls[:, 3:6], hrls[:, 6:9]
+        bare = torch.cat([lrhs[:, :3], 0 * lrhs[:, 3:]], dim=1)
+        for centered in torch.tensor([False, True]):
+            expected = model.irradiance(lrhs[:, :3], *layers, config, centered)
+            self.assertTrue(torch.equal(model.irradiance(bare, *layers, config, centered), expected))
+            self.assertFalse(torch.equal(model.irradiance(lrhs, *layers, config, centered), expected))
+
+
 class JointLight(unittest.TestCase):
     def light(self, color, config, centered=False):
         low, albedo = torch.zeros(1, 6, 8, 8), torch.full((1, 3, 8, 8), 0.6)
@@ -191,7 +276,7 @@ class Pairs(unittest.TestCase):
     def test_nearest_samples_lie_on_the_reference(self):
         """Whatever the mirroring, transposition, weights of light, exposure and channels, all images show one scene."""
         for seed in range(20):
-            lrhs, hrls, reference, centered = self.sample(seed)
+            lrhs, hrls, reference, centered, _ = self.sample(seed)
             self.assertFalse(centered.any())
             torch.testing.assert_close(lrhs, reference[:, ::4, ::4])
             torch.testing.assert_close(hrls[:3], reference)
@@ -199,10 +284,22 @@ class Pairs(unittest.TestCase):
     def test_small_renders_are_means_of_the_reference(self):
         for scale in (2, 4, 8):
             for seed in range(10):
-                lrhs, hrls, reference, centered = self.sample(seed, scale, ("centered",))
+                lrhs, hrls, reference, centered, _ = self.sample(seed, scale, ("centered",))
                 self.assertTrue(centered.all())
                 torch.testing.assert_close(lrhs, torch.nn.functional.avg_pool2d(reference, scale), rtol=1e-3, atol=1e-3)
                 torch.testing.assert_close(hrls[:3], reference)
+
+    def test_layers_of_lrhs_follow_it(self):
+        config = bent(stock.config("x4-fast", STEERED), lrhs_sampling=("centered",), optional_layers=())
+        blank = 0
+        for seed in range(20):
+            with mock.patch.object(dataset, "add_fireflies"):
+                lrhs, hrls, _, _, spp = dataset.sample([Lookalike()], config, 32, random.Random(seed))
+            blank += not lrhs[3:].any()
+            expected = torch.nn.functional.avg_pool2d(hrls[3:9], 4) * bool(lrhs[3:].any())
+            torch.testing.assert_close(lrhs[3:], expected)
+            self.assertEqual(spp[0], 16)
+        self.assertTrue(0 < blank < 10)
 
     def test_target_and_inputs_share_no_noise(self):
         view, rng = Lookalike(), random.Random(1)

@@ -23,14 +23,15 @@ FAST = (24, 16, 3, 2, 1, 16)
 SIZES = {"full": (64, 64, 4, 5, 3, 48), "balanced": (48, 32, 4, 3, 2, 32), "fast": FAST, "faster": FAST}
 
 
-def config(name):
-    """The Config of a stock model's name."""
+def config(name, changes=()):
+    """The Config of a stock model's name, with metadata entries changed, ENTRY=VALUE each."""
     scale, size = name.removeprefix("x").split("-")
     scale, (*trunk, head_features) = int(scale), SIZES[size]
     # A pixel of LRHS has the samples that HRLS spends on a cell; in x8's wide ones fewer hold for the pixels around.
     certainty = float(min(scale**2, 32))
     choices = CHOICES | (FASTER if size == "faster" else {})
-    return Config(scale, *trunk, **choices, head_features=head_features, lrhs_certainty=certainty)
+    stock = Config(scale, *trunk, **choices, head_features=head_features, lrhs_certainty=certainty)
+    return Config.parse(stock.metadata() | dict(change.split("=") for change in changes))
 
 
 def names():

@@ -17,9 +17,10 @@ import loss
 import model
 import safetensors
 import stock
+import validate
 
-# Table 2 of Hou et al. 2021: two and eight samples a pixel together.
-VALIDATION_SPP = {2: ((4, 1), (16, 4)), 4: ((16, 1), (64, 4)), 8: ((64, 1), (256, 4))}
+STEERING_RATE = 4  # times the rate of the network
+LOGGED = ("step", "minutes", "loss", "psnr", "relmse", "psnr_2", "relmse_2", "psnr_4", "relmse_4", "views", "held_out")
 ENCODED_LOSSES = {"rms": loss.rms, "l1": loss.l1}
 WITHOUT = ("none", "hrls", "lrhs", "layers")
 
@@ -29,6 +30,7 @@ def parse():
     parser.add_argument("--views", required=True, help="folder of packed views, by scenes/pairs.py")
     parser.add_argument("--run", required=True, type=pathlib.Path, help="folder for checkpoint.pt and log.csv")
     parser.add_argument("--model", required=True, choices=stock.names(), help="which stock model")
+    parser.add_argument("--choice", nargs="*", default=[], metavar="ENTRY=VALUE", help="metadata entries unlike the stock model's")
     parser.add_argument("--without", choices=WITHOUT, default="none", help="ablation: an input blank, or all but RGB")
     parser.add_argument("--init", help="model file to start from: a smaller model, or what fits of another's tensors")
     parser.add_argument("--loss", choices=(*ENCODED_LOSSES, "robust"), default="rms")
@@ -47,11 +49,11 @@ class Run:
     def __init__(self, args):
         self.args, self.step, self.seconds = args, 0, 0.0
         torch.manual_seed(1)
-        self.config = stock.config(args.model)
+        self.config = stock.config(args.model, args.choice)
         if args.without == "lrhs":
             self.config.lrhs_certainty = 0.0
         self.network = model.Network(self.config).to(memory_format=torch.channels_last)
-        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=args.rate)
+        self.optimizer = torch.optim.Adam(self.rates(), lr=args.rate)
         args.run.mkdir(parents=True, exist_ok=True)
         self.checkpoint = args.run / "checkpoint.pt"
         self.earlier = self.start_from(args.init) if args.init else {}
@@ -61,6 +63,12 @@ class Run:
             self.network.load_state_dict(saved["network"])
             self.optimizer.load_state_dict(saved["optimizer"])
             self.average, self.step, self.seconds = saved["average"], saved["step"], saved["seconds"]
+
+    def rates(self):
+        """Groups of parameters, and how many times the rate they learn at."""
+        named = list(self.network.named_parameters())
+        steering, rest = ([p for name, p in named if name.startswith("steering") == of] for of in (True, False))
+        return [{"params": rest, "factor": 1}, {"params": steering, "factor": STEERING_RATE}]
 
     def start_from(self, path):
         """Becomes a model that is no larger, or takes what fits of another's tensors; returns how that was trained."""
@@ -105,6 +113,7 @@ class Run:
         if self.args.without == "hrls":
             hrls = torch.zeros_like(hrls)
         if self.args.without == "layers":
+            lrhs = torch.cat([lrhs[:, :3], torch.zeros_like(lrhs[:, 3:])], dim=1)
             kept = torch.tensor([name not in self.config.optional_layers for name in self.config.hrls_layers])
             hrls = hrls * kept.repeat_interleave(3)[:, None, None]
         return lrhs, hrls
@@ -120,10 +129,10 @@ class Run:
         args = self.args
         rate = args.rate * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * self.progress())))
         for group in self.optimizer.param_groups:
-            group["lr"] = rate * min(1, (self.step + 1) / 200)
-        lrhs, hrls, reference, centered = dataset.batch(views, self.config, args.size, args.batch, self.step)
+            group["lr"] = group["factor"] * rate * min(1, (self.step + 1) / 200)
+        lrhs, hrls, reference, centered, spp = dataset.batch(views, self.config, args.size, args.batch, self.step)
         with torch.autocast("cpu", torch.bfloat16, enabled=not args.fp32):
-            encoded = model.predict(self.network, *self.inputs(lrhs, hrls), centered)[0]
+            encoded = model.predict(self.network, *self.inputs(lrhs, hrls), centered, spp=spp)[0]
         error = self.error(encoded.float(), reference)
         self.optimizer.zero_grad(set_to_none=True)
         error.backward()
@@ -135,32 +144,26 @@ class Run:
             self.average[key].lerp_(value, 1 - keep)
         return float(error.detach())
 
-    @torch.no_grad()
     def validate(self, views):
-        """(PSNR, RelMSE) of the averaged weights, means over whole views, at each of VALIDATION_SPP in turn, fp32."""
+        """(PSNR, RelMSE) of the averaged weights, means over whole views, at each of validate.SPP in turn, fp32."""
         network = model.Network(self.config)
         network.load_state_dict(self.average)
         means = []
-        for spp in VALIDATION_SPP[self.config.scale]:
-            scores = []
-            for view in views:
-                lrhs, hrls, reference, exposure = dataset.pair(view, self.config, *spp)
-                is_centered = torch.tensor("centered" in self.config.lrhs_sampling)
-                fused = model.predict(network, *self.inputs(lrhs, hrls), is_centered, exposure)[1] / exposure
-                reference = reference / exposure
-                scores.append((loss.psnr(fused, reference), loss.relmse(fused, reference)))
+        for counts in validate.SPP[self.config.scale]:
+            scores = [validate.score(network, view, counts, self.inputs) for view in views]
             means += [sum(column) / len(scores) for column in zip(*scores)]
         return means
 
-    def log(self, error, psnr, relmse, psnr_more, relmse_more):
+    def log(self, error, views, held_out):
+        """`views`: how many it was trained on."""
         path = self.args.run / "log.csv"
         fresh = not path.exists()
         with open(path, "a", newline="") as file:
             writer = csv.writer(file)
             if fresh:
-                writer.writerow(("step", "minutes", "loss", "psnr", "relmse", "psnr_more", "relmse_more"))
-            row = (self.step, f"{self.seconds / 60:.1f}", f"{error:.5f}", f"{psnr:.3f}", f"{relmse:.5f}")
-            row += (f"{psnr_more:.3f}", f"{relmse_more:.5f}")
+                writer.writerow(LOGGED)
+            scores = [f"{score:.3f}" if i % 2 == 0 else f"{score:.5f}" for i, score in enumerate(self.validate(held_out))]
+            row = (self.step, f"{self.seconds / 60:.1f}", f"{error:.5f}", *scores, views, len(held_out))
             writer.writerow(row)
         print(*row, flush=True)
 
@@ -170,7 +173,6 @@ def main():
     torch.set_num_threads(args.threads)
     run = Run(args)
     training, held_out = dataset.load(args.views)
-    print(len(training), "training views,", len(held_out), "held out", flush=True)
     mean_error, next_validation = 0.0, run.seconds + 60 * args.validate_every
     while run.progress() < 1:
         start = time.process_time() / args.threads
@@ -179,8 +181,9 @@ def main():
         run.seconds += time.process_time() / args.threads - start
         if run.seconds >= next_validation or run.progress() >= 1:
             next_validation = run.seconds + 60 * args.validate_every
-            run.log(mean_error, *run.validate(held_out))
+            run.log(mean_error, len(training), held_out)
             run.save(len(training))
+            training, held_out = dataset.load(args.views)  # rendering goes on meanwhile
 
 
 if __name__ == "__main__":

@@ -1,0 +1,95 @@
+#!/usr/bin/python3
+"""Measures models on the held-out views with ordinary small renders, beside the SVGF-like filter of a plain render.
+
+validate.py --views PAIRS MODEL.safetensors|checkpoint.pt...: sRGB PSNR and RelMSE, means over the views, and in how many
+views a model is ahead of the filter.
+"""
+
+import argparse
+import pathlib
+
+import torch
+
+import dataset
+import loss
+import model
+import safetensors
+from evaluation import baselines
+
+# Two, four and eight samples a pixel together.
+SPP = {2: ((4, 1), (8, 2), (16, 4)), 4: ((16, 1), (32, 2), (64, 4)), 8: ((64, 1), (128, 2), (256, 4))}
+
+
+def parse():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--views", required=True, help="folder of packed views")
+    parser.add_argument("models", nargs="*", type=pathlib.Path)
+    parser.add_argument("--guides", type=int, help="albedo and normal of HRLS are a render's of that many samples")
+    parser.add_argument("--bare", action="store_true", help="LRHS has no layers but color")
+    return parser.parse_args()
+
+
+def load(path):
+    if path.suffix == ".pt":
+        saved = torch.load(path)
+        config, tensors = model.Config(**saved["config"]), saved["average"]
+    else:
+        tensors, metadata = safetensors.load(path)
+        config = model.Config.parse(metadata)
+        tensors = {key: torch.tensor(value).float() for key, value in tensors.items()}
+    network = model.Network(config)
+    network.load_state_dict(tensors)
+    return network
+
+
+def measured(image, reference):
+    """(PSNR, RelMSE)."""
+    return loss.psnr(image, reference), loss.relmse(image, reference)
+
+
+@torch.no_grad()
+def score(network, view, counts, blank=lambda lrhs, hrls: (lrhs, hrls), guides=None):
+    """(PSNR, RelMSE) of a whole view; `blank` takes from the inputs; `guides`: samples of a render of albedo and normal."""
+    lrhs, hrls, reference, exposure, spp = dataset.pair(view, network.config, *counts, guides)
+    centered = torch.tensor("centered" in network.config.lrhs_sampling)
+    fused = model.predict(network, *blank(lrhs, hrls), centered, exposure, spp)[1]
+    return measured(fused / exposure, reference / exposure)
+
+
+def filter_score(view, spp):
+    """(PSNR, RelMSE) of the SVGF-like filter of a plain render."""
+    color, albedo, normal = (x.float().permute(1, 2, 0).numpy() for x in view.read(f"{spp:04}")[:9].split(3))
+    image = baselines.svgf(color, albedo, normal, baselines.TUNED["svgf"][spp])
+    return measured(torch.from_numpy(image).permute(2, 0, 1).float()[None], view.reference()[None, :3])
+
+
+def show(name, scores, rivals):
+    """`scores` and `rivals`: for each pair of sample counts, those of every view."""
+    cells = []
+    for own, other in zip(scores, rivals):
+        psnr, relmse = (sum(column) / len(own) for column in zip(*own))
+        ahead = sum(a[0] > b[0] for a, b in zip(own, other)) / len(own)
+        cells.append(f"{psnr:.2f} dB / {relmse:.4f} ({ahead:.0%})")
+    print("|", name, "|", " | ".join(cells), "|", flush=True)
+
+
+def main():
+    args = parse()
+    torch.set_num_threads(1)
+    views = dataset.load(args.views)[1]
+    print(len(views), "held-out views")
+    rivals = [[filter_score(view, spp) for view in views] for spp in (2, 4, 8)]
+    show("SVGF-like filter of a plain render", rivals, rivals)
+
+    def blank(lrhs, hrls):
+        return (torch.cat([lrhs[:, :3], 0 * lrhs[:, 3:]], dim=1) if args.bare else lrhs), hrls
+
+    for path in args.models:
+        network = load(path)
+        counts = SPP[network.config.scale]
+        scores = [[score(network, view, pair, blank, args.guides) for view in views] for pair in counts]
+        show(f"{path.parent.name}/{path.stem}", scores, rivals)
+
+
+if __name__ == "__main__":
+    main()
