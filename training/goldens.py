@@ -142,8 +142,8 @@ def parts_of_joint_base(seen):
     def irradiance(*inputs):
         return seen.setdefault("irradiance", parts[0](*inputs))
 
-    def joint_filter(light, guides, levels):
-        filtered = parts[1](light, guides, levels)
+    def joint_filter(light, guides, levels, *steering):
+        filtered = parts[1](light, guides, levels, *steering)
         if levels > 1:  # of the irradiance there is one
             seen["light"] = torch.cat([light, guides[:, -1:] * model.JOINT_IRRADIANCE], dim=1)
             seen.update({f"joint.{level}": image for level, image in enumerate(filtered)})
