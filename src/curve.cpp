@@ -16,7 +16,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr int kFormatVersion = 1;
+constexpr int kCurveVersion = 1;
 constexpr size_t kTerms = 3;
 using Terms = std::array<double, kTerms>;
 
@@ -138,8 +138,8 @@ Curve load_curve(const std::filesystem::path& file) try {
   std::ifstream stream(file);
   if (!stream) throw Error("it cannot be read");
   const Json json = Json::parse(stream);
-  if (json.at("format_version") != kFormatVersion)
-    throw Error("its format_version is {}, expected {}", json.at("format_version").dump(), kFormatVersion);
+  if (json.at("format_version") != kCurveVersion)
+    throw Error("its format_version is {}, expected {}", json.at("format_version").dump(), kCurveVersion);
   Curve curve{json.at("device"), json.at("data"), {}};
   for (const Json& point : json.at("points")) curve.points.push_back(point_from(point));
   return curve;
@@ -148,7 +148,7 @@ Curve load_curve(const std::filesystem::path& file) try {
 }
 
 void save_curve(const std::filesystem::path& file, const Curve& curve) {
-  Json json{{"format_version", kFormatVersion},
+  Json json{{"format_version", kCurveVersion},
             {"device", curve.device},
             {"data", curve.data},
             {"points", Json::array()}};

@@ -15,7 +15,7 @@
 namespace raymeld {
 namespace {
 
-constexpr int kFormatVersion = 3;
+constexpr int kTuningVersion = 3;
 constexpr double kBudgetMs = 60;  // of one measurement
 constexpr uint32_t kLeastRows = 32;
 constexpr uint32_t kMostOrder = 256;
@@ -318,7 +318,7 @@ std::filesystem::path tuning_file(const std::filesystem::path& folder, const Dev
 }
 
 Tuning load_tuning(const std::filesystem::path& file) try {
-  const Json json = load_kept(file, kFormatVersion);
+  const Json json = load_kept(file, kTuningVersion);
   if (json.is_null()) return {};
   Tuning tuning;
   tuning.addressed = json.at("addressed");
@@ -343,7 +343,7 @@ void save_tuning(const std::filesystem::path& file, const Tuning& tuning) {
                               {"time_ms", entry.time_ms},
                               {"direct_ms", entry.direct_ms}});
   }
-  save_kept(file, kFormatVersion, json);
+  save_kept(file, kTuningVersion, json);
 }
 
 void tune(const DeviceInfo& device, Storage storage, const Conv2dTimer& time,

@@ -12,17 +12,17 @@
 namespace raymeld::cli {
 namespace {
 
-using Json = nlohmann::json;
-
 // Bytes of file names that are no UTF-8 are replaced.
-std::string text_of(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
+std::string text_of(const nlohmann::json& json) {
+  return json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
 
 // Of a line that was written to its end, false otherwise.
 bool read_line(const std::string& line, std::map<std::string, Journal::Values>& values) try {
-  const Json json = Json::parse(line);
+  const nlohmann::json json = nlohmann::json::parse(line);
   values[json.at(0)] = json.at(1).get<Journal::Values>();
   return true;
-} catch (const Json::exception&) {
+} catch (const nlohmann::json::exception&) {
   return false;
 }
 

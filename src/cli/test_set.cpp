@@ -11,13 +11,12 @@ namespace raymeld::cli {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::json;
 
 constexpr const char* kManifest = "view.json";
 
 TestView load_view(const fs::path& folder) try {
   std::ifstream stream(folder / kManifest);
-  const Json json = Json::parse(stream);
+  const nlohmann::json json = nlohmann::json::parse(stream);
   TestView view{.name = fs::canonical(folder).filename().string()};
   std::vector<TestRender> all;
   for (const auto& [name, entry] : json.at("files").items()) {

@@ -18,7 +18,7 @@ using reference::random_conv;
 using reference::random_planes;
 using reference::Size;
 
-struct Trial {
+struct ConstantTrial {
   uint32_t kernel = 3, shuffle = 1;  // before the convolution and, of a 3x3, behind it
   std::vector<bool> front, behind;   // which channels are constant
   int outputs = 9;
@@ -26,12 +26,12 @@ struct Trial {
 
 // Constants first, last, side by side and 0; with `behind`, in both inputs.
 const std::array kTrials{
-    Trial{.front = {true, false, false, true, true}, .behind = {false, true, false, true}},
-    Trial{.shuffle = 2, .front = {false, true, true, false}, .behind = {}, .outputs = 12},
-    Trial{.kernel = 1, .front = {true, false, true, false}, .behind = {}},
-    Trial{.kernel = 1, .shuffle = 2, .front = {false, true, false, true}, .behind = {}}};
+    ConstantTrial{.front = {true, false, false, true, true}, .behind = {false, true, false, true}},
+    ConstantTrial{.shuffle = 2, .front = {false, true, true, false}, .behind = {}, .outputs = 12},
+    ConstantTrial{.kernel = 1, .front = {true, false, true, false}, .behind = {}},
+    ConstantTrial{.kernel = 1, .shuffle = 2, .front = {false, true, false, true}, .behind = {}}};
 
-std::string text_of(const Trial& trial, const Size& size) {
+std::string text_of(const ConstantTrial& trial, const Size& size) {
   return fmt::format("{} and {} channels -> {}{}, some constant, {} x {}", trial.front.size(),
                      trial.behind.size(), trial.outputs, trial.shuffle > 1 ? ", shuffled" : "", size.h,
                      size.w);
@@ -65,13 +65,13 @@ Channels channels_of(const std::vector<bool>& constant, const Size& size, Fill f
 }
 
 // A convolution in a run, and what it must give.
-struct Convolved {
+struct ConstantConvolved {
   Tensor out;
   Bounded expected;
 };
 
-Convolved add(LayerRun& run, const Trial& trial, const Size& size, Fill fill, uint64_t seed, const Way& way,
-              Precision precision) {
+ConstantConvolved add(LayerRun& run, const ConstantTrial& trial, const Size& size, Fill fill, uint64_t seed,
+                      const Way& way, Precision precision) {
   const int s = int(trial.shuffle), back = trial.kernel == 1 ? 1 : s;
   const Size full{s * size.h, s * size.w};
   Channels in = channels_of(trial.front, full, fill, seed, precision);
@@ -101,7 +101,7 @@ Convolved add(LayerRun& run, const Trial& trial, const Size& size, Fill fill, ui
 }  // namespace
 
 void run_constants(Collector& collector) {
-  for (const Trial& trial : kTrials) {
+  for (const ConstantTrial& trial : kTrials) {
     const std::vector<Way> ways = conv2d_ways(collector.device().info(), trial.kernel);
     Collector::for_each(ways, [&](const Way& way, Precision precision) {
       for (const Size& size : collector.sizes()) {
@@ -111,8 +111,9 @@ void run_constants(Collector& collector) {
                         // The weights of F(4, 3) are divided by 3: no integers.
                         const bool integers = way.kernel.tile != 4;
                         LayerRun run(collector.target(), precision, way.addressed);
-                        const Convolved random = add(run, trial, size, Fill::kUniform, seed, way, precision);
-                        Convolved whole;
+                        const ConstantConvolved random =
+                            add(run, trial, size, Fill::kUniform, seed, way, precision);
+                        ConstantConvolved whole;
                         if (integers) whole = add(run, trial, size, Fill::kIntegers, seed, way, precision);
                         run.run();
                         check.within(run.read(random.out), random.expected, "random");

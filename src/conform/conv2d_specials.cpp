@@ -14,9 +14,6 @@ using reference::exact;
 using reference::Planes;
 using reference::Precision;
 
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-
 // Several pointwise convolutions by one kernel.
 struct Pointwise {
   Check& check;
@@ -49,14 +46,14 @@ struct Pointwise {
 
 void check_large(const Pointwise& run) {
   if (run.precision == Precision::kFp32) {
-    const std::vector<float> in{-0.0f,   FLT_MIN,  65519,     65520,      1e8f, 1e30f,
-                                FLT_MAX, -FLT_MAX, kInfinity, -kInfinity, kNaN};
+    const std::vector<float> in{-0.0f,   FLT_MIN,  65519,    65520,     1e8f, 1e30f,
+                                FLT_MAX, -FLT_MAX, INFINITY, -INFINITY, NAN};
     return run.gives(in, 1, 0, in, 0, "as they are");
   }
   run.gives({65504, -65504, 60000}, 1, 0, {65504, -65504, 60000}, 0, "as they are");
   run.gives({65504, -65504, 40000, 2}, 2, 0, {65504, -65504, 65504, 4}, 3, "twice");
   run.gives({65504, 65504 - 32}, 1, 15, {65504, 65472}, 1, "with a bias");  // 65519, 65487
-  run.gives({kInfinity, -kInfinity}, 1, 0, {65504, -65504}, 2, "infinities");
+  run.gives({INFINITY, -INFINITY}, 1, 0, {65504, -65504}, 2, "infinities");
   run.gives({1, 2, 3}, 1, 70000, {65504, 65504, 65504}, 3,
             "beyond 16 bits by the bias, and nothing around the pixels");
 }
@@ -77,8 +74,8 @@ void check_denormals(const Pointwise& run) {
 void check_relu(const Pointwise& run) {
   Status status;
   const bool half = run.precision == Precision::kFp16;
-  const Planes out = run.row({-1, -0.0f, 3, kNaN, -kNaN, -kInfinity}, 1, 0, true, status);
-  run.check.within(out, exact(Planes(1, 1, 6, {0, 0, 3, kNaN, kNaN, half ? -65504 : -kInfinity})));
+  const Planes out = run.row({-1, -0.0f, 3, NAN, -NAN, -INFINITY}, 1, 0, true, status);
+  run.check.within(out, exact(Planes(1, 1, 6, {0, 0, 3, NAN, NAN, half ? -65504 : -INFINITY})));
   run.check.that(status.saturated == half,
                  fmt::format("counted {} values as saturated, expected {}", status.saturated, int(half)));
 }
@@ -125,8 +122,8 @@ void check_poison(Check& check, const Target& target, const Way& way, Precision 
       round_to(reference::random_conv(9, 5, 3, reference::Fill::kUniform, 4), precision);
   const Planes clean = round_to(reference::random_planes(5, 11, 35, reference::Fill::kUniform, 3), precision);
   const std::vector<float> values = precision == Precision::kFp16
-                                        ? std::vector<float>{6e4f, kInfinity, kNaN}
-                                        : std::vector<float>{1e8f, 1e30f, FLT_MAX, kInfinity, kNaN};
+                                        ? std::vector<float>{6e4f, INFINITY, NAN}
+                                        : std::vector<float>{1e8f, 1e30f, FLT_MAX, INFINITY, NAN};
   LayerRun run(target, precision, way.addressed);
   const auto add = [&](const Planes& image) {
     const Tensor in = run.input("in", image), out = run.tensor("out", conv.out, image.h, image.w);

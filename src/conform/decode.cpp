@@ -17,9 +17,6 @@ using reference::Planes;
 using reference::Precision;
 using reference::Size;
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-
 struct Decoding {
   bool log = false, bilinear = false;
   int scale = 2;
@@ -93,7 +90,7 @@ void check_ramp(Check& check, const Target& target, const Way& way, Precision pr
 }
 
 void check_not_finite(Check& check, const Target& target, const Way& way, Precision precision) {
-  const Planes rec(1, 1, 8, {kNaN, -kNaN, kInfinity, -kInfinity, 0, 1, -1, 2});
+  const Planes rec(1, 1, 8, {NAN, -NAN, INFINITY, -INFINITY, 0, 1, -1, 2});
   for (const bool log : {false, true}) {
     const Decoded result = decoded(check, target, rec, nullptr, {.log = log}, way, precision);
     check.that(result.status.not_finite == 4,

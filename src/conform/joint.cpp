@@ -17,7 +17,7 @@ using reference::Size;
 using reference::slice;
 
 // What one run of a layer reads and how. The images hold what the device would store.
-struct Trial {
+struct JointTrial {
   static constexpr float kCertainty = 10;
 
   const Target& target;
@@ -63,7 +63,7 @@ struct Trial {
   }
 };
 
-void check_irradiance(Check& check, const Trial& c) {
+void check_irradiance(Check& check, const JointTrial& c) {
   const Planes low = c.radiance(6, c.size, 0), hrls = c.hrls();
   LayerRun run(c.target, c.precision, c.way.addressed);
   const Tensor lrhs = run.input("lrhs", low), high = run.input("hrls", hrls), out = lrhs.slice(3, 3);
@@ -76,7 +76,7 @@ void check_irradiance(Check& check, const Trial& c) {
   check.same_bits(run.read(lrhs.slice(0, 3)), color.value, "the channels beside");
 }
 
-void check_light(Check& check, const Trial& c) {
+void check_light(Check& check, const JointTrial& c) {
   const Planes low = c.radiance(6, c.size, 0), hrls = c.hrls();
   LayerRun run(c.target, c.precision, c.way.addressed);
   const Tensor lrhs = run.input("lrhs", low), high = run.input("hrls", hrls);
@@ -85,12 +85,12 @@ void check_light(Check& check, const Trial& c) {
   run.run();
   const Bounded all = exact(hrls);
   check.within(run.read(out),
-               reference::light(slice(all, 0, 3), slice(all, 3, 3), exact(low), Trial::kCertainty,
+               reference::light(slice(all, 0, 3), slice(all, 3, 3), exact(low), JointTrial::kCertainty,
                                 c.transfer(), c.scale, c.phase, c.precision));
 }
 
 // Brightness varies within the width of the filter, or about as much as it can.
-void check_filter(Check& check, const Trial& c) {
+void check_filter(Check& check, const JointTrial& c) {
   const Planes hrls = c.hrls();
   const Planes certainty = c.image(1, c.full(), 6, [](double u) { return 1 + 60 * u; });
   const Planes x = concat(c.image(3, c.full(), 4, [](double u) { return 30 * u; }), certainty);
@@ -130,7 +130,7 @@ void check_filter(Check& check, const Trial& c) {
   }
 }
 
-void check_relight(Check& check, const Trial& c) {
+void check_relight(Check& check, const JointTrial& c) {
   const double brightest = std::log1p(0.2 * c.clip() / 0.4) / 0.2;
   const Planes hrls = c.hrls(), x = c.image(3, c.full(), 4, [&](double u) { return brightest * u; });
   LayerRun run(c.target, c.precision, c.way.addressed);
@@ -154,7 +154,7 @@ void check_saturation(Check& check, const Target& target, const Way& way) {
 }
 
 // Logits of a few, and now and then of +-80.
-void check_mix(Check& check, const Trial& c) {
+void check_mix(Check& check, const JointTrial& c) {
   const Planes low = c.radiance(6, c.size, 0), hrls = c.hrls(), filtered = c.radiance(9, c.full(), 4);
   const Planes rec = c.image(8, c.full(), 5, [](double u) { return u == 0 ? -80 : u == 1 ? 80 : 8 * u - 4; });
   LayerRun run(c.target, c.precision, c.way.addressed);
@@ -169,7 +169,7 @@ void check_mix(Check& check, const Trial& c) {
 
 struct Layer {
   const char* name;
-  void (*check)(Check&, const Trial&);
+  void (*check)(Check&, const JointTrial&);
 };
 
 constexpr Layer kLayers[] = {{"irradiance", check_irradiance},
@@ -192,14 +192,14 @@ void conform_joint(Collector& collector) {
       if (way.kernel.vector > 0 && (layer.check != check_filter || precision == Precision::kFp16)) continue;
       for (size_t i = 0; i < std::max(kCombinations, sizes.size()); ++i) {
         const int scale = 2 << i % 3;
-        const Trial trial{.target = collector.target(),
-                          .way = way,
-                          .precision = precision,
-                          .log = i / 3 % 2 == 1,
-                          .scale = scale,
-                          .phase = i / 6 % 2 == 1 ? (float(scale) - 1) / 2 : 0,
-                          .size = sizes[i % sizes.size()],
-                          .seed = i + 1};
+        const JointTrial trial{.target = collector.target(),
+                               .way = way,
+                               .precision = precision,
+                               .log = i / 3 % 2 == 1,
+                               .scale = scale,
+                               .phase = i / 6 % 2 == 1 ? (float(scale) - 1) / 2 : 0,
+                               .size = sizes[i % sizes.size()],
+                               .seed = i + 1};
         collector.run(layer.name, way, precision, trial.shape(),
                       [&](Check& check) { layer.check(check, trial); });
       }

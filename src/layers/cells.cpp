@@ -8,7 +8,7 @@ namespace raymeld {
 namespace {
 
 constexpr uint32_t kMostOutputs = 6;     // output channels of an invocation, each with a sum for every column
-constexpr uint32_t kLocal = 64;          // cells of a workgroup of pointwise_cells.comp
+constexpr uint32_t kLocalCells = 64;     // cells of a workgroup of pointwise_cells.comp
 constexpr uint32_t kVectorsPixels = 64;  // of a row, and a workgroup of pointwise_cells_vectors.comp
 
 struct Cells {
@@ -80,12 +80,12 @@ void conv2d_cells(Graph& graph, const Convolution& conv) {
   pass.set_place();
   if (pass.footprint = pixel_footprint(graph, conv.out.shape); pass.footprint) {
     const uint32_t side_of_block = SparseGrid::kSide * pass.footprint->scale;
-    pass.items = {.columns = side_of_block, .rows = side_of_block, .local = kLocal};
+    pass.items = {.columns = side_of_block, .rows = side_of_block, .local = kLocalCells};
   }
   if (by_vectors) {
     pass.groups = {divide_up(conv.in.shape.width, kVectorsPixels), blocks, conv.height};
   } else {
-    pass.groups = {divide_up(conv.width, kLocal), conv.height, blocks};
+    pass.groups = {divide_up(conv.width, kLocalCells), conv.height, blocks};
   }
   pass.flop = conv.flop();
   pass.bytes = tensor_bytes(graph, conv) + static_cast<double>(weight_bytes);

@@ -8,7 +8,7 @@
 namespace raymeld {
 namespace {
 
-constexpr uint32_t kLocal = 64;  // pixels of a workgroup of pointwise.comp
+constexpr uint32_t kLocalPixels = 64;  // pixels of a workgroup of pointwise.comp
 
 // The layout of pointwise.comp: [block][in][output], zeros where channels end early.
 void pack_weights(std::byte* target, const Convolution& conv, uint32_t outputs, uint32_t blocks) {
@@ -52,7 +52,8 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
   const uint32_t side = footprint ? SparseGrid::kSide * footprint->scale : 0;  // of a block
   const auto pixels =
       footprint ? graph.sparse()->blocks() * side * side : static_cast<uint32_t>(conv.out.shape.pixels());
-  const uint32_t band = std::clamp(how.band / kLocal, 1u, divide_up(pixels, kLocal)) * kLocal;
+  const uint32_t band =
+      std::clamp(how.band / kLocalPixels, 1u, divide_up(pixels, kLocalPixels)) * kLocalPixels;
   const uint32_t blocks = blocks_of(conv), outputs = divide_up(conv.channels_out, blocks);
   const std::vector<Part> parts = parts_by_input(conv);
   const uint64_t weight_count = uint64_t{blocks} * outputs * conv.channels_in;
@@ -89,9 +90,10 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
       pass.set_place(first, pixels);
       if (pass.footprint = footprint; footprint) {
         pass.items = {
-            .columns = side, .rows = side, .local = kLocal, .y = blocks, .first = first, .most = band};
+            .columns = side, .rows = side, .local = kLocalPixels, .y = blocks, .first = first, .most = band};
       }
-      pass.groups = {std::min(band, divide_up(pixels - first, kLocal) * kLocal) / kLocal, blocks, 1};
+      pass.groups = {std::min(band, divide_up(pixels - first, kLocalPixels) * kLocalPixels) / kLocalPixels,
+                     blocks, 1};
       pass.flop = share * conv.flop();
       pass.bytes = pixel_share * traffic(graph, source) + share * double(weight_count) * sizeof(float) +
                    (last ? pixel_share * traffic(graph, conv.out) * (1.0 + residuals) : 0.0);
