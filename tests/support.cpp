@@ -22,9 +22,11 @@ TemporaryDirectory::~TemporaryDirectory() {
 
 std::string read_file(const std::filesystem::path& path) {
   std::ifstream file(path, std::ios::binary);
-  std::string content{std::istreambuf_iterator<char>(file), {}};
-  if (!file.good() && !file.eof()) throw std::runtime_error("cannot read " + path.string());
-  return content;
+  if (!file) throw std::runtime_error("cannot read " + path.string());
+  std::ostringstream content;
+  if (file.peek() != std::ifstream::traits_type::eof()) content << file.rdbuf();
+  if (file.bad() || content.bad()) throw std::runtime_error("cannot read " + path.string());
+  return std::move(content).str();
 }
 
 void write_file(const std::filesystem::path& path, std::string_view content) {

@@ -66,8 +66,7 @@ TEST(Tuning, ADamagedFileIsNoTuning) {
   const std::filesystem::path file = folder.path() / "tuning.json";
   EXPECT_TRUE(load_tuning(file).entries.empty());
   save_tuning(file, example());
-  std::ifstream stream(file);
-  const std::string good{std::istreambuf_iterator<char>(stream), {}};
+  const std::string good = read_file(file);
   const auto entries_of = [&](const std::string& text) {
     std::ofstream(file) << text;
     return load_tuning(file).entries.size();
