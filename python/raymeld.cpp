@@ -71,7 +71,7 @@ class Fuser {
  public:
   Fuser(std::shared_ptr<raymeld::SharedModel> model, int64_t height, int64_t width,
         const std::string& precision, const std::string& kernels, const std::string& sampling,
-        uint64_t max_memory_bytes, float exposure, float adaptive_threshold, bool changed_only,
+        uint64_t max_memory_bytes, float exposure, bool changed_only,
         const std::vector<std::string>& absent_layers, const std::string& device)
       : model_(std::move(model)),
         height_(side(height, "height")),
@@ -93,7 +93,6 @@ class Fuser {
                                                    {"centered", RAYMELD_SAMPLING_CENTERED}});
     desc.max_memory_bytes = max_memory_bytes;
     desc.exposure = exposure;
-    desc.adaptive_threshold = adaptive_threshold;
     desc.changed_only = changed_only;
     for (const std::string& layer : absent_layers_) absent_.push_back(layer.c_str());
     desc.absent_layer_count = uint32_t(absent_.size());
@@ -131,7 +130,6 @@ class Fuser {
     py::dict status;
     status["saturated"] = last.saturated;
     status["redone_tiles"] = last.redone_tiles;
-    status["settled_share"] = last.settled_share;
     status["kept_share"] = last.kept_share;
     return status;
   }
@@ -237,20 +235,19 @@ PYBIND11_MODULE(raymeld, module) {
       "height and width are those of LRHS, in pixels, at most 65536. precision is 'auto', 'fp32'\n"
       "or 'fp16', and kernels 'auto' or 'direct'. sampling says where LRHS samples lie: 'model',\n"
       "'nearest' or 'centered'. max_memory_bytes limits what is taken on the device; 0 is what it\n"
-      "has to give. An exposure of 0 is what suits the model. Blocks in which both renders agree\n"
-      "to within adaptive_threshold are not computed. changed_only computes only what changed\n"
-      "since the last frame. absent_layers are the optional layers of the model that HRLS does not\n"
+      "has to give. An exposure of 0 is what suits the model. changed_only computes only the\n"
+      "tiles that changed since the last frame. absent_layers are the optional layers of the model that HRLS "
+      "does not\n"
       "have. device is an index of devices(), a UUID or part of a name; '' is the first GPU, else a\n"
       "driver for CPUs.\n"
       "Raises Error, and ValueError.")
       .def(py::init<std::shared_ptr<SharedModel>, int64_t, int64_t, const std::string&, const std::string&,
-                    const std::string&, uint64_t, float, float, bool, const std::vector<std::string>&,
+                    const std::string&, uint64_t, float, bool, const std::vector<std::string>&,
                     const std::string&>(),
            py::arg("model"), py::arg("height"), py::arg("width"), py::kw_only(),
            py::arg("precision") = "auto", py::arg("kernels") = "auto", py::arg("sampling") = "model",
-           py::arg("max_memory_bytes") = 0, py::arg("exposure") = 0.0f, py::arg("adaptive_threshold") = 0.0f,
-           py::arg("changed_only") = false, py::arg("absent_layers") = std::vector<std::string>{},
-           py::arg("device") = "")
+           py::arg("max_memory_bytes") = 0, py::arg("exposure") = 0.0f, py::arg("changed_only") = false,
+           py::arg("absent_layers") = std::vector<std::string>{}, py::arg("device") = "")
       .def("__repr__", &Fuser::repr)
       .def(
           "fuse", &Fuser::fuse, py::arg("lrhs"), py::arg("hrls"),
@@ -265,6 +262,6 @@ PYBIND11_MODULE(raymeld, module) {
       .def_property_readonly(
           "status", &Fuser::status,
           "Of the last frame: saturated, values that fp16 could not hold; redone_tiles,\n"
-          "computed again in fp32 for that; settled_share and kept_share, of the frame that\n"
-          "needed no network, by adaptive_threshold and changed_only.");
+          "computed again in fp32 for that; kept_share, of the frame that is the last one's, by\n"
+          "changed_only.");
 }

@@ -11,8 +11,7 @@ def markdown(head, rows):
 
 
 def setting_name(setting):
-    return ", ".join([setting["precision"]] + (["direct kernels"] if setting["kernels"] == "direct" else [])
-                     + ([f"adaptive {setting['adaptive']:g}"] if setting["adaptive"] else []))
+    return ", ".join([setting["precision"]] + (["direct kernels"] if setting["kernels"] == "direct" else []))
 
 
 def settings(trade):
@@ -24,10 +23,10 @@ def settings(trade):
         own_time, own_psnr = plain[s["model"]]
         rows.append([s["model"], setting_name(s), f"{time:.0f}", f"{time / own_time:.2f}", f"{s['memory_bytes'] / 2**20:.0f}",
                      f"{s['psnr_db']:.3f}", f"{s['psnr_db'] - own_psnr:+.3f}", f"{s['relmse']:.5f}",
-                     f"{s['fp64_error']:.2g}", f"{100 * s['settled_share']:.0f} %",
+                     f"{s['fp64_error']:.2g}",
                      " ".join(name for name in ("time", "memory") if s[name + "_front"])])
     return markdown(["model", "setting", "ms", "to the first", "MiB", "PSNR", "to the first", "RelMSE",
-                     "error, steps", "settled", "on the front of"], rows)
+                     "error, steps", "on the front of"], rows)
 
 
 def renders(trade):

@@ -23,9 +23,7 @@ layout(constant_id = 6) const uint kBorders = 0;  // the bias is a table, see bo
 
 layout(push_constant) uniform Push {
   Conv2d p;
-  Place place;
 };
-#include "place.glsl"
 layout(std430, binding = 1) readonly buffer Weights { STORAGE4 weights[]; };
 layout(std430, binding = 2) readonly buffer Bias { vec4 bias[]; };
 layout(std430, binding = 3) readonly buffer Input { STORAGE in_data[]; };
@@ -59,9 +57,8 @@ void store(uint o, uint y, uint x, float value) {
 }
 
 void main() {
-  uvec2 column = item();
-  uint x = column.x, y0 = column.y * kRows;
-  uint block = global_invocation_id().z;
+  uvec3 id = global_invocation_id();
+  uint x = id.x, y0 = id.y * kRows, block = id.z;
   if (x >= p.width || y0 >= p.height) return;
 
   vec4 sum[kRows][kVectors];

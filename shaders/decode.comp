@@ -65,8 +65,7 @@ float decoded(uint c, uvec2 pixel, Bilinear at, bool counted) {
 
 void main() {
   uvec3 id = global_invocation_id();
-  Strip strip;
-  if (!find_strip(id.xy, uvec2(p.of.width, p.of.height), strip)) return;
+  Strip strip = strip_at(id.xy, uvec2(p.of.width, p.of.height));
   [[unroll]] for (uint k = 0; k < kStrip; ++k) {
     uvec2 at = strip.pixels[k];
     bool wanted = strip.wanted[k];

@@ -33,8 +33,7 @@ const uint kChannels = 1;
 
 void main() {
   uvec3 id = global_invocation_id();
-  Strip strip;
-  if (!find_strip(id.xy, uvec2(p.width, p.height), strip)) return;
+  Strip strip = strip_at(id.xy, uvec2(p.width, p.height));
 #ifdef FRAME_IMAGE
   vec4 texels[kStrip];
   [[unroll]] for (uint k = 0; k < kStrip; ++k) texels[k] = frame_texel(p.frame, strip.pixels[k]);

@@ -21,7 +21,6 @@ layout(std430, binding = 2) readonly buffer Albedo { STORAGE v[]; } albedo;
 layout(std430, binding = 3) readonly buffer Normal { STORAGE v[]; } normal;
 layout(std430, binding = 4) writeonly buffer Target { STORAGE v[]; } target;
 #endif
-#include "left_out.glsl"
 #include "guides.glsl"
 
 Surface surface_of(uvec2 pixel) {
@@ -51,7 +50,7 @@ float light_at(uint c, uvec2 at, float own) {
 
 void main() {
   uvec2 id = global_invocation_id().xy;
-  if (id.x >= p.width || id.y >= p.height || is_left_out(id.xy)) return;
+  if (id.x >= p.width || id.y >= p.height) return;
   Surface own = surface_at(id);
   vec3 sum = vec3(0.0);
   float weights = 0.0;

@@ -9,7 +9,7 @@
 #include "memory.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;
-layout(constant_id = 0) const uint kVector = 0;  // with DATA_BY_ADDRESS, of 32 bits, in a dense graph
+layout(constant_id = 0) const uint kVector = 0;  // with DATA_BY_ADDRESS, of 32 bits
 #include "invocation.glsl"
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
@@ -24,7 +24,6 @@ layout(std430, binding = 3) readonly buffer Normal { STORAGE v[]; } normal;
 layout(std430, binding = 4) readonly buffer Brightness { STORAGE v[]; } brightness;
 layout(std430, binding = 5) writeonly buffer Target { STORAGE v[]; } target;
 #endif
-#include "left_out.glsl"
 #include "guides.glsl"
 #define KEEPS_ORDER
 #include "uniform.glsl"
@@ -91,7 +90,7 @@ void add(inout Sums sums, Tap own, Tap tap, vec4 value, float kernel) {
   sums.weight += weight;
 }
 
-bool is_wanted(uvec2 pixel) { return pixel.x < p.width && pixel.y < p.height && !is_left_out(pixel); }
+bool is_wanted(uvec2 pixel) { return pixel.x < p.width && pixel.y < p.height; }
 
 void main() {
   uvec2 id = global_invocation_id().xy, first = first_of_vector();

@@ -78,8 +78,7 @@ void light(uvec2 pixel, vec3 own) {
 
 void main() {
   uvec2 id = global_invocation_id().xy;
-  Strip strip;
-  if (!find_strip(id, uvec2(p.of.width, p.of.height), strip)) return;
+  Strip strip = strip_at(id, uvec2(p.of.width, p.of.height));
   vec3 own[kStrip];
   float luminances[kStrip + 2][3];
   [[unroll]] for (uint row = 0; row < kStrip + 2; ++row) {

@@ -24,7 +24,6 @@ layout(std430, binding = 3) readonly buffer Albedo { STORAGE v[]; } albedo;
 layout(std430, binding = 4) readonly buffer Filtered { STORAGE v[]; } filtered;
 layout(std430, binding = 5) writeonly buffer Target { STORAGE v[]; } target;
 #endif
-#include "left_out.glsl"
 #define UPSAMPLED p
 #include "lrhs.glsl"
 
@@ -32,7 +31,7 @@ const uint kCandidates = 5;
 
 void main() {
   uvec2 id = global_invocation_id().xy;
-  if (id.x >= p.width || id.y >= p.height || is_left_out(id.xy)) return;
+  if (id.x >= p.width || id.y >= p.height) return;
   uint pixel = address(0, id.y, id.x, p.plane, p.width);
   float weights[kCandidates], largest = float(rec.v[pixel + 3 * p.plane]), total = 0.0;
   for (uint i = 1; i < kCandidates; ++i) largest = max(largest, float(rec.v[pixel + (3 + i) * p.plane]));

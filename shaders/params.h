@@ -35,14 +35,6 @@ struct TextureView {
 #define FRAME_VIEW FrameView
 #endif
 
-// Of a sparse graph: the first item of a dispatch, and which words say where its part of a list begins and ends. See
-// place.glsl. Of pointwise.comp in a dense graph: the first pixel of a band, and the number of all pixels.
-struct Place {
-  uint first;
-  uint begin;
-  uint end;
-};
-
 struct Conv2d {
   uint height;
   uint width;
@@ -70,7 +62,9 @@ struct Pointwise {
   uint first_channel;  // of the part, whose first one is bound
   uint channels_out;
   uint blocks;
-  uint digits[4];  // 0 to 3: see uniform.glsl
+  uint first_pixel;  // of the band
+  uint pixels;       // of the image
+  uint digits[4];    // 0 to 3: see uniform.glsl
 };
 
 // A 1x1 convolution of unshuffled cells; plane and width are of the image, plane_out of the output, which has `rows` rows.
@@ -243,24 +237,6 @@ struct Decode {
 #define RAYMELD_JOINT_STRIP 4 // pixels that an invocation of the joint filter makes
 #define RAYMELD_FIREFLY 20.0
 #define RAYMELD_FIREFLY_FLOOR 1e-3
-
-// What a sparse graph keeps behind the status, in words of 32 bits. A block is a square of as many LRHS pixels; its distance is
-// the number of blocks to the nearest one that is needed, by the larger of both coordinates. List r has the blocks of distance
-// r or less, row by row, x in the lower and y in the upper half of a word; in front of it is a word for each row of blocks and
-// one more, which say where in all these words the row's blocks begin. A table has RAYMELD_SPARSE_COLUMNS words for each
-// dispatch, of which its workgroups are made.
-#define RAYMELD_SPARSE_SIDE 8
-#define RAYMELD_SPARSE_WIDTH 0       // of LRHS, in pixels
-#define RAYMELD_SPARSE_HEIGHT 1
-#define RAYMELD_SPARSE_LISTS 2       // their number
-#define RAYMELD_SPARSE_TABLE 3       // where it begins
-#define RAYMELD_SPARSE_DISPATCHES 4  // its rows
-#define RAYMELD_SPARSE_GROUPS 5      // where the workgroups of dispatches begin, three words each
-#define RAYMELD_SPARSE_THRESHOLD 6   // a float: see classify.comp
-#define RAYMELD_SPARSE_ADDRESS 8     // of these words, in two; where a device has addresses
-#define RAYMELD_SPARSE_COUNTS 10     // of the blocks of each list
-#define RAYMELD_SPARSE_DISTANCES 64  // of each block
-#define RAYMELD_SPARSE_COLUMNS 8     // Place::begin and end, items of a block, first item, most items, items of a workgroup, y, z
 
 // The width of a workgroup's pixels in conv2d_matrix.comp.
 #define RAYMELD_MATRIX_COLUMNS 32

@@ -30,14 +30,12 @@ layout(push_constant) uniform Push {
   Values target;
   Values residual0, residual1, residual2;
   Pointwise p;
-  Place place;
 };
 #else
 layout(push_constant) uniform Push {
   Floats weights;
   Floats bias;
   Pointwise p;
-  Place place;
 };
 layout(std430, binding = 1) readonly buffer Source { STORAGE v[]; } source;
 layout(std430, binding = 2) buffer Sums { float v[]; } sums;
@@ -47,7 +45,6 @@ layout(std430, binding = 4) readonly buffer Residual0 { STORAGE v[]; } residual0
 layout(std430, binding = 5) readonly buffer Residual1 { STORAGE v[]; } residual1;
 layout(std430, binding = 6) readonly buffer Residual2 { STORAGE v[]; } residual2;
 #endif
-#include "place.glsl"
 #include "uniform.glsl"
 #include "vector.glsl"
 
@@ -57,7 +54,7 @@ void store(uint at, float value, bool inside) {
   if (kResiduals > 1) value += float(residual1.v[at]);
   if (kResiduals > 2) value += float(residual2.v[at]);
   // A plane's padding takes what lies beyond the last pixel.
-  if (kItemColumns == 0 || inside) target.v[at] = STORAGE(storable(inside ? value : 0.0));
+  target.v[at] = STORAGE(storable(inside ? value : 0.0));
 }
 
 // Of an invocation's first output channel.
@@ -67,20 +64,15 @@ uint sum_address(uint block, uint in_band) {
 
 void main() {
   uint block = uniform_number(gl_WorkGroupID.y), in_band = global_invocation_id().x;
-  uint pixel = place.first + in_band;
-  bool inside = pixel < place.begin;
-  if (kItemColumns != 0) {
-    uvec2 at = item(), size = sparse_size();
-    inside = all(lessThan(at, size));
-    pixel = inside ? at.y * size.x + at.x : 0;
-  }
+  uint pixel = p.first_pixel + in_band;
+  bool inside = pixel < p.pixels;
   uint first = first_of_vector().x;  // in the band
   uint sum_at = sum_address(block, in_band);
   Floats w = Floats(uint64_t(weights) + 4ul * ((block * p.channels_in + p.first_channel) * kOutputs));
   Floats b = Floats(uint64_t(bias) + 4ul * (block * kOutputs));
 #ifdef DATA_BY_ADDRESS
   const uint64_t step = uint64_t(p.plane) * STORAGE_BYTES;
-  uint64_t next = uint64_t(source) + uint64_t(kVector == 0 ? pixel : place.first + first) * STORAGE_BYTES;
+  uint64_t next = uint64_t(source) + uint64_t(kVector == 0 ? pixel : p.first_pixel + first) * STORAGE_BYTES;
   Floats before = Floats(uint64_t(sums) + 4ul * sum_address(block, first));
 #define SUM(at) read_vector(before, at)
 #else

@@ -22,22 +22,19 @@ layout(push_constant) uniform Push {
   Values source;
   Values target;
   PointwiseCells p;
-  Place place;
 };
 #else
 layout(push_constant) uniform Push {
   Floats weights;
   Floats bias;
   PointwiseCells p;
-  Place place;
 };
 layout(std430, binding = 1) readonly buffer Source { STORAGE v[]; } source;
 layout(std430, binding = 2) writeonly buffer Target { STORAGE v[]; } target;
 #endif
-#include "place.glsl"
 
 void main() {
-  uvec2 cell = item();
+  uvec2 cell = global_invocation_id().xy;
   uint block = gl_WorkGroupID.z, columns = p.width / kSide;
   if (cell.x >= columns || cell.y >= p.rows) return;
   uint from = address(0, kSide * cell.y, kSide * cell.x, p.plane, p.width);

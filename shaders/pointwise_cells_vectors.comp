@@ -24,7 +24,6 @@ layout(push_constant) uniform Push {
   Floats source;
   Floats target;
   PointwiseCells p;
-  Place place;
 };
 #define KEEPS_ORDER
 #include "uniform.glsl"

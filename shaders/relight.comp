@@ -24,8 +24,7 @@ layout(std430, binding = 3) writeonly buffer Target { STORAGE v[]; } target;
 
 void main() {
   uvec3 id = global_invocation_id();
-  Strip strip;
-  if (!find_strip(id.xy, uvec2(p.width, p.height), strip)) return;
+  Strip strip = strip_at(id.xy, uvec2(p.width, p.height));
   uint at[kStrip];
   [[unroll]] for (uint k = 0; k < kStrip; ++k)
     at[k] = address(id.z, strip.pixels[k].y, strip.pixels[k].x, p.plane, p.width);

@@ -9,13 +9,12 @@ layout(local_size_x = 64, local_size_y = 2) in;
 #include "invocation.glsl"
 layout(constant_id = 0) const uint r = 2;
 layout(push_constant) uniform Push { Shuffle p; };
-#include "left_out.glsl"
 layout(std430, binding = 1) readonly buffer Input { STORAGE in_data[]; };
 layout(std430, binding = 2) writeonly buffer Output { STORAGE out_data[]; };
 
 void main() {
   uvec3 id = global_invocation_id();
-  if (id.x >= p.width || id.y >= p.height || is_left_out(id.xy)) return;
+  if (id.x >= p.width || id.y >= p.height) return;
   uint c = id.z / (r * r), dy = id.z / r % r, dx = id.z % r;
   out_data[address(id.z, id.y, id.x, p.plane, p.width)] =
       in_data[address(c, r * id.y + dy, r * id.x + dx, p.plane_large, r * p.width)];

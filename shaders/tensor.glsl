@@ -16,7 +16,6 @@
 layout(std430, set = 0, binding = 0) buffer Status {
   uint saturated;
   uint not_finite;
-  uint words[];  // of a sparse graph: sparse.glsl
 } status;
 
 uint address(uint c, uint y, uint x, uint plane, uint width) { return c * plane + y * width + x; }

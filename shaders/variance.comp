@@ -11,7 +11,6 @@
 
 layout(local_size_x = 64, local_size_y = 2) in;
 #include "invocation.glsl"
-#include "left_out.glsl"
 #ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Floats exposure;
@@ -37,7 +36,7 @@ vec3 color_at(ivec2 pixel) {
 
 void main() {
   uvec3 id = global_invocation_id();
-  if (id.x >= p.width || id.y >= p.height || is_left_out(id.xy)) return;
+  if (id.x >= p.width || id.y >= p.height) return;
   const float kShare = 1.0 / 9.0;
   vec3 colors[9], mean = vec3(0.0), squares = vec3(0.0);
   [[unroll]] for (int i = 0; i < 9; ++i) {

@@ -18,12 +18,10 @@ layout(push_constant) uniform Push {
   Values source;
   Pairs transformed;
   WinogradInput p;
-  Place place;
 };
 #else
 layout(push_constant) uniform Push {
   WinogradInput p;
-  Place place;
 };
 layout(std430, binding = 1) readonly buffer Source { STORAGE v[]; } source;
 layout(std430, binding = 2) writeonly buffer Transformed { float v[]; } transformed;

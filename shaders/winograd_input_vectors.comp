@@ -21,7 +21,6 @@ layout(push_constant) uniform Push {
   Floats zeros;
   Floats transformed;
   WinogradInput p;
-  Place place;
 };
 #define KEEPS_ORDER
 #include "uniform.glsl"

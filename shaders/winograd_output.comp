@@ -26,12 +26,10 @@ layout(push_constant) uniform Push {
   Values target;
   Values residual0, residual1, residual2;
   WinogradOutput p;
-  Place place;
 };
 #else
 layout(push_constant) uniform Push {
   WinogradOutput p;
-  Place place;
 };
 layout(std430, binding = 1) readonly buffer Products { float v[]; } products;
 layout(std430, binding = 2) readonly buffer Bias { float v[]; } bias;

@@ -114,7 +114,6 @@ std::optional<FrameTime> FrameTimes::known(const Model& model, uint32_t height, 
 }
 
 FrameTime FrameTimes::measure(const Model& model, uint32_t height, uint32_t width, FuserOptions options) {
-  options.threshold = 0;
   options.keep_activations = options.profile = false;
   const FusePlan whole = plan_fusion(model, height, width, device_.info(), options);
   const TileSize size = measured_size(model, height, width, most_pixels_);

@@ -39,8 +39,6 @@ Fuser::Fuser(const Device& device, const Model& model, uint32_t height, uint32_t
     throw Error("device {} has no timestamps to profile with", device.info().name);
   }
   if (options.exposure != 0) check_exposure(options.exposure);
-  if (!(options.threshold >= 0 && options.threshold <= 1))
-    throw Error("a threshold of {}, expected one from 0 to 1", options.threshold);
   within_memory([&] { made_program(); });
   cache_.save();
 }
@@ -69,7 +67,6 @@ Program& Fuser::made_program() {
   if (!program_) {
     program_.emplace(device_, plan_.graph, cache_, kFramesInFlight + 1, options_.work_limits,
                      options_.scratch);
-    program_->set_threshold(options_.threshold);
     if (computes_exposure()) exposure_program(plan_.tiling.tile);
   }
   return *program_;
@@ -79,7 +76,7 @@ Program& Fuser::made_program() {
 Program& Fuser::exposure_program(TileSize size) {
   const auto [height, width] = size;
   if (!exposures_.contains({height, width})) {
-    Graph graph(options_.storage, false, false, {}, options_.frame_images);
+    Graph graph(options_.storage, false, false, options_.frame_images);
     raymeld::exposure(graph, "exposure", height, width, model_.architecture().exposure_key);
     graph.plan();
     exposures_.try_emplace({height, width}, std::move(graph), *program_, cache_);
@@ -107,10 +104,7 @@ Fuser::Host::~Host() {
 uint64_t Fuser::allocated_bytes() const {
   const uint64_t frame_bytes =
       host_ ? host_->lrhs.size_bytes() + host_->hrls.size_bytes() + host_->fused.size_bytes() : 0;
-  uint64_t sum =
-      (program_ ? program_->allocated_bytes() : 0) + frame_bytes + (wide_ ? wide_->allocated_bytes() : 0);
-  for (const auto& [size, other] : prepared_) sum += other.program.own_bytes();
-  return sum;
+  return (program_ ? program_->allocated_bytes() : 0) + frame_bytes + (wide_ ? wide_->allocated_bytes() : 0);
 }
 
 std::array<Shape, 3> Fuser::image_shapes(TileSize tile) const {
@@ -152,7 +146,6 @@ void Fuser::record(VkCommandBuffer commands, const FrameBindings& frame, float e
     found.bind(next_set_, frame);
     found.record(commands, next_set_, 0, found.graph().passes().size());
   }
-  if (program.needs_told()) program.record_all_needed(commands);
   program.record(commands, next_set_, 0, program.graph().passes().size());
   show_host(device_, commands);
   next_set_ = (next_set_ + 1) % kFramesInFlight;
@@ -162,29 +155,20 @@ void Fuser::prepare(TileSize size) {
   if (is_prepared(size)) return;
   Graph graph = graph_within(plan_, model_, size, options_);
   const size_t compiled = made_program().pipelines();
-  const auto [place, is_new] =
-      prepared_.try_emplace({size.height, size.width}, std::move(graph), made_program(), cache_);
-  place->second.program.set_threshold(options_.threshold);
+  prepared_.try_emplace({size.height, size.width}, std::move(graph), made_program(), cache_);
   if (computes_exposure()) exposure_program(size);
   if (made_program().pipelines() > compiled) cache_.save();
 }
 
-RecordedReport Fuser::take_report() {
+Status Fuser::take_status() {
   if (!program_) return {};  // a fuse() failed since
-  RecordedReport report{program_->status(), 0};
-  if (recorded_program_) report.settled_share = recorded_program_->settled_share();
-  for (const auto& [size, other] : prepared_) {
-    if (!other.program.has_own_status()) continue;
-    report.status.saturated += other.program.status().saturated;
-    report.status.not_finite += other.program.status().not_finite;
-  }
+  const Status status = program_->status();
   reset_status();
-  return report;
+  return status;
 }
 
 void Fuser::reset_status() {
   if (program_) program_->reset_status();
-  for (auto& [size, other] : prepared_) other.program.reset_status();
 }
 
 float Fuser::exposure(const float* lrhs) const {

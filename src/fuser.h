@@ -24,22 +24,14 @@ struct PassTime {
 };
 
 struct FuseReport {
-  float exposure = 1;    // what radiance was multiplied by for the network
-  double device_ms = 0;  // from the first submit of a tile to its end, summed over the tiles
-  Status status;         // of what the image was made of
-  // With FuserOptions::threshold and changed_only: the shares of the frame that needed no network and that
-  // are the last frame's, and of the work that was done all the same, with what the rest reads around itself.
-  double settled_share = 0, kept_share = 0, work_share = 1;
+  float exposure = 1;     // what radiance was multiplied by for the network
+  double device_ms = 0;   // from the first submit of a tile to its end, summed over the tiles
+  Status status;          // of what the image was made of
+  double kept_share = 0;  // with FuserOptions::changed_only, the share of the frame that is the last one's
   uint32_t redone_tiles = 0;  // computed again in 32 bits; see FuserOptions::fp32_kernels
   // With FuserOptions::profile, each in the order of the first pass.
   std::vector<PassTime> layers;
   std::vector<PassTime> kernels;
-};
-
-// Of recorded frames.
-struct RecordedReport {
-  Status status;             // of all of them
-  double settled_share = 0;  // of the last one: see FuseReport
 };
 
 // Called with the share of a frame that is done, in [0, 1]; false stops the frame with Cancelled.
@@ -77,7 +69,7 @@ class Fuser {
   // this device. h and w are plan().tiling.tile: a frame of several tiles is recorded tile by tile, with
   // views that start at each tile. The inputs must be visible to VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT /
   // VK_ACCESS_SHADER_READ_BIT; the output is written by that stage with VK_ACCESS_SHADER_WRITE_BIT, and made
-  // visible to the host, as is what take_report() reads. At most kFramesInFlight recordings may
+  // visible to the host, as is what take_status() reads. At most kFramesInFlight recordings may
   // be pending, each submitted at most once, to one queue. `exposure`: what radiance is multiplied by for the
   // network; FuserOptions::exposure has no say here. 0, with FuserOptions::compute_exposure: exposure() of
   // this LRHS, which the device computes; throws SizeError of frames in several tiles. Throws Error when a
@@ -100,7 +92,7 @@ class Fuser {
   }
 
   // What recordings counted since the last call or the last fuse(), for when they are done.
-  RecordedReport take_report();
+  Status take_status();
 
   // Which of the kFramesInFlight recordings the next one takes the place of.
   uint32_t next_frame() const { return next_set_; }
@@ -168,18 +160,13 @@ class Fuser {
                                const Progress& progress);
   FuseReport run(const float* lrhs, const float* hrls, float* fused, float exposure,
                  const Progress& progress);
-  std::vector<bool> core_blocks(const Tile& at) const;
-  void keep_changed(std::vector<bool>& blocks, const Tile& at) const;
-  Status run_tile(const std::vector<bool>& needed, const Progress& progress, FuseReport& report);
+  Status run_tile(const Progress& progress, FuseReport& report);
   Image redo_tile(const Progress& progress, FuseReport& report);
   void prepare_host();
   void run_empty(const Progress& progress);
   void record_chunks(Host& host) const;
   void upload(const float* lrhs, const float* hrls, const Tile& at);
-  // Both from the planar, dense image of a tile; those of `blocks` that are of the core.
-  // Returns how many LRHS pixels these are.
-  uint64_t copy_blocks(const float* tile_image, const std::vector<bool>& blocks, float* fused,
-                       const Tile& at) const;
+  // Copies the core from the planar, dense image of a tile.
   void copy_core(const float* tile_image, float* fused, const Tile& at) const;
   void add_pass_times(FuseReport& report) const;
 

@@ -33,70 +33,38 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
                       const Progress& progress) {
   FuseReport report;
   report.exposure = exposure;
-  report.work_share = 0;
   program_->set_exposure(kHostSet, exposure);
   const Tiling& tiling = plan_.tiling;
   const double count = tiling.count();
-  uint64_t computed = 0;  // LRHS pixels
-  double settled = 0, blocks = 0;
+  uint64_t kept = 0;  // LRHS pixels
   for (uint32_t index = 0; index < tiling.count(); ++index) {
     const Tile at = tiling.at(index);
     const auto of_frame = [&](double share) { return !progress || progress((index + share) / count); };
-    std::vector<bool> needed = core_blocks(at);
-    blocks += double(std::ranges::count(needed, true));
-    if (last_frame_) keep_changed(needed, at);
-    if (std::ranges::count(needed, true) == 0) {
+    if (last_frame_ && !last_frame_->has_changed(at, tiling.tile)) {
+      kept += uint64_t{at.core.height} * at.core.width;
       if (!of_frame(1)) throw Cancelled();
       continue;
     }
     upload(lrhs, hrls, at);
-    Status status = run_tile(needed, of_frame, report);
-    // Beside what is needed there may be anything, and a tile is computed in 32 bits as a whole.
-    if (!is_clean(status) && std::ranges::count(needed, false) > 0) {
-      needed.assign(needed.size(), true);
-      status = run_tile(needed, of_frame, report);
-    }
+    const Status status = run_tile(of_frame, report);
     // Where nothing changes the next frame has these values as well.
     if (!is_clean(status) && last_frame_) last_frame_->distrust(at, tiling.tile);
-    settled += program_->settled_blocks();
     last_redone_ = options_.fp32_kernels && !is_clean(status);
     if (last_redone_) {
-      computed += copy_blocks(redo_tile(of_frame, report).data.data(), needed, fused, at);
+      copy_core(redo_tile(of_frame, report).data.data(), fused, at);
       continue;
     }
     host_->fused.invalidate();
-    computed += copy_blocks(static_cast<const float*>(host_->fused.mapped()), needed, fused, at);
+    copy_core(static_cast<const float*>(host_->fused.mapped()), fused, at);
     report.status.saturated += status.saturated;
     report.status.not_finite += status.not_finite;
   }
-  report.settled_share = settled / blocks;
-  report.work_share /= count;
-  report.kept_share = 1 - double(computed) / (double(tiling.frame.height) * tiling.frame.width);
+  report.kept_share = double(kept) / (double(tiling.frame.height) * tiling.frame.width);
   return report;
 }
 
-// Those of a tile, row by row, that it keeps something of; all of a tile that is computed as a whole.
-std::vector<bool> Fuser::core_blocks(const Tile& at) const {
-  constexpr uint32_t kSide = SparseGrid::kSide;
-  const SparseGrid grid{plan_.tiling.tile.height, plan_.tiling.tile.width};
-  std::vector<bool> blocks(grid.blocks(), true);
-  if (!plan_.graph.sparse()) return blocks;
-  for (uint32_t i = 0; i < grid.blocks(); ++i) {
-    const TileSize core =
-        at.keeping(i / grid.columns() * kSide, i % grid.columns() * kSide, {kSide, kSide}).core;
-    blocks[i] = core.height > 0 && core.width > 0;
-  }
-  return blocks;
-}
-
-void Fuser::keep_changed(std::vector<bool>& blocks, const Tile& at) const {
-  const std::vector<bool> changed = last_frame_->changed_blocks(at, plan_.tiling.tile, plan_.graph.reach());
-  for (size_t i = 0; i < blocks.size(); ++i) blocks[i] = blocks[i] && changed[i];
-}
-
 // The tile that was uploaded. Returns what was counted.
-Status Fuser::run_tile(const std::vector<bool>& needed, const Progress& progress, FuseReport& report) {
-  if (program_->needs_told()) program_->set_needed(needed);
+Status Fuser::run_tile(const Progress& progress, FuseReport& report) {
   program_->reset_status();
   double done = 0;
   for (VkCommandBuffer chunk : host_->chunks) {
@@ -106,7 +74,6 @@ Status Fuser::run_tile(const std::vector<bool>& needed, const Progress& progress
     report.device_ms += time.count();
     if (!progress(++done / static_cast<double>(host_->chunks.size()))) throw Cancelled();
   }
-  report.work_share += program_->work_share();
   if (options_.profile) add_pass_times(report);
   return program_->status();
 }
@@ -149,25 +116,6 @@ void Fuser::upload(const float* lrhs, const float* hrls, const Tile& at) {
     copy_rows(hrls + s * s * c * frame_plane + s * at.y * s * frame.width + s * at.x, s * frame.width,
               hrls_out + s * s * c * tile_plane, s * tile.width, s * tile.width, s * tile.height);
   }
-}
-
-uint64_t Fuser::copy_blocks(const float* tile_image, const std::vector<bool>& blocks, float* fused,
-                            const Tile& at) const {
-  constexpr uint32_t kSide = SparseGrid::kSide;
-  const SparseGrid grid{plan_.tiling.tile.height, plan_.tiling.tile.width};
-  uint64_t pixels = 0;
-  for (uint32_t row = 0; row < grid.rows(); ++row) {
-    const auto begin = blocks.begin() + row * grid.columns(), end = begin + grid.columns();
-    for (auto run = std::find(begin, end, true); run != end;) {
-      const auto last = std::find(run, end, false);
-      const Tile part = at.keeping(row * kSide, static_cast<uint32_t>(run - begin) * kSide,
-                                   {kSide, static_cast<uint32_t>(last - run) * kSide});
-      copy_core(tile_image, fused, part);
-      pixels += uint64_t{part.core.height} * part.core.width;
-      run = std::find(last, end, true);
-    }
-  }
-  return pixels;
 }
 
 void Fuser::copy_core(const float* tile_image, float* fused, const Tile& at) const {

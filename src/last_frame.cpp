@@ -4,8 +4,6 @@
 #include <bit>
 #include <cstring>
 
-#include "engine/graph.h"
-
 namespace raymeld {
 
 LastFrame::LastFrame(TileSize frame, uint32_t scale, uint32_t hrls_channels)
@@ -14,7 +12,6 @@ LastFrame::LastFrame(TileSize frame, uint32_t scale, uint32_t hrls_channels)
   lrhs_.resize(3 * changed_.size());
   hrls_.resize(hrls_channels * full);
   fused_.resize(3 * full);
-  sums_.resize((size_t{frame.height} + 1) * (frame.width + 1));
 }
 
 void LastFrame::begin(const float* lrhs, const float* hrls, float exposure) {
@@ -25,11 +22,7 @@ void LastFrame::begin(const float* lrhs, const float* hrls, float exposure) {
   std::ranges::fill(distrusted_, 0);
   take(lrhs, lrhs_, 1);
   take(hrls, hrls_, scale_);
-  if (knows) {
-    count();
-  } else {
-    change_all();
-  }
+  if (!knows) change_all();
 }
 
 // Most rows of a frame of which little changed are equal.
@@ -46,49 +39,19 @@ void LastFrame::take(const float* image, std::vector<float>& last, uint32_t scal
   }
 }
 
-void LastFrame::change_all() {
-  std::ranges::fill(changed_, 1);
-  count();
-}
+void LastFrame::change_all() { std::ranges::fill(changed_, 1); }
 
 void LastFrame::distrust(const Tile& at, TileSize tile) {
   for (uint32_t y = at.y; y < at.y + tile.height; ++y)
     std::fill_n(distrusted_.begin() + ptrdiff_t(y) * frame_.width + at.x, tile.width, 1);
 }
 
-void LastFrame::count() {
-  const size_t stride = frame_.width + 1;
-  for (size_t y = 0; y < frame_.height; ++y) {
-    uint32_t row = 0;
-    for (size_t x = 0; x < frame_.width; ++x) {
-      row += changed_[y * frame_.width + x];
-      sums_[(y + 1) * stride + x + 1] = sums_[y * stride + x + 1] + row;
-    }
+bool LastFrame::has_changed(const Tile& at, TileSize tile) const {
+  for (uint32_t y = at.y; y < at.y + tile.height; ++y) {
+    const auto row = changed_.begin() + ptrdiff_t(y) * frame_.width + at.x;
+    if (std::find(row, row + tile.width, 1) != row + tile.width) return true;
   }
-}
-
-bool LastFrame::any_changed(uint32_t top, uint32_t left, uint32_t bottom, uint32_t right) const {
-  const size_t stride = frame_.width + 1;
-  return sums_[bottom * stride + right] - sums_[top * stride + right] !=
-         sums_[bottom * stride + left] - sums_[top * stride + left];
-}
-
-std::vector<bool> LastFrame::changed_blocks(const Tile& at, TileSize tile, uint32_t reach) const {
-  const SparseGrid grid{tile.height, tile.width};
-  const auto first = [&](uint32_t block) {
-    return block * SparseGrid::kSide - std::min(block * SparseGrid::kSide, reach);
-  };
-  const auto last = [&](uint32_t block, uint32_t size) {
-    return std::min((block + 1) * SparseGrid::kSide + reach, size);
-  };
-  std::vector<bool> blocks;
-  for (uint32_t row = 0; row < grid.rows(); ++row) {
-    for (uint32_t column = 0; column < grid.columns(); ++column) {
-      blocks.push_back(any_changed(at.y + first(row), at.x + first(column), at.y + last(row, tile.height),
-                                   at.x + last(column, tile.width)));
-    }
-  }
-  return blocks;
+  return false;
 }
 
 void LastFrame::end() { whole_ = true; }

@@ -1,5 +1,4 @@
-// What is kept of the frame that was fused last, so that of the next one only what depends on changes is
-// computed.
+// Keeps the frame that was fused last, so that of the next one only the tiles that changed are computed.
 #pragma once
 
 #include <cstdint>
@@ -23,18 +22,16 @@ class LastFrame {
   void change_all();
   // Everything in this tile counts as changed in the next frame.
   void distrust(const Tile& at, TileSize tile);
-  // Which blocks of a tile, row by row, have a change within `reach` LRHS pixels that are the tile's.
-  std::vector<bool> changed_blocks(const Tile& at, TileSize tile, uint32_t reach) const;
+  // Returns whether a pixel of this tile, its halo included, has changed.
+  bool has_changed(const Tile& at, TileSize tile) const;
 
-  // The last output (3, s h, s w), in which the blocks that changed are to be replaced before end().
+  // The last output (3, s h, s w), in which the tiles that changed are to be replaced before end().
   float* fused() { return fused_.data(); }
   size_t fused_size() const { return fused_.size(); }
   void end();
 
  private:
   void take(const float* image, std::vector<float>& last, uint32_t scale);
-  void count();
-  bool any_changed(uint32_t top, uint32_t left, uint32_t bottom, uint32_t right) const;
 
   TileSize frame_;
   uint32_t scale_;
@@ -42,7 +39,6 @@ class LastFrame {
   float exposure_ = 0;
   bool whole_ = false;                         // the above belong together
   std::vector<uint8_t> changed_, distrusted_;  // by LRHS pixel, in this frame and in the next one
-  std::vector<uint32_t> sums_;  // of `changed_` above and left of a pixel's corner: (h + 1, w + 1)
 };
 
 }  // namespace raymeld

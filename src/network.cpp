@@ -40,7 +40,6 @@ struct Builder {
     const ConvWeights weights = model.conv(name, shape.channels_out, weights_in, shape.kernel, bias);
     options.how = choose(shape);
     // conv2d_matrix.comp knows no blocks.
-    if (graph.sparse()) options.how.matrix.reset();
     // Estimated with the constants, without which a tile's error is less.
     if (options.how.tile == 4 && !tile_4_is_accurate(a, weights, weights_in)) {
       shape.most_tile = 2;
@@ -130,16 +129,16 @@ struct Builder {
 
   // HRLS's channels [first, last) as they are kept: of one buffer, or a layer at a time of its image; the
   // variance by itself where the device computes it.
-  void encode_hrls(const std::string& name, const Tensor& hrls, uint32_t first, uint32_t last, bool needed) {
+  void encode_hrls(const std::string& name, const Tensor& hrls, uint32_t first, uint32_t last) {
     const std::span<const EncodedChannel> channels = hrls_channels.encoded;
     const auto encode_run = [&](FrameSlot slot, uint32_t begin, std::span<const EncodedChannel> run) {
-      encode(graph, name, slot, hrls.slice(begin, uint32_t(run.size())), run, a.transfer, a.clip, needed);
+      encode(graph, name, slot, hrls.slice(begin, uint32_t(run.size())), run, a.transfer, a.clip);
     };
     const uint32_t computed = hrls_channels.variance.value_or(UINT32_MAX);
     if (first <= computed && computed < last) {
-      if (first < computed) encode_hrls(name, hrls, first, computed, needed);
+      if (first < computed) encode_hrls(name, hrls, first, computed);
       variance(graph, "variance", hrls.slice(computed, 3), a.transfer, a.clip);
-      if (computed + 3 < last) encode_hrls(name, hrls, computed + 3, last, needed);
+      if (computed + 3 < last) encode_hrls(name, hrls, computed + 3, last);
       return;
     }
     if (!graph.frame_images().inputs)
@@ -216,16 +215,9 @@ void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
   const Tensor hrls = build.tensor("encode.hrls", full_height, full_width, k);
   const Tensor filtered = hrls.slice(layers, k - layers);
   encode(graph, "encode.lrhs", FrameSlot::kLrhs, lrhs.slice(0, 3), lrhs_channels, a.transfer, a.clip);
-  // A sparse graph sees the color first, if it settles blocks by it, and other layers where they are needed.
-  const bool settles = graph.sparse() && graph.sparse()->by_device;
-  const uint32_t seen = !graph.sparse() ? layers : settles ? hrls_channels.first.at("color") + 3 : 0;
-  if (seen > 0) build.encode_hrls(settles ? "encode.color" : "encode.hrls", hrls, 0, seen, false);
+  build.encode_hrls("encode.hrls", hrls, 0, layers);
   const Tensor bright = build.tensor("highlights", height, width, 3);
   highlights(graph, "highlights", bright, a.clip);
-  const Tensor color = build.layer(hrls, "color"), low_color = lrhs.slice(0, 3);
-  if (settles) classify(graph, "classify", color, low_color, phase);
-  if (graph.sparse()) schedule(graph, "schedule");
-  if (seen < layers) build.encode_hrls("encode.hrls", hrls, seen, layers, true);
   if (joint) build.joint_candidates(lrhs, hrls, filtered, joint_options);
 
   const Tensor convolved = hrls.slice(hrls_channels.unread, k - hrls_channels.unread);
@@ -242,13 +234,11 @@ void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
   const Tensor fused = build.reconstruct(links, full, a.hrls_guide ? std::optional(convolved) : std::nullopt);
   conv2d_chain(graph, links);
   if (!joint) {
-    if (settles) settle(graph, "settle", color, low_color, phase, a.base == Base::kBilinear, fused);
     const Tensor* base = a.base == Base::kBilinear ? &lrhs : nullptr;
     return decode(graph, "decode", fused, {a.transfer, base, a.scale, phase, &bright, a.clip});
   }
   const Tensor mixed = build.tensor("mix", full_height, full_width, 3);
   mix(graph, "mix", fused, lrhs, build.layer(hrls, "albedo"), filtered, mixed, joint_options);
-  if (settles) settle(graph, "settle", color, low_color, phase, false, mixed);
   decode(graph, "decode", mixed, {a.transfer, nullptr, a.scale, phase, &bright, a.clip});
 }
 

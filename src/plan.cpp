@@ -15,15 +15,10 @@ StorageExponents exponents_for(const Model& model, const FuserOptions& options) 
   return options.storage == Storage::kFloat16 ? storage_exponents(model) : StorageExponents{};
 }
 
-// Of a frame of one tile, or `part` of a larger one: then the host knows which blocks are of no core. Not
-// planned yet.
-Graph make_graph(const Model& model, TileSize tile, bool part, const FuserOptions& options,
+// Makes the graph of a tile, which is not planned yet.
+Graph make_graph(const Model& model, TileSize tile, const FuserOptions& options,
                  const StorageExponents& exponents, const Conv2dChoice& choose) {
-  std::optional<SparseGrid> sparse;
-  if (options.threshold > 0 || options.changed_only)
-    sparse = {tile.height, tile.width, options.threshold > 0, options.changed_only || part};
-  Graph graph(options.storage, options.kernels.addressed, options.keep_activations, sparse,
-              options.frame_images);
+  Graph graph(options.storage, options.kernels.addressed, options.keep_activations, options.frame_images);
   graph.read_vectors(options.kernels.vector);
   network(graph, model, tile.height, tile.width, options.phase, choose, exponents, options.constants,
           options.compute_variance);
@@ -39,18 +34,17 @@ std::vector<Shape> buffer_shapes(const Model& model, TileSize tile, const FuserO
   return shapes;
 }
 
-FusePlan describe(const Model& model, TileSize tile, bool part, const DeviceInfo& device,
-                  const FuserOptions& options, const StorageExponents& exponents) {
+FusePlan describe(const Model& model, TileSize tile, const FuserOptions& options,
+                  const StorageExponents& exponents) {
   std::vector<std::pair<Conv2dShape, Conv2dKernel>> kernels;
   const Conv2dChoice choose = [&](const Conv2dShape& shape) {
     return kernels.emplace_back(shape, options.kernels.conv2d(shape)).second;
   };
-  Graph graph = make_graph(model, tile, part, options, exponents, choose);
+  Graph graph = make_graph(model, tile, options, exponents, choose);
   graph.plan();
   FusePlan plan{
       .tiling = make_tiling(tile, 1, 1, 0), .graph = std::move(graph), .kernels = std::move(kernels)};
-  plan.frame_bytes =
-      Program::host_bytes(kFramesInFlight + 1, plan.graph, options.work_limits.value_or(limits_for(device)));
+  plan.frame_bytes = Program::host_bytes(kFramesInFlight + 1);
   for (const Shape& shape : buffer_shapes(model, tile, options)) plan.frame_bytes += frame_bytes(shape);
   for (const Pass& pass : plan.graph.passes()) plan.flop += pass.flop;
   return plan;
@@ -189,7 +183,7 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
   const auto fits = [&](TileSize tile) {
     reason = early_obstacle(model, tile, most_bytes, options);
     if (!reason) {
-      plan = describe(model, tile, tile.height < height || tile.width < width, device, options, exponents);
+      plan = describe(model, tile, options, exponents);
       reason = obstacle(*plan, buffer_shapes(model, tile, options), device, most_bytes);
     }
     if (!reason && options.fp32_kernels) reason = wide_obstacle(*plan, model, device, options);
@@ -217,10 +211,10 @@ Graph graph_within(const FusePlan& plan, const Model& model, TileSize size, cons
   size_t next = 0;
   const Conv2dChoice choose = [&](const Conv2dShape&) {
     auto [shape, kernel] = plan.kernels.at(next++);
-    if (kernel.tile > 1) kernel.band_rows = winograd_band_rows(shape, kernel, plan.graph.sparse());
+    if (kernel.tile > 1) kernel.band_rows = winograd_band_rows(shape, kernel);
     return kernel;
   };
-  Graph graph = make_graph(model, size, false, options, exponents_for(model, options), choose);
+  Graph graph = make_graph(model, size, options, exponents_for(model, options), choose);
   graph.plan_within(plan.graph);
   return graph;
 }

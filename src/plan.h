@@ -47,10 +47,7 @@ struct FuserOptions {
   // With 16-bit storage: tiles of fuse() with values that it cannot hold are computed again in 32 bits, by
   // these kernels. Half of the memory is kept for that.
   std::optional<Kernels> fp32_kernels = {};
-  // Blocks of 8 x 8 LRHS pixels are not computed by the network where HRLS and LRHS agree to within this,
-  // encoded, but get the mean of both: see classify() and settle() in layers.h. 0: all are computed.
-  float threshold = 0;
-  // Of fuse(): computes only what depends on pixels that changed since the last frame, and takes the rest of
+  // fuse() computes only the tiles of which a pixel changed since the last frame, and takes the others from
   // that one's output: see LastFrame.
   bool changed_only = false;
   ConstantLayers constants = {};  // of HRLS; no image holds them

@@ -1,8 +1,8 @@
 #include "caller_device.h"
 
-#include <atomic>
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <utility>
 
 #include "engine/instance.h"

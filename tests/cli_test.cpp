@@ -217,55 +217,6 @@ TEST_F(Cli, TilesGiveTheSameBits) {
   EXPECT_EQ(read("out.exr").data, whole.data);
 }
 
-// Two rows of `blocks` blocks of a sparse graph at x4, of which the first ones in each row are of one color:
-// settled but for those beside others.
-void write_blocks(const TemporaryDirectory& folder, int blocks, int of_one_color) {
-  Image high = random_image(kLayeredNames, 32 * blocks, 64, 5);
-  for (int c = 0; c < 3; ++c)
-    for (int y = 0; y < 64; ++y) std::fill_n(&high.at(c, y, 0), 32 * of_one_color, 0.5f);
-  write_image(folder / "high.exr", kLayeredNames, high);
-  write_image(folder / "low.exr", kColorNames, crop(degrade_nearest(high, 4), 0, 0, 8 * blocks, 16));
-}
-
-// Two thirds of a frame are one color; by itself the program leaves them to no network.
-TEST_F(Cli, WhatAgreesIsNotComputed) {
-  write_blocks(folder_, 6, 4);
-  const auto fused = [&](std::vector<std::string> options) {
-    options.insert(options.end(), {"--json", "--output-type", "float", "--kernels", "direct"});
-    const Json report = run_json(fuse(options));
-    return std::pair(report, read("out.exr"));
-  };
-  const auto [off, dense] = fused({"--adaptive", "off"});
-  const auto [automatic, sparse] = fused({});
-  EXPECT_EQ(off.at("settled_share"), 0);
-  EXPECT_EQ(automatic.at("settled_share"), 0.5);
-  EXPECT_LT(automatic.at("work_share").get<double>(), 1);
-  EXPECT_NEAR(sparse.at(1, 30, 20), 0.5, 1e-3);
-  EXPECT_EQ(crop(sparse, 140, 0, 52, 64).data, crop(dense, 140, 0, 52, 64).data);
-  EXPECT_EQ(fused({"--adaptive", "1e-6", "--dump", (folder_ / "dump").string()}).first.at("settled_share"),
-            0);
-  for (const char* wrong : {"-1", "2", "0", "sometimes"}) {
-    const ProcessResult result = run(fuse({"--adaptive", wrong}));
-    EXPECT_NE(result.exit_status, 0);
-    EXPECT_NE(result.err.find("expected auto, off or a number"), std::string::npos) << result.err;
-  }
-}
-
-// By default, a sparse graph is for frames in which it is faster.
-TEST_F(Cli, WhatAgreesIsComputedWhereThatIsFaster) {
-  const auto settled_share = [&](int blocks, int of_one_color, std::vector<std::string> options) {
-    write_blocks(folder_, blocks, of_one_color);
-    options.push_back("--json");
-    return run_json(fuse(options)).at("settled_share").get<double>();
-  };
-  const bool vectors = gpu().info().vector_lanes > 0;
-  EXPECT_EQ(settled_share(16, 14, {}), 13 / 16.0);
-  EXPECT_EQ(settled_share(6, 4, {}), vectors ? 0 : 0.5);
-  EXPECT_EQ(settled_share(6, 4, {"--kernels", "direct"}), 0.5);
-  EXPECT_EQ(settled_share(6, 4, {"--adaptive", "0.01"}), 0.5);
-  EXPECT_EQ(settled_share(16, 2, {"--kernels", "direct"}), 0);
-}
-
 TEST_F(Cli, HalfPrecisionIsSaidAndUsed) {
   const bool has_it = run_json({"devices", "--json"}).at("devices").at(0).at("storage_16bit");
   const ProcessResult result = run(fuse({"--json", "--precision", "fp16", "--device", "0"}));

@@ -78,7 +78,7 @@ TEST_F(CliTrade, WritesWhatFuseGives) {
   EXPECT_EQ(report.at("data"), "set");
   EXPECT_EQ(report.at("views").size(), 2u);
   const Json& settings = report.at("settings");
-  ASSERT_GE(settings.size(), 5u);  // with fp16, where the device has it, 7
+  ASSERT_GE(settings.size(), 2u);  // with fp16, where the device has it, 4
   EXPECT_EQ(report.at("measurements").size(), 2 * settings.size());
   std::string row;
   size_t rows = 0;
@@ -110,7 +110,6 @@ TEST_F(CliTrade, WritesWhatFuseGives) {
   for (const Json& measured : report.at("measurements")) {
     const Json& setting = settings.at(measured.at("setting").get<size_t>());
     const std::string view = "set/" + measured.at("view").get<std::string>() + "/";
-    const double threshold = setting.at("adaptive");
     const Json fused = run_json({"fuse",
                                  "--lrhs",
                                  view + "lrhs-x4-0016.exr",
@@ -130,9 +129,7 @@ TEST_F(CliTrade, WritesWhatFuseGives) {
                                  "--overflow",
                                  "redo",
                                  "--kernels",
-                                 setting.at("kernels"),
-                                 "--adaptive",
-                                 threshold == 0 ? "off" : fmt::format("{}", threshold)});
+                                 setting.at("kernels")});
     EXPECT_NEAR(fused.at("metrics").at("fused").at("psnr_db").get<double>(),
                 measured.at("psnr_db").get<double>(), 1e-4)
         << setting;
@@ -161,7 +158,7 @@ TEST_F(CliTrade, GoesOnWhereItWasStopped) {
     const Json json = Json::parse(line);
     if (json.is_array()) measured[json[0]] = json[1];
   }
-  ASSERT_GE(measured.size(), 2u * 5);
+  ASSERT_GE(measured.size(), 2u * 2);
   std::ofstream(journal, std::ios::app) << R"(["set: 1 spp", [)";
   const ProcessResult result = trade();
   ASSERT_EQ(result.exit_status, 0) << result.err;

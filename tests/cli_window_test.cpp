@@ -62,33 +62,27 @@ class CliWindow : public Cli {
 };
 
 TEST_F(CliWindow, HasTheBitsOfTheWholeFrame) {
-  size_t combinations = 0;
-  for (const char* adaptive : {"auto", "off"}) {
-    const auto fuse_direct = [&](const std::vector<std::string>& more, const std::string& output) {
-      std::vector<std::string> arguments = fuse(more, output);
-      arguments.insert(arguments.end(),
-                       {"--kernels", "direct", "--adaptive", adaptive, "--keep-layers", "--json"});
-      return run_json(arguments);
-    };
-    const Json whole_json = fuse_direct({}, "whole.exr");
-    EXPECT_EQ(whole_json.at("settled_share") > 0, adaptive == std::string("auto"));
-    const Image whole = read("whole.exr"), layers = read("whole.exr", kLayeredNames);
-    for (const Box2i& part : parts_) {
-      if (!is_tried(combinations++, 2)) continue;
-      SCOPED_TRACE(fmt::format("{}, --adaptive {}", text_of(part), adaptive));
-      const Json json = fuse_direct({"--window", text_of(part)}, "out.exr");
-      EXPECT_EQ(read("out.exr").data, part_of(whole, part).data);
-      EXPECT_EQ(read("out.exr", kLayeredNames).data, part_of(layers, part).data);
-      ExrFile fused(folder_ / "out.exr"), high(folder_ / "high.exr");
-      EXPECT_EQ(fused.header().dataWindow(), part);
-      EXPECT_EQ(fused.header().displayWindow(), high.header().displayWindow());
-      EXPECT_EQ(fused.channel("A").type, Imf::HALF);
-      for (const char* key : {"input_exposure", "constant_layers"})
-        EXPECT_EQ(json.at(key), whole_json.at(key)) << key;
-      const std::map<std::string, int> numbers{
-          {"x", part.min.x}, {"y", part.min.y}, {"width", width_of(part)}, {"height", height_of(part)}};
-      for (const auto& [key, value] : numbers) EXPECT_EQ(json.at(key), value) << key;
-    }
+  const auto fuse_direct = [&](const std::vector<std::string>& more, const std::string& output) {
+    std::vector<std::string> arguments = fuse(more, output);
+    arguments.insert(arguments.end(), {"--kernels", "direct", "--keep-layers", "--json"});
+    return run_json(arguments);
+  };
+  const Json whole_json = fuse_direct({}, "whole.exr");
+  const Image whole = read("whole.exr"), layers = read("whole.exr", kLayeredNames);
+  for (const Box2i& part : parts_) {
+    SCOPED_TRACE(text_of(part));
+    const Json json = fuse_direct({"--window", text_of(part)}, "out.exr");
+    EXPECT_EQ(read("out.exr").data, part_of(whole, part).data);
+    EXPECT_EQ(read("out.exr", kLayeredNames).data, part_of(layers, part).data);
+    ExrFile fused(folder_ / "out.exr"), high(folder_ / "high.exr");
+    EXPECT_EQ(fused.header().dataWindow(), part);
+    EXPECT_EQ(fused.header().displayWindow(), high.header().displayWindow());
+    EXPECT_EQ(fused.channel("A").type, Imf::HALF);
+    for (const char* key : {"input_exposure", "constant_layers"})
+      EXPECT_EQ(json.at(key), whole_json.at(key)) << key;
+    const std::map<std::string, int> numbers{
+        {"x", part.min.x}, {"y", part.min.y}, {"width", width_of(part)}, {"height", height_of(part)}};
+    for (const auto& [key, value] : numbers) EXPECT_EQ(json.at(key), value) << key;
   }
 }
 
@@ -122,7 +116,7 @@ TEST_F(CliWindow, MeasuresAndShowsThePart) {
 
 TEST_F(CliWindow, CostsWhatItsPixelsCost) {
   const auto plan = [&](const std::vector<std::string>& more) {
-    std::vector<std::string> arguments = fuse({"--dry-run", "--json", "--adaptive", "off"});
+    std::vector<std::string> arguments = fuse({"--dry-run", "--json"});
     arguments.insert(arguments.end(), more.begin(), more.end());
     return run_json(arguments);
   };

@@ -64,12 +64,10 @@ TEST_F(DynamicSizeTest, EverySizeHasTheBitsOfAFusionMadeForIt) {
     reference::Architecture architecture;
     raymeld_precision precision = RAYMELD_PRECISION_FP32;
     raymeld_kernels kernels = RAYMELD_KERNELS_AUTO;
-    float threshold = 0;
   };
   const Case cases[] = {
       {small_architecture(2)},
       {guided_architecture(2), RAYMELD_PRECISION_FP16, RAYMELD_KERNELS_DIRECT},
-      {small_architecture(2), RAYMELD_PRECISION_FP32, RAYMELD_KERNELS_AUTO, 0.2f},
       {cells_architecture(2)},
   };
   for (const Case& at : cases) {
@@ -83,14 +81,13 @@ TEST_F(DynamicSizeTest, EverySizeHasTheBitsOfAFusionMadeForIt) {
     desc.width = kMost.width;
     desc.precision = at.precision;
     desc.kernels = at.kernels;
-    desc.adaptive_threshold = at.threshold;
     Fusion fusion(context, model, desc);
     const std::array<TileSize, 5> sizes{{{22, 30}, {11, 16}, {22, 8}, {8, 30}, {16, 14}}};
     caller.take_calls();
     for (const TileSize size : sizes) fusion.prepare_size(size.height, size.width);
     const auto made = caller.take_calls();
     EXPECT_EQ(made.contains("vkCreateComputePipelines"), false);
-    EXPECT_EQ(made.contains("vkAllocateMemory"), at.threshold > 0);
+    EXPECT_EQ(made.contains("vkAllocateMemory"), false);
     EXPECT_TRUE(made.contains("vkAllocateDescriptorSets"));
     // Rows of odd widths cannot be read by pairs.
     fusion.prepare_size(9, 13);
@@ -134,26 +131,23 @@ TEST_F(DynamicSizeTest, CountsOfAllSizesAreTaken) {
   for (double& bias : weights_.at("rec").bias) bias = 3e38;
   for (double& weight : weights_.at("rec").weight) weight = 3e38;
   write_model(file_, architecture_, weights_);
-  for (const float threshold : {0.0f, 0.01f}) {
-    CallerDevice caller;
-    const std::unique_ptr<Device> device = Device::wrap(caller.external());
-    raymeld_fusion_desc desc;
-    desc.height = kMost.height;
-    desc.width = kMost.width;
-    desc.precision = RAYMELD_PRECISION_FP32;
-    desc.kernels = RAYMELD_KERNELS_DIRECT;
-    desc.adaptive_threshold = threshold;
-    Fusion fusion(Context(context_desc(caller.external())), SharedModel(file_), desc);
-    fusion.prepare_size(8, 9);
-    const Recorded frame(*device, subject_of(architecture_, {8, 9}, 2));
-    Commands pool(*device);
-    const VkCommandBuffer commands = pool.begin("frame");
-    frame.record(fusion, commands);
-    pool.end(commands);
-    device->submit_and_wait(commands);
-    EXPECT_GT(fusion.take_status().not_finite, 0u) << threshold;
-    EXPECT_EQ(fusion.take_status().not_finite, 0u) << threshold;
-  }
+  CallerDevice caller;
+  const std::unique_ptr<Device> device = Device::wrap(caller.external());
+  raymeld_fusion_desc desc;
+  desc.height = kMost.height;
+  desc.width = kMost.width;
+  desc.precision = RAYMELD_PRECISION_FP32;
+  desc.kernels = RAYMELD_KERNELS_DIRECT;
+  Fusion fusion(Context(context_desc(caller.external())), SharedModel(file_), desc);
+  fusion.prepare_size(8, 9);
+  const Recorded frame(*device, subject_of(architecture_, {8, 9}, 2));
+  Commands pool(*device);
+  const VkCommandBuffer commands = pool.begin("frame");
+  frame.record(fusion, commands);
+  pool.end(commands);
+  device->submit_and_wait(commands);
+  EXPECT_GT(fusion.take_status().not_finite, 0u);
+  EXPECT_EQ(fusion.take_status().not_finite, 0u);
 }
 
 TEST_F(DynamicSizeTest, OtherSizesAreRefused) {
@@ -200,16 +194,13 @@ TEST_F(DynamicSizeTest, AnySizeFitsInTheMemoryOfALargerOne) {
       };
       FuserOptions options;
       options.kernels = {.addressed = true, .vector = 8, .conv2d = choose};
-      for (const float threshold : {0.0f, 0.1f}) {
-        options.threshold = threshold;
-        const FusePlan plan = plan_fusion(model, 50, 67, device, options);
-        for (uint32_t height = 1; height <= 50; height += 7) {
-          for (uint32_t width = 1; width <= 67; width += 3) {
-            const Graph graph = graph_within(plan, model, {height, width}, options);
-            EXPECT_EQ(graph.activation_bytes(), plan.graph.activation_bytes());
-            EXPECT_TRUE(has_guards(graph));
-            EXPECT_LE(graph.passes().size(), plan.graph.passes().size());
-          }
+      const FusePlan plan = plan_fusion(model, 50, 67, device, options);
+      for (uint32_t height = 1; height <= 50; height += 7) {
+        for (uint32_t width = 1; width <= 67; width += 3) {
+          const Graph graph = graph_within(plan, model, {height, width}, options);
+          EXPECT_EQ(graph.activation_bytes(), plan.graph.activation_bytes());
+          EXPECT_TRUE(has_guards(graph));
+          EXPECT_LE(graph.passes().size(), plan.graph.passes().size());
         }
       }
     }

@@ -200,7 +200,6 @@ TEST_F(FrameTextureTest, FloatsHaveTheBitsOfBuffers) {
     Subject subject;
     raymeld_precision precision = RAYMELD_PRECISION_FP32;
     raymeld_kernels kernels = RAYMELD_KERNELS_AUTO;
-    float threshold = 0;
     uint32_t border = 0;
     VkImageLayout layout = VK_IMAGE_LAYOUT_GENERAL;
     bool variance = false;
@@ -209,11 +208,10 @@ TEST_F(FrameTextureTest, FloatsHaveTheBitsOfBuffers) {
   with_variance.hrls_layers.push_back(reference::LayerKind::kVariance);
   const Case cases[] = {
       {make_subject(small_architecture(2), 6, 9, 1)},
-      {make_subject(small_architecture(2), 10, 9, 2), RAYMELD_PRECISION_FP16, RAYMELD_KERNELS_DIRECT, 0, 3,
+      {make_subject(small_architecture(2), 10, 9, 2), RAYMELD_PRECISION_FP16, RAYMELD_KERNELS_DIRECT, 3,
        kReadOnly},
-      {make_subject(small_architecture(2), 20, 30, 4), RAYMELD_PRECISION_FP32, RAYMELD_KERNELS_DIRECT, 0.3f,
-       2},
-      {make_subject(with_variance, 6, 9, 5), RAYMELD_PRECISION_FP32, RAYMELD_KERNELS_DIRECT, 0, 3, kReadOnly,
+      {make_subject(small_architecture(2), 20, 30, 4), RAYMELD_PRECISION_FP32, RAYMELD_KERNELS_DIRECT, 2},
+      {make_subject(with_variance, 6, 9, 5), RAYMELD_PRECISION_FP32, RAYMELD_KERNELS_DIRECT, 3, kReadOnly,
        true},
   };
   for (const Case& at : cases) {
@@ -224,7 +222,6 @@ TEST_F(FrameTextureTest, FloatsHaveTheBitsOfBuffers) {
     raymeld_fusion_desc desc = image_desc(subject);
     desc.precision = at.precision;
     desc.kernels = at.kernels;
-    desc.adaptive_threshold = at.threshold;
     desc.compute_variance = at.variance;
     Fusion fusion(context_, *model_, desc);
     const auto texture = [&](const Planes& image, int first) {

@@ -36,13 +36,9 @@ TEST_F(FrameTimesTest, AreKeptByWhatTheyDependOn) {
   EXPECT_GT(time.further_ms, 0);
   EXPECT_EQ(times.known(model_, 6, 8, options), time);
   EXPECT_EQ(FrameTimes(gpu(), folder_.path()).known(model_, 6, 8, options), time);
-  // All but the threshold: times are those of frames in which everything is computed.
-  FuserOptions other = options;
-  other.threshold = 0.01f;
-  EXPECT_EQ(times.known(model_, 6, 8, other), time);
   EXPECT_FALSE(times.known(model_, 8, 6, options));
   EXPECT_FALSE(times.known(Model(golden_model_path("guided-x4")), 6, 8, options));
-  other = options;
+  FuserOptions other = options;
   other.storage = Storage::kFloat16;
   EXPECT_FALSE(times.known(model_, 6, 8, other));
   other = options;

@@ -124,20 +124,18 @@ TEST(Graph, GuardsAreInFrontOfAndBehindAllTensors) {
   const Model model(conform::model_file(subject.architecture, subject.weights), "joint");
   for (const Storage storage : {Storage::kFloat32, Storage::kFloat16}) {
     for (const bool keep : {false, true}) {
-      for (const auto& sparse : {std::optional<SparseGrid>(), std::optional(SparseGrid{24, 16})}) {
-        Graph graph(storage, true, keep, sparse);
-        network(graph, model, 24, 16, 0);
-        graph.plan();
-        EXPECT_TRUE(has_guards(graph));
-      }
+      Graph graph(storage, true, keep);
+      network(graph, model, 24, 16, 0);
+      graph.plan();
+      EXPECT_TRUE(has_guards(graph));
     }
   }
 }
 
-TEST(Graph, VectorsOfPixelsAreForDenseFloatsAndAsManyAsShadersNumber) {
+TEST(Graph, VectorsOfPixelsAreForFloatsAndAsManyAsShadersNumber) {
   const auto lanes_of = [](uint32_t lanes, const Shape& invocations, uint32_t reach = 16,
-                           Storage storage = Storage::kFloat32, std::optional<SparseGrid> sparse = {}) {
-    Graph graph(storage, true, false, sparse);
+                           Storage storage = Storage::kFloat32) {
+    Graph graph(storage, true);
     graph.read_vectors(lanes);
     return vector_of_pixels(graph, invocations, reach);
   };
@@ -152,7 +150,6 @@ TEST(Graph, VectorsOfPixelsAreForDenseFloatsAndAsManyAsShadersNumber) {
   EXPECT_EQ(lanes_of(0, {1, 1, 1}), 0u);
   EXPECT_EQ(lanes_of(128, {1, 1, 1}), 0u);
   EXPECT_EQ(lanes_of(8, {1, 1, 1}, 16, Storage::kFloat16), 0u);
-  EXPECT_EQ(lanes_of(8, {8, 8, 1}, 16, Storage::kFloat32, SparseGrid{8, 8}), 0u);
 }
 
 TEST(Graph, ReadingWhatNothingWroteIsAnError) {

@@ -1,4 +1,4 @@
-// Which blocks of a frame depend on what changed, without a device.
+// Which pixels and tiles of a frame changed, without a device.
 #include "last_frame.h"
 
 #include <gtest/gtest.h>
@@ -6,13 +6,11 @@
 #include <bit>
 #include <limits>
 
-#include "engine/graph.h"
-
 namespace raymeld::test {
 namespace {
 
 constexpr TileSize kFrame{21, 35};
-constexpr uint32_t kScale = 2, kChannels = 6, kSide = SparseGrid::kSide;
+constexpr uint32_t kScale = 2, kChannels = 6;
 const Tile kWhole{.core = kFrame};
 
 class LastFrameTest : public testing::Test {
@@ -32,20 +30,21 @@ class LastFrameTest : public testing::Test {
     last_.end();
   }
 
-  // The columns of changed blocks, by row.
-  std::vector<std::vector<uint32_t>> changed(uint32_t reach, const Tile& at = kWhole,
-                                             TileSize tile = kFrame) const {
-    const SparseGrid grid{tile.height, tile.width};
-    const std::vector<bool> blocks = last_.changed_blocks(at, tile, reach);
-    EXPECT_EQ(blocks.size(), grid.blocks());
-    std::vector<std::vector<uint32_t>> rows(grid.rows());
-    for (uint32_t i = 0; i < blocks.size(); ++i)
-      if (blocks[i]) rows[i / grid.columns()].push_back(i % grid.columns());
-    return rows;
+  // The columns of changed pixels in a row.
+  std::vector<uint32_t> changed(uint32_t y) const {
+    std::vector<uint32_t> columns;
+    for (uint32_t x = 0; x < kFrame.width; ++x)
+      if (last_.has_changed({.y = y, .x = x, .core = {}}, {1, 1})) columns.push_back(x);
+    return columns;
+  }
+  bool any() const { return last_.has_changed(kWhole, kFrame); }
+  bool all() const {
+    for (uint32_t y = 0; y < kFrame.height; ++y)
+      if (changed(y).size() != kFrame.width) return false;
+    return true;
   }
 
-  using Blocks = std::vector<std::vector<uint32_t>>;
-  const Blocks all_{{0, 1, 2, 3, 4}, {0, 1, 2, 3, 4}, {0, 1, 2, 3, 4}}, none_{{}, {}, {}};
+  using Columns = std::vector<uint32_t>;
   std::vector<float> lrhs_ = std::vector<float>(3 * pixels(), 0.5f);
   std::vector<float> hrls_ = std::vector<float>(kChannels * kScale * kScale * pixels(), 0.25f);
   LastFrame last_{kFrame, kScale, kChannels};
@@ -53,37 +52,40 @@ class LastFrameTest : public testing::Test {
 
 TEST_F(LastFrameTest, AllChangesUntilAFrameIsWhole) {
   begin();
-  EXPECT_EQ(changed(0), all_);
+  EXPECT_TRUE(all());
   begin();
-  EXPECT_EQ(changed(0), all_);
+  EXPECT_TRUE(all());
   last_.end();
   begin();
-  EXPECT_EQ(changed(40), none_);
+  EXPECT_FALSE(any());
   begin();  // the one before was given up
-  EXPECT_EQ(changed(0), all_);
+  EXPECT_TRUE(all());
 }
 
-TEST_F(LastFrameTest, BlocksWithinReachOfAPixelChange) {
+TEST_F(LastFrameTest, APixelChangesWithItsCellOfHrls) {
   change_nothing();
   lrhs(2, 0, 0) = 0.75f;
-  begin();
-  EXPECT_EQ(changed(0), (Blocks{{0}, {}, {}}));
-  EXPECT_EQ(changed(7), (Blocks{{0}, {}, {}}));
-  EXPECT_EQ(changed(8), (Blocks{{0, 1}, {0, 1}, {}}));
-  EXPECT_EQ(changed(16), (Blocks{{0, 1, 2}, {0, 1, 2}, {0, 1, 2}}));
-  EXPECT_EQ(changed(1000), all_);
-  last_.end();
-  hrls(5, 2 * 12 + 1, 2 * 16 + 1) = 0;  // of LRHS's pixel 12, 16
-  begin();
-  EXPECT_EQ(changed(0), (Blocks{{}, {2}, {}}));
-  EXPECT_EQ(changed(1), (Blocks{{}, {1, 2}, {}}));
-  EXPECT_EQ(changed(4), (Blocks{{}, {1, 2}, {1, 2}}));
-  EXPECT_EQ(changed(5), (Blocks{{1, 2}, {1, 2}, {1, 2}}));
-  last_.end();
+  hrls(5, 2 * 12 + 1, 2 * 16 + 1) = 0;
   hrls(0, 2 * kFrame.height - 1, 2 * kFrame.width - 1) = 0;
   begin();
-  EXPECT_EQ(changed(0), (Blocks{{}, {}, {4}}));
-  EXPECT_EQ(changed(3), (Blocks{{}, {}, {3, 4}}));
+  for (uint32_t y = 0; y < kFrame.height; ++y)
+    EXPECT_EQ(changed(y), y == 0                   ? Columns{0}
+                          : y == 12                ? Columns{16}
+                          : y == kFrame.height - 1 ? Columns{kFrame.width - 1}
+                                                   : Columns{})
+        << y;
+}
+
+TEST_F(LastFrameTest, TilesChangeWithAnyOfTheirPixels) {
+  change_nothing();
+  lrhs(0, 10, 20) = 0;
+  begin();
+  EXPECT_TRUE(any());
+  EXPECT_TRUE(last_.has_changed({.y = 3, .x = 5, .core = {}}, {8, 16}));
+  EXPECT_FALSE(last_.has_changed({.y = 3, .x = 5, .core = {}}, {7, 16}));
+  EXPECT_FALSE(last_.has_changed({.y = 3, .x = 5, .core = {}}, {8, 15}));
+  EXPECT_FALSE(last_.has_changed({.y = 11, .x = 20, .core = {}}, {10, 15}));
+  EXPECT_FALSE(last_.has_changed({.y = 10, .x = 21, .core = {}}, {11, 14}));
 }
 
 TEST_F(LastFrameTest, ABitIsAChangeAndNaNIsNone) {
@@ -91,51 +93,41 @@ TEST_F(LastFrameTest, ABitIsAChangeAndNaNIsNone) {
   hrls(1, 3, 60) = 0.0f;
   change_nothing();
   begin();
-  EXPECT_EQ(changed(0), none_);
+  EXPECT_FALSE(any());
   last_.end();
   hrls(1, 3, 60) = -0.0f;
   begin();
-  EXPECT_EQ(changed(0), (Blocks{{3}, {}, {}}));
+  EXPECT_EQ(changed(1), Columns{30});
   last_.end();
   lrhs(1, 3, 3) = std::bit_cast<float>(std::bit_cast<uint32_t>(lrhs(1, 3, 3)) | 5u);
   begin();
-  EXPECT_EQ(changed(0), (Blocks{{0}, {}, {}}));
+  EXPECT_EQ(changed(1), Columns{});
+  EXPECT_EQ(changed(3), Columns{3});
 }
 
 TEST_F(LastFrameTest, AnotherExposureChangesAll) {
   change_nothing();
   begin(2);
-  EXPECT_EQ(changed(0), all_);
+  EXPECT_TRUE(all());
   last_.end();
   begin(2);
-  EXPECT_EQ(changed(0), none_);
+  EXPECT_FALSE(any());
   last_.change_all();
-  EXPECT_EQ(changed(0), all_);
-}
-
-// Blocks are counted from a tile's corner, and what lies outside of the tile is not read.
-TEST_F(LastFrameTest, TilesHaveTheirOwnBlocks) {
-  change_nothing();
-  lrhs(0, 10, 20) = 0;
-  begin();
-  const TileSize tile{16, 20};
-  EXPECT_EQ(changed(0, {.y = 3, .x = 5, .core = {}}, tile), (Blocks{{1}, {}}));
-  EXPECT_EQ(changed(1, {.y = 3, .x = 5, .core = {}}, tile), (Blocks{{1, 2}, {1, 2}}));
-  EXPECT_EQ(changed(1000, {.y = 0, .x = 0, .core = {}}, tile), (Blocks{{}, {}}));
-  EXPECT_EQ(changed(1000, {.y = 0, .x = 0, .core = {}}, {16, 21}), (Blocks{{0, 1, 2}, {0, 1, 2}}));
+  EXPECT_TRUE(all());
 }
 
 TEST_F(LastFrameTest, ADistrustedTileChangesInTheNextFrameOnly) {
   change_nothing();
   begin();
-  last_.distrust({.y = 8, .x = 16, .core = {}}, {8, 8});
-  EXPECT_EQ(changed(0), none_);
+  last_.distrust({.y = 8, .x = 16, .core = {}}, {1, 3});
+  EXPECT_FALSE(any());
   last_.end();
   begin();
-  EXPECT_EQ(changed(0), (Blocks{{}, {2}, {}}));
+  EXPECT_EQ(changed(8), (Columns{16, 17, 18}));
+  EXPECT_EQ(changed(9), Columns{});
   last_.end();
   begin();
-  EXPECT_EQ(changed(0), none_);
+  EXPECT_FALSE(any());
 }
 
 }  // namespace

@@ -182,45 +182,6 @@ TEST_F(RecordTest, ThreeRecordingsInFlight) {
   }
 }
 
-// What the device found settled is of recorded frames, whatever fuse() does between them.
-TEST_F(RecordTest, TheStatusIsOfRecordedFrames) {
-  CallerDevice caller;
-  const std::unique_ptr<Device> device = Device::wrap(caller.external());
-  const Context context(context_desc(caller.external()));
-  const SharedModel model(file_.string());
-  const Subject noisy = make_subject(subject_.architecture, 40, 48, 2);
-  raymeld_fusion_desc desc = fusion_desc(noisy);
-  desc.adaptive_threshold = 0.01f;
-  desc.max_memory_bytes = Fusion(context, model, desc).info().memory_bytes / 2;
-  Fusion fusion(context, model, desc);
-  const raymeld_fusion_info info = fusion.info();
-  ASSERT_LT(info.tile_height * info.tile_width, 40u * 48u);
-  EXPECT_EQ(fusion.take_status().settled_share, 0);  // of no frame
-
-  // Both inputs agree everywhere.
-  Planes small(3, int(info.tile_height), int(info.tile_width)), large(9, 2 * small.h, 2 * small.w);
-  std::ranges::fill(small.data, 0.5);
-  std::ranges::fill(large.data, 0.5);
-  const FrameImage lrhs(*device, small), hrls(*device, large);
-  const FrameImage fused(*device, Shape{2 * info.tile_height, 2 * info.tile_width, 3});
-  Commands pool(*device);
-  const auto run = [&](VkCommandBuffer commands) {
-    end_and_submit(*device, pool, commands);
-    check(device->vk().DeviceWaitIdle(device->handle()), "waiting");
-  };
-  const VkCommandBuffer first = pool.begin("first"), second = pool.begin("second");
-  record(fusion, first, lrhs, hrls, fused);
-  EXPECT_EQ(fusion.take_status().settled_share, 0);  // it is not done
-  run(first);
-  EXPECT_EQ(fusion.take_status().settled_share, 1);
-  EXPECT_EQ(fusion.take_status().settled_share, 0);
-  record(fusion, second, lrhs, hrls, fused);
-  EXPECT_LT(fuse(fusion, noisy).status.settled_share, 0.5f);
-  EXPECT_EQ(fusion.take_status().settled_share, 0);
-  run(second);
-  EXPECT_EQ(fusion.take_status().settled_share, 1);
-}
-
 TEST_F(RecordTest, A16BitDeviceMustBeAsked) {
   CallerDevice caller(false);
   const std::unique_ptr<Device> device = Device::wrap(caller.external());

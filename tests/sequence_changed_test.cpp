@@ -9,6 +9,8 @@ using Json = nlohmann::json;
 class SequenceChanged : public SequenceTest {
  protected:
   static constexpr int kWidth = 72, kHeight = 24;
+  inline static const std::vector<std::string> kTiled{"--max-memory",
+                                                      "3"};  // in MiB: frames take several tiles
 
   void write(int frame) const {
     write_image(folder_ / low(frame), kColorNames, low_);
@@ -35,10 +37,10 @@ TEST_F(SequenceChanged, FramesAreWhatTheyWouldBeWithout) {
   write(7);
   low_.at(0, kHeight - 1, kWidth - 1) = 2;
   write(9);  // there is no frame 8
-  EXPECT_EQ(run(fuse_frames("1-9")).exit_status, 2);
+  EXPECT_EQ(run(fuse_frames("1-9", kTiled)).exit_status, 2);
   std::map<int, std::string> without;
   for (const int frame : {1, 2, 3, 4, 5, 6, 7, 9}) without[frame] = read_file(folder_ / out(frame));
-  const ProcessResult result = run(fuse_frames("1-9", {"--changed-only", "--json"}));
+  const ProcessResult result = run(fuse_frames("1-9", {"--changed-only", "--json", kTiled[0], kTiled[1]}));
   EXPECT_EQ(result.exit_status, 2);
   const Json frames = Json::parse(result.out).at("frames");
   const auto kept = [&](int frame) { return frames.at(size_t(frame) - 1).at("kept_share").get<double>(); };
@@ -48,7 +50,6 @@ TEST_F(SequenceChanged, FramesAreWhatTheyWouldBeWithout) {
     EXPECT_LT(kept(frame), 1) << frame;
   }
   EXPECT_EQ(kept(3), 1);
-  EXPECT_EQ(frames.at(2).at("work_share"), 0);
   EXPECT_EQ(frames.at(7).at("status"), "failed");
   for (const auto& [frame, image] : without) EXPECT_EQ(read_file(folder_ / out(frame)), image) << frame;
 }
@@ -57,8 +58,7 @@ TEST_F(SequenceChanged, ItIsSaidAndMustFitTheOtherOptions) {
   for (const int frame : {1, 2}) write(frame);
   const ProcessResult result = run(fuse_frames("1-2", {"--changed-only"}));
   EXPECT_EQ(result.exit_status, 0) << result.err;
-  const size_t said =
-      result.err.find("100 % of the frame is the last one's, as nothing changed there; 0 % of the");
+  const size_t said = result.err.find("100 % of the frame is the last one's, as nothing changed there\n");
   ASSERT_NE(said, std::string::npos) << result.err;
   EXPECT_GT(said, result.err.find("frame 2: wrote ")) << result.err;
   EXPECT_EQ(result.err.find("100 % of the frame", said + 1), std::string::npos) << result.err;

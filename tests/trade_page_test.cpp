@@ -16,14 +16,13 @@ using Json = nlohmann::json;
 
 constexpr const char* kPlots[] = {"time", "memory", "total", "scenes"};
 
-Json setting(int id, int scale, const char* model, const char* precision, double adaptive, double time_ms,
-             double psnr_db, bool front) {
+Json setting(int id, int scale, const char* model, const char* precision, double time_ms, double psnr_db,
+             bool front) {
   return {{"id", id},
           {"scale", scale},
           {"model", model},
           {"precision", precision},
           {"kernels", "auto"},
-          {"adaptive", adaptive},
           {"lrhs_spp", 16},
           {"hrls_spp", 1},
           {"time_ms", {{"lower", time_ms * 0.9}, {"median", time_ms}, {"upper", time_ms * 1.2}}},
@@ -31,8 +30,6 @@ Json setting(int id, int scale, const char* model, const char* precision, double
           {"psnr_db", psnr_db},
           {"relmse", 0.0036},
           {"fp64_error", 0.01},
-          {"settled_share", 0.1},
-          {"work_share", 0.95},
           {"time_front", front},
           {"memory_front", front}};
 }
@@ -59,10 +56,9 @@ Json small_report() {
       {"views",
        {{{"name", "near"}, {"width", 64}, {"height", 48}}, {{"name", "far"}, {"width", 64}, {"height", 48}}}},
       {"settings",
-       {setting(0, 4, "x4-fast", "fp32", 0, 500, 33.1, true),
-        setting(1, 4, "x4-fast", "fp32", 0.02f, 400, 33, true),
-        setting(2, 4, "x4-fast", "fp16", 0, 900, 33.05, false),
-        setting(3, 8, "x8-fast", "fp32", 0, 300, 31, true)}},
+       {setting(0, 4, "x4-fast", "fp32", 500, 33.1, true), setting(1, 4, "x4-fast", "fp32", 400, 33, true),
+        setting(2, 4, "x4-fast", "fp16", 900, 33.05, false),
+        setting(3, 8, "x8-fast", "fp32", 300, 31, true)}},
       {"renders",
        {render(1, "", 0, 1, 20, true), render(1, "", 0, 4, 26, false),
         render(4, "x4-fast", 16, 1, 33, true)}},
@@ -76,12 +72,8 @@ Json small_report() {
           "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg=="}}}}};
   for (const char* view : {"near", "far"}) {
     for (int id = 0; id < 4; ++id) {
-      report["measurements"].push_back({{"view", view},
-                                        {"setting", id},
-                                        {"time_ms", 500},
-                                        {"psnr_db", 30 + id},
-                                        {"relmse", 0.01},
-                                        {"settled_share", 0}});
+      report["measurements"].push_back(
+          {{"view", view}, {"setting", id}, {"time_ms", 500}, {"psnr_db", 30 + id}, {"relmse", 0.01}});
     }
   }
   return report;
@@ -160,10 +152,10 @@ TEST_F(TradePage, EveryMeasurementIsAPointAndARow) {
   for (const char* text :
        {"raymeld 0.1.0 fused 2 views of two views (64x48) in 4 settings of 2 models on a device, "
         "driver a driver.",
-        "<title>x4-fast, fp32, kernels auto, adaptive 0.02, 16-1: 400.0 ms, 33.00 dB</title>",
+        "<title>x4-fast, fp32, kernels auto, 16-1: 400.0 ms, 33.00 dB</title>",
         "<title>plain render, 4 spp: 6.00 s, 26.00 dB</title>",
-        "<title>far, x8-fast, fp32, kernels auto, adaptive 0, 16-1: 33.00 dB</title>",
-        ">adaptive 0.02</text>", ">near: the worst of 2</figcaption>", "<span>bicubic LRHS</span>"})
+        "<title>far, x8-fast, fp32, kernels auto, 16-1: 33.00 dB</title>",
+        ">near: the worst of 2</figcaption>", "<span>bicubic LRHS</span>"})
     EXPECT_NE(page.find(text), page.npos) << text;
 }
 

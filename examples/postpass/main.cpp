@@ -55,7 +55,6 @@ int main(int argc, char** argv) {
   app.add_option("--lrhs-samples", options.renderer.lrhs_samples, "a pixel; 0: the square of the scale")
       ->check(CLI::Range(0, 4096));
   app.add_option("--hrls-samples", options.renderer.hrls_samples, "a pixel")->check(CLI::Range(1, 1024));
-  app.add_option("--adaptive", options.renderer.adaptive_threshold, "raymeld's adaptive_threshold");
   app.add_flag("--check-allocations", check_allocations, "any allocation within a frame is a failure");
   MeasureOptions measure_options;
   bool measures = false;

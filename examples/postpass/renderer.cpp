@@ -16,7 +16,6 @@ raymeld_fusion_desc fusion_desc(vk::Extent2D small, const RendererOptions& optio
   desc.width = small.width;
   desc.precision = options.precision;
   desc.lrhs_sampling = RAYMELD_SAMPLING_CENTERED;
-  desc.adaptive_threshold = options.adaptive_threshold;
   return desc;
 }
 

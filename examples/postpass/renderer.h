@@ -16,7 +16,6 @@ struct RendererOptions {
   float history_weight = 0.1f;
   float history_tolerance = 0.03f;
   raymeld_precision precision = RAYMELD_PRECISION_AUTO;
-  float adaptive_threshold = 0;
 };
 
 // The parts of a frame that are timed, in order.

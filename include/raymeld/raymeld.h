@@ -255,27 +255,23 @@ typedef struct raymeld_fusion_desc {
    * suits the model, found of each frame's LRHS: by raymeld_fuse() on the host, see raymeld_exposure(), by
    * raymeld_record() and raymeld_submit() on the device. */
   float exposure RAYMELD_IS(0);
-  /* Blocks of 8 x 8 LRHS pixels in which HRLS and upsampled LRHS agree to within this, on the network's
-   * scale, where 0.01 is about a step of an 8-bit display, are not computed by the network but get the mean
-   * of both; what is computed has the same bits. Found on the device, by raymeld_record() as well. From 0 to
-   * 1; 0: everything is computed, which takes less memory. */
-  float adaptive_threshold RAYMELD_IS(0);
   /* Which of a frame's images are images of Vulkan, LRHS and HRLS as well as the fused one; the others are
    * buffers. Either leaves raymeld_record() alone, as raymeld_fuse() takes buffers. */
   VkBool32 input_images RAYMELD_IS(VK_FALSE);
   VkBool32 output_image RAYMELD_IS(VK_FALSE); /* an error without RAYMELD_FEATURE_IMAGE_WRITES */
-  /* raymeld_fuse() keeps its inputs, in host memory, and its output, and computes only what depends on pixels
-   * of which a bit has changed since; the rest is the last output. The bits are those of a first call.
+  /* raymeld_fuse() keeps its inputs, in host memory, and its output, and computes only the tiles
+   * of which a bit has changed since; the others are the last output's. The bits are those of a first call.
    * Everything is computed after a failure, and where the exposure differs: give one. raymeld_record() fails.
    * Takes more memory. */
   VkBool32 changed_only RAYMELD_IS(VK_FALSE);
   /* Those of the model's optional layers that HRLS does not have: nothing is read or computed for them. */
   uint32_t absent_layer_count RAYMELD_IS(0);
+  uint32_t reserved RAYMELD_IS(0);
   const char* const* absent_layers RAYMELD_IS(NULL);
   /* The caller's memory for the activations, as raymeld_get_memory_needs() asks for it: size_bytes from
-   * memory_offset_bytes on. A frame reads and writes it in VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT and
-   * VK_PIPELINE_STAGE_TRANSFER_BIT; between frames it may serve other purposes, behind barriers of the
-   * caller's that make those wait for these and these for those. VK_NULL_HANDLE: raymeld allocates it. */
+   * memory_offset_bytes on. A frame reads and writes it in VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT;
+   * between frames it may serve other purposes, behind barriers of the caller's that make those wait for
+   * these and these for those. VK_NULL_HANDLE: raymeld allocates it. */
   VkDeviceMemory memory RAYMELD_IS(VK_NULL_HANDLE);
   VkDeviceSize memory_offset_bytes RAYMELD_IS(0);
   VkDeviceSize memory_size_bytes RAYMELD_IS(0);
@@ -396,9 +392,9 @@ typedef struct raymeld_frame {
 /* For dynamic resolution: makes ready what it takes to record frames with LRHS of another size, at most
  * (tile_height, tile_width) of a fusion that has no tiles. They use the memory, the weights and the pipelines
  * of the fusion, so that sizes may change from frame to frame, and have the bits of a fusion of that size
- * with the same kernels. Takes some milliseconds of the host for each size, once; may allocate a little on
- * the device with adaptive_threshold, and compile where of two widths one is even and the other odd; does not
- * wait, and recordings may be pending. raymeld_fuse() has the description's size always. */
+ * with the same kernels. Takes some milliseconds of the host for each size, once; may compile where of two
+ * widths one is even and the other odd; does not wait, and recordings may be pending. raymeld_fuse() has the
+ * description's size always. */
 RAYMELD_API raymeld_result raymeld_prepare_size(raymeld_fusion fusion, uint32_t height, uint32_t width);
 
 /* Records a frame into the caller's command buffer, outside of a render pass; never submits, allocates on the
@@ -453,9 +449,7 @@ typedef struct raymeld_status {
   uint32_t not_finite RAYMELD_IS(0); /* output values that were NaN or infinite, written as 0 */
   /* Of raymeld_fuse(), AUTO: which fp16 could not hold, computed again in fp32. */
   uint32_t redone_tiles RAYMELD_IS(0);
-  float settled_share RAYMELD_IS(0); /* of the last frame, 0 without one: adaptive_threshold */
-  float kept_share RAYMELD_IS(0);    /* of raymeld_fuse(): changed_only */
-  uint32_t reserved RAYMELD_IS(0);
+  float kept_share RAYMELD_IS(0); /* of raymeld_fuse(): changed_only */
 } raymeld_status;
 
 /* Counts of recorded and submitted frames since the last call or the last raymeld_fuse(); for when those of

@@ -11,8 +11,8 @@
 #include <set>
 
 #include "api/features.h"
-#include "engine/frame_ring.h"
 #include "engine/external_buffer.h"
+#include "engine/frame_ring.h"
 #include "engine/instance.h"
 #include "exposure.h"
 #include "fuser.h"
@@ -241,7 +241,6 @@ FuserOptions fuser_options(const raymeld_fusion_desc& desc, const ContextState& 
                             ? model.architecture().lrhs_centered
                             : desc.lrhs_sampling == RAYMELD_SAMPLING_CENTERED;
   options.exposure = desc.exposure;
-  options.threshold = desc.adaptive_threshold;
   options.changed_only = desc.changed_only;
   options.frame_images = {.inputs = desc.input_images != 0, .output = desc.output_image != 0};
   options.constants = absent_layers(desc, model);
@@ -267,8 +266,6 @@ void check_desc(const raymeld_fusion_desc& desc) {
   check_choice(desc.kernels, RAYMELD_KERNELS_DIRECT, "kernels");
   check_choice(desc.lrhs_sampling, RAYMELD_SAMPLING_CENTERED, "lrhs_sampling");
   check_given_exposure(desc.exposure);
-  if (!(desc.adaptive_threshold >= 0 && desc.adaptive_threshold <= 1))
-    throw InvalidArgument("an adaptive_threshold of {}, expected one from 0 to 1", desc.adaptive_threshold);
   if (desc.changed_only && (desc.input_images || desc.output_image))
     throw InvalidArgument(
         "changed_only is for raymeld_fuse(), which takes buffers: input_images and output_image are not");
@@ -694,11 +691,10 @@ raymeld_result raymeld_take_status(raymeld_fusion fusion, raymeld_status* status
     raymeld_fusion_t& made = given(fusion, "fusion");
     made.wait_for_submitted();
     size_of(given(status, "status"), "raymeld_status");
-    const RecordedReport report = made.fuser.take_report();
+    const Status counted = made.fuser.take_status();
     raymeld_status known;
-    known.saturated = report.status.saturated;
-    known.not_finite = report.status.not_finite;
-    known.settled_share = float(report.settled_share);
+    known.saturated = counted.saturated;
+    known.not_finite = counted.not_finite;
     write(known, *status, "raymeld_status");
   });
 }
@@ -717,7 +713,6 @@ raymeld_result raymeld_fuse(raymeld_fusion fusion, const float* lrhs, const floa
     known.saturated = report.status.saturated;
     known.not_finite = report.status.not_finite;
     known.redone_tiles = report.redone_tiles;
-    known.settled_share = float(report.settled_share);
     known.kept_share = float(report.kept_share);
     if (status) write(known, *status, "raymeld_status");
   });

@@ -44,14 +44,13 @@ std::optional<Canvas> fit(const Windows& lrhs, const Windows& hrls, int scale) {
   return Canvas{scale, moved(cells, lrhs.display.min), moved(full, hrls.display.min)};
 }
 
-Canvas part_of(const Canvas& canvas, const Box2i& kept, int halo, int block) {
+Canvas part_of(const Canvas& canvas, const Box2i& kept, int halo) {
   const int s = canvas.scale;
   const V2i last = canvas.lrhs.max - canvas.lrhs.min;
-  const V2i first_block = divide_down((kept.min - canvas.hrls.min) / s - V2i(halo), block),
-            last_block = divide_down((kept.max - canvas.hrls.min) / s + V2i(halo), block);
-  const Box2i cells(
-      {std::max(first_block.x * block, 0), std::max(first_block.y * block, 0)},
-      {std::min((last_block.x + 1) * block - 1, last.x), std::min((last_block.y + 1) * block - 1, last.y)});
+  const V2i first_cell = (kept.min - canvas.hrls.min) / s - V2i(halo),
+            last_cell = (kept.max - canvas.hrls.min) / s + V2i(halo);
+  const Box2i cells({std::max(first_cell.x, 0), std::max(first_cell.y, 0)},
+                    {std::min(last_cell.x, last.x), std::min(last_cell.y, last.y)});
   const Box2i full(cells.min * s, (cells.max + V2i(1)) * s - V2i(1));
   return {s, moved(cells, canvas.lrhs.min), moved(full, canvas.hrls.min)};
 }

@@ -28,10 +28,9 @@ std::optional<Canvas> fit(const Windows& lrhs, const Windows& hrls, int scale);
 // Whether both data windows start at the same place of the picture, to within a cell.
 bool starts_agree(const Windows& lrhs, const Windows& hrls, int scale);
 
-// The part of `canvas` that its full-size window `kept` takes: the cells it touches, `halo` more on each
-// side, and what is missing to whole blocks of `block` x `block` cells, counted from the canvas's corner; as
-// far as the canvas goes.
-Canvas part_of(const Canvas& canvas, const Imath::Box2i& kept, int halo, int block);
+// Returns the part of `canvas` that its full-size window `kept` takes: the cells it touches and `halo` more
+// on each side, as far as the canvas goes.
+Canvas part_of(const Canvas& canvas, const Imath::Box2i& kept, int halo);
 
 // `image`, whose pixels are those of `from`, seen through the window `to`: cropped, and its edge repeated
 // where it has none.

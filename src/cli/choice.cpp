@@ -48,7 +48,7 @@ struct Timer {
     FuseArguments own = arguments;
     own.model = point.model;
     const FuseFiles files = open_files(own, models);
-    const FuserOptions options = fuser_options(own, files, device, 0, files.absent_layers);
+    const FuserOptions options = fuser_options(own, files, device, files.absent_layers);
     const auto height = uint32_t(height_of(files.canvas.lrhs)), width = uint32_t(width_of(files.canvas.lrhs));
     auto time = times.known(*files.model, height, width, options);
     if (!time && measures) {

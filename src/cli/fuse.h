@@ -48,8 +48,7 @@ struct FuseArguments {
   std::string sampling = "auto", output_type = "auto";
   std::vector<std::string> map, lrhs_map;
   float exposure_stops = 0;
-  std::optional<float> threshold = {};  // of --adaptive; 0: off, none: as the frame suggests
-  float input_exposure = 0;             // 0: what the model asks for
+  float input_exposure = 0;  // 0: what the model asks for
   uint64_t max_memory_mib = 0;
   std::optional<Wish> wish = {};
   std::optional<Choice> choice = {};        // of `model`, where there was a wish
@@ -65,8 +64,6 @@ struct FuseArguments {
   // Whether what was fused is measured against, or shown beside, the images it was made of.
   bool compares() const { return !reference.empty() || !before_after.empty(); }
   bool notes() const { return !quiet && !json; }
-  // None: as the frame and the device suggest. What is not computed cannot be shown by --dump.
-  std::optional<float> asked_threshold() const { return dump.empty() ? threshold : 0.0f; }
 
   void take(const Choice& chosen) {
     model = chosen.model;
@@ -100,7 +97,6 @@ struct FuseImages {
   Image lrhs, hrls;                   // of the canvas: (3, h, w) and (K, s h, s w), all finite
   ConstantLayers constants;           // of HRLS, that `hrls` does not hold; absent ones too
   float exposure = 1;                 // of the whole frame, see FuserOptions
-  double settled_share = 0;           // of the whole frame, by find_settled_share()
   std::optional<Image> reference;     // (3, H, W) of the window
   std::vector<ExrRawChannel> passed;  // of passed_channels(), as they are
 };
@@ -174,15 +170,8 @@ std::unique_ptr<FuseFrame> open_frame(const FuseArguments& arguments, Console co
 // Throws Error.
 void load_frame(FuseFrame& frame);
 
-// What of the frame is settled by the default threshold; 0 where a threshold is asked for. Of `images`, those
-// of the whole frame and their exposure are looked at.
-double find_settled_share(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images);
-
-// What --adaptive asks for: without a word, the default where that is faster on the device, else 0.
-float find_threshold(const FuseArguments& arguments, double settled_share, const DeviceInfo& device);
-
 FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device,
-                           float threshold, const ConstantLayers& constants);
+                           const ConstantLayers& constants);
 
 const char* precision_name(Storage storage);
 

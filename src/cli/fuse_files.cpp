@@ -105,13 +105,9 @@ Imath::Box2i find_window(const FuseArguments& arguments, const ExrFile& hrls, co
               window_text(data), hrls.path().string());
 }
 
-// What is computed for a window. Blocks of a sparse graph are those of the whole frame, and what decides
-// about each of them, which is a cell more, is there.
-Canvas find_canvas(const FuseArguments& arguments, const Canvas& frame, const Imath::Box2i& window,
-                   const Architecture& model) {
-  const bool dense = arguments.asked_threshold() == 0.0f;
-  const int block = dense ? 1 : int(SparseGrid::kSide);
-  return part_of(frame, window, std::max(int(receptive_halo(model)), block), block);
+// Returns what is computed for a window.
+Canvas find_canvas(const Canvas& frame, const Imath::Box2i& window, const Architecture& model) {
+  return part_of(frame, window, int(receptive_halo(model)));
 }
 
 // How many pixels of the canvas LRHS has no data for.
@@ -175,7 +171,7 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
   const std::array<int, 1> scale = {int(architecture.scale)};
   const Canvas frame = canvas_of(scale);
   const Imath::Box2i window = find_window(arguments, hrls, hrls_windows.data);
-  const Canvas canvas = find_canvas(arguments, frame, window, architecture);
+  const Canvas canvas = find_canvas(frame, window, architecture);
   const ConstantLayers absent = absent_layers(hrls_map, architecture);
   require_layers(hrls_map, image_layers(architecture, absent), hrls.path().string());
   std::optional<ExrFile> reference;
@@ -258,7 +254,6 @@ void load_frame(FuseFrame& frame) {
   examine(frame.arguments, files, images.lrhs, images.hrls, image_layers(model, images.constants),
           frame.console);
   images.exposure = exposure_for(frame.arguments, *files.model, images.lrhs);
-  images.settled_share = find_settled_share(frame.arguments, files, images);
   images.lrhs = seen_through(std::move(images.lrhs), files.frame.lrhs, files.canvas.lrhs);
   images.hrls = seen_through(std::move(images.hrls), files.frame.hrls, files.canvas.hrls);
   if (files.reference) {

@@ -6,7 +6,6 @@
 #include "cli/fuse.h"
 #include "cli/interrupt.h"
 #include "io/exr_window.h"
-#include "settled.h"
 #include "tuner.h"
 
 namespace raymeld::cli {
@@ -53,24 +52,8 @@ void report_overflow(const FuseArguments& arguments, const FuseReport& report, u
 
 const char* precision_name(Storage storage) { return storage == Storage::kFloat16 ? "fp16" : "fp32"; }
 
-double find_settled_share(const FuseArguments& arguments, const FuseFiles& files, const FuseImages& images) {
-  if (arguments.asked_threshold()) return 0;
-  const Architecture& a = files.model->architecture();
-  const TileSize frame{uint32_t(images.lrhs.height), uint32_t(images.lrhs.width)};
-  const float* lrhs = images.lrhs.data.data();
-  return settled_share(a, lrhs, images.hrls.data.data(), frame, files.phase, images.exposure,
-                       kDefaultThreshold);
-}
-
-float find_threshold(const FuseArguments& arguments, double settled_share, const DeviceInfo& device) {
-  if (const std::optional<float> asked = arguments.asked_threshold()) return *asked;
-  const bool vectors = device.vector_lanes > 0 && arguments.kernels != KernelChoice::kDirect;
-  const double least = vectors ? kLeastSettledShareOfVectors : kLeastSettledShare;
-  return settled_share >= least ? kDefaultThreshold : 0;
-}
-
 FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device,
-                           float threshold, const ConstantLayers& constants) {
+                           const ConstantLayers& constants) {
   const Storage storage = storage_for(arguments.precision, device.info(), *files.model);
   const auto kernels = [&](Storage of) {
     return arguments.kernels == KernelChoice::kDirect ? Kernels{} : kernels_for(device, of);
@@ -78,7 +61,6 @@ FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& file
   FuserOptions options{.storage = storage,
                        .max_memory_bytes = arguments.max_memory_mib << 20,
                        .kernels = kernels(storage),
-                       .threshold = threshold,
                        .changed_only = arguments.changed_only,
                        .constants = constants,
                        .phase = files.phase,
@@ -92,7 +74,6 @@ FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& file
 struct FrameFuser::Made {
   std::shared_ptr<const Model> model;
   float phase;
-  float threshold;
   ConstantLayers constants;
   uint32_t height, width;  // of LRHS
   Storage storage;
@@ -101,23 +82,21 @@ struct FrameFuser::Made {
   Made(const Device& device, const FuseFrame& frame, const FuserOptions& options)
       : model(frame.files.model),
         phase(options.phase),
-        threshold(options.threshold),
         constants(options.constants),
         height(uint32_t(frame.images.lrhs.height)),
         width(uint32_t(frame.images.lrhs.width)),
         storage(options.storage),
         fuser(device, *model, height, width, options) {}
 
-  bool suits(const FuseFrame& frame, float wanted_threshold) const {
+  bool suits(const FuseFrame& frame) const {
     const Image& lrhs = frame.images.lrhs;
-    return model == frame.files.model && phase == frame.files.phase && threshold == wanted_threshold &&
-           constants == frame.images.constants && height == uint32_t(lrhs.height) &&
-           width == uint32_t(lrhs.width);
+    return model == frame.files.model && phase == frame.files.phase && constants == frame.images.constants &&
+           height == uint32_t(lrhs.height) && width == uint32_t(lrhs.width);
   }
 };
 
-// Kernels of a graph that is planned without the pixels, which may ask for another one: of constant layers,
-// or of blocks that need no network. Most kernels are those of the other graph too.
+// Kernels of a graph that is planned without the pixels, which may ask for another one: of constant layers.
+// Most kernels are those of the other graph too.
 struct FrameFuser::Preparation {
   std::vector<std::shared_ptr<const Kernel>> kernels = {};
   std::atomic<bool> is_first = false;  // on a device without kernels on disk
@@ -149,10 +128,9 @@ void FrameFuser::prepare(const FuseFrame& frame) {
   preparation_ = std::make_unique<Preparation>();
   const FuseFiles& files = frame.files;
   const TileSize size{uint32_t(height_of(files.canvas.lrhs)), uint32_t(width_of(files.canvas.lrhs))};
-  const float threshold = frame.arguments.asked_threshold().value_or(0);
   preparation_->thread =
       std::jthread([&preparation = *preparation_, &device = device_, model = files.model, size,
-                    options = fuser_options(frame.arguments, files, device_, threshold, files.absent_layers),
+                    options = fuser_options(frame.arguments, files, device_, files.absent_layers),
                     console = frame.console] {
         try {
           preparation.compile(device, *model, size, options, console);
@@ -163,15 +141,13 @@ void FrameFuser::prepare(const FuseFrame& frame) {
 }
 
 FrameFuser::Made& FrameFuser::made_for(FuseFrame& frame) {
-  const float threshold = find_threshold(frame.arguments, frame.images.settled_share, device_.info());
-  if (made_ && made_->suits(frame, threshold)) return *made_;
+  if (made_ && made_->suits(frame)) return *made_;
   made_.reset();  // its memory is the next one's
   const PhaseTimer timer(frame, "prepare");
   const auto preparation = std::exchange(preparation_, nullptr);
   if (preparation) preparation->thread.join();
   if (preparation && preparation->failure) std::rethrow_exception(preparation->failure);
-  const FuserOptions options =
-      fuser_options(frame.arguments, frame.files, device_, threshold, frame.images.constants);
+  const FuserOptions options = fuser_options(frame.arguments, frame.files, device_, frame.images.constants);
   made_ = std::make_unique<Made>(device_, frame, options);
   ProgressBar bar(frame.console);
   const auto progress = [&](double share) {

@@ -165,12 +165,6 @@ void add_run(CLI::App& command, FuseArguments& a) {
              "(1), or auto (from LRHS, for models that were trained at one brightness; else 1)")
       ->type_name("auto|off|FACTOR")
       ->default_str("auto");
-  add_parsed(command, "--adaptive", a.threshold, parse_threshold,
-             "Gives blocks of 8x8 LRHS pixels in which LRHS and HRLS agree, as empty ones do, their mean "
-             "instead of the network: to within a threshold on the network's scale, where 0.01 is about a "
-             "step of an 8-bit display; auto is 0.01 where it pays")
-      ->type_name("auto|off|THRESHOLD")
-      ->default_str("auto");
 }
 
 void add_reports(CLI::App& command, FuseArguments& a) {

@@ -20,15 +20,6 @@ float parse_exposure(const std::string& text) {
   return exposure;
 }
 
-std::optional<float> parse_threshold(const std::string& text) {
-  if (text == "auto") return std::nullopt;
-  if (text == "off") return 0;
-  char* end = nullptr;
-  const float threshold = std::strtof(text.c_str(), &end);
-  if (*end == '\0' && threshold > 0 && threshold <= 1) return threshold;
-  throw Error("expected auto, off or a number up to 1");
-}
-
 std::optional<Imath::Box2i> parse_window(const std::string& text) {
   std::array<int, 4> numbers{};
   const char *next = text.data(), *end = next + text.size();

@@ -12,7 +12,6 @@ namespace raymeld::cli {
 float parse_exposure(const std::string& text);
 
 // None for "auto" and 0 for "off".
-std::optional<float> parse_threshold(const std::string& text);
 
 // From "X,Y,WIDTH,HEIGHT".
 std::optional<Imath::Box2i> parse_window(const std::string& text);

@@ -94,11 +94,6 @@ std::string sampling_text(const FuseFiles& files) {
   return fmt::format("LRHS is {}, {}", what, why());
 }
 
-// The share of a frame that was not computed, and why; empty where all was.
-std::string spared_text(double share, const char* why) {
-  return share > 0 ? fmt::format("{:.0f} % of the frame {}; ", 100 * share, why) : "";
-}
-
 }  // namespace
 
 const char* sampling_name(const FuseFiles& files) { return files.phase == 0 ? "nearest" : "centered"; }
@@ -176,15 +171,14 @@ std::string channels_text(const FuseArguments& names, const FuseFiles& files) {
 
 std::string took_text(const FuseFrame& frame, double total_ms) {
   const FuseReport& report = frame.result.report;
-  const std::string spared =
-      spared_text(report.settled_share, "is the same in LRHS and HRLS and needed no network") +
-      spared_text(report.kept_share, "is the last one's, as nothing changed there");
-  const std::string text = fmt::format(
+  std::string text = fmt::format(
       "{:.0f} ms on the device, {:.0f} ms in all, {:.0f} MiB of its memory; input exposure {:.4g}",
       report.device_ms, total_ms, double(frame.result.allocated_bytes) / kMebibyte, report.exposure);
-  return spared.empty()
-             ? text
-             : fmt::format("{}; {}{:.0f} % of the work was done", text, spared, 100 * report.work_share);
+  if (report.kept_share > 0) {
+    text += fmt::format("; {:.0f} % of the frame is the last one's, as nothing changed there",
+                        100 * report.kept_share);
+  }
+  return text;
 }
 
 std::string written_text(const FuseArguments& arguments) {

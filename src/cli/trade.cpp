@@ -7,7 +7,6 @@
 #include "cli/interrupt.h"
 #include "cli/models.h"
 #include "cli/precisions.h"
-#include "settled.h"
 #include "stock_models.h"
 
 namespace raymeld::cli {
@@ -30,19 +29,17 @@ std::vector<TradeSetting> settings_of(const std::vector<std::string>& models, co
   for (const std::string& name : models) {
     const Model model(find_model(name));
     const TradeSetting plain{name, model.architecture().scale};
-    const auto add = [&](Precision precision, KernelChoice kernels, float threshold) {
+    const auto add = [&](Precision precision, KernelChoice kernels) {
       TradeSetting setting = plain;
-      setting.precision = precision, setting.kernels = kernels, setting.threshold = threshold;
+      setting.precision = precision, setting.kernels = kernels;
       settings.push_back(setting);
     };
     settings.push_back(plain);
     if (quick) continue;
-    for (const float threshold : {kDefaultThreshold, 0.03f, 0.1f})
-      add(Precision::kFp32, KernelChoice::kAuto, threshold);
-    add(Precision::kFp32, KernelChoice::kDirect, 0);
+    add(Precision::kFp32, KernelChoice::kDirect);
     if (!device.storage_16bit) continue;
-    add(Precision::kFp16, KernelChoice::kAuto, 0);
-    add(Precision::kFp16, KernelChoice::kDirect, 0);
+    add(Precision::kFp16, KernelChoice::kAuto);
+    add(Precision::kFp16, KernelChoice::kDirect);
   }
   return settings;
 }
@@ -79,14 +76,13 @@ std::vector<TradeStrip> strips_of(const Trade& trade, const Device& device) {
 }
 
 std::string summary(const Trade& trade) {
-  std::string text = fmt::format("{:<14} {:>5} {:>8} {:>9} {:>11} {:>9} {:>9} {:>9}\n", "model", "",
-                                 "kernels", "adaptive", "time in ms", "MiB", "PSNR/dB", "RelMSE");
+  std::string text = fmt::format("{:<14} {:>5} {:>8} {:>11} {:>9} {:>9} {:>9}\n", "model", "", "kernels",
+                                 "time in ms", "MiB", "PSNR/dB", "RelMSE");
   const auto json = to_json(trade);
   for (const auto& row : json.at("settings")) {
-    text += fmt::format("{:<14} {:>5} {:>8} {:>9.3g} {:>11.1f} {:>9.1f} {:>9.3f} {:>9.5f}{}\n",
+    text += fmt::format("{:<14} {:>5} {:>8} {:>11.1f} {:>9.1f} {:>9.3f} {:>9.5f}{}\n",
                         row.at("model").get<std::string>(), row.at("precision").get<std::string>(),
-                        row.at("kernels").get<std::string>(), row.at("adaptive").get<double>(),
-                        row.at("time_ms").at("median").get<double>(),
+                        row.at("kernels").get<std::string>(), row.at("time_ms").at("median").get<double>(),
                         row.at("memory_bytes").get<double>() / kMebibyte, row.at("psnr_db").get<double>(),
                         row.at("relmse").get<double>(), row.at("time_front") ? "  on the front" : "");
   }

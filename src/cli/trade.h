@@ -17,12 +17,9 @@ struct TradeSetting {
   uint32_t scale = 0;
   Precision precision = Precision::kFp32;
   KernelChoice kernels = KernelChoice::kAuto;
-  float threshold = 0;  // of --adaptive
 
   // Of each model one: what a curve and the reports of views are made of.
-  bool is_plain() const {
-    return precision == Precision::kFp32 && kernels == KernelChoice::kAuto && threshold == 0;
-  }
+  bool is_plain() const { return precision == Precision::kFp32 && kernels == KernelChoice::kAuto; }
 };
 
 // Of one pair of renders.
@@ -31,7 +28,6 @@ struct TradeResult {
   double time_ms = 0;  // of Fuser::fuse()
   uint64_t memory_bytes = 0;
   Quality quality = {};
-  double settled_share = 0, work_share = 1;
 };
 
 struct SettingResults {

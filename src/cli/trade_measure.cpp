@@ -25,7 +25,6 @@ FuseArguments arguments_of(const TestPair& pair, const TradeSetting& setting) {
   arguments.model = setting.model;
   arguments.precision = setting.precision;
   arguments.kernels = setting.kernels;
-  arguments.threshold = setting.threshold;
   arguments.overflow = Overflow::kRedo;
   arguments.quiet = true;
   return arguments;
@@ -53,11 +52,7 @@ class Bench {
     if (!std::exchange(warm_, true)) fuser_.fuse(frame, go_on);
     fuser_.fuse(frame, go_on);
     const FuseResult& result = frame.result;
-    return {.view = pair.view->name,
-            .time_ms = result.time_ms,
-            .memory_bytes = result.allocated_bytes,
-            .settled_share = result.report.settled_share,
-            .work_share = result.report.work_share};
+    return {.view = pair.view->name, .time_ms = result.time_ms, .memory_bytes = result.allocated_bytes};
   }
 
  private:
@@ -122,8 +117,7 @@ struct Truth {
     FuseArguments arguments = frame.arguments;
     arguments.precision = setting.precision;
     arguments.kernels = setting.kernels;
-    const FuserOptions options =
-        fuser_options(arguments, frame.files, device, setting.threshold, frame.images.constants);
+    const FuserOptions options = fuser_options(arguments, frame.files, device, frame.images.constants);
     Image fused;
     Fuser(device, *frame.files.model, uint32_t(lrhs.height), uint32_t(lrhs.width), options)
         .fuse(lrhs, hrls, fused, {}, frame.images.exposure);
@@ -146,8 +140,7 @@ std::vector<std::string> models_in(const std::vector<TradeSetting>& settings) {
 }
 
 std::string name_of(const TradeSetting& setting) {
-  return fmt::format("{} {} {} {:g}", setting.model, int(setting.precision), int(setting.kernels),
-                     setting.threshold);
+  return fmt::format("{} {} {}", setting.model, int(setting.precision), int(setting.kernels));
 }
 
 // Views with their first pairs, each read for a model when it is first asked for.
@@ -181,17 +174,15 @@ Journal::Values measure_view(LoadedViews& loaded, Bench& bench, const TestView& 
   auto& [pair, frame, reference] = loaded.of(view);
   const TradeResult result = bench.measure(pair, *frame, setting);
   const Quality quality = measure(frame->result.fused, reference);
-  return {result.time_ms,  double(result.memory_bytes), result.settled_share, result.work_share,
-          quality.psnr_db, quality.relmse_bcr,          quality.relmse_gharbi};
+  return {result.time_ms, double(result.memory_bytes), quality.psnr_db, quality.relmse_bcr,
+          quality.relmse_gharbi};
 }
 
 TradeResult result_from(const std::string& view, const Journal::Values& values) {
   return {.view = view,
           .time_ms = values.at(0),
           .memory_bytes = uint64_t(values.at(1)),
-          .quality = {values.at(4), values.at(5), values.at(6)},
-          .settled_share = values.at(2),
-          .work_share = values.at(3)};
+          .quality = {values.at(2), values.at(3), values.at(4)}};
 }
 
 // Of the first view.

@@ -65,10 +65,6 @@ double mean_relmse(const SettingResults& of) {
   return mean(values_of(of, [](const TradeResult& result) { return result.quality.relmse_bcr; }));
 }
 
-double mean_share(const SettingResults& of, double TradeResult::*share) {
-  return mean(values_of(of, [&](const TradeResult& result) { return result.*share; }));
-}
-
 const char* precision_of(const TradeSetting& setting) {
   return setting.precision == Precision::kFp16 ? "fp16" : "fp32";
 }
@@ -106,7 +102,6 @@ Json settings_json(const Trade& trade) {
                     {"model", of.setting.model},
                     {"precision", precision_of(of.setting)},
                     {"kernels", kernels_of(of.setting)},
-                    {"adaptive", std::round(double(of.setting.threshold) * 1e6) / 1e6},
                     {"lrhs_spp", of.lrhs_spp},
                     {"hrls_spp", of.hrls_spp},
                     {"time_ms",
@@ -117,8 +112,6 @@ Json settings_json(const Trade& trade) {
                     {"psnr_db", mean_psnr_db(of)},
                     {"relmse", mean_relmse(of)},
                     {"fp64_error", of.fp64_error},
-                    {"settled_share", mean_share(of, &TradeResult::settled_share)},
-                    {"work_share", mean_share(of, &TradeResult::work_share)},
                     {"time_front", bool(time_front[i])},
                     {"memory_front", bool(memory_front[i])}});
   }
@@ -182,8 +175,7 @@ Json to_json(const Trade& trade) {
                                       {"setting", i},
                                       {"time_ms", result.time_ms},
                                       {"psnr_db", result.quality.psnr_db},
-                                      {"relmse", result.quality.relmse_bcr},
-                                      {"settled_share", result.settled_share}});
+                                      {"relmse", result.quality.relmse_bcr}});
     }
   }
   return json;
@@ -191,16 +183,14 @@ Json to_json(const Trade& trade) {
 
 std::string trade_csv(const Trade& trade) {
   std::string text =
-      "view,scale,lrhs_spp,hrls_spp,model,precision,kernels,adaptive,time_ms,memory_bytes,psnr_db,relmse,"
-      "fp64_error,"
-      "settled_share,work_share\n";
+      "view,scale,lrhs_spp,hrls_spp,model,precision,kernels,time_ms,memory_bytes,psnr_db,relmse,"
+      "fp64_error\n";
   for (const SettingResults& of : trade.settings) {
     for (const TradeResult& result : of.results) {
-      text += fmt::format("{},{},{},{},{},{},{},{:g},{:.2f},{},{:.4f},{:.6f},{:.4g},{:.4f},{:.4f}\n",
-                          result.view, of.setting.scale, of.lrhs_spp, of.hrls_spp, of.setting.model,
-                          precision_of(of.setting), kernels_of(of.setting), of.setting.threshold,
-                          result.time_ms, result.memory_bytes, result.quality.psnr_db,
-                          result.quality.relmse_bcr, of.fp64_error, result.settled_share, result.work_share);
+      text += fmt::format(
+          "{},{},{},{},{},{},{},{:.2f},{},{:.4f},{:.6f},{:.4g}\n", result.view, of.setting.scale, of.lrhs_spp,
+          of.hrls_spp, of.setting.model, precision_of(of.setting), kernels_of(of.setting), result.time_ms,
+          result.memory_bytes, result.quality.psnr_db, result.quality.relmse_bcr, of.fp64_error);
     }
   }
   return text;

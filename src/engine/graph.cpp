@@ -23,14 +23,6 @@ bool meets(const std::vector<Range>& ranges, const Range& range) {
 
 }  // namespace
 
-void Pass::set_place(uint32_t first, uint32_t count) {
-  const std::array<uint32_t, 3> place{first, count};
-  if (push_bytes + sizeof(place) > kMaxPushBytes) throw Error("layer {}: too many push constants", name);
-  std::memcpy(push.data() + push_bytes, place.data(), sizeof(place));
-  push_bytes += sizeof(place);
-  placed = true;
-}
-
 const Binding* Pass::frame() const {
   for (const Binding& binding : bindings) {
     if (binding.kind == Binding::Kind::kFrame) return &binding;
@@ -121,12 +113,11 @@ void Graph::add(Pass pass) {
   passes_.push_back(std::move(pass));
 }
 
-void Graph::place(const std::function<bool(const TensorRecord&)>& which) {
+void Graph::place_tensors() {
   std::vector<ArenaRequest> requests;
   std::vector<TensorRecord*> placed;
   const int last = static_cast<int>(passes_.size()) - 1;
   for (TensorRecord& tensor : tensors_) {
-    if (!which(tensor)) continue;
     const bool shares = !keep_ || tensor.scratch;
     requests.push_back({tensor.size_bytes, shares ? tensor.first_use : 0, shares ? tensor.last_use : last});
     placed.push_back(&tensor);
@@ -139,15 +130,9 @@ void Graph::place(const std::function<bool(const TensorRecord&)>& which) {
 
 void Graph::plan() {
   activation_bytes_ = kGuardBytes;
-  if (starts_clear()) {
-    place([](const TensorRecord& tensor) { return tensor.scratch; });
-    place([](const TensorRecord& tensor) { return !tensor.scratch; });
-  } else {
-    place([](const TensorRecord&) { return true; });
-  }
+  place_tensors();
   activation_bytes_ += kGuardBytes;
   place_barriers();
-  if (sparse_) find_radii();
 }
 
 void Graph::plan_within(const Graph& larger) {
@@ -160,7 +145,6 @@ void Graph::plan_within(const Graph& larger) {
   activation_bytes_ = larger.activation_bytes_;
   check_places();
   place_barriers();
-  if (sparse_) find_radii();
 }
 
 // Passes may be fewer than in the larger graph, and lifetimes with them.
@@ -174,59 +158,6 @@ void Graph::check_places() const {
         throw Error("tensors {} and {} would share memory while both are used", a.name, b.name);
     }
   }
-}
-
-// From the last layer to the first: a layer computes what later ones read of it, rounded up to its tiles, and
-// reads what lies around that. In eighths of a pixel of LRHS, as scales are powers of two up to 8.
-void Graph::find_radii() {
-  constexpr uint32_t kUnit = 8;
-  struct Need {
-    Tensor tensor;
-    uint32_t distance;
-  };
-  std::vector<Need> needs;
-  const auto needed = [&](const Tensor& tensor) {
-    uint32_t most = 0;
-    for (const auto& [read, distance] : needs) {
-      const bool meets = read.id == tensor.id &&
-                         read.channel_offset < tensor.channel_offset + tensor.shape.channels &&
-                         tensor.channel_offset < read.channel_offset + read.shape.channels;
-      if (meets) most = std::max(most, distance);
-    }
-    return most;
-  };
-  const std::vector<const Pass*> ordered = layers();
-  std::vector<const Pass*> last_first(ordered.begin(), ordered.end());
-  std::ranges::sort(last_first, std::greater());
-  for (const Pass* last : last_first) {
-    uint32_t distance = 0;
-    for (const Pass& pass : passes_) {
-      if (pass.name != last->name || !pass.footprint) continue;
-      for (const Binding& binding : pass.bindings) {
-        if (binding.kind == Binding::Kind::kTensor && binding.access == Access::kWrite &&
-            !tensors_[binding.tensor.id].scratch)
-          distance = std::max(distance, needed(binding.tensor));
-      }
-    }
-    for (Pass& pass : passes_) {
-      if (pass.name != last->name || !pass.footprint) continue;
-      const uint32_t pixel = kUnit / pass.footprint->scale, tile = pass.footprint->tile * pixel;
-      pass.radius = divide_up(distance, kUnit * SparseGrid::kSide);
-      const uint32_t reach = divide_up(distance, tile) * tile + pass.footprint->reach * pixel;
-      reach_ = std::max(reach_, divide_up(reach, kUnit));
-      for (const Binding& binding : pass.bindings) {
-        if (binding.kind == Binding::Kind::kTensor && binding.access == Access::kRead &&
-            !tensors_[binding.tensor.id].scratch)
-          needs.push_back({binding.tensor, reach});
-      }
-    }
-  }
-}
-
-uint32_t Graph::most_radius() const {
-  uint32_t most = 0;
-  for (const Pass& pass : passes_) most = std::max(most, pass.radius);
-  return most;
 }
 
 // Ranges of the activation block that passes since the last barrier read and wrote decide, and the exposure,

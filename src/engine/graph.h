@@ -66,41 +66,6 @@ struct Binding {
   }
 };
 
-// A sparse graph computes only what the blocks that a frame needs take: the device or the host finds these,
-// and dispatches are as large as their number. A block is kSide x kSide pixels of LRHS, the smallest size
-// that tensors have.
-struct SparseGrid {
-  static constexpr uint32_t kSide = 8;
-  uint32_t height = 0, width = 0;  // of LRHS
-  // Who says which blocks are needed: classify() in layers.h, Program::set_needed(). If both, what both say.
-  bool by_device = true, by_host = false;
-
-  uint32_t rows() const { return divide_up(height, kSide); }
-  uint32_t columns() const { return divide_up(width, kSide); }
-  uint32_t blocks() const { return rows() * columns(); }
-};
-
-// Which pixels a pass of a sparse graph computes, and what it reads for them.
-struct Footprint {
-  uint32_t scale = 1;  // pixels of its output by pixel of LRHS, in each direction
-  uint32_t tile = 1;   // pixels of its output that are one computation, in each direction
-  uint32_t reach = 0;  // how many pixels around a tile it reads
-};
-
-// What a pass of a sparse graph computes of each block in a list. Its dispatch has x = items, by workgroups
-// of `local`.
-struct Items {
-  uint32_t columns = 0, rows = 0;  // of a block, as far as it is computed
-  uint32_t local = 0;
-  uint32_t y = 1;  // workgroups; those along z are Pass::groups[2]
-  // A band: rows of blocks [first_row, last_row) or, of all items in the order of the list, those from
-  // `first` on.
-  uint32_t first_row = 0, last_row = UINT32_MAX;
-  uint32_t first = 0, most = UINT32_MAX;
-  uint32_t of_block() const { return columns * rows; }
-  bool is_band() const { return last_row != UINT32_MAX || most != UINT32_MAX; }
-};
-
 // One dispatch.
 struct Pass {
   static constexpr uint32_t kMaxPushBytes = 128;  // what every Vulkan device offers
@@ -115,14 +80,9 @@ struct Pass {
   uint32_t push_bytes = 0;
   std::array<uint32_t, 3> groups{1, 1, 1};
   std::optional<CooperativeMatrix> matrix =
-      {};                                   // the shader multiplies these: only for a device that has them
-  std::optional<Footprint> footprint = {};  // of a sparse graph; none: all of the image is computed
-  std::optional<Items> items = {};  // with a footprint; none: an invocation for each pixel, left_out.glsl
-  uint32_t radius =
-      0;  // with a footprint, after plan(): how far from needed blocks, in blocks, blocks are computed
-  bool schedules = false;  // what it writes to the status decides how large later dispatches are
-  double flop = 0;         // multiply-adds count as two
-  double bytes = 0;        // every operand once: the least traffic
+      {};            // the shader multiplies these: only for a device that has them
+  double flop = 0;   // multiply-adds count as two
+  double bytes = 0;  // every operand once: the least traffic
 
   // What dispatches and submits are measured by.
   double work() const { return flop + bytes; }
@@ -136,9 +96,6 @@ struct Pass {
     std::memcpy(push.data() + addresses_bytes, &params, sizeof(Params));
     push_bytes = static_cast<uint32_t>(addresses_bytes + sizeof(Params));
   }
-  // The last push constants of shaders that include place.glsl: after set_push().
-  void set_place(uint32_t first = 0, uint32_t count = 0);
-  bool placed = false;  // it has them; in a sparse graph Program sets them
   size_t address_count() const;
   // The frame image this pass reads or writes, if any.
   const Binding* frame() const;
@@ -173,10 +130,9 @@ class Graph {
   static constexpr uint64_t kGuardBytes = 512;  // see plan()
   // `frame_images`: whose layers come in slots of their own. `addressed`: shaders that can read and write
   // activations by address, which is faster on some devices. `keep`: all activations can still be read when
-  // the frame is done; none share memory. `sparse`: passes compute what some blocks take.
-  explicit Graph(Storage storage, bool addressed = false, bool keep = false,
-                 std::optional<SparseGrid> sparse = {}, FrameImages frame_images = {})
-      : storage_(storage), addressed_(addressed), keep_(keep), sparse_(sparse), frame_images_(frame_images) {}
+  // the frame is done; none share memory.
+  explicit Graph(Storage storage, bool addressed = false, bool keep = false, FrameImages frame_images = {})
+      : storage_(storage), addressed_(addressed), keep_(keep), frame_images_(frame_images) {}
 
   Storage storage() const { return storage_; }
   bool addressed() const { return addressed_; }
@@ -185,17 +141,6 @@ class Graph {
   // DeviceInfo::vector_lanes, if passes that are added from now on shall read pixels side by side as vectors.
   void read_vectors(uint32_t lanes) { vector_ = lanes; }
   uint32_t vector() const { return vector_; }
-  const std::optional<SparseGrid>& sparse() const { return sparse_; }
-  // Pixels of a tensor of this shape by pixel of LRHS, in each direction; of a sparse graph.
-  uint32_t scale_of(const Shape& shape) const { return shape.width / sparse_->width; }
-  // Beside the blocks that a pass computes there may be anything, and some invocations read it whose values
-  // nobody does. In 16 bits these must not overflow either, as that is counted: activations are zero before
-  // each frame, and share no memory with scratch, whose numbers are 32-bit.
-  bool starts_clear() const { return sparse_ && storage_ == Storage::kFloat16; }
-  // The largest radius of a pass, after plan().
-  uint32_t most_radius() const;
-  // How many LRHS pixels around a block of a sparse graph the bits of its values depend on, after plan().
-  uint32_t reach() const { return reach_; }
 
   // A new activation; its memory lives from the first pass that touches it to the last.
   Tensor tensor(const std::string& name, Shape shape, int exponent = 0);
@@ -248,19 +193,15 @@ class Graph {
   uint64_t size_bytes(const Tensor& tensor) const;
 
  private:
-  // Gives those for which `which` holds places behind what is placed already.
-  void place(const std::function<bool(const TensorRecord&)>& which);
+  void place_tensors();
   void place_barriers();
-  void find_radii();
   void check_places() const;
 
   Storage storage_;
   bool addressed_;
   bool keep_;
   uint32_t vector_ = 0;
-  std::optional<SparseGrid> sparse_;
   FrameImages frame_images_;
-  uint32_t reach_ = 0;
   std::vector<Pass> passes_;
   std::vector<TensorRecord> tensors_;
   std::vector<ConstantRecord> constants_;

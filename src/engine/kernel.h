@@ -19,23 +19,20 @@ struct Shader {
   std::span<const uint32_t> f16;
 };
 
-// What a compute pipeline is made of: a shader with its specialization constants (ids 0, 1, 2, ...; kBlocksId
-// and the next what passes of a sparse graph know of its blocks). `descriptors` are by binding; push
-// constants fill push_bytes.
+// What a compute pipeline is made of: a shader with its specialization constants (ids 0, 1, 2, ...).
+// `descriptors` are by binding; push constants fill push_bytes.
 struct KernelRecipe {
   const char* name;
   std::span<const uint32_t> spirv;
   std::vector<uint32_t> constants;
-  std::array<uint32_t, 2> blocks{};
   std::vector<VkDescriptorType> descriptors;
   uint32_t push_bytes = 0;
   VkPipelineShaderStageCreateFlags stage_flags = 0;
 
   bool operator<(const KernelRecipe& other) const {
     const uint32_t *own = spirv.data(), *others = other.spirv.data();
-    return std::tie(own, constants, blocks, descriptors, push_bytes, stage_flags) <
-           std::tie(others, other.constants, other.blocks, other.descriptors, other.push_bytes,
-                    other.stage_flags);
+    return std::tie(own, constants, descriptors, push_bytes, stage_flags) <
+           std::tie(others, other.constants, other.descriptors, other.push_bytes, other.stage_flags);
   }
 };
 
@@ -43,7 +40,6 @@ struct KernelRecipe {
 class Kernel {
  public:
   static constexpr uint32_t kIdLanesId = 29;  // invocation.glsl
-  static constexpr uint32_t kBlocksId = 30;   // place.glsl, left_out.glsl
   // Throws Error.
   Kernel(const Device& device, VkPipelineCache cache, const KernelRecipe& recipe);
   ~Kernel();

@@ -18,45 +18,13 @@ constexpr uint64_t kExposureStrideBytes = 256;
 
 constexpr VkAccessFlags kShaderAccess = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT;
 
-// Between dispatches; `indirect`: and what is read of how large they are.
-void full_barrier(const VulkanFunctions& vk, VkCommandBuffer commands, bool indirect) {
-  VkPipelineStageFlags stages = VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT;
+// Orders all dispatches before it before all behind it.
+void full_barrier(const VulkanFunctions& vk, VkCommandBuffer commands) {
+  constexpr VkPipelineStageFlags kStage = VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT;
   auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
   barrier.srcAccessMask = barrier.dstAccessMask = kShaderAccess;
-  if (indirect) {
-    stages |= VK_PIPELINE_STAGE_DRAW_INDIRECT_BIT;
-    barrier.dstAccessMask |= VK_ACCESS_INDIRECT_COMMAND_READ_BIT;
-  }
-  vk.CmdPipelineBarrier(commands, stages, stages, 0, 1, &barrier, 0, nullptr, 0, nullptr);
+  vk.CmdPipelineBarrier(commands, kStage, kStage, 0, 1, &barrier, 0, nullptr, 0, nullptr);
 }
-
-// Behind what earlier passes do with it, and before what later ones do.
-void fill_zero(const VulkanFunctions& vk, VkCommandBuffer commands, VkBuffer buffer,
-               VkDeviceSize offset_bytes, VkDeviceSize size_bytes) {
-  const auto wait = [&](VkPipelineStageFlags from, VkAccessFlags wrote, VkPipelineStageFlags to,
-                        VkAccessFlags access) {
-    auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
-    barrier.srcAccessMask = wrote;
-    barrier.dstAccessMask = access;
-    vk.CmdPipelineBarrier(commands, from, to, 0, 1, &barrier, 0, nullptr, 0, nullptr);
-  };
-  wait(VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_ACCESS_SHADER_WRITE_BIT, VK_PIPELINE_STAGE_TRANSFER_BIT,
-       VK_ACCESS_TRANSFER_WRITE_BIT);
-  vk.CmdFillBuffer(commands, buffer, offset_bytes, size_bytes, 0);
-  wait(VK_PIPELINE_STAGE_TRANSFER_BIT, VK_ACCESS_TRANSFER_WRITE_BIT, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT,
-       kShaderAccess);
-}
-
-// How much behind the status a sparse graph has, in words.
-struct SparseLayout {
-  uint32_t blocks, lists, table, groups, end;
-  SparseLayout(const SparseGrid& grid, uint32_t most_radius, uint32_t dispatches)
-      : blocks(grid.blocks()),
-        lists(most_radius + 1),
-        table(RAYMELD_SPARSE_DISTANCES + blocks + lists * (grid.rows() + 1 + blocks)),
-        groups(table + dispatches * RAYMELD_SPARSE_COLUMNS),
-        end(groups + 3 * dispatches) {}
-};
 
 // By binding, 0 being the status.
 std::vector<VkDescriptorType> descriptor_types(const Pass& pass) {
@@ -65,13 +33,6 @@ std::vector<VkDescriptorType> descriptor_types(const Pass& pass) {
     if (!binding.by_address) types.push_back(binding.descriptor_type());
   }
   return types;
-}
-
-// The words of Place::begin and end.
-std::array<uint32_t, 2> list_of(const SparseGrid& grid, const Pass& pass) {
-  const uint32_t list =
-      RAYMELD_SPARSE_DISTANCES + grid.blocks() + pass.radius * (grid.rows() + 1 + grid.blocks());
-  return {list + pass.items->first_row, list + std::min(pass.items->last_row, grid.rows())};
 }
 
 }  // namespace
@@ -96,11 +57,6 @@ std::vector<KernelRecipe> kernel_recipes(const Graph& graph) {
                         .constants = pass.constants,
                         .descriptors = descriptor_types(pass),
                         .push_bytes = pass.push_bytes};
-    if (pass.items) {
-      recipe.blocks = {pass.items->columns, pass.items->rows};
-    } else if (pass.footprint) {
-      recipe.blocks = {SparseGrid::kSide * pass.footprint->scale, pass.radius};
-    }
     // Subgroups must be whole to compute a matrix.
     if (pass.matrix) recipe.stage_flags = VK_PIPELINE_SHADER_STAGE_CREATE_REQUIRE_FULL_SUBGROUPS_BIT_EXT;
     recipes.push_back(std::move(recipe));
@@ -140,11 +96,8 @@ Program::Program(const Device& device, const Graph& graph, PipelineCache& cache,
     return Buffer(device, graph.activation_bytes(), memory, "activations");
   };
   common_->activations = activations ? place_activations(*activations) : place_activations(Memory::kDevice);
-  status_ = std::make_shared<Buffer>();
-  if (!graph.sparse()) {
-    *status_ = Buffer(device, sizeof(Status), Memory::kUpload, "status");
-    reset_status();
-  }
+  common_->status = Buffer(device, sizeof(Status), Memory::kUpload, "status");
+  reset_status();
   common_->exposures = Buffer(device, sets * kExposureStrideBytes, Memory::kUpload, "exposures");
   for (uint32_t set = 0; set < sets; ++set) set_exposure(set, 1);
   if (graph.constant_bytes() > 0) upload_constants();
@@ -152,11 +105,7 @@ Program::Program(const Device& device, const Graph& graph, PipelineCache& cache,
 }
 
 Program::Program(const Program& larger, const Graph& graph, PipelineCache& cache)
-    : device_(larger.device_),
-      graph_(graph),
-      common_(larger.common_),
-      status_(graph.sparse() ? std::make_shared<Buffer>() : larger.status_),
-      limits_(larger.limits_) {
+    : device_(larger.device_), graph_(graph), common_(larger.common_), limits_(larger.limits_) {
   const auto same = [](const ConstantRecord& a, const ConstantRecord& b) {
     return a.name == b.name && a.size_bytes == b.size_bytes && a.offset_bytes == b.offset_bytes;
   };
@@ -167,10 +116,6 @@ Program::Program(const Program& larger, const Graph& graph, PipelineCache& cache
 }
 
 void Program::prepare(PipelineCache& cache, uint32_t sets) {
-  if (graph_.sparse()) {
-    prepare_sparse();
-    reset_status();
-  }
   create_kernels(cache);
   try {
     create_sets(sets);
@@ -178,105 +123,6 @@ void Program::prepare(PipelineCache& cache, uint32_t sets) {
     device_.vk().DestroyDescriptorPool(device_.handle(), pool_, device_.allocator());
     throw;
   }
-}
-
-uint32_t* Program::words() const { return static_cast<uint32_t*>(status_->mapped()) + sizeof(Status) / 4; }
-
-std::vector<std::vector<Program::SparseDispatch>> Program::cut(const Graph& graph, const WorkLimits& limits) {
-  std::vector<std::vector<SparseDispatch>> all;
-  for (const Pass& pass : graph.passes()) {
-    std::vector<SparseDispatch>& own = all.emplace_back();
-    if (!pass.items) continue;
-    const Items& items = *pass.items;
-    const uint32_t rows = std::min(items.last_row, graph.sparse()->rows()) - items.first_row;
-    const uint32_t count = rows * graph.sparse()->columns() * items.of_block();
-    const uint32_t most = std::min(items.most, count - std::min(count, items.first));
-    // Passes hand each other the values of a band: it is one dispatch.
-    const double pieces = items.is_band() ? 1 : std::max(1.0, std::ceil(pass.work() / limits.dispatch_work));
-    const uint32_t step =
-        divide_up(static_cast<uint32_t>(std::ceil(most / pieces)), items.local) * items.local;
-    for (uint32_t first = 0; first < most; first += step)
-      own.push_back({items.first + first, std::min(step, most - first)});
-  }
-  return all;
-}
-
-// Writes what schedule.comp reads behind the status.
-void Program::prepare_sparse() {
-  const SparseGrid& grid = *graph_.sparse();
-  told_ = grid.blocks();
-  sparse_ = cut(graph_, limits_);
-  uint32_t dispatches = 0;
-  for (const auto& own : sparse_) {
-    first_row_.push_back(dispatches);
-    dispatches += static_cast<uint32_t>(own.size());
-  }
-  const SparseLayout layout(grid, graph_.most_radius(), dispatches);
-  if (layout.lists > RAYMELD_SPARSE_DISTANCES - RAYMELD_SPARSE_COUNTS)
-    throw Error("a sparse graph of {} lists", layout.lists);
-  *status_ = Buffer(device_, sizeof(Status) + layout.end * 4, Memory::kUpload, "status and blocks");
-  std::memset(status_->mapped(), 0, status_->size_bytes());
-  uint32_t* const words = this->words();
-  words[RAYMELD_SPARSE_WIDTH] = grid.width;
-  words[RAYMELD_SPARSE_HEIGHT] = grid.height;
-  words[RAYMELD_SPARSE_LISTS] = layout.lists;
-  words[RAYMELD_SPARSE_TABLE] = layout.table;
-  words[RAYMELD_SPARSE_DISPATCHES] = dispatches;
-  words[RAYMELD_SPARSE_GROUPS] = layout.groups;
-  const VkDeviceAddress address = status_->address() + sizeof(Status);
-  std::memcpy(words + RAYMELD_SPARSE_ADDRESS, &address, sizeof(address));
-  uint32_t* row = words + layout.table;
-  for (size_t i = 0; i < graph_.passes().size(); ++i) {
-    const Pass& pass = graph_.passes()[i];
-    if (!pass.items) continue;
-    const auto [begin, end] = list_of(grid, pass);
-    for (const auto& [first, most] : sparse_[i]) {
-      const std::array<uint32_t, RAYMELD_SPARSE_COLUMNS> columns{
-          begin, end, pass.items->of_block(), first, most, pass.items->local, pass.items->y, pass.groups[2]};
-      row = std::ranges::copy(columns, row).out;
-    }
-  }
-}
-
-void Program::set_threshold(float threshold) {
-  if (graph_.sparse()) std::memcpy(words() + RAYMELD_SPARSE_THRESHOLD, &threshold, sizeof(threshold));
-}
-
-void Program::set_needed(const std::vector<bool>& blocks) {
-  const std::optional<SparseGrid>& grid = graph_.sparse();
-  if (!needs_told()) throw Error("the blocks of this graph are not for the host to tell");
-  if (blocks.size() != grid->blocks())
-    throw Error("{} blocks are told of a graph of {}", blocks.size(), grid->blocks());
-  std::ranges::transform(blocks, words() + RAYMELD_SPARSE_DISTANCES,
-                         [](bool needed) { return needed ? 0 : ~0u; });
-  told_ = static_cast<uint32_t>(std::ranges::count(blocks, true));
-}
-
-void Program::record_all_needed(VkCommandBuffer commands) {
-  told_ = graph_.sparse()->blocks();
-  fill_zero(device_.vk(), commands, status_->handle(), sizeof(Status) + 4 * RAYMELD_SPARSE_DISTANCES,
-            4 * told_);
-}
-
-uint32_t Program::settled_blocks() const {
-  return graph_.sparse() ? told_ - words()[RAYMELD_SPARSE_COUNTS] : 0;
-}
-
-double Program::settled_share() const {
-  if (!graph_.sparse()) return 0;
-  return 1 - double(words()[RAYMELD_SPARSE_COUNTS]) / graph_.sparse()->blocks();
-}
-
-double Program::work_share() const {
-  double done = 0, all = 0;
-  for (size_t i = 0; i < graph_.passes().size(); ++i) {
-    const Pass& pass = graph_.passes()[i];
-    const double share =
-        pass.footprint ? double(words()[RAYMELD_SPARSE_COUNTS + pass.radius]) / graph_.sparse()->blocks() : 1;
-    done += share * pass.work();
-    all += pass.work();
-  }
-  return done / all;
 }
 
 Program::~Program() { device_.vk().DestroyDescriptorPool(device_.handle(), pool_, device_.allocator()); }
@@ -407,7 +253,7 @@ void Program::write_set(uint32_t set, size_t index, const FrameBindings* frame) 
     writes[count].pBufferInfo = &infos[count];
     return count++;
   };
-  infos[add(VK_DESCRIPTOR_TYPE_STORAGE_BUFFER)] = {status_->handle(), 0, status_->size_bytes()};
+  infos[add(VK_DESCRIPTOR_TYPE_STORAGE_BUFFER)] = {common_->status.handle(), 0, common_->status.size_bytes()};
   for (const Binding& binding : pass.bindings) {
     if (binding.by_address) continue;
     const uint32_t at = add(binding.descriptor_type());
@@ -459,25 +305,15 @@ Exposure Program::exposure(uint32_t set) const {
 void Program::record(VkCommandBuffer commands, uint32_t set, size_t first, size_t last,
                      VkQueryPool queries) const {
   const VulkanFunctions& vk = device_.vk();
-  const bool sparse = graph_.sparse().has_value();
-  full_barrier(vk, commands, sparse);
-  if (first == 0 && graph_.starts_clear()) {
-    fill_zero(vk, commands, common_->activations.handle(), 0, VK_WHOLE_SIZE);
-  }
+  full_barrier(vk, commands);
   if (queries && first == 0) {
     vk.CmdResetQueryPool(commands, queries, 0, static_cast<uint32_t>(graph_.passes().size()) + 1);
     vk.CmdWriteTimestamp(commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, queries, 0);
   }
   for (size_t i = first; i < last; ++i) {
-    const Pass& pass = graph_.passes()[i];
-    const bool scheduled = i > 0 && (pass.schedules || graph_.passes()[i - 1].schedules);
-    if (i > first && (queries || scheduled || graph_.barrier_before(i))) full_barrier(vk, commands, sparse);
+    if (i > first && (queries || graph_.barrier_before(i))) full_barrier(vk, commands);
     bind_pass(commands, set, i);
-    if (pass.items) {
-      dispatch_sparse(commands, i, pass_kernels_[i]->layout());
-    } else {
-      dispatch(commands, pass);
-    }
+    dispatch(commands, graph_.passes()[i]);
     if (queries) {
       vk.CmdWriteTimestamp(commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, queries,
                            static_cast<uint32_t>(i) + 1);
@@ -514,23 +350,7 @@ void Program::record_empty(VkCommandBuffer commands, uint32_t set, size_t index)
   device_.vk().CmdDispatch(commands, 0, 0, 0);
 }
 
-// By the numbers of workgroups that schedule.comp wrote.
-void Program::dispatch_sparse(VkCommandBuffer commands, size_t index, VkPipelineLayout layout) const {
-  const Pass& pass = graph_.passes()[index];
-  const auto [begin, end] = list_of(*graph_.sparse(), pass);
-  for (size_t n = 0; n < sparse_[index].size(); ++n) {
-    if (pass.placed) {
-      const std::array<uint32_t, 3> place{sparse_[index][n].first, begin, end};
-      device_.vk().CmdPushConstants(commands, layout, VK_SHADER_STAGE_COMPUTE_BIT,
-                                    pass.push_bytes - sizeof(place), sizeof(place), place.data());
-    }
-    const uint64_t groups = words()[RAYMELD_SPARSE_GROUPS] + 3 * (first_row_[index] + n);
-    device_.vk().CmdDispatchIndirect(commands, status_->handle(), sizeof(Status) + groups * 4);
-  }
-}
-
-// Splits along z (channels), then along y (rows). The piece without a base is the last, as Mesa's driver for
-// CPUs (25.0) keeps a base for the indirect dispatches that follow.
+// Splits along z (channels), then along y (rows).
 void Program::dispatch(VkCommandBuffer commands, const Pass& pass) const {
   const auto [x, y, z] = pass.groups;
   const double pieces = std::max(1.0, std::ceil(pass.work() / limits_.dispatch_work));
@@ -553,14 +373,11 @@ void Program::dispatch(VkCommandBuffer commands, const Pass& pass) const {
 
 Status Program::status() const {
   Status status;
-  std::memcpy(&status, status_->mapped(), sizeof(status));
+  std::memcpy(&status, common_->status.mapped(), sizeof(status));
   return status;
 }
 
-void Program::reset_status() {
-  std::memset(status_->mapped(), 0, sizeof(Status));
-  if (graph_.sparse()) words()[RAYMELD_SPARSE_COUNTS] = graph_.sparse()->blocks();
-}
+void Program::reset_status() { std::memset(common_->status.mapped(), 0, sizeof(Status)); }
 
 void Program::write(const Tensor& tensor, std::span<const float> values) {
   const uint64_t size_bytes = graph_.size_bytes(tensor), pixels = tensor.shape.pixels();
@@ -607,15 +424,10 @@ std::vector<float> Program::read(const Tensor& tensor) const {
 
 uint64_t Program::allocated_bytes() const {
   return (common_->constants ? common_->constants->buffer.size_bytes() : 0) +
-         common_->activations.allocated_bytes() + status_->size_bytes() + common_->exposures.size_bytes();
+         common_->activations.allocated_bytes() + common_->status.size_bytes() +
+         common_->exposures.size_bytes();
 }
 
-uint64_t Program::host_bytes(uint32_t sets, const Graph& graph, const WorkLimits& limits) {
-  const uint64_t bytes = sizeof(Status) + sets * kExposureStrideBytes;
-  if (!graph.sparse()) return bytes;
-  size_t dispatches = 0;
-  for (const auto& own : cut(graph, limits)) dispatches += own.size();
-  return bytes + uint64_t{4} * SparseLayout(*graph.sparse(), graph.most_radius(), uint32_t(dispatches)).end;
-}
+uint64_t Program::host_bytes(uint32_t sets) { return sizeof(Status) + sets * kExposureStrideBytes; }
 
 }  // namespace raymeld

@@ -51,8 +51,7 @@ class Program {
   // For the frames of another size, in the memory and with the weights and pipelines of `larger`: of a graph
   // that is planned within its, or of one without weights that takes no more memory. Recordings of both may
   // be pending at once; they take turns on the device, and a set of one is the same exposure as that of the
-  // other. Compiles what is missing of the pipelines, and allocates on the device where the graph is sparse.
-  // Throws Error, and OutOfMemory.
+  // other. Compiles what is missing of the pipelines. Throws Error, and OutOfMemory.
   Program(const Program& larger, const Graph& graph, PipelineCache& cache);
   ~Program();
   Program(const Program&) = delete;
@@ -80,27 +79,8 @@ class Program {
   const Graph& graph() const { return graph_; }
   const WorkLimits& limits() const { return limits_; }
 
-  // Of a sparse graph: see classify(). What recordings count as the same from their next submit on.
-  void set_threshold(float threshold);
-  // Of a sparse graph whose blocks the host tells, row by row: what recordings compute from their next submit
-  // on. Before each submit, as a frame leaves its own notes there. None may be pending.
-  void set_needed(const std::vector<bool>& blocks);
-  bool needs_told() const { return graph_.sparse() && graph_.sparse()->by_host; }
-  // The same for all blocks, as a command: before record().
-  void record_all_needed(VkCommandBuffer commands);
-  // Of those of a sparse graph's blocks that were needed for all the host knew, how many the last frame found
-  // settled; read when the device is idle.
-  uint32_t settled_blocks() const;
-  // The share of all blocks that the last frame found settled, where all were needed; read when the device is
-  // idle. 0 after a reset_status(), and of other graphs.
-  double settled_share() const;
-  // How much of all passes' work it was.
-  double work_share() const;
-
   // Counts since the last reset by the host; read when the device is idle.
   Status status() const;
-  // Or it is that of the Program of larger frames.
-  bool has_own_status() const { return graph_.sparse().has_value(); }
   void reset_status();
 
   // Copies a tensor (c, y, x, dense) from or to the host, rounding to the storage type. The device must be
@@ -111,12 +91,10 @@ class Program {
 
   // Without activations in the caller's memory, and with constants that others have as well.
   uint64_t allocated_bytes() const;
-  // What it has beside that of the Program of larger frames.
-  uint64_t own_bytes() const { return has_own_status() ? status_->size_bytes() : 0; }
   // Of frames of all sizes.
   size_t pipelines() const { return common_->kernels.size(); }
   // What a Program takes beside its graph's constants and activations.
-  static uint64_t host_bytes(uint32_t sets, const Graph& graph, const WorkLimits& limits);
+  static uint64_t host_bytes(uint32_t sets);
 
  private:
   void create_kernels(PipelineCache& cache);
@@ -131,34 +109,22 @@ class Program {
   std::array<uint32_t, 5> view_of(const Binding& binding, const FrameBindings& frame) const;
   void bind_pass(VkCommandBuffer commands, uint32_t set, size_t index) const;
   void dispatch(VkCommandBuffer commands, const Pass& pass) const;
-  void prepare_sparse();
-  void dispatch_sparse(VkCommandBuffer commands, size_t index, VkPipelineLayout layout) const;
-  uint32_t* words() const;
 
   // Of frames of all sizes.
   struct Common {
     std::shared_ptr<const Constants> constants;
-    Buffer activations, exposures;
+    Buffer activations, exposures, status;
     std::set<std::shared_ptr<const Kernel>> kernels;
   };
 
   const Device& device_;
   const Graph& graph_;
   std::shared_ptr<Common> common_;
-  std::shared_ptr<Buffer> status_;  // with the blocks of a sparse graph; else that of all sizes
   std::vector<const Kernel*> pass_kernels_;
   VkDescriptorPool pool_ = VK_NULL_HANDLE;
   std::vector<std::vector<VkDescriptorSet>> sets_;           // [set][pass]
   std::vector<std::vector<std::array<uint32_t, 5>>> views_;  // [set][pass], where it touches an image
   WorkLimits limits_;
-  // Of a sparse graph: the dispatches of its passes, which are as many as limits ask for.
-  struct SparseDispatch {
-    uint32_t first, most;  // items
-  };
-  static std::vector<std::vector<SparseDispatch>> cut(const Graph& graph, const WorkLimits& limits);
-  std::vector<std::vector<SparseDispatch>> sparse_;  // [pass]
-  std::vector<uint32_t> first_row_;                  // [pass], in the table that schedule.comp reads
-  uint32_t told_ = 0;                                // blocks, by the host or, where it tells none, all
 };
 
 }  // namespace raymeld

@@ -35,8 +35,8 @@ void pack_weights(std::byte* target, const Convolution& conv, const Cells& cells
 // of a frame, as the weights' layout follows it.
 uint32_t vector_of_cells(const Graph& graph, uint32_t side) {
   const uint32_t vector = graph.vector();
-  const bool possible = vector > 0 && RAYMELD_LANES % vector == 0 && vector % side == 0 && !graph.sparse() &&
-                        graph.storage() == Storage::kFloat32;
+  const bool possible =
+      vector > 0 && RAYMELD_LANES % vector == 0 && vector % side == 0 && graph.storage() == Storage::kFloat32;
   return possible ? vector : 0;
 }
 
@@ -77,11 +77,6 @@ void conv2d_cells(Graph& graph, const Convolution& conv) {
                               conv.height,          conv.channels_out,   {}};
   std::iota(std::begin(push.digits), std::end(push.digits), 0u);
   pass.set_push(push);
-  pass.set_place();
-  if (pass.footprint = pixel_footprint(graph, conv.out.shape); pass.footprint) {
-    const uint32_t side_of_block = SparseGrid::kSide * pass.footprint->scale;
-    pass.items = {.columns = side_of_block, .rows = side_of_block, .local = kLocalCells};
-  }
   if (by_vectors) {
     pass.groups = {divide_up(conv.in.shape.width, kVectorsPixels), blocks, conv.height};
   } else {

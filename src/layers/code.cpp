@@ -30,7 +30,7 @@ void check_image(const std::string& name, const Tensor& tensor) {
 }  // namespace
 
 void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor& out,
-            std::span<const EncodedChannel> channels, Transfer transfer, float clip, bool needed) {
+            std::span<const EncodedChannel> channels, Transfer transfer, float clip) {
   if (channels.size() != out.shape.channels) {
     throw Error("layer {}: {} channels to encode, expected {}", name, channels.size(), out.shape.channels);
   }
@@ -59,7 +59,6 @@ void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor&
   pass.set_push(params);
   pass.groups = strip_groups(out.shape);
   if (from_image) pass.groups[2] /= kImageChannels;
-  if (needed) pass.footprint = pixel_footprint(graph, out.shape);
   pass.bytes = elements(out) * static_cast<double>(element_bytes(graph.storage())) +
                static_cast<double>(4 * (channels.size() - constants) * out.shape.pixels());
   graph.add(std::move(pass));
@@ -77,7 +76,6 @@ void variance(Graph& graph, const std::string& name, const Tensor& out, Transfer
   pass.set_push(params::Variance{
       {}, out.shape.height, out.shape.width, graph.plane(out), transfer == Transfer::kLog, clip});
   pass.groups = pixel_groups(out.shape);
-  pass.footprint = pixel_footprint(graph, out.shape, 1);
   pass.bytes = elements(out) * static_cast<double>(4 + element_bytes(graph.storage()));
   graph.add(std::move(pass));
 }
@@ -125,8 +123,6 @@ void decode(Graph& graph, const std::string& name, const Tensor& in, const Decod
                      upsampled(graph, in, highlights, options.transfer, options.scale, options.phase),
                      options.base != nullptr,
                      options.highlights ? options.clip : 0});
-  // What classify() found settled is decoded as well.
-  if (graph.sparse() && !graph.sparse()->by_device) pass.footprint = pixel_footprint(graph, in.shape);
   pass.groups = strip_groups(in.shape);
   if (to_image) pass.groups[2] = 1;
   pass.bytes = elements(in) * static_cast<double>(4 + element_bytes(graph.storage())) +

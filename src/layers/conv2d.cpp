@@ -143,12 +143,6 @@ void direct(Graph& graph, Convolution conv) {
   pass.bindings.push_back(read_binding(conv.options.behind.value_or(conv.in)));
   pass.set_push(params::Conv2d{conv.height, conv.width, graph.plane(conv.out), conv.channels_in,
                                conv.in.shape.channels, conv.channels_out});
-  pass.set_place();
-  if (graph.sparse()) {
-    const uint32_t scale = graph.scale_of({conv.height, conv.width, 1}), side = SparseGrid::kSide * scale;
-    pass.footprint = {.scale = scale, .reach = kernel / 2};
-    pass.items = {.columns = side, .rows = side / kRows, .local = kLocalX * kLocalY};
-  }
   pass.groups = {divide_up(conv.width, kLocalX), divide_up(conv.height, kLocalY * kRows), blocks};
   pass.flop = conv.flop();
   pass.bytes = tensor_bytes(graph, conv) + double(weight_count * element_bytes(graph.storage()));

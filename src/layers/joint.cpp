@@ -53,7 +53,6 @@ void irradiance(Graph& graph, const std::string& name, const Tensor& lrhs, const
   pass.set_push(params::Irradiance{out.shape.height, out.shape.width, graph.plane(out), graph.plane(albedo),
                                    options.scale, options.phase > 0, options.transfer == Transfer::kLog});
   pass.groups = pixel_groups(out.shape);
-  pass.footprint = pixel_footprint(graph, out.shape, 2);
   graph.add(std::move(pass));
 }
 
@@ -70,7 +69,6 @@ void light(Graph& graph, const std::string& name, const Tensor& color, const Ten
       upsampled(graph, out, lrhs, options.transfer, options.scale, options.phase), options.scale,
       options.phase > 0 ? options.lrhs_certainty / cell : options.lrhs_certainty});
   pass.groups = strip_groups(with_channels(out.shape, 1));
-  pass.footprint = pixel_footprint(graph, out.shape, options.scale);
   graph.add(std::move(pass));
 }
 
@@ -94,7 +92,6 @@ void joint_filter(Graph& graph, const std::string& name, const Tensor& in, const
   pass.groups = pixel_groups(strips);
   constexpr double kFlopOfTap = 34;
   pass.flop = 9 * kFlopOfTap * static_cast<double>(shape.pixels());
-  pass.footprint = pixel_footprint(graph, out.shape, step);
   graph.add(std::move(pass));
 }
 
@@ -107,7 +104,6 @@ void relight(Graph& graph, const std::string& name, const Tensor& light, const T
   Pass pass = pass_of(graph, name, shaders::kRelight, {light, albedo}, out);
   pass.set_push(params::Relight{shape.height, shape.width, graph.plane(out), transfer == Transfer::kLog});
   pass.groups = strip_groups(shape);
-  pass.footprint = pixel_footprint(graph, out.shape);
   graph.add(std::move(pass));
 }
 
@@ -122,7 +118,6 @@ void mix(Graph& graph, const std::string& name, const Tensor& rec, const Tensor&
   Pass pass = pass_of(graph, name, shaders::kMix, {rec, lrhs, albedo, candidates}, out);
   pass.set_push(upsampled(graph, out, lrhs, options.transfer, options.scale, options.phase));
   pass.groups = pixel_groups(out.shape);
-  pass.footprint = pixel_footprint(graph, out.shape, options.scale);
   graph.add(std::move(pass));
 }
 

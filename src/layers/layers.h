@@ -72,8 +72,7 @@ struct Conv2dShape {
 using Conv2dChoice = std::function<Conv2dKernel(const Conv2dShape&)>;
 
 // How many rows of tiles a convolution by minimal filtering works on at a time.
-uint32_t winograd_band_rows(const Conv2dShape& shape, const Conv2dKernel& how,
-                            const std::optional<SparseGrid>& grid);
+uint32_t winograd_band_rows(const Conv2dShape& shape, const Conv2dKernel& how);
 
 // The direct kernel for every shape.
 inline Conv2dKernel conv2d_direct(const Conv2dShape&) { return {}; }
@@ -144,33 +143,17 @@ struct EncodedChannel {
 
 // From channels of the image in `slot`, scene linear, to (h, w, c). NaN becomes 0, infinities are clamped
 // like any value: radiance times the recording's exposure, and variance times its square, to [0, clip], then
-// y = x or y = log(1 + 8 x) / 3; albedo to [0, 1]; normals to [-1, 1]. `needed`: of HRLS in a sparse graph,
-// only what classify() left.
+// y = x or y = log(1 + 8 x) / 3; albedo to [0, 1]; normals to [-1, 1].
 void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor& out,
-            std::span<const EncodedChannel> channels, Transfer transfer, float clip, bool needed = false);
+            std::span<const EncodedChannel> channels, Transfer transfer, float clip);
 
 // The variance of HRLS's color to (H, W, 3), encoded as encode() does: for each channel the mean over 3x3
-// pixels, edges replicated, of the squared difference from their mean; what is not finite counts as 0. In a
-// sparse graph it is computed where it is needed.
+// pixels, edges replicated, of the squared difference from their mean; what is not finite counts as 0.
 void variance(Graph& graph, const std::string& name, const Tensor& out, Transfer transfer, float clip);
 
 // What LRHS has beyond the clip, scene linear (h, w, c): max(0, x - clip / exposure), at most 65504; of NaN
 // 0.
 void highlights(Graph& graph, const std::string& name, const Tensor& out, float clip);
-
-// Of a sparse graph, which blocks are needed: not those whose every pixel has the same color in HRLS (H, W,
-// 3) and in LRHS (h, w, 3) upsampled, both encoded, but for Program::set_threshold(); NaN is never the same.
-// `settle` is what they get.
-void classify(Graph& graph, const std::string& name, const Tensor& color, const Tensor& lrhs, float phase);
-
-// Of a sparse graph, from the blocks that are needed to what each pass has to compute for them. What is added
-// to the graph after that is computed there only.
-void schedule(Graph& graph, const std::string& name);
-
-// Writes the mean of both to `out` (H, W, 3) where classify() found them to agree; `residual`: less LRHS
-// upsampled. It is within half the threshold of both.
-void settle(Graph& graph, const std::string& name, const Tensor& color, const Tensor& lrhs, float phase,
-            bool residual, const Tensor& out);
 
 struct DecodeOptions {
   Transfer transfer = Transfer::kLinear;
@@ -185,7 +168,6 @@ struct DecodeOptions {
 // divides by the recording's exposure, adds the highlights, clamps to [0, 65504]. The highlight of a pixel is
 // the mean of the four LRHS samples around it, weighted bilinearly and each by itself; what is added of it
 // rises from nothing where the output, still exposed, is an eighth of the clip to all of it at a quarter.
-// Where nothing settles the blocks that a sparse graph does not need, they are not written.
 void decode(Graph& graph, const std::string& name, const Tensor& in, const DecodeOptions& options);
 
 // The joint base: the output is mixed, pixel by pixel, of LRHS, of LRHS with the albedo of HRLS and of both

@@ -48,10 +48,7 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
   const Conv2dKernel& how = conv.options.how;
   if (conv.options.unshuffle > 1 || conv.options.shuffle > 1)
     throw Error("layer {}: a shuffled 1x1", conv.name);
-  const std::optional<Footprint> footprint = pixel_footprint(graph, conv.out.shape);
-  const uint32_t side = footprint ? SparseGrid::kSide * footprint->scale : 0;  // of a block
-  const auto pixels =
-      footprint ? graph.sparse()->blocks() * side * side : static_cast<uint32_t>(conv.out.shape.pixels());
+  const auto pixels = static_cast<uint32_t>(conv.out.shape.pixels());
   const uint32_t band =
       std::clamp(how.band / kLocalPixels, 1u, divide_up(pixels, kLocalPixels)) * kLocalPixels;
   const uint32_t blocks = blocks_of(conv), outputs = divide_up(conv.channels_out, blocks);
@@ -62,8 +59,7 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
                      [=](std::byte* target) { pack_weights(target, conv, outputs, blocks); });
   const uint32_t bias = bias_constant(graph, conv, blocks * outputs);
   const Tensor sums = graph.scratch(conv.name + ".sums", uint64_t{band} * blocks * outputs);
-  const bool dense_floats = !footprint && graph.storage() == Storage::kFloat32;
-  const uint32_t vector = dense_floats ? usable_vector(how, band) : 0;
+  const uint32_t vector = graph.storage() == Storage::kFloat32 ? usable_vector(how, band) : 0;
   const bool by_address = graph.addressed() || vector > 0;
   const auto residuals = static_cast<uint32_t>(conv.options.residuals.size());
   for (uint32_t first = 0; first < pixels; first += band) {
@@ -84,14 +80,10 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
         pass.bindings.push_back(residual_binding(conv, i, conv.in));
       for (Binding& binding : pass.bindings)
         binding.by_address = by_address || binding.kind == Binding::Kind::kConstant;
-      params::Pointwise push{graph.plane(conv.out), conv.channels_in, channel, conv.channels_out, blocks, {}};
+      params::Pointwise push{
+          graph.plane(conv.out), conv.channels_in, channel, conv.channels_out, blocks, first, pixels, {}};
       std::iota(std::begin(push.digits), std::end(push.digits), 0u);
       pass.set_push(push);
-      pass.set_place(first, pixels);
-      if (pass.footprint = footprint; footprint) {
-        pass.items = {
-            .columns = side, .rows = side, .local = kLocalPixels, .y = blocks, .first = first, .most = band};
-      }
       pass.groups = {std::min(band, divide_up(pixels - first, kLocalPixels) * kLocalPixels) / kLocalPixels,
                      blocks, 1};
       pass.flop = share * conv.flop();

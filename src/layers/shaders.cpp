@@ -32,8 +32,6 @@ RAYMELD_SPIRV_FORMS(light)
 RAYMELD_SPIRV_FORMS(joint_filter)
 RAYMELD_SPIRV_FORMS(relight)
 RAYMELD_SPIRV_FORMS(mix)
-RAYMELD_SPIRV_FORMS(classify)
-RAYMELD_SPIRV_FORMS(settle)
 RAYMELD_SPIRV(schedule, buffers)
 #undef RAYMELD_SPIRV_FORMS
 #undef RAYMELD_SPIRV
@@ -78,9 +76,6 @@ const Forms kLight RAYMELD_FORMS(light);
 const Forms kJointFilter RAYMELD_FORMS(joint_filter);
 const Forms kRelight RAYMELD_FORMS(relight);
 const Forms kMix RAYMELD_FORMS(mix);
-const Forms kClassify RAYMELD_FORMS(classify);
-const Forms kSettle RAYMELD_FORMS(settle);
-const Shader kSchedule RAYMELD_SHADER(schedule);
 #undef RAYMELD_FORMS
 #undef RAYMELD_SHADER
 

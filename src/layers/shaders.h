@@ -37,9 +37,6 @@ extern const Forms kLight;
 extern const Forms kJointFilter;
 extern const Forms kRelight;
 extern const Forms kMix;
-extern const Forms kClassify;
-extern const Forms kSettle;
-extern const Shader kSchedule;
 extern const Shader kSpaceToDepth;
 extern const Shader kPixelShuffle;
 }  // namespace shaders
@@ -90,16 +87,10 @@ constexpr std::array<uint32_t, 3> strip_groups(const Shape& shape) {
 // their own.
 inline uint32_t vector_of_pixels(const Graph& graph, const Shape& invocations, uint32_t reach) {
   const uint32_t lanes = graph.vector();
-  if (lanes == 0 || kPixelsX % lanes != 0 || graph.sparse() || graph.storage() != Storage::kFloat32) return 0;
+  if (lanes == 0 || kPixelsX % lanes != 0 || graph.storage() != Storage::kFloat32) return 0;
   const auto [x, y, z] = pixel_groups(invocations);
   const bool numbered = x * (kPixelsX / lanes) <= kUniformNumbers && y * kPixelsY <= kUniformNumbers;
   return numbered && (kPixelsX + reach) * sizeof(float) <= Graph::kGuardBytes ? lanes : 0;
-}
-
-// Of a pass that computes pixels of `shape` one by one, and reads `reach` pixels around each.
-inline std::optional<Footprint> pixel_footprint(const Graph& graph, const Shape& shape, uint32_t reach = 0) {
-  if (!graph.sparse()) return std::nullopt;
-  return Footprint{.scale = graph.scale_of(shape), .reach = reach};
 }
 
 // Of a tensor read or written once.

@@ -27,7 +27,6 @@ Pass shuffle(const Graph& graph, const std::string& name, const Shader& shader, 
   pass.bindings = {read_binding(in), write_binding(out)};
   pass.set_push(
       params::Shuffle{small.height, small.width, graph.plane(small_image), graph.plane(large_image)});
-  pass.footprint = pixel_footprint(graph, out.shape, 1);
   pass.groups = element_groups(out.shape);
   pass.bytes = 2.0 * static_cast<double>(large.pixels() * large.channels * element_bytes(graph.storage()));
   return pass;

@@ -24,7 +24,6 @@ constexpr uint32_t kPaddingElements = 16;  // keeps positions from falling into 
 struct Sizes {
   uint32_t tile, side, positions;
   uint32_t tiles_x, tile_rows;             // tiles_x even
-  uint32_t block_rows;                     // tile rows of a sparse graph's block; else 0
   uint32_t band_rows, band_tiles;          // band_tiles a multiple of all workgroups
   uint32_t parts;                          // of the input channels
   uint32_t outputs, blocks, channels_out;  // channels_out = outputs * blocks
@@ -33,27 +32,23 @@ struct Sizes {
 
 struct TileGrid {
   uint32_t columns, rows;
-  uint32_t block_rows;
 };
 
-TileGrid tile_grid(const Conv2dShape& shape, uint32_t tile, const std::optional<SparseGrid>& grid) {
-  if (!grid) return {divide_up(shape.width, 2 * tile) * 2, divide_up(shape.height, tile), 0};
-  const uint32_t block_rows = SparseGrid::kSide * (shape.width / grid->width) / tile;
-  return {grid->columns() * block_rows, grid->rows() * block_rows, block_rows};  // whole blocks
+TileGrid tile_grid(const Conv2dShape& shape, uint32_t tile) {
+  return {divide_up(shape.width, 2 * tile) * 2, divide_up(shape.height, tile)};
 }
 
-Sizes sizes_of(const Convolution& conv, const std::optional<SparseGrid>& grid) {
+Sizes sizes_of(const Convolution& conv) {
   const Conv2dKernel& how = conv.options.how;
   const Conv2dShape shape{conv.height, conv.width, conv.channels_in, conv.channels_out, conv.options.kernel};
-  const TileGrid tiles = tile_grid(shape, how.tile, grid);
+  const TileGrid tiles = tile_grid(shape, how.tile);
   Sizes s;
   s.tile = how.tile;
   s.side = how.tile + conv.options.kernel - 1;
   s.positions = s.side * s.side;
   s.tiles_x = tiles.columns;
   s.tile_rows = tiles.rows;
-  s.block_rows = tiles.block_rows;
-  s.band_rows = winograd_band_rows(shape, how, grid);
+  s.band_rows = winograd_band_rows(shape, how);
   s.band_tiles = divide_up(s.band_rows * s.tiles_x, kMultiplyLocal) * kMultiplyLocal;
   s.parts = parts_of(conv.channels_in, how.channels);
   s.blocks = blocks_of(conv);
@@ -104,25 +99,6 @@ struct Steps {
     return result;
   }
 
-  // Of a sparse graph's band, with one or two tiles to an item; y: blocks of output channels.
-  void set_items(Pass& pass, uint32_t first_tile_row, uint32_t tiles_of_item, uint32_t local,
-                 uint32_t y = 1) const {
-    if (!graph.sparse()) return;
-    const uint32_t last_tile_row = std::min(first_tile_row + s.band_rows, s.tile_rows);
-    pass.footprint = {.scale = conv.width / graph.sparse()->width, .tile = s.tile, .reach = 1};
-    pass.items = {.columns = s.block_rows / tiles_of_item,
-                  .rows = std::min(s.band_rows, s.block_rows),
-                  .local = local,
-                  .y = y,
-                  .first_row = first_tile_row / s.block_rows,
-                  .last_row = divide_up(last_tile_row, s.block_rows)};
-  }
-
-  // In the image or, in a sparse graph, in a block.
-  uint32_t row_of(uint32_t first_tile_row) const {
-    return graph.sparse() ? first_tile_row % s.block_rows : first_tile_row;
-  }
-
   // Share of the whole convolution that a band is.
   double share(uint32_t first_tile_row) const {
     return double(std::min(s.band_rows, s.tile_rows - first_tile_row)) / s.tile_rows;
@@ -141,7 +117,7 @@ struct Steps {
 
   // Whether winograd_input_vectors.comp can read such rows.
   bool by_vectors(uint32_t unshuffle) const {
-    return by_pairs(unshuffle) && !graph.sparse() && s.tile == 4 && conv.width % kInputVectorPixels == 0 &&
+    return by_pairs(unshuffle) && s.tile == 4 && conv.width % kInputVectorPixels == 0 &&
            conv.channels_in <= kUniformNumbers &&
            usable_vector(conv.options.how, s.band_tiles) == kInputVector;
   }
@@ -149,7 +125,7 @@ struct Steps {
   // Whether an invocation of winograd_multiply.comp makes products of two vectors of tiles.
   bool paired() const {
     static_assert(2 * kPairedVector == RAYMELD_LANES);
-    return graph.addressed() && !graph.sparse() && conv.channels_out <= kUniformNumbers &&
+    return graph.addressed() && conv.channels_out <= kUniformNumbers &&
            usable_vector(conv.options.how, s.band_tiles) == kPairedVector;
   }
 
@@ -179,20 +155,11 @@ struct Steps {
         p.bindings.insert(p.bindings.begin() + 1, constant_binding(zeros));
         for (Binding& binding : p.bindings) binding.by_address = true;
       }
-      params::WinogradInput push{conv.height,
-                                 conv.width,
-                                 graph.plane(in),
-                                 graph.rows_mask(in),
-                                 s.tiles_x,
-                                 row_of(first_tile_row),
-                                 conv.channels_in,
-                                 channel,
-                                 s.transformed_stride,
-                                 {}};
+      params::WinogradInput push{
+          conv.height,    conv.width,       graph.plane(in), graph.rows_mask(in),  s.tiles_x,
+          first_tile_row, conv.channels_in, channel,         s.transformed_stride, {}};
       std::iota(std::begin(push.digits), std::end(push.digits), 0u);
       p.set_push(push);
-      p.set_place();
-      set_items(p, first_tile_row, 2, kTransformLocal / 2);
       p.groups = {s.band_tiles / kTransformLocal, 1, channels};
       p.bytes = share(first_tile_row) * traffic(graph, in);
       graph.add(std::move(p));
@@ -213,7 +180,6 @@ struct Steps {
                                   s.products_stride, {}};
     std::iota(std::begin(push.digits), std::end(push.digits), 0u);
     p.set_push(push);
-    set_items(p, first_tile_row, 1, kMultiplyLocal, s.blocks);
     p.groups = {s.band_tiles / kMultiplyLocal, s.blocks, s.positions};
     p.flop = share(first_tile_row) * conv.flop() / s.parts;
     p.bytes = share(first_tile_row) * double(s.weights_stride) * s.positions * sizeof(float) / s.parts;
@@ -242,8 +208,7 @@ struct Steps {
         throw Error("layer {}: residuals that are kept by different numbers of rows", conv.name);
     }
     // What lies below the band is the next one's.
-    const uint32_t end =
-        graph.sparse() ? conv.height : std::min(conv.height, (first_tile_row + s.band_rows) * s.tile);
+    const uint32_t end = std::min(conv.height, (first_tile_row + s.band_rows) * s.tile);
     params::WinogradOutput push{end,
                                 conv.height,
                                 conv.width,
@@ -252,14 +217,12 @@ struct Steps {
                                 graph.plane(residual),
                                 graph.rows_mask(residual),
                                 s.tiles_x,
-                                row_of(first_tile_row),
+                                first_tile_row,
                                 s.channels_out,
                                 s.products_stride,
                                 {}};
     std::iota(std::begin(push.digits), std::end(push.digits), 0u);
     p.set_push(push);
-    p.set_place();
-    set_items(p, first_tile_row, 2, kTransformLocal / 2);
     p.groups = {s.band_tiles / kTransformLocal, 1, conv.channels_out / outputs};
     p.bytes = share(first_tile_row) * traffic(graph, conv.out) * (1.0 + double(residuals.size()));
     graph.add(std::move(p));
@@ -356,24 +319,20 @@ double winograd_amplification(const ConvWeights& weights, uint32_t channels_in) 
   return largest;
 }
 
-uint32_t winograd_band_rows(const Conv2dShape& shape, const Conv2dKernel& how,
-                            const std::optional<SparseGrid>& grid) {
-  const TileGrid tiles = tile_grid(shape, how.tile, grid);
+uint32_t winograd_band_rows(const Conv2dShape& shape, const Conv2dKernel& how) {
+  const TileGrid tiles = tile_grid(shape, how.tile);
   if (how.band_rows > 0) return std::min(how.band_rows, tiles.rows);
   const uint32_t side = how.tile + shape.kernel - 1;
   const uint64_t row_elements =
       uint64_t{side} * side * tiles.columns * (shape.channels_in + shape.channels_out);
   const auto most_rows =
       static_cast<uint32_t>(std::clamp<uint64_t>(kMostScratchElements / row_elements, 1, tiles.rows));
-  const uint32_t rows = std::clamp(how.band / tiles.columns, 1u, most_rows);
-  if (!grid) return rows;
-  // Whole rows of blocks, or a part of one.
-  return rows < tiles.block_rows ? std::bit_floor(rows) : rows / tiles.block_rows * tiles.block_rows;
+  return std::clamp(how.band / tiles.columns, 1u, most_rows);
 }
 
 void conv2d_winograd(Graph& graph, std::span<const Convolution> convs) {
   std::vector<Sizes> sizes;
-  for (const Convolution& conv : convs) sizes.push_back(sizes_of(conv, graph.sparse()));
+  for (const Convolution& conv : convs) sizes.push_back(sizes_of(conv));
   Schedule schedule{convs, sizes};
   schedule.require(convs.size() - 1, convs.back().out.shape.height);
   for (size_t i = 0; i + 1 < convs.size(); ++i)
