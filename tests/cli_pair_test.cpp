@@ -79,7 +79,9 @@ TEST_F(CliPair, FilesThatDoNotBelongTogetherAreRefused) {
       {turned(pair.lrhs, true, false), "left and right exchanged"},
       {turned(pair.lrhs, false, true), "top and bottom exchanged"},
       {turned(pair.lrhs, true, true), "turned by 180 degrees"},
-      {noise, "their structures correlate by"}};
+      {noise, "their structures correlate by"},
+      {image_of(96, 64, [](int x, int y) { return scene(float(4 * x + 700), float(4 * y + 450)); }),
+       "their structures correlate by"}};
   for (const auto& [lrhs, reason] : strangers) {
     write_pair(lrhs, pair.hrls);
     expect_error(fuse(), {"LRHS 'low.exr'", "HRLS 'high.exr'", reason, "--pair-check warn"});
@@ -92,8 +94,30 @@ TEST_F(CliPair, FilesThatDoNotBelongTogetherAreRefused) {
   EXPECT_EQ(said({"--pair-check", "off"}).find("warning"), std::string::npos);
 }
 
+TEST_F(CliPair, APairThatHardlyBelongsTogetherIsWarnedOf) {
+  const Pair pair = make_pair(4, true);
+  std::string warned;
+  for (float share = 0.3f; share <= 1 && warned.empty(); share += 0.05f) {
+    write_pair(image_of(96, 64,
+                        [&](int x, int y) {
+                          return (1 - share) * pair.lrhs.at(0, y, x) +
+                                 share * scene(float(4 * x + 700), float(4 * y + 450));
+                        }),
+               pair.hrls);
+    const ProcessResult result = run(fuse());
+    if (result.err.find("hardly resembles") != std::string::npos) {
+      EXPECT_EQ(result.exit_status, 0);
+      warned = result.err;
+    }
+  }
+  EXPECT_NE(warned.find("warning: LRHS 'low.exr' hardly resembles HRLS 'high.exr'"), std::string::npos);
+}
+
+// Either of both may be the brighter one.
 TEST_F(CliPair, LrhsIsMadeAsBrightAsHrls) {
   const Pair pair = make_pair(4, true);
+  write_pair(pair.lrhs, times(pair.hrls, 4));
+  EXPECT_NEAR(nlohmann::json::parse(run(fuse({"--json"})).out).at("lrhs_brightness").get<float>(), 4, 0.4);
   write_pair(pair);
   const Image honest = fused();
   for (const float factor : {0.25f, 4.0f}) {

@@ -1,5 +1,6 @@
 #include <OpenEXR/ImfStringAttribute.h>
 #include <fmt/format.h>
+#include <png.h>
 
 #include <cmath>
 #include <cstring>
@@ -7,6 +8,7 @@
 
 #include "cli_fixture.h"
 #include "gpu.h"
+#include "io/png.h"
 #include "io/safetensors.h"
 
 namespace raymeld::test {
@@ -20,16 +22,25 @@ std::string attribute(const ExrFile& file, const std::string& name) {
   return value ? value->value() : "";
 }
 
-// Width and height of a PNG: its IHDR, big-endian.
-std::pair<uint32_t, uint32_t> png_size(const fs::path& path) {
-  const std::string bytes = read_file(path);
-  const auto number = [&](size_t at) {
-    uint32_t value = 0;
-    for (size_t i = 0; i < 4; ++i) value = value << 8 | uint8_t(bytes.at(at + i));
-    return value;
-  };
-  EXPECT_EQ(bytes.substr(1, 3), "PNG");
-  return {number(16), number(20)};
+Picture read_png(const fs::path& path) {
+  png_image png{};
+  png.version = PNG_IMAGE_VERSION;
+  png_image_begin_read_from_file(&png, path.c_str());
+  png.format = PNG_FORMAT_RGB;
+  Picture picture{.width = int(png.width), .height = int(png.height), .rgb = {}};
+  picture.rgb.resize(PNG_IMAGE_SIZE(png));
+  png_image_finish_read(&png, nullptr, picture.rgb.data(), 0, nullptr);
+  EXPECT_EQ(PNG_IMAGE_FAILED(png), 0u) << png.message;
+  return picture;
+}
+
+// Whether the top left corner has nothing but black and white, and both, as a label does.
+bool has_label(const Picture& picture, int left) {
+  std::set<int> values;
+  for (int y = 0; y < 7; ++y)
+    for (int x = left; x < left + 20; ++x)
+      for (int c = 0; c < 3; ++c) values.insert(picture.rgb[size_t(3 * (y * picture.width + x) + c)]);
+  return values == std::set<int>{0, 255};
 }
 
 // The values of a NumPy file, whose header must hold `shape`.
@@ -84,8 +95,11 @@ TEST_F(Cli, FuseWritesAndReportsAllThatIsAskedFor) {
   const Image fused = read("out.exr");
   EXPECT_EQ(read_npy(folder_ / "layers/decode.npy", "(3, 24, 32)"), fused.data);
   EXPECT_EQ(read_npy(folder_ / "layers/lrhs.npy", "(5, 6, 8)").size(), 5u * 6 * 8);
-  EXPECT_EQ(png_size(folder_ / "fused.png"), std::make_pair(32u, 24u));
-  EXPECT_EQ(png_size(folder_ / "all.png"), std::make_pair(4 * 32u + 3 * 4, 24u));
+  const Picture preview = read_png(folder_ / "fused.png"), all = read_png(folder_ / "all.png");
+  EXPECT_EQ(std::pair(preview.width, preview.height), std::pair(32, 24));
+  EXPECT_EQ(std::pair(all.width, all.height), std::pair(4 * 32 + 3 * 4, 24));
+  EXPECT_FALSE(has_label(preview, 0));
+  for (int i = 0; i < 4; ++i) EXPECT_TRUE(has_label(all, i * (32 + 4))) << i;
   for (const auto& [row, image] : {std::pair{"fused", "out.exr"}, std::pair{"hrls", "high.exr"}}) {
     const Json quality = run_json({"compare", image, "truth.exr", "--json"});
     for (const char* key : {"psnr_db", "relmse_bcr", "relmse_gharbi"})
@@ -456,7 +470,8 @@ TEST_F(Cli, CompareGivesThePapersMeasures) {
   EXPECT_NEAR(json.at("psnr_db"), -20 * std::log10(srgb(0.5) - srgb(0.25)), 1e-3);
   EXPECT_NEAR(json.at("relmse_bcr"), 0.5 * 0.0625 / (0.25 + 0.01), 1e-9);
   EXPECT_NEAR(json.at("relmse_gharbi"), 0.0625 / (0.25 + 1e-4), 1e-9);
-  EXPECT_EQ(png_size(folder_ / "map.png"), std::make_pair(8u, 6u));
+  const Picture map = read_png(folder_ / "map.png");
+  EXPECT_EQ(std::pair(map.width, map.height), std::pair(8, 6));
   EXPECT_EQ(run_json({"compare", "half.exr", "half.exr", "--json"}).at("relmse_bcr"), 0);
   half.at(1, 2, 3) = NAN;
   write_image(folder_ / "half.exr", kColorNames, half);

@@ -84,6 +84,14 @@ TEST_F(CollectorTest, FailsWhereAValueIsBeyondItsBound) {
       << failed.message;
 }
 
+TEST_F(CollectorTest, FailsWhereTheRmsErrorIsBeyondWhatIsAllowed) {
+  const Planes device(1, 1, 4, {1, 2, 3, 5}), truth(1, 1, 4, {1, 2, 3, 4});  // an RMS error of 0.5
+  EXPECT_EQ(finding([&](Check& check) { check.rms(device, truth, 0.51, "it"); }).outcome, Outcome::kPassed);
+  const Finding failed = finding([&](Check& check) { check.rms(device, truth, 0.25, "it"); });
+  EXPECT_EQ(failed.outcome, Outcome::kFailed);
+  EXPECT_NE(failed.message.find("it: "), std::string::npos) << failed.message;
+}
+
 TEST_F(CollectorTest, BitsAreMoreThanValues) {
   constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
   const auto compare = [&](double a, double b) {

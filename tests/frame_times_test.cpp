@@ -93,8 +93,8 @@ TEST_F(FrameTimesTest, AreForgotten) {
 
 TEST_F(FrameTimesTest, WhatIsNoFileHoldsNoTimes) {
   FrameTimes(gpu(), folder_.path()).measure(model_, 6, 8, {});
-  for (const char* content : {"", "{", "[]", R"({"format_version": 1})", R"({"format_version": 2})",
-                              R"({"format_version": 2, "times_ms": {"a": "b"}})"}) {
+  for (const char* content : {"", "{", "[]", R"({"format_version": 1})", R"({"format_version": 3})",
+                              R"({"format_version": 3, "times_ms": {"a": "b"}})"}) {
     write_file(only_file(), content);
     EXPECT_FALSE(FrameTimes(gpu(), folder_.path()).known(model_, 6, 8, {})) << content;
   }

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <random>
@@ -84,6 +85,22 @@ TEST(PairRelationTest, NoiseIsForeign) {
   std::uniform_real_distribution<float> uniform(0, 1);
   EXPECT_EQ(relation(image_of(96, 64, [&](int, int) { return uniform(random); }), pair.hrls),
             Relation::kForeign);
+}
+
+// A camera that looked elsewhere, and one whose render is mixed with the right one's.
+TEST(PairRelationTest, AnotherCameraIsForeignAndPartOfItDoubtful) {
+  const Pair pair = make_pair(4, true);
+  const auto mixed = [&](float share) {
+    return image_of(96, 64, [&](int x, int y) {
+      return (1 - share) * pair.lrhs.at(0, y, x) + share * scene(float(4 * x + 700), float(4 * y + 450));
+    });
+  };
+  EXPECT_EQ(relation(mixed(1), pair.hrls), Relation::kForeign);
+  EXPECT_EQ(relation(mixed(0), pair.hrls), Relation::kSame);
+  std::vector<Relation> found;
+  for (float share = 0; share <= 1; share += 0.05f) found.push_back(relation(mixed(share), pair.hrls));
+  EXPECT_EQ(std::ranges::count(found, Relation::kDoubtful) > 0, true);
+  EXPECT_TRUE(std::ranges::is_sorted(found));
 }
 
 TEST(PairRelationTest, ImagesWithoutStructureAreNotJudged) {

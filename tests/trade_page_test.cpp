@@ -117,7 +117,7 @@ class TradePage : public testing::Test {
     write_file(folder_ / name, content);
     const std::string home = folder_.path().string();
     const ProcessResult result =
-        run_process({"chromium", "--headless", "--no-sandbox", "--disable-gpu",
+        run_process({"timeout", "120", "chromium", "--headless", "--no-sandbox", "--disable-gpu",
                      "--user-data-dir=" + home + "/profile", "--dump-dom", "file://" + home + "/" + name},
                     {.environment = {{"HOME", home}}});
     EXPECT_EQ(result.exit_status, 0) << result.err;

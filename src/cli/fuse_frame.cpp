@@ -99,7 +99,7 @@ struct FrameFuser::Made {
 // Most kernels are those of the other graph too.
 struct FrameFuser::Preparation {
   std::vector<std::shared_ptr<const Kernel>> kernels = {};
-  std::atomic<bool> is_first = false;  // on a device without kernels on disk
+  std::atomic<bool> compiles = false;  // kernels that are not on disk, which has been said
   std::exception_ptr failure = {};
   std::jthread thread = {};
 
@@ -108,16 +108,28 @@ struct FrameFuser::Preparation {
                const Console& console) {
     const FusePlan plan = plan_fusion(model, frame.height, frame.width, device.info(), options);
     const PipelineCache cache(device, PipelineCache::default_folder());
-    is_first = !cache.loaded() && !cache.file().empty();
-    if (is_first)
-      console.note(fmt::format("compiling kernels for {}, which is done once", device.info().name));
+    if (!cache.loaded() && !cache.file().empty()) say_it_compiles(device, console);
     ProgressBar bar(console);
     const auto progress = [&](size_t done, size_t count) {
-      if (is_first) bar.update(double(done) / double(count));
+      if (takes_long(device, console)) bar.update(double(done) / double(count));
     };
     kernels = device.kernels().get(device, cache.handle(), kernel_recipes(plan.graph), progress);
     cache.save();
   }
+
+  // Whether to show progress. Drivers do not say whether they have a kernel on disk, so that time tells.
+  bool takes_long(const Device& device, const Console& console) {
+    constexpr std::chrono::seconds kLong{1};
+    if (!compiles && std::chrono::steady_clock::now() - start > kLong) say_it_compiles(device, console);
+    return compiles;
+  }
+
+  void say_it_compiles(const Device& device, const Console& console) {
+    compiles = true;
+    console.note(fmt::format("compiling kernels for {}, which is done once", device.info().name));
+  }
+
+  const std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
 };
 
 FrameFuser::FrameFuser(const Device& device) : device_(device) {}
@@ -151,10 +163,10 @@ FrameFuser::Made& FrameFuser::made_for(FuseFrame& frame) {
   made_ = std::make_unique<Made>(device_, frame, options);
   ProgressBar bar(frame.console);
   const auto progress = [&](double share) {
-    bar.update(share);
+    if (preparation && preparation->takes_long(device_, frame.console)) bar.update(share);
     return !interrupted();
   };
-  made_->fuser.prepare_fuse(preparation && preparation->is_first ? Progress(progress) : Progress());
+  made_->fuser.prepare_fuse(progress);
   return *made_;
 }
 

@@ -77,7 +77,7 @@ void add_view_layers(const char* role, const LayerMap& map, std::vector<std::str
 std::string sampling_text(const FuseFiles& files) {
   const std::string what = files.phase > 0
                                ? "an ordinary small render"
-                               : fmt::format("every {}. pixel of a full render", files.canvas.scale);
+                               : fmt::format("one of {0} x {0} pixels of a full render", files.canvas.scale);
   const auto why = [&] {
     switch (files.phase_source) {
       case PhaseSource::kOption:
