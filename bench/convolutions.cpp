@@ -5,7 +5,7 @@
 
 #include "bench.h"
 #include "layers/shaders.h"
-#include "tuner.h"
+#include "fusion/tuner.h"
 
 extern const std::span<const uint32_t> k_fma;
 

@@ -11,8 +11,8 @@
 
 #include "bench.h"
 #include "error.h"
-#include "fuser.h"
-#include "tuner.h"
+#include "fusion/fuser.h"
+#include "fusion/tuner.h"
 
 namespace raymeld::bench {
 namespace {

@@ -1,12 +1,14 @@
-# Compiles shaders/*.comp with glslang, once for each storage type and, where a shader has DATA_BY_ADDRESS or FRAME_IMAGE, with
+# Compiles shaders/*/*.comp with glslang, once for each storage type and, where a shader has DATA_BY_ADDRESS or FRAME_IMAGE, with
 # and without that; checks them with spirv-val and embeds them in the static library raymeld_shaders. conv2d_matrix.comp, which
 # Debian 12's glslang does not know the extensions of, is there as SPIR-V: see scripts/compile-matrix.
 find_program(GLSLANG glslangValidator REQUIRED)
 find_program(SPIRV_VAL spirv-val REQUIRED)
 
 set(shader_dir ${PROJECT_SOURCE_DIR}/shaders)
-file(GLOB shader_sources CONFIGURE_DEPENDS ${shader_dir}/*.comp)
-file(GLOB shader_includes CONFIGURE_DEPENDS ${shader_dir}/*.glsl ${shader_dir}/*.h)
+set(shader_folders include conv2d llvmpipe)  # of what is included
+file(GLOB_RECURSE shader_sources CONFIGURE_DEPENDS ${shader_dir}/*.comp)
+file(GLOB_RECURSE shader_includes CONFIGURE_DEPENDS ${shader_dir}/*.glsl ${shader_dir}/*.h)
+list(TRANSFORM shader_folders PREPEND -I${shader_dir}/ OUTPUT_VARIABLE shader_include_options)
 file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/shaders)
 
 # Appends to `list` the file of the SPIR-V of a variant; further arguments are macros.
@@ -15,7 +17,7 @@ function(compile_shader list source variant)
   list(TRANSFORM ARGN PREPEND -D)
   add_custom_command(
     OUTPUT ${output}
-    COMMAND ${GLSLANG} -V --target-env vulkan1.1 --quiet ${ARGN} -I${shader_dir} -o ${output} ${source}
+    COMMAND ${GLSLANG} -V --target-env vulkan1.1 --quiet ${ARGN} ${shader_include_options} -o ${output} ${source}
     COMMAND ${SPIRV_VAL} --target-env vulkan1.1 ${output}
     DEPENDS ${source} ${shader_includes}
     COMMENT "Shader ${variant}")
@@ -33,8 +35,8 @@ function(embed_spirv output)
     VERBATIM)
 endfunction()
 
-set(spirv ${shader_dir}/conv2d_matrix.spv)
-list(REMOVE_ITEM shader_sources ${shader_dir}/conv2d_matrix.comp)
+set(spirv ${shader_dir}/conv2d/conv2d_matrix.spv)
+list(REMOVE_ITEM shader_sources ${shader_dir}/conv2d/conv2d_matrix.comp)
 
 set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${shader_sources})
 foreach(source ${shader_sources})

@@ -6,11 +6,11 @@
 #include <limits>
 
 #include "error_of.h"
-#include "fuser.h"
+#include "fusion/fuser.h"
 #include "fuser_options.h"
-#include "network.h"
+#include "model/network.h"
 #include "subject.h"
-#include "tuner.h"
+#include "fusion/tuner.h"
 
 namespace raymeld::test {
 namespace {

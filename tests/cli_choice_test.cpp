@@ -2,7 +2,7 @@
 #include <fmt/format.h>
 
 #include "cli_fixture.h"
-#include "curve.h"
+#include "choice/curve.h"
 
 namespace raymeld::test {
 namespace {

@@ -1,5 +1,5 @@
 // Layers of HRLS that are constant: the same image as if they were fed, for less work.
-#include "constant_layers.h"
+#include "model/constant_layers.h"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <limits>
 
 #include "error_of.h"
-#include "network.h"
+#include "model/network.h"
 #include "subject.h"
 #include "within_bounds.h"
 

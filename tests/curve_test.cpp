@@ -1,5 +1,5 @@
 // Which model the curve makes one choose.
-#include "curve.h"
+#include "choice/curve.h"
 
 #include <gtest/gtest.h>
 

@@ -5,9 +5,9 @@
 
 #include "cli_fixture.h"
 #include "conform/model_file.h"
-#include "fuser.h"
+#include "fusion/fuser.h"
 #include "subject.h"
-#include "tuner.h"
+#include "fusion/tuner.h"
 
 namespace raymeld::test {
 namespace {

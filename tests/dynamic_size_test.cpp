@@ -5,7 +5,7 @@
 
 #include "api_subject.h"
 #include "error_of.h"
-#include "tuner.h"
+#include "fusion/tuner.h"
 
 namespace raymeld::test {
 namespace {

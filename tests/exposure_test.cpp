@@ -1,5 +1,5 @@
 // The exposure that the device finds of LRHS while a frame is recorded: that of the host but for roundings.
-#include "exposure.h"
+#include "fusion/exposure.h"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@
 #include "api_subject.h"
 #include "caller_image.h"
 #include "error_of.h"
-#include "fuser.h"
+#include "fusion/fuser.h"
 
 namespace raymeld::test {
 namespace {

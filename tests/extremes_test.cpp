@@ -6,10 +6,10 @@
 #include <limits>
 
 #include "error_of.h"
-#include "fuser.h"
-#include "network.h"
+#include "fusion/fuser.h"
+#include "model/network.h"
 #include "subject.h"
-#include "tuner.h"
+#include "fusion/tuner.h"
 #include "within_bounds.h"
 
 namespace raymeld::test {

@@ -6,9 +6,9 @@
 
 #include "caller_device.h"
 #include "error_of.h"
-#include "fuser.h"
+#include "fusion/fuser.h"
 #include "subject.h"
-#include "tuner.h"
+#include "fusion/tuner.h"
 
 namespace raymeld::test {
 namespace {

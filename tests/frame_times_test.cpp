@@ -1,5 +1,5 @@
 // How long frames take is measured once.
-#include "frame_times.h"
+#include "choice/frame_times.h"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@
 
 #include "golden.h"
 #include "gpu.h"
-#include "tuner.h"
+#include "fusion/tuner.h"
 
 namespace raymeld::test {
 namespace {

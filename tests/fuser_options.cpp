@@ -1,7 +1,7 @@
 #include "fuser_options.h"
 
 #include "gpu.h"
-#include "tuner.h"
+#include "fusion/tuner.h"
 
 namespace raymeld::test {
 

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "plan.h"
+#include "fusion/plan.h"
 
 namespace raymeld::test {
 

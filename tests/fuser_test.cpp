@@ -1,4 +1,4 @@
-#include "fuser.h"
+#include "fusion/fuser.h"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@
 #include <limits>
 
 #include "error_of.h"
-#include "network.h"
+#include "model/network.h"
 #include "subject.h"
 
 namespace raymeld::test {

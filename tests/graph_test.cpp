@@ -11,7 +11,7 @@
 #include "error_of.h"
 #include "gpu.h"
 #include "layers/shaders.h"
-#include "network.h"
+#include "model/network.h"
 #include "subject.h"
 
 namespace raymeld::test {
@@ -213,13 +213,13 @@ TEST_F(LayerShapes, Shuffles) {
 
 TEST_F(LayerShapes, EncodeAndDecode) {
   const std::vector<EncodedChannel> two(2), many(9, {.value = 0.5f}), far{{.channel = 56}};
-  EXPECT_ERROR(encode(graph_, "enc", FrameSlot::kLrhs, out({4, 4, 3}), two, Transfer::kLinear, 1),
+  EXPECT_ERROR(encode(graph_, "enc", kLrhsSlot, out({4, 4, 3}), two, Transfer::kLinear, 1),
                "layer enc", "2 channels to encode, expected 3");
-  EXPECT_ERROR(encode(graph_, "enc", FrameSlot::kLrhs, out({4, 4, 9}), many, Transfer::kLinear, 1),
+  EXPECT_ERROR(encode(graph_, "enc", kLrhsSlot, out({4, 4, 9}), many, Transfer::kLinear, 1),
                "layer enc", "channel 8");
-  EXPECT_ERROR(encode(graph_, "enc", FrameSlot::kLrhs, out({4, 4, 1}), far, Transfer::kLinear, 1),
+  EXPECT_ERROR(encode(graph_, "enc", kLrhsSlot, out({4, 4, 1}), far, Transfer::kLinear, 1),
                "layer enc", "channel 0");
-  EXPECT_ERROR(encode(graph_, "enc", FrameSlot::kLrhs, out({4, 4, 2}), two, Transfer::kLinear, 0),
+  EXPECT_ERROR(encode(graph_, "enc", kLrhsSlot, out({4, 4, 2}), two, Transfer::kLinear, 0),
                "layer enc", "clip");
   const Tensor rec = in({8, 8, 3}), base = in({4, 4, 3}), other = in({4, 4, 2});
   decode(graph_, "right", rec, {.base = &base, .scale = 2});

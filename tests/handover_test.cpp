@@ -1,4 +1,4 @@
-#include "cli/handover.h"
+#include "cli/sequence/handover.h"
 
 #include <gtest/gtest.h>
 

@@ -9,9 +9,9 @@
 #include "engine/pipeline_cache.h"
 #include "engine/program.h"
 #include "gpu.h"
-#include "plan.h"
-#include "stock_models.h"
-#include "tuner.h"
+#include "fusion/plan.h"
+#include "model/stock_models.h"
+#include "fusion/tuner.h"
 
 namespace raymeld::test {
 namespace {

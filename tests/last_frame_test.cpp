@@ -1,5 +1,5 @@
 // Which pixels and tiles of a frame changed, without a device.
-#include "last_frame.h"
+#include "fusion/last_frame.h"
 
 #include <gtest/gtest.h>
 

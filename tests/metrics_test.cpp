@@ -1,4 +1,4 @@
-#include "metrics.h"
+#include "choice/metrics.h"
 
 #include <gtest/gtest.h>
 

@@ -1,11 +1,11 @@
-#include "network.h"
+#include "model/network.h"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
 
-#include "fuser.h"
+#include "fusion/fuser.h"
 #include "golden.h"
 #include "gpu.h"
 #include "subject.h"

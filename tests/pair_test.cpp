@@ -1,4 +1,4 @@
-#include "pair.h"
+#include "fusion/pair.h"
 
 #include <gtest/gtest.h>
 

@@ -8,7 +8,7 @@
 
 #include "caller_device.h"
 #include "faults.h"
-#include "fuser.h"
+#include "fusion/fuser.h"
 #include "io/layers_from_exr.h"
 #include "subject.h"
 

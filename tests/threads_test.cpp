@@ -5,8 +5,8 @@
 
 #include "api_subject.h"
 #include "cli_fixture.h"
-#include "fuser.h"
-#include "tuner.h"
+#include "fusion/fuser.h"
+#include "fusion/tuner.h"
 
 namespace raymeld::test {
 namespace {

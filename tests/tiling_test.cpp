@@ -1,4 +1,4 @@
-#include "tiling.h"
+#include "fusion/tiling.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-// The page that `raymeld trade` fills, src/cli/trade.html, in a browser: Debian's Chromium, headless.
+// The page that `raymeld trade` fills, src/cli/trade/trade.html, in a browser: Debian's Chromium, headless.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -127,7 +127,7 @@ class TradePage : public testing::Test {
   // The page with the report in its place, as the program fills it, and `more` behind it.
   std::string show(const Json& report, const std::string& more = "") const {
     const std::string place = "<script type=\"application/json\" id=\"data\">{}</script>\n";
-    std::string page = read_file(source_path("src/cli/trade.html"));
+    std::string page = read_file(source_path("src/cli/trade/trade.html"));
     EXPECT_EQ(count(page, place), 1u);
     const std::string json = std::regex_replace(report.dump(), std::regex("<"), "\\u003c");
     page.replace(page.find(place) + place.find("{}"), 2, json);

@@ -1,11 +1,11 @@
-#include "tuner.h"
+#include "fusion/tuner.h"
 
 #include <gtest/gtest.h>
 
 #include <fstream>
 
 #include "gpu.h"
-#include "network.h"
+#include "model/network.h"
 #include "subject.h"
 
 namespace raymeld::test {

@@ -1,7 +1,7 @@
 // The variance of HRLS that the device computes: what feeding it gives, in tiles, in parts and in blocks.
 #include <gtest/gtest.h>
 
-#include "fuser.h"
+#include "fusion/fuser.h"
 #include "subject.h"
 
 namespace raymeld::test {

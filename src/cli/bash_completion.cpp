@@ -1,6 +1,6 @@
 #include <fmt/ranges.h>
 
-#include "cli/help.h"
+#include "cli/common/help.h"
 
 namespace raymeld::cli {
 namespace {

@@ -1,14 +1,14 @@
 #include <array>
 
-#include "cli/commands.h"
-#include "cli/help.h"
-#include "cli/inputs.h"
-#include "cli/outputs.h"
-#include "cli/quality.h"
+#include "cli/common/commands.h"
+#include "cli/common/help.h"
+#include "cli/common/inputs.h"
+#include "cli/common/outputs.h"
+#include "cli/common/quality.h"
 #include "error.h"
 #include "io/layers_from_exr.h"
 #include "io/png.h"
-#include "metrics.h"
+#include "choice/metrics.h"
 
 namespace raymeld::cli {
 namespace {

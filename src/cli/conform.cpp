@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <cmath>
 
-#include "cli/commands.h"
-#include "cli/console.h"
-#include "cli/interrupt.h"
-#include "cli/outputs.h"
-#include "cli/versions.h"
+#include "cli/common/commands.h"
+#include "cli/common/console.h"
+#include "platform/interrupt.h"
+#include "cli/common/outputs.h"
+#include "cli/common/versions.h"
 #include "conform/report.h"
 #include "conform/values.h"
 #include "engine/kernel_pool.h"

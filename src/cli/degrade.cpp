@@ -3,10 +3,10 @@
 #include <array>
 #include <cstring>
 
-#include "cli/commands.h"
-#include "cli/help.h"
-#include "cli/interrupt.h"
-#include "cli/outputs.h"
+#include "cli/common/commands.h"
+#include "cli/common/help.h"
+#include "platform/interrupt.h"
+#include "cli/common/outputs.h"
 #include "error.h"
 #include "io/exr.h"
 #include "io/exr_window.h"

@@ -1,8 +1,8 @@
 #include <nlohmann/json.hpp>
 
-#include "cli/commands.h"
-#include "cli/console.h"
-#include "cli/versions.h"
+#include "cli/common/commands.h"
+#include "cli/common/console.h"
+#include "cli/common/versions.h"
 #include "engine/device.h"
 #include "error.h"
 

@@ -1,7 +1,7 @@
 // The manual and the completion of shells, made of the same texts as --help.
-#include "cli/commands.h"
-#include "cli/console.h"
-#include "cli/help.h"
+#include "cli/common/commands.h"
+#include "cli/common/console.h"
+#include "cli/common/help.h"
 
 namespace raymeld::cli {
 

@@ -1,11 +1,11 @@
 #include <cmath>
 
-#include "cli/choice.h"
-#include "cli/commands.h"
-#include "cli/fuse_parse.h"
-#include "cli/help.h"
-#include "cli/precisions.h"
-#include "cli/sequence.h"
+#include "cli/fuse/choice.h"
+#include "cli/common/commands.h"
+#include "cli/fuse/fuse_parse.h"
+#include "cli/common/help.h"
+#include "cli/common/precisions.h"
+#include "cli/sequence/sequence.h"
 
 namespace raymeld::cli {
 namespace {

@@ -1,10 +1,10 @@
 // What the engine would do for a frame, without any device.
-#include "cli/commands.h"
-#include "cli/console.h"
+#include "cli/common/commands.h"
+#include "cli/common/console.h"
 #include "cli/graph_text.h"
-#include "cli/models.h"
-#include "cli/sizes.h"
-#include "network.h"
+#include "cli/common/models.h"
+#include "cli/common/sizes.h"
+#include "model/network.h"
 
 namespace raymeld::cli {
 namespace {

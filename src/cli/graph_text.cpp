@@ -3,13 +3,13 @@
 #include <algorithm>
 #include <map>
 
-#include "cli/console.h"
+#include "cli/common/console.h"
 
 namespace raymeld::cli {
 namespace {
 
 const char* slot_name(FrameSlot slot) {
-  return slot == FrameSlot::kLrhs ? "LRHS" : slot == FrameSlot::kFused ? "fused" : "HRLS";
+  return slot == kLrhsSlot ? "LRHS" : slot == kFusedSlot ? "fused" : "HRLS";
 }
 
 // As it stands between quotes in Graphviz's language.
@@ -102,7 +102,7 @@ std::string memory_text(const Graph& graph) {
 
 std::string graph_dot(const Graph& graph, const std::string& name) {
   std::string text = fmt::format("digraph \"{}\" {{\n  node [shape=box];\n", escaped(name));
-  for (FrameSlot slot : {FrameSlot::kLrhs, FrameSlot::kHrls, FrameSlot::kFused})
+  for (FrameSlot slot : {kLrhsSlot, kHrlsSlot, kFusedSlot})
     text += fmt::format("  {} [shape=ellipse];\n", slot_name(slot));
   for (size_t i = 0; i < graph.passes().size(); ++i) {
     const Pass& pass = graph.passes()[i];

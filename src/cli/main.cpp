@@ -5,11 +5,11 @@
 #include <string_view>
 #include <thread>
 
-#include "cli/commands.h"
-#include "cli/console.h"
-#include "cli/failure.h"
-#include "cli/help.h"
-#include "cli/interrupt.h"
+#include "cli/common/commands.h"
+#include "cli/common/console.h"
+#include "cli/common/failure.h"
+#include "cli/common/help.h"
+#include "platform/interrupt.h"
 #include "error.h"
 
 namespace {
@@ -67,7 +67,7 @@ int parse_and_run(CLI::App& app, int argc, char** argv) try {
 }  // namespace
 
 int main(int argc, char** argv) try {
-  catch_signals();
+  raymeld::catch_signals();
   Imf::setGlobalThreadCount(int(std::thread::hardware_concurrency()));
   wants_json = std::find(argv, argv + argc, std::string_view("--json")) != argv + argc;
   CLI::App app("raymeld: fuses a small many-sample render (LRHS) with a full-size few-sample one (HRLS)",

@@ -1,13 +1,13 @@
 // The manual, in the macros of man(7).
 #include <fmt/format.h>
 
-#include "cli/help.h"
+#include "cli/common/help.h"
 
 namespace raymeld::cli {
 namespace {
 
 // A backslash, a hyphen that is typed and a dot or quote at the start of a line mean something to roff.
-std::string escaped(const std::string& text) {
+std::string roff(const std::string& text) {
   std::string result;
   for (const char c : text) {
     const bool starts_line = result.empty() || result.back() == '\n';
@@ -25,25 +25,25 @@ std::string escaped(const std::string& text) {
 
 std::string names_text(const CLI::Option& option) {
   std::string text;
-  for (const std::string& name : option.get_snames()) text += fmt::format("\\fB\\-{}\\fR, ", escaped(name));
+  for (const std::string& name : option.get_snames()) text += fmt::format("\\fB\\-{}\\fR, ", roff(name));
   for (const std::string& name : option.get_lnames())
-    text += fmt::format("\\fB\\-\\-{}\\fR, ", escaped(name));
+    text += fmt::format("\\fB\\-\\-{}\\fR, ", roff(name));
   text.resize(text.size() - 2);
   const std::string value = value_text(option);
-  return value.empty() ? text : fmt::format("{} \\fI{}\\fR", text, escaped(value));
+  return value.empty() ? text : fmt::format("{} \\fI{}\\fR", text, roff(value));
 }
 
 std::string positional_text(const CLI::Option& option) {
-  return fmt::format("\\fI{}\\fR", escaped(option.get_name(true)));
+  return fmt::format("\\fI{}\\fR", roff(option.get_name(true)));
 }
 
 std::string entry(const std::string& head, const CLI::Option& option) {
-  return fmt::format(".TP\n{}\n{}\n", head, escaped(option_text(option)));
+  return fmt::format(".TP\n{}\n{}\n", head, roff(option_text(option)));
 }
 
 // Examples and what else follows the options, line by line as it is.
 std::string footer_text(const CLI::App& app) {
-  return app.get_footer().empty() ? "" : fmt::format(".PP\n.nf\n{}\n.fi\n", escaped(app.get_footer()));
+  return app.get_footer().empty() ? "" : fmt::format(".PP\n.nf\n{}\n.fi\n", roff(app.get_footer()));
 }
 
 std::string command_text(const CLI::App& command) {
@@ -58,7 +58,7 @@ std::string command_text(const CLI::App& command) {
       if (option->get_group() == group) text += entry(names_text(*option), *option);
   }
   return fmt::format(".SS {}\n{}\n.PP\n{}.\n{}{}", command.get_name(), synopsis,
-                     escaped(command.get_description()), text, footer_text(command));
+                     roff(command.get_description()), text, footer_text(command));
 }
 
 }  // namespace
@@ -69,7 +69,7 @@ std::string man_page(const CLI::App& app) {
       ".SH NAME\nraymeld \\- fuses two cheap renders into a good one\n"
       ".SH SYNOPSIS\n\\fBraymeld\\fR \\fICOMMAND\\fR [\\fIOPTIONS\\fR]\n"
       ".SH DESCRIPTION\n{}.\n.SH COMMANDS\n",
-      RAYMELD_VERSION, escaped(app.get_description()));
+      RAYMELD_VERSION, roff(app.get_description()));
   for (const CLI::App* command : shown_commands(app)) text += command_text(*command);
   return text + ".SH EXAMPLES\n" + footer_text(app).substr(4);
 }

@@ -1,16 +1,16 @@
 // Measures a device, so that raymeld fuse knows its fastest kernels.
 #include <algorithm>
 
-#include "cli/commands.h"
-#include "cli/console.h"
-#include "cli/interrupt.h"
-#include "cli/models.h"
-#include "cli/precisions.h"
-#include "cli/sizes.h"
-#include "frame_times.h"
-#include "network.h"
-#include "plan.h"
-#include "tuner.h"
+#include "cli/common/commands.h"
+#include "cli/common/console.h"
+#include "platform/interrupt.h"
+#include "cli/common/models.h"
+#include "cli/common/precisions.h"
+#include "cli/common/sizes.h"
+#include "choice/frame_times.h"
+#include "model/network.h"
+#include "fusion/plan.h"
+#include "fusion/tuner.h"
 
 namespace raymeld::cli {
 namespace {

@@ -45,7 +45,7 @@ Decoded decoded(Check& check, const Target& target, const Planes& rec, const Pla
   decode(run.graph(), "decode", in,
          {decoding.log ? Transfer::kLog : Transfer::kLinear, base ? &lrhs : nullptr, uint32_t(decoding.scale),
           decoding.phase, bright ? &highlights : nullptr, decoding.clip});
-  run.run(frame.frame(FrameSlot::kFused), decoding.exposure);
+  run.run(frame.frame(kFusedSlot), decoding.exposure);
   check.that(frame.touched_outside() == 0, "wrote around the image");
   return {frame.read(), run.status()};
 }

@@ -47,9 +47,9 @@ Planes encoded(Check& check, const Target& target, const Planes& image, const En
   for (int c = 0; c < image.c; ++c) channels.push_back({kChannelKinds[size_t(c / 3)], uint32_t(c)});
   LayerRun run(target, precision, way.addressed);
   const Tensor out = run.tensor("out", image.c, image.h, image.w);
-  encode(run.graph(), "encode", FrameSlot::kHrls, out, channels,
+  encode(run.graph(), "encode", kHrlsSlot, out, channels,
          encoding.log ? Transfer::kLog : Transfer::kLinear, encoding.clip);
-  run.run(frame.frame(FrameSlot::kHrls), encoding.exposure);
+  run.run(frame.frame(kHrlsSlot), encoding.exposure);
   check.that(frame.touched_outside() == 0, "wrote around the image");
   return run.read(out);
 }
@@ -81,7 +81,7 @@ void check_variance(Check& check, const Target& target, const Size& size, const 
   LayerRun run(target, precision, way.addressed);
   const Tensor out = run.tensor("out", image.c, image.h, image.w);
   variance(run.graph(), "variance", out, encoding.log ? Transfer::kLog : Transfer::kLinear, encoding.clip);
-  run.run(frame.frame(FrameSlot::kHrls), encoding.exposure);
+  run.run(frame.frame(kHrlsSlot), encoding.exposure);
   check.within(
       run.read(out),
       reference::variance(image, encoding.log ? reference::Transfer::kLog : reference::Transfer::kLinear,
@@ -97,7 +97,7 @@ void check_exact_variance(Check& check, const Target& target, const Way& way, Pr
   LayerRun run(target, precision, way.addressed);
   const Tensor out = run.tensor("out", 3, 1, 5);
   variance(run.graph(), "variance", out, Transfer::kLinear, 100);
-  run.run(frame.frame(FrameSlot::kHrls));
+  run.run(frame.frame(kHrlsSlot));
   Bounded bounded = reference::exact(concat(concat(expected, expected), expected));
   for (double& bound : bounded.bound.data) bound = 18 * (precision == Precision::kFp16 ? 1e-3 : 1e-6);
   check.within(run.read(out), bounded);
@@ -111,7 +111,7 @@ void check_highlights(Check& check, const Target& target, const Size& size, cons
   LayerRun run(target, precision, way.addressed);
   const Tensor out = run.tensor("out", image.c, image.h, image.w);
   highlights(run.graph(), "highlights", out, encoding.clip);
-  run.run(frame.frame(FrameSlot::kLrhs), encoding.exposure);
+  run.run(frame.frame(kLrhsSlot), encoding.exposure);
   check.within(run.read(out), reference::highlights(image, encoding.clip, precision, encoding.exposure));
 }
 

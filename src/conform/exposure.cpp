@@ -21,7 +21,7 @@ Planes found(Check& check, const Target& target, const Planes& lrhs, float key, 
   const FrameImage frame(target.device, lrhs, frame_layouts()[layout]);
   LayerRun run(target, precision);
   exposure(run.graph(), "exposure", uint32_t(lrhs.h), uint32_t(lrhs.w), key);
-  run.run(frame.frame(FrameSlot::kLrhs), 7);
+  run.run(frame.frame(kLrhsSlot), 7);
   check.that(frame.touched_outside() == 0, "wrote around the image");
   const Exposure written = run.exposure();
   return {2, 1, 1, {written.factor, written.inverse}};

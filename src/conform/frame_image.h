@@ -32,7 +32,7 @@ class FrameImage {
   // A frame that has no other image.
   FrameBindings frame(FrameSlot slot) const {
     FrameBindings frame;
-    frame[static_cast<size_t>(slot)] = binding();
+    frame[slot] = binding();
     return frame;
   }
   const FrameBuffer& view() const { return view_; }

@@ -4,7 +4,7 @@
 #include <filesystem>
 
 #include "conform/collector.h"
-#include "fuser.h"
+#include "fusion/fuser.h"
 
 namespace raymeld::conform {
 

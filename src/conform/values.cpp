@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "error.h"
-#include "io/atomic_file.h"
+#include "platform/atomic_file.h"
 #include "io/input_file.h"
 
 namespace raymeld::conform {

@@ -17,15 +17,10 @@
 
 namespace raymeld {
 
-// The images that a frame brings and takes, bound anew for each recording. HRLS is one buffer or, as images,
-// its layers one by one: see layer_slot().
-enum class FrameSlot : uint32_t { kLrhs, kFused, kHrls };
-inline constexpr uint32_t kMostLayers = 6, kFrameSlots = 2 + kMostLayers;
-
-// Of HRLS's layer i, three channels each; kHrls is that of the first.
-constexpr FrameSlot layer_slot(uint32_t i) {
-  return static_cast<FrameSlot>(static_cast<uint32_t>(FrameSlot::kHrls) + i);
-}
+// The images that a frame brings and takes are numbered; what they are is for the layers to say. They are
+// bound anew for each recording.
+using FrameSlot = uint32_t;
+inline constexpr uint32_t kFrameSlots = 8;
 
 // Which of them are images of Vulkan, others being buffers.
 struct FrameImages {
@@ -53,10 +48,10 @@ struct Binding {
   enum class Kind { kTensor, kConstant, kFrame, kExposure };
   Kind kind = Kind::kTensor;
   Access access = Access::kRead;
-  Tensor tensor = {};                 // kTensor
-  uint32_t constant = 0;              // kConstant: index of the graph's constant
-  FrameSlot slot = FrameSlot::kLrhs;  // kFrame
-  bool image = false;                 // kFrame: of Vulkan
+  Tensor tensor = {};     // kTensor
+  uint32_t constant = 0;  // kConstant: index of the graph's constant
+  FrameSlot slot = 0;     // kFrame
+  bool image = false;     // kFrame: of Vulkan
   // The shader reads its address in the push constants, and there is no descriptor. Not for kFrame.
   bool by_address = false;
 
@@ -86,7 +81,8 @@ struct Pass {
 
   // What dispatches and submits are measured by.
   double work() const { return flop + bytes; }
-  // Copies a structure of shaders/params.h into the push constants, behind the addresses: after `bindings`.
+  // Copies a structure of shaders/include/params.h into the push constants, behind the addresses: after
+  // `bindings`.
   template <typename Params>
   void set_push(const Params& params) {
     static_assert(sizeof(Params) % 4 == 0);

@@ -219,7 +219,7 @@ VkDescriptorBufferInfo Program::buffer_info(const Binding& binding, uint32_t set
     case Binding::Kind::kFrame:
       break;
   }
-  const auto& [view, shape, texture] = (*frame)[static_cast<size_t>(binding.slot)];
+  const auto& [view, shape, texture] = (*frame)[binding.slot];
   const uint64_t alignment = device_.info().storage_alignment_bytes;
   const uint64_t begin = view.offset_bytes / alignment * alignment;
   const uint64_t last = uint64_t{shape.channels - 1} * view.channel_stride +
@@ -258,7 +258,7 @@ void Program::write_set(uint32_t set, size_t index, const FrameBindings* frame) 
     if (binding.by_address) continue;
     const uint32_t at = add(binding.descriptor_type());
     if (binding.image) {
-      const FrameTexture& texture = (*frame)[static_cast<size_t>(binding.slot)].texture;
+      const FrameTexture& texture = (*frame)[binding.slot].texture;
       image = {VK_NULL_HANDLE, texture.view, texture.layout};
     } else {
       infos[at] = buffer_info(binding, set, frame);
@@ -279,7 +279,7 @@ void Program::bind(uint32_t set, const FrameBindings& frame) {
 
 std::array<uint32_t, 5> Program::view_of(const Binding& binding, const FrameBindings& frame) const {
   static_assert(sizeof(params::FrameView) == 20 && sizeof(params::TextureView) == 20);
-  const auto& [view, shape, texture] = frame[static_cast<size_t>(binding.slot)];
+  const auto& [view, shape, texture] = frame[binding.slot];
   if (binding.image) {
     return std::bit_cast<std::array<uint32_t, 5>>(
         params::TextureView{texture.x, texture.y, texture.scale, texture.bias, texture.octahedral});

@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "io/atomic_file.h"
+#include "platform/atomic_file.h"
 #include "io/image.h"
 #include "io/input_file.h"
 

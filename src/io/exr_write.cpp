@@ -11,7 +11,7 @@
 #include <string_view>
 
 #include "error.h"
-#include "io/atomic_file.h"
+#include "platform/atomic_file.h"
 #include "io/exr.h"
 #include "io/exr_window.h"
 #include "numbers.h"

@@ -2,7 +2,7 @@
 
 #include <fstream>
 
-#include "io/atomic_file.h"
+#include "platform/atomic_file.h"
 
 namespace raymeld {
 namespace {

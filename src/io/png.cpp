@@ -7,7 +7,7 @@
 #include <cmath>
 
 #include "error.h"
-#include "io/atomic_file.h"
+#include "platform/atomic_file.h"
 
 namespace raymeld {
 namespace {

@@ -5,7 +5,7 @@
 #include <span>
 #include <vector>
 
-#include "io/atomic_file.h"
+#include "platform/atomic_file.h"
 #include "io/image.h"
 
 namespace raymeld {

@@ -18,7 +18,7 @@ void exposure(Graph& graph, const std::string& name, uint32_t height, uint32_t w
   Pass first;
   first.name = name;
   first.shader = &(graph.frame_images().inputs ? shaders::kExposureSumsImage : shaders::kExposureSums);
-  first.bindings = {frame_binding(graph, FrameSlot::kLrhs), write_binding(sums)};
+  first.bindings = {frame_binding(graph, kLrhsSlot), write_binding(sums)};
   first.set_push(params::ExposureSums{{}, height, width, count * RAYMELD_SUMMANDS});
   first.groups = {count, 1, 1};
   first.bytes = 3 * sizeof(float) * pixels;

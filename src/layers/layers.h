@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "engine/graph.h"
+#include "layers/frame_slots.h"
 
 namespace raymeld {
 
@@ -41,8 +41,8 @@ struct Conv2dKernel {
   // 0: conv2d.comp, which any device runs; sums in the order of the equation. The others need DeviceInfo's
   // buffer_device_address: 1: pointwise.comp, for a 1x1, or pointwise_cells.comp where it is unshuffled, of
   // which the rest says nothing. 2 or 4: F(tile, 3) in three steps, see
-  // shaders/winograd.glsl, for a 3x3; errors are in proportion to the largest value of a tile, with 4 more
-  // than with 2.
+  // shaders/conv2d/winograd.glsl, for a 3x3; errors are in proportion to the largest value of a tile, with 4
+  // more than with 2.
   uint32_t tile = 0;
   uint32_t outputs = 16;   // output channels of an invocation
   uint32_t channels = 64;  // at most so many input channels are summed up by one dispatch
@@ -164,7 +164,7 @@ struct DecodeOptions {
   float clip = 0;                      // that of the highlights
 };
 
-// From (H, W, c) to the image in FrameSlot::kFused: adds the bilinearly upsampled base, inverts the transfer,
+// From (H, W, c) to the image in kFusedSlot: adds the bilinearly upsampled base, inverts the transfer,
 // divides by the recording's exposure, adds the highlights, clamps to [0, 65504]. The highlight of a pixel is
 // the mean of the four LRHS samples around it, weighted bilinearly and each by itself; what is added of it
 // rises from nothing where the output, still exposed, is an eighth of the clip to all of it at a quarter.

@@ -3,7 +3,7 @@
 
 #include <array>
 
-#include "engine/graph.h"
+#include "layers/frame_slots.h"
 #include "numbers.h"
 
 namespace raymeld {
@@ -51,7 +51,7 @@ inline Binding constant_binding(uint32_t constant) {
   return {.kind = Binding::Kind::kConstant, .access = Access::kRead, .constant = constant};
 }
 inline Binding frame_binding(const Graph& graph, FrameSlot slot) {
-  const bool written = slot == FrameSlot::kFused;
+  const bool written = slot == kFusedSlot;
   return {.kind = Binding::Kind::kFrame,
           .access = written ? Access::kWrite : Access::kRead,
           .slot = slot,

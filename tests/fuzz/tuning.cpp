@@ -3,7 +3,7 @@
 #include <cstdlib>
 
 #include "fuzz/memory_file.h"
-#include "tuner.h"
+#include "fusion/tuner.h"
 
 namespace {
 

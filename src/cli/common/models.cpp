@@ -1,0 +1,60 @@
+#include "cli/common/models.h"
+
+#include <optional>
+#include <vector>
+
+#include "error.h"
+#include "model/stock_models.h"
+
+namespace raymeld::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+// "x4" is 4; none: not a scale.
+std::optional<int> scale_of(const std::string& text) {
+  for (const int scale : {2, 4, 8}) {
+    if (text == fmt::format("x{}", scale)) return scale;
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+fs::path find_model(const std::string& wanted) {
+  const auto scale = scale_of(wanted);
+  return scale && find_stock_model(wanted).empty() ? default_model(*scale) : model_file(wanted);
+}
+
+std::vector<CurvePoint> models_of(int scale) {
+  std::vector<CurvePoint> points = stock_curve().points;
+  std::erase_if(points, [&](const CurvePoint& point) {
+    return int(point.scale) != scale || find_stock_model(point.model).empty();
+  });
+  if (points.empty()) throw Error("there is no model for scale {}; {}", scale, what_models_there_are());
+  return points;
+}
+
+fs::path default_model(int scale) {
+  std::vector<Candidate> candidates;
+  for (const CurvePoint& point : models_of(scale)) candidates.push_back({point, point.time_ms});
+  return find_stock_model(at_level(front_of(std::move(candidates)), kBalanced).point.model);
+}
+
+Curve stock_curve() {
+  std::error_code error;
+  for (const fs::path& folder : model_folders()) {
+    const fs::path file = folder / "curve.json";
+    if (fs::is_regular_file(file, error)) return load_curve(file);
+  }
+  throw Error("there is no curve.json, which says what models cost and bring, beside the stock models; {}",
+              what_models_there_are());
+}
+
+std::shared_ptr<const Model> LastModel::load(const fs::path& file) {
+  if (!model_ || file != file_) model_ = std::make_shared<const Model>(file);
+  file_ = file;
+  return model_;
+}
+
+}  // namespace raymeld::cli

@@ -1,0 +1,271 @@
+#include <OpenEXR/ImfStringAttribute.h>
+
+#include <algorithm>
+#include <array>
+
+#include "cli/fuse/fuse.h"
+#include "cli/common/inputs.h"
+#include "cli/common/models.h"
+#include "fusion/exposure.h"
+#include "io/exr_window.h"
+#include "model/network.h"
+
+namespace raymeld::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::array<int, 3> kScales = {2, 4, 8};
+
+LayerMap map_lrhs(const FuseArguments& arguments, const ExrFile& lrhs) try {
+  LayerMap map = arguments.lrhs_map.empty() ? map_color(lrhs, parse_layer_choice(arguments.map))
+                                            : map_layers(lrhs, parse_layer_choice(arguments.lrhs_map));
+  require_layers(map, kColor, lrhs.path().string());
+  return map;
+} catch (const Error& error) {
+  throw Error("{}; --map-lrhs chooses the channels of LRHS", error.what());
+}
+
+Windows color_windows(const ExrFile& file, const LayerMap& map) {
+  require_layers(map, kColor, file.path().string());
+  return windows_of(file.header(file.channel(map.layers.at("color").terms[0][0]).part));
+}
+
+std::string size_text(const Imath::Box2i& window) {
+  return fmt::format("{} x {}", width_of(window), height_of(window));
+}
+
+std::string window_text(const Imath::Box2i& window) {
+  return fmt::format("{},{},{},{}", window.min.x, window.min.y, width_of(window), height_of(window));
+}
+
+// Like "512 x 512", with the display window where that has another size.
+std::string size_text(const Windows& windows) {
+  const std::string data = size_text(windows.data), display = size_text(windows.display);
+  return data == display ? data : fmt::format("{} (display window {})", data, display);
+}
+
+std::string needed_sizes(const Windows& lrhs, std::span<const int> scales) {
+  std::string text;
+  for (int scale : scales) {
+    text += fmt::format("{}{} x {} for x{}", text.empty() ? "" : ", ", int64_t{scale} * width_of(lrhs.data),
+                        int64_t{scale} * height_of(lrhs.data), scale);
+  }
+  return text;
+}
+
+Canvas find_canvas(const ExrFile& lrhs, const Windows& lrhs_windows, const ExrFile& hrls,
+                   const Windows& hrls_windows, std::span<const int> scales) {
+  for (int scale : scales) {
+    if (const auto canvas = fit(lrhs_windows, hrls_windows, scale)) return *canvas;
+  }
+  const auto fits_exchanged = [&](int scale) { return fit(hrls_windows, lrhs_windows, scale).has_value(); };
+  if (std::ranges::any_of(scales, fits_exchanged)) {
+    throw Error("LRHS '{}' is {} and HRLS '{}' is {}: they seem to be exchanged, as LRHS is the small render",
+                lrhs.path().string(), size_text(lrhs_windows), hrls.path().string(), size_text(hrls_windows));
+  }
+  throw Error("the sizes do not fit: LRHS '{}' is {} and HRLS '{}' is {}; HRLS would have to be {}",
+              lrhs.path().string(), size_text(lrhs_windows), hrls.path().string(), size_text(hrls_windows),
+              needed_sizes(lrhs_windows, scales));
+}
+
+// Where LRHS samples lie and who says so. Where nobody does, the phase is preliminary.
+std::pair<float, PhaseSource> said_phase(const std::string& option, const ExrFile& lrhs, uint32_t scale) {
+  const auto* mark = lrhs.header().findTypedAttribute<Imf::StringAttribute>("raymeldSampling");
+  const std::string file = mark ? mark->value() : "";
+  for (const auto& [said, source] : {std::pair(option, PhaseSource::kOption), {file, PhaseSource::kFile}}) {
+    if (said == "nearest" || said == "centered") return {lrhs_phase(said == "centered", scale), source};
+  }
+  return {lrhs_phase(true, scale), PhaseSource::kDefault};
+}
+
+ConstantLayers absent_layers(const LayerMap& hrls, const Architecture& model) {
+  ConstantLayers absent;
+  for (const std::string& layer : model.optional_layers) {
+    if (!hrls.layers.contains(layer)) absent[layer] = {};
+  }
+  return absent;
+}
+
+// Throws Error unless the reference is as large as what it is to be compared with.
+void check_reference(const ExrFile& reference, const LayerMap& map, const ExrFile& hrls,
+                     const Imath::Box2i& hrls_window) {
+  const Imath::Box2i window = color_windows(reference, map).data;
+  if (window.size() == hrls_window.size()) return;
+  throw Error("the reference '{}' is {}, and HRLS '{}' is {}: the sizes must be equal",
+              reference.path().string(), size_text(window), hrls.path().string(), size_text(hrls_window));
+}
+
+// What is written of HRLS: its data window, or the part of it that was asked for. Throws Error.
+Imath::Box2i find_window(const FuseArguments& arguments, const ExrFile& hrls, const Imath::Box2i& data) {
+  if (!arguments.window) return data;
+  const Imath::Box2i& window = *arguments.window;
+  if (data.intersects(window.min) && data.intersects(window.max)) return window;
+  throw Error("--window {} is not within the data window {} of HRLS '{}'", window_text(window),
+              window_text(data), hrls.path().string());
+}
+
+// Returns what is computed for a window.
+Canvas find_canvas(const Canvas& frame, const Imath::Box2i& window, const Architecture& model) {
+  return part_of(frame, window, int(receptive_halo(model)));
+}
+
+// How many pixels of the canvas LRHS has no data for.
+uint64_t pixels_outside(const Windows& lrhs, const Imath::Box2i& canvas) {
+  const auto area = [](const Imath::Box2i& window) {
+    return uint64_t(std::max(width_of(window), 0)) * uint64_t(std::max(height_of(window), 0));
+  };
+  const Imath::V2i first(std::max(lrhs.data.min.x, canvas.min.x), std::max(lrhs.data.min.y, canvas.min.y));
+  const Imath::V2i last(std::min(lrhs.data.max.x, canvas.max.x), std::min(lrhs.data.max.y, canvas.max.y));
+  return area(canvas) - area({first, last});
+}
+
+void check_passed_channels(const FuseFiles& files, bool keep_layers) {
+  for (const std::string& name : passed_channels(files, keep_layers)) {
+    const ExrChannel& channel = files.hrls.channel(name);
+    const Imath::Box2i window = files.hrls.header(channel.part).dataWindow();
+    if (window != files.hrls_windows.data) {
+      throw Error(
+          "HRLS '{}': channel '{}' has another data window than the colour, {} instead of {}, and "
+          "cannot be passed through",
+          files.hrls.path().string(), name, size_text(window), size_text(files.hrls_windows.data));
+    }
+    if (can_be_cropped(channel, files.window)) continue;
+    throw Error(
+        "HRLS '{}': channel '{}' has one sample for {} x {} pixels and passes through; --window {} must "
+        "start at and span multiples of these",
+        files.hrls.path().string(), name, channel.x_sampling, channel.y_sampling, window_text(files.window));
+  }
+}
+
+void check_written(const FuseArguments& arguments, const Model& model) {
+  std::vector<fs::path> inputs = arguments.inputs(), outputs = arguments.outputs();
+  inputs.push_back(model.file());
+  if (!arguments.dump.empty()) {
+    // A folder that is there already is asked through a name inside it.
+    std::error_code error;
+    const fs::path dump = arguments.dump_folder();
+    const bool is_folder = fs::is_directory(dump, error);
+    if (!is_folder && fs::exists(dump, error)) {
+      throw Error("--dump '{}': there is a file of that name, and it has to be a folder", arguments.dump);
+    }
+    outputs.push_back(is_folder ? arguments.last_dumped() : dump);
+  }
+  check_outputs(outputs, inputs);
+}
+
+}  // namespace
+
+FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
+  ExrFile lrhs(arguments.lrhs), hrls(arguments.hrls);
+  const LayerChoice choice = parse_layer_choice(arguments.map);
+  LayerMap hrls_map = map_layers(hrls, choice), lrhs_map = map_lrhs(arguments, lrhs);
+  const Windows lrhs_windows = color_windows(lrhs, lrhs_map), hrls_windows = color_windows(hrls, hrls_map);
+  const auto canvas_of = [&](std::span<const int> scales) {
+    return find_canvas(lrhs, lrhs_windows, hrls, hrls_windows, scales);
+  };
+  const fs::path model_file =
+      arguments.model.empty() ? default_model(canvas_of(kScales).scale) : find_model(arguments.model);
+  auto model = models.load(model_file);
+  const Architecture& architecture = model->architecture();
+  const std::array<int, 1> scale = {int(architecture.scale)};
+  const Canvas frame = canvas_of(scale);
+  const Imath::Box2i window = find_window(arguments, hrls, hrls_windows.data);
+  const Canvas canvas = find_canvas(frame, window, architecture);
+  const ConstantLayers absent = absent_layers(hrls_map, architecture);
+  require_layers(hrls_map, image_layers(architecture, absent), hrls.path().string());
+  std::optional<ExrFile> reference;
+  LayerMap reference_map;
+  if (!arguments.reference.empty()) {
+    reference.emplace(arguments.reference);
+    reference_map = map_color(*reference, choice);
+    check_reference(*reference, reference_map, hrls, hrls_windows.data);
+  }
+  const auto [phase, phase_source] = said_phase(arguments.sampling, lrhs, architecture.scale);
+  FuseFiles files{std::move(lrhs),
+                  std::move(hrls),
+                  std::move(lrhs_map),
+                  std::move(hrls_map),
+                  lrhs_windows,
+                  hrls_windows,
+                  std::move(model),
+                  frame,
+                  canvas,
+                  window,
+                  absent,
+                  phase,
+                  phase_source,
+                  {},
+                  std::move(reference),
+                  std::move(reference_map)};
+  check_passed_channels(files, arguments.keep_layers);
+  return files;
+}
+
+Image load_lrhs(FuseFiles& files, Console& console) {
+  Image lrhs = load_layers(files.lrhs, files.lrhs_map, kColor);
+  sanitize_input(lrhs, "LRHS", files.lrhs.path(), console);
+  if (const uint64_t outside = pixels_outside(files.lrhs_windows, files.canvas.lrhs)) {
+    console.warn(
+        fmt::format("LRHS '{}': {} pixels that HRLS needs lie outside its data window, whose edge is "
+                    "repeated there",
+                    files.lrhs.path().string(), outside),
+        outside);
+  }
+  return seen_through(std::move(lrhs), files.lrhs_windows.data, files.frame.lrhs);
+}
+
+ColorPair load_colors(const FuseArguments& arguments, FuseFiles& files, Console& console) {
+  std::vector<std::string> layers = image_layers(files.model->architecture(), files.absent_layers);
+  std::erase_if(layers, [](const std::string& layer) { return layer != "color" && !is_guide(layer); });
+  Image lrhs = load_lrhs(files, console), hrls = load_layers(files.hrls, files.hrls_map, layers);
+  sanitize_input(hrls, "HRLS", files.hrls.path(), console);
+  hrls = seen_through(std::move(hrls), files.hrls_windows.data, files.frame.hrls);
+  examine(arguments, files, lrhs, hrls, layers, console);
+  return {std::move(lrhs), std::move(hrls)};
+}
+
+float exposure_for(const FuseArguments& arguments, const Model& model, const Image& lrhs) {
+  if (arguments.input_exposure != 0) return arguments.input_exposure;
+  return exposure_of(lrhs.data.data(), lrhs.plane_size(), model.architecture().exposure_key);
+}
+
+std::unique_ptr<FuseFrame> open_frame(const FuseArguments& arguments, Console console, LastModel& models) {
+  const Stopwatch watch;
+  FuseFiles files = open_files(arguments, models);
+  check_written(arguments, *files.model);
+  std::unique_ptr<FuseFrame> frame(
+      new FuseFrame{arguments, std::move(console), std::move(files), {}, {}, {}});
+  frame->phases.push_back({"open", watch.ms()});
+  return frame;
+}
+
+void load_frame(FuseFrame& frame) {
+  const PhaseTimer timer(frame, "read");
+  FuseFiles& files = frame.files;
+  FuseImages& images = frame.images;
+  images.lrhs = load_lrhs(files, frame.console);
+  const Architecture& model = files.model->architecture();
+  images.constants = files.absent_layers;
+  images.hrls = load_layers(files.hrls, files.hrls_map, image_layers(model, images.constants));
+  sanitize_input(images.hrls, "HRLS", files.hrls.path(), frame.console);
+  take_constant_layers(model, images.hrls, images.constants);
+  images.hrls = seen_through(std::move(images.hrls), files.hrls_windows.data, files.frame.hrls);
+  examine(frame.arguments, files, images.lrhs, images.hrls, image_layers(model, images.constants),
+          frame.console);
+  images.exposure = exposure_for(frame.arguments, *files.model, images.lrhs);
+  images.lrhs = seen_through(std::move(images.lrhs), files.frame.lrhs, files.canvas.lrhs);
+  images.hrls = seen_through(std::move(images.hrls), files.frame.hrls, files.canvas.hrls);
+  if (files.reference) {
+    images.reference = load_layers(*files.reference, files.reference_map, kColor);
+    sanitize_input(*images.reference, "reference", files.reference->path(), frame.console);
+    images.reference = seen_through(std::move(*images.reference), files.hrls_windows.data, files.window);
+  }
+  const bool keeps = frame.arguments.keep_layers;
+  for (const std::string& name : passed_channels(files, keeps)) {
+    images.passed.push_back(cropped(files.hrls.read_raw(name), files.window));
+    sanitize_passed(images.passed.back(), !keeps, files.hrls.path(), frame.console);
+  }
+}
+
+}  // namespace raymeld::cli

@@ -1,0 +1,205 @@
+#include <fmt/ranges.h>
+
+#include <atomic>
+#include <thread>
+
+#include "cli/fuse/fuse.h"
+#include "platform/interrupt.h"
+#include "io/exr_window.h"
+#include "fusion/tuner.h"
+
+namespace raymeld::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+void dump_layers(const fs::path& folder, Fuser& fuser, const Image& fused, StagedFiles& staged) {
+  const auto write = [&](const std::string& name, std::span<const float> values, const Shape& shape) {
+    staged.add(folder / (name + ".npy"),
+               [&](AtomicFile& file) { write_npy(file, values, shape.channels, shape.height, shape.width); });
+  };
+  staged.add_folder(folder);
+  for (const Pass* layer : fuser.graph().layers()) {
+    check_interrupted();
+    if (const Tensor* output = layer->output()) {
+      write(layer->name, fuser.program().read(*output), output->shape);
+    } else {
+      write(layer->name, fused.data,
+            {uint32_t(fused.height), uint32_t(fused.width), uint32_t(fused.channels)});
+    }
+  }
+}
+
+// Of what 16 bits could not hold.
+void report_overflow(const FuseArguments& arguments, const FuseReport& report, uint32_t tiles,
+                     Console& console) {
+  if (report.redone_tiles > 0) {
+    console.warn(fmt::format("{} of {} tiles have values that 16 bits cannot hold, and were computed in fp32",
+                             report.redone_tiles, tiles),
+                 report.redone_tiles);
+  }
+  if (report.status.saturated == 0) return;
+  const std::string what = fmt::format(
+      "{} values within the network passed the largest 16-bit float, 65504; --precision fp32 has room for "
+      "them",
+      report.status.saturated);
+  if (arguments.overflow == Overflow::kError)
+    throw Error("{}, --overflow redo takes it where needed, --overflow warn keeps the image", what);
+  console.warn(what, report.status.saturated);
+}
+
+}  // namespace
+
+const char* precision_name(Storage storage) { return storage == Storage::kFloat16 ? "fp16" : "fp32"; }
+
+FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device,
+                           const ConstantLayers& constants) {
+  const Storage storage = storage_for(arguments.precision, device.info(), *files.model);
+  const auto kernels = [&](Storage of) {
+    return arguments.kernels == KernelChoice::kDirect ? Kernels{} : kernels_for(device, of);
+  };
+  FuserOptions options{.storage = storage,
+                       .max_memory_bytes = arguments.max_memory_mib << 20,
+                       .kernels = kernels(storage),
+                       .changed_only = arguments.changed_only,
+                       .constants = constants,
+                       .phase = files.phase,
+                       .keep_activations = !arguments.dump.empty(),
+                       .profile = arguments.profile};
+  const bool redo = arguments.precision == Precision::kAuto || arguments.overflow == Overflow::kRedo;
+  if (redo && storage == Storage::kFloat16) options.fp32_kernels = kernels(Storage::kFloat32);
+  return options;
+}
+
+struct FrameFuser::Made {
+  std::shared_ptr<const Model> model;
+  float phase;
+  ConstantLayers constants;
+  uint32_t height, width;  // of LRHS
+  Storage storage;
+  Fuser fuser;
+
+  Made(const Device& device, const FuseFrame& frame, const FuserOptions& options)
+      : model(frame.files.model),
+        phase(options.phase),
+        constants(options.constants),
+        height(uint32_t(frame.images.lrhs.height)),
+        width(uint32_t(frame.images.lrhs.width)),
+        storage(options.storage),
+        fuser(device, *model, height, width, options) {}
+
+  bool suits(const FuseFrame& frame) const {
+    const Image& lrhs = frame.images.lrhs;
+    return model == frame.files.model && phase == frame.files.phase && constants == frame.images.constants &&
+           height == uint32_t(lrhs.height) && width == uint32_t(lrhs.width);
+  }
+};
+
+// Kernels of a graph that is planned without the pixels, which may ask for another one: of constant layers.
+// Most kernels are those of the other graph too.
+struct FrameFuser::Preparation {
+  std::vector<std::shared_ptr<const Kernel>> kernels = {};
+  std::atomic<bool> compiles = false;  // kernels that are not on disk, which has been said
+  std::exception_ptr failure = {};
+  std::jthread thread = {};
+
+  // Throws Error.
+  void compile(const Device& device, const Model& model, const TileSize& frame, const FuserOptions& options,
+               const Console& console) {
+    const FusePlan plan = plan_fusion(model, frame.height, frame.width, device.info(), options);
+    const PipelineCache cache(device, PipelineCache::default_folder());
+    if (!cache.loaded() && !cache.file().empty()) say_it_compiles(device, console);
+    ProgressBar bar(console);
+    const auto progress = [&](size_t done, size_t count) {
+      if (takes_long(device, console)) bar.update(double(done) / double(count));
+    };
+    kernels = device.kernels().get(device, cache.handle(), kernel_recipes(plan.graph), progress);
+    cache.save();
+  }
+
+  // Whether to show progress. Drivers do not say whether they have a kernel on disk, so that time tells.
+  bool takes_long(const Device& device, const Console& console) {
+    constexpr std::chrono::seconds kLong{1};
+    if (!compiles && std::chrono::steady_clock::now() - start > kLong) say_it_compiles(device, console);
+    return compiles;
+  }
+
+  void say_it_compiles(const Device& device, const Console& console) {
+    compiles = true;
+    console.note(fmt::format("compiling kernels for {}, which is done once", device.info().name));
+  }
+
+  const std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
+};
+
+FrameFuser::FrameFuser(const Device& device) : device_(device) {}
+
+FrameFuser::~FrameFuser() = default;
+
+void FrameFuser::prepare(const FuseFrame& frame) {
+  preparation_ = std::make_unique<Preparation>();
+  const FuseFiles& files = frame.files;
+  const TileSize size{uint32_t(height_of(files.canvas.lrhs)), uint32_t(width_of(files.canvas.lrhs))};
+  preparation_->thread =
+      std::jthread([&preparation = *preparation_, &device = device_, model = files.model, size,
+                    options = fuser_options(frame.arguments, files, device_, files.absent_layers),
+                    console = frame.console] {
+        try {
+          preparation.compile(device, *model, size, options, console);
+        } catch (...) {
+          preparation.failure = std::current_exception();
+        }
+      });
+}
+
+FrameFuser::Made& FrameFuser::made_for(FuseFrame& frame) {
+  if (made_ && made_->suits(frame)) return *made_;
+  made_.reset();  // its memory is the next one's
+  const PhaseTimer timer(frame, "prepare");
+  const auto preparation = std::exchange(preparation_, nullptr);
+  if (preparation) preparation->thread.join();
+  if (preparation && preparation->failure) std::rethrow_exception(preparation->failure);
+  const FuserOptions options = fuser_options(frame.arguments, frame.files, device_, frame.images.constants);
+  made_ = std::make_unique<Made>(device_, frame, options);
+  ProgressBar bar(frame.console);
+  const auto progress = [&](double share) {
+    if (preparation && preparation->takes_long(device_, frame.console)) bar.update(share);
+    return !interrupted();
+  };
+  made_->fuser.prepare_fuse(progress);
+  return *made_;
+}
+
+void FrameFuser::fuse(FuseFrame& frame, const Progress& progress) try {
+  Made& made = made_for(frame);
+  Fuser& fuser = made.fuser;
+  if (!progress(0)) throw Cancelled();
+  const FuseArguments& arguments = frame.arguments;
+  FuseResult& result = frame.result;
+  result.storage = made.storage;
+  const FuseImages& images = frame.images;
+  Image fused;
+  // Some drivers compile a kernel when it first runs, so times are taken of a second run.
+  if (arguments.profile) fuser.fuse(images.lrhs, images.hrls, fused, progress, images.exposure);
+  const PhaseTimer timer(frame, "fuse");
+  const Stopwatch watch;
+  result.report = fuser.fuse(images.lrhs, images.hrls, fused, progress, images.exposure);
+  result.time_ms = watch.ms();
+  result.tiling = fuser.plan().tiling;
+  if (result.report.redone_tiles == result.tiling.count()) result.storage = Storage::kFloat32;
+  if (!fuser.shortage().empty()) {
+    frame.console.warn(
+        fmt::format("{}; fused in {} smaller tiles of {} x {} LRHS pixels instead", fuser.shortage(),
+                    result.tiling.count(), result.tiling.tile.width, result.tiling.tile.height),
+        1);
+  }
+  result.allocated_bytes = fuser.allocated_bytes();
+  report_overflow(arguments, result.report, result.tiling.count(), frame.console);
+  if (!arguments.dump.empty()) dump_layers(arguments.dump_folder(), fuser.last(), fused, frame.staged);
+  result.fused = seen_through(std::move(fused), frame.files.canvas.hrls, frame.files.window);
+} catch (...) {
+  made_.reset();  // in whatever state it is; the next frame's is made anew
+  throw;
+}
+
+}  // namespace raymeld::cli

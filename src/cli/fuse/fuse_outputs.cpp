@@ -1,0 +1,136 @@
+#include <OpenEXR/ImfStringAttribute.h>
+
+#include <algorithm>
+
+#include "cli/fuse/fuse.h"
+#include "platform/interrupt.h"
+#include "io/label.h"
+#include "io/png.h"
+
+namespace raymeld::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+Image first_three(const Image& image) {
+  Image color(image.width, image.height, 3);
+  std::copy_n(image.data.begin(), color.data.size(), color.data.begin());
+  return color;
+}
+
+Imf::PixelType output_type(const std::string& wanted, Imf::PixelType of_hrls) {
+  if (wanted == "auto") return of_hrls == Imf::HALF ? Imf::HALF : Imf::FLOAT;
+  return wanted == "half" ? Imf::HALF : Imf::FLOAT;
+}
+
+// What made the image.
+std::string precision_text(const FuseResult& result) {
+  const std::string name = precision_name(result.storage);
+  const uint32_t redone = result.report.redone_tiles;
+  if (redone == 0 || result.storage == Storage::kFloat32) return name;
+  return fmt::format("{}, {} of {} tiles in fp32", name, redone, result.tiling.count());
+}
+
+Imf::Header output_header(const FuseFiles& files, const FuseResult& result) {
+  Imf::Header header = files.hrls.header(files.hrls_color().part);
+  const auto set = [&](const char* name, const std::string& value) {
+    header.insert(name, Imf::StringAttribute(value));
+  };
+  header.dataWindow() = files.window;
+  header.erase("raymeldSampling");  // true of HRLS, not of what became of it
+  set("raymeldVersion", RAYMELD_VERSION);
+  set("raymeldPrecision", precision_text(result));
+  const auto& metadata = files.model->metadata();
+  const auto version = metadata.find("version");
+  set("raymeldModel",
+      version == metadata.end() ? files.model->name() : files.model->name() + " version " + version->second);
+  return header;
+}
+
+// A grey colour has no three names of its own.
+ChannelTriple color_names(const FuseFiles& files, bool keep_layers) {
+  const ChannelTriple& own = files.hrls_map.layers.at("color").terms[0];
+  return keep_layers && own[0] != own[1] ? own : ChannelTriple{"R", "G", "B"};
+}
+
+void stage_image(FuseFrame& frame) {
+  const FuseArguments& arguments = frame.arguments;
+  const FuseFiles& files = frame.files;
+  ExrOutput output;
+  output.source = output_header(files, frame.result);
+  output.pass_through = std::move(frame.images.passed);
+  if (!arguments.keep_layers && !output.pass_through.empty()) output.pass_through[0].name.assign(1, 'A');
+  const ChannelTriple names = color_names(files, arguments.keep_layers);
+  const Imf::PixelType type = output_type(arguments.output_type, files.hrls_color().type);
+  for (int c = 0; c < 3; ++c) output.planes.push_back({names[size_t(c)], type, frame.result.fused.plane(c)});
+  check_interrupted();
+  size_t clamped = 0;
+  frame.staged.add(arguments.output, [&](AtomicFile& file) { clamped = write_exr(file, output); });
+  if (clamped > 0)
+    frame.console.warn(fmt::format("'{}': {} values passed the largest half, 65504, and were clamped",
+                                   arguments.output, clamped),
+                       clamped);
+}
+
+// The images that fused is measured against and shown beside, all (3, H, W) of the window. The halo of
+// what is fused is wider than what cubic interpolation reads around a pixel.
+struct Comparison {
+  Image bicubic, hrls;
+};
+
+Comparison make_comparison(const FuseFiles& files, const FuseImages& images) {
+  const auto as_written = [&](Image image) {
+    return seen_through(std::move(image), files.canvas.hrls, files.window);
+  };
+  return {as_written(upsample_bicubic(images.lrhs, files.canvas.scale, files.phase)),
+          as_written(first_three(images.hrls))};
+}
+
+void stage_previews(FuseFrame& frame, const std::optional<Comparison>& comparison) {
+  const FuseArguments& arguments = frame.arguments;
+  const Image& fused = frame.result.fused;
+  const auto picture = [&](const Image& image) { return to_srgb(image, arguments.exposure_stops); };
+  const auto stage = [&](const std::string& target, const Picture& content) {
+    frame.staged.add(target, [&](AtomicFile& file) { write_png(file, content); });
+  };
+  if (!arguments.preview.empty()) stage(arguments.preview, picture(fused));
+  if (arguments.before_after.empty()) return;
+  std::vector<Picture> pictures;
+  const auto add = [&](const Image& image, const char* label) {
+    pictures.push_back(picture(image));
+    add_label(pictures.back(), label);
+  };
+  add(comparison->bicubic, "BICUBIC LRHS");
+  add(comparison->hrls, "HRLS");
+  add(fused, "FUSED");
+  if (frame.images.reference) add(*frame.images.reference, "REFERENCE");
+  stage(arguments.before_after, side_by_side(pictures));
+}
+
+}  // namespace
+
+std::vector<std::string> passed_channels(const FuseFiles& files, bool keep_layers) {
+  std::vector<std::string> names;
+  const auto& alpha = files.hrls_map.alpha;
+  const ChannelTriple& color = files.hrls_map.layers.at("color").terms[0];
+  for (const std::string& name : files.hrls.channel_names()) {
+    if (keep_layers ? std::ranges::find(color, name) == color.end() : name == alpha) names.push_back(name);
+  }
+  return names;
+}
+
+QualityTable stage_outputs(FuseFrame& frame) {
+  const PhaseTimer timer(frame, "write");
+  std::optional<Comparison> comparison;
+  if (frame.arguments.compares()) comparison = make_comparison(frame.files, frame.images);
+  stage_previews(frame, comparison);
+  // It comes last: it gets its name only when everything else is there.
+  stage_image(frame);
+  if (!frame.images.reference) return {};
+  const Image& reference = *frame.images.reference;
+  return {{"fused", measure(frame.result.fused, reference)},
+          {"bicubic_lrhs", measure(comparison->bicubic, reference)},
+          {"hrls", measure(comparison->hrls, reference)}};
+}
+
+}  // namespace raymeld::cli

@@ -1,0 +1,69 @@
+// What the pixels of a pair say of its files.
+#include <string_view>
+
+#include "cli/fuse/fuse.h"
+
+namespace raymeld::cli {
+namespace {
+
+// How LRHS would have to be turned to show what HRLS shows; empty where it does not help.
+std::string_view turn_of(Relation relation) {
+  switch (relation) {
+    case Relation::kMirrored:
+      return "with left and right exchanged";
+    case Relation::kFlipped:
+      return "with top and bottom exchanged";
+    case Relation::kTurned:
+      return "turned by 180 degrees";
+    default:
+      return "";
+  }
+}
+
+std::string refusal(const FuseFiles& files) {
+  const std::string_view turn = turn_of(files.pair.relation);
+  std::string text =
+      fmt::format("LRHS '{}' does not show what HRLS '{}' shows: their structures correlate by {:.2f}",
+                  files.lrhs.path().string(), files.hrls.path().string(), files.pair.correlation);
+  return turn.empty() ? text : fmt::format("{}, but LRHS {} does show it", text, turn);
+}
+
+}  // namespace
+
+void examine(const FuseArguments& arguments, FuseFiles& files, Image& lrhs, const Image& hrls,
+             std::span<const std::string> layers, Console& console) {
+  const bool has_phase =
+      files.phase_source == PhaseSource::kOption || files.phase_source == PhaseSource::kFile;
+  if (has_phase && arguments.pair_check == PairCheck::kOff) return;
+  std::vector<int> guides;
+  for (size_t i = 0; i < layers.size(); ++i) {
+    if (is_guide(layers[i])) guides.insert(guides.end(), {int(3 * i), int(3 * i + 1), int(3 * i + 2)});
+  }
+  files.pair = examine_pair(lrhs, hrls, files.canvas.scale, guides);
+  const PairFindings& found = files.pair;
+  if (!has_phase) {
+    files.phase = lrhs_phase(!found.is_nearest(), uint32_t(files.canvas.scale));
+    files.phase_source = found.shows_phase() ? PhaseSource::kPair : PhaseSource::kDefault;
+  }
+  if (arguments.pair_check == PairCheck::kOff) {
+    files.pair.brightness = 1;
+    return;
+  }
+  if (found.is_refused() && arguments.pair_check == PairCheck::kRefuse)
+    throw Error("{}; --pair-check warn fuses them nevertheless", refusal(files));
+  if (found.is_refused()) console.warn(refusal(files), 1);
+  if (found.relation == Relation::kDoubtful) {
+    console.warn(fmt::format("LRHS '{}' hardly resembles HRLS '{}': their structures correlate by {:.2f}",
+                             files.lrhs.path().string(), files.hrls.path().string(), found.correlation),
+                 1);
+  }
+  if (found.brightness == 1) return;
+  console.warn(
+      fmt::format("LRHS '{}' is {:.3g} times as bright as HRLS '{}' and is divided by that; --pair-check off "
+                  "takes it as it is",
+                  files.lrhs.path().string(), 1 / found.brightness, files.hrls.path().string()),
+      1);
+  for (float& value : lrhs.data) value = std::clamp(value * found.brightness, -65504.0f, 65504.0f);
+}
+
+}  // namespace raymeld::cli

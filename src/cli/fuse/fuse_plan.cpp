@@ -1,0 +1,61 @@
+// --dry-run: how a frame would be fused.
+#include "cli/fuse/fuse_report.h"
+#include "io/exr_window.h"
+
+namespace raymeld::cli {
+namespace {
+
+struct Plan {
+  float exposure = 0;
+  FuserOptions options;
+  FusePlan fusion;
+};
+
+Plan make_plan(const FuseArguments& arguments, FuseFiles& files, const Device& device, Console& console) {
+  const ColorPair colors = load_colors(arguments, files, console);
+  const float exposure = exposure_for(arguments, *files.model, colors.lrhs);
+  const FuserOptions options = fuser_options(arguments, files, device, files.absent_layers);
+  return {exposure, options,
+          plan_fusion(*files.model, uint32_t(height_of(files.canvas.lrhs)),
+                      uint32_t(width_of(files.canvas.lrhs)), device.info(), options)};
+}
+
+}  // namespace
+
+nlohmann::ordered_json plan_json(const FuseArguments& arguments, FuseFiles& files, const Device& device,
+                                 Console& console) {
+  const Plan plan = make_plan(arguments, files, device, console);
+  const Tiling& tiling = plan.fusion.tiling;
+  const Graph& graph = plan.fusion.graph;
+  auto json = facts(files, device.info(), plan.options.storage, tiling, plan.exposure);
+  json["tile_width"] = tiling.tile.width, json["tile_height"] = tiling.tile.height;
+  json["halo"] = tiling.halo;
+  json["gflop"] = plan.fusion.flop * 1e-9;
+  json["peak_bytes"] = plan.fusion.peak_bytes();
+  json["activation_bytes"] = graph.activation_bytes();
+  json["unaliased_bytes"] = graph.unaliased_bytes();
+  json["layers"] = {{"lrhs", to_json(files.lrhs_map)}, {"hrls", to_json(files.hrls_map)}};
+  json["hrls_layers"] = files.model->architecture().hrls_layers;
+  return json;
+}
+
+std::string plan_text(const FuseArguments& arguments, FuseFiles& files, const Device& device,
+                      Console& console) {
+  const Plan plan = make_plan(arguments, files, device, console);
+  const Tiling& tiling = plan.fusion.tiling;
+  const Graph& graph = plan.fusion.graph;
+  return fmt::format("{}\n{}\n{}\n{}\ninput exposure {:.4g}\n", read_text(arguments, files),
+                     device_text(arguments, files, device.info()), found_text(findings(files)),
+                     channels_text(arguments, files), plan.exposure) +
+         fmt::format("{} tile(s) of {} x {} LRHS pixels, halo {}; {:.3f} GFLOP, {:.1f} % of it for halos\n",
+                     tiling.count(), tiling.tile.width, tiling.tile.height, tiling.halo,
+                     plan.fusion.flop * 1e-9, 100 - 100 / tiling.overhead()) +
+         fmt::format(
+             "memory {:.1f} MiB: weights {:.1f}, activations {:.1f} ({:.1f} without aliasing), frame "
+             "{:.1f}\n",
+             double(plan.fusion.peak_bytes()) / kMebibyte, double(graph.constant_bytes()) / kMebibyte,
+             double(graph.activation_bytes()) / kMebibyte, double(graph.unaliased_bytes()) / kMebibyte,
+             double(plan.fusion.frame_bytes) / kMebibyte);
+}
+
+}  // namespace raymeld::cli

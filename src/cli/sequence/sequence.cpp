@@ -1,0 +1,222 @@
+#include "cli/sequence/sequence.h"
+
+#include <algorithm>
+#include <thread>
+
+#include "cli/fuse/choice.h"
+#include "cli/common/failure.h"
+#include "cli/fuse/fuse_report.h"
+#include "cli/sequence/handover.h"
+#include "platform/interrupt.h"
+#include "cli/sequence/sequence_report.h"
+
+namespace raymeld::cli {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+std::vector<Outcome> all_frames(const SequenceArguments& sequence, const FuseArguments& patterns) {
+  const std::filesystem::path model = patterns.model.empty() ? "" : find_model(patterns.model);
+  std::vector<Outcome> outcomes;
+  for (const int frame : frames_of(sequence.shard, sequence.frames)) {
+    const bool skip = sequence.resume && is_done(of_frame(patterns, frame), model);
+    outcomes.push_back({.frame = frame, .status = skip ? Status::kSkipped : Status::kUnfinished});
+  }
+  return outcomes;
+}
+
+// Notes the lines that differ from those `said` before, and keeps them there.
+void note_new(const Console& console, const std::vector<std::string>& lines, std::vector<std::string>& said) {
+  said.resize(lines.size());
+  for (size_t i = 0; i < lines.size(); ++i) {
+    if (lines[i] != said[i]) console.note(lines[i]);
+  }
+  said = lines;
+}
+
+// The three steps of a frame are a thread's each. Only what is handed over from one to the next is seen by
+// both: a frame with its outcome.
+class Pipeline {
+ public:
+  Pipeline(const FuseArguments& patterns, const Device& device, LastModel& models,
+           std::vector<Outcome>& outcomes)
+      : patterns_(patterns),
+        device_(device),
+        models_(models),
+        outcomes_(outcomes),
+        fuser_(device),
+        console_(patterns.notes()) {}
+
+  void run() {
+    std::jthread reader([this] { read(); });
+    std::jthread writer([this] { write(); });
+    const ClosedAtEnd end_of_reading(read_), end_of_writing(fused_);
+    fuse();
+  }
+
+ private:
+  struct Job {
+    Outcome* outcome;
+    std::unique_ptr<FuseFrame> frame = nullptr;
+    double spent_ms = 0;  // without the time in which it waited for its turn
+  };
+
+  void read();
+  void fuse();
+  void write();
+  template <typename Step>
+  bool attempt(Job& job, const Step& step);
+
+  const FuseArguments& patterns_;
+  const Device& device_;
+  LastModel& models_;
+  std::vector<Outcome>& outcomes_;
+  FrameFuser fuser_;
+  bool prepared_ = false;  // of read()'s thread, as is what it prepares until the first frame is handed over
+  Console console_;
+  Handover<Job> read_, fused_;
+  std::vector<std::string> channels_;  // said last by read()'s thread
+  std::vector<std::string> opening_;   // said last by fuse()'s thread
+  bool device_lost_ = false;           // of fuse()'s thread
+};
+
+// Whether the step was done. What goes wrong is the frame's alone, but for an interrupt and a lost device.
+template <typename Step>
+bool Pipeline::attempt(Job& job, const Step& step) try {
+  const Stopwatch watch;
+  step();
+  job.spent_ms += watch.ms();
+  return true;
+} catch (const Cancelled&) {
+  return false;
+} catch (const std::exception& error) {
+  if (dynamic_cast<const DeviceLost*>(&error)) device_lost_ = true;
+  job.outcome->status = Status::kFailed;
+  job.outcome->error = current_failure().message;
+  complain(fmt::format("frame {}: {}", job.outcome->frame, job.outcome->error));
+  return false;
+}
+
+void Pipeline::read() {
+  const ClosedAtEnd end(read_);
+  for (Outcome& outcome : outcomes_) {
+    if (outcome.status == Status::kSkipped) continue;
+    if (interrupted()) return;
+    Job job{.outcome = &outcome};
+    const bool is_read = attempt(job, [&] {
+      job.frame = open_frame(of_frame(patterns_, outcome.frame),
+                             Console(patterns_.notes(), fmt::format("frame {}: ", outcome.frame)), models_);
+      if (patterns_.verbose)
+        note_new(job.frame->console, {channels_text(patterns_, job.frame->files)}, channels_);
+      if (!std::exchange(prepared_, true)) fuser_.prepare(*job.frame);
+      load_frame(*job.frame);
+    });
+    if (is_read && !read_.put(std::move(job))) return;
+  }
+}
+
+void Pipeline::fuse() {
+  ProgressBar bar(console_);
+  while (!device_lost_ && !interrupted()) {
+    std::optional<Job> job = read_.take();
+    if (!job) return;
+    const auto progress = [&](double share) {
+      bar.update((double(job->outcome - outcomes_.data()) + share) / double(outcomes_.size()));
+      return !interrupted();
+    };
+    const auto fuse_frame = [&] {
+      note_new(job->frame->console, opening_lines(patterns_, *job->frame, device_.info()), opening_);
+      fuser_.fuse(*job->frame, progress);
+      job->frame->drop_inputs();
+    };
+    if (attempt(*job, fuse_frame)) fused_.put(std::move(*job));
+  }
+}
+
+void Pipeline::write() {
+  while (std::optional<Job> job = fused_.take()) {
+    attempt(*job, [&] {
+      const Stopwatch watch;
+      FuseFrame& frame = *job->frame;
+      Outcome& outcome = *job->outcome;
+      const QualityTable quality = stage_outputs(frame);
+      const double total_ms = job->spent_ms + watch.ms();
+      const std::string text = patterns_.json ? "" : frame_text(frame, quality);
+      if (!text.empty()) print(fmt::format("frame {}\n{}", outcome.frame, text));
+      frame.staged.commit();
+      frame.console.note(
+          fmt::format("wrote {}: {}", written_text(frame.arguments), took_text(frame, total_ms)));
+      if (patterns_.json) outcome.facts = frame_json(frame, device_.info(), quality, total_ms);
+      outcome.exposure = frame.result.report.exposure;
+      outcome.status = Status::kFused;
+    });
+  }
+}
+
+// Of any frame, as all frames' are the same.
+void check_output_folders(const FuseArguments& frame) {
+  std::vector<std::filesystem::path> outputs = frame.outputs();
+  if (!frame.dump.empty()) outputs.push_back(frame.dump_folder());
+  check_folders(outputs);
+}
+
+// Of the first frame that would be fused, how.
+void show_plan(const FuseArguments& patterns, std::span<const Outcome> outcomes, LastModel& models,
+               const Device* device) {
+  const std::vector<int> frames = frames_that(Status::kUnfinished, outcomes),
+                         skipped = frames_that(Status::kSkipped, outcomes);
+  Json json = {{"frames", frames}, {"skipped", skipped}};
+  std::string text = fmt::format("{} frames to fuse ({}), {} to skip ({})\n", frames.size(),
+                                 frames_text(frames), skipped.size(), frames_text(skipped));
+  if (device) {
+    FuseFiles files = open_files(of_frame(patterns, frames.front()), models);
+    Console console(patterns.notes());
+    if (patterns.json) {
+      json["first"] = plan_json(patterns, files, *device, console);
+    } else {
+      text += fmt::format("frame {}:\n{}", frames.front(), plan_text(patterns, files, *device, console));
+    }
+  }
+  print(patterns.json ? json_text(json) : text);
+}
+
+}  // namespace
+
+void run_sequence(const SequenceArguments& sequence, const FuseArguments& given) {
+  const Stopwatch watch;
+  FuseArguments patterns = given;
+  check_patterns(patterns, sequence.frames);
+  // What is wrong with all frames alike is said once, before the first.
+  for (const auto& map : {patterns.map, patterns.lrhs_map}) parse_layer_choice(map);
+  LastModel models;
+  if (!patterns.model.empty()) models.load(find_model(patterns.model));
+  std::vector<Outcome> outcomes = all_frames(sequence, patterns);
+  const std::vector<int> unfinished = frames_that(Status::kUnfinished, outcomes);
+  const auto device = unfinished.empty() ? nullptr : Device::create({.selector = patterns.device});
+  if (patterns.wish && device) {
+    // One model for all, as the first frame asks for it.
+    Console console(patterns.notes());
+    patterns.take(choose_model(of_frame(patterns, unfinished.front()), true, *device, models, console));
+  }
+  if (patterns.dry_run) return show_plan(patterns, outcomes, models, device.get());
+  check_output_folders(of_frame(patterns, sequence.frames.front()));
+
+  if (device) Pipeline(patterns, *device, models, outcomes).run();
+  const std::string summary = summary_text(outcomes, watch.ms());
+  const bool stopped = interrupted() && !frames_that(Status::kUnfinished, outcomes).empty();
+  const bool failed = !stopped && !frames_that(Status::kFailed, outcomes).empty();
+  if (patterns.json) {
+    Json json = summary_json(outcomes, watch.ms());
+    if (failed) json["error"] = summary;
+    print(json_text(json));
+  }
+  const Console console(patterns.notes());
+  if (patterns.input_exposure == 0) {
+    if (const std::string hint = exposure_hint(outcomes); !hint.empty()) console.note(hint);
+  }
+  if (failed) throw Error("{}", summary);
+  console.note(summary);
+  if (stopped) throw Cancelled();
+}
+
+}  // namespace raymeld::cli

@@ -1,0 +1,109 @@
+#include <array>
+#include <set>
+
+#include "cli/sequence/sequence.h"
+
+namespace raymeld::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct PathOption {
+  const char* name;
+  std::string FuseArguments::*path;
+  bool written;
+};
+
+constexpr std::array<PathOption, 7> kPathOptions = {
+    {{"--lrhs", &FuseArguments::lrhs, false},
+     {"--hrls", &FuseArguments::hrls, false},
+     {"--reference", &FuseArguments::reference, false},
+     {"--output", &FuseArguments::output, true},
+     {"--preview", &FuseArguments::preview, true},
+     {"--preview-before-after", &FuseArguments::before_after, true},
+     {"--dump", &FuseArguments::dump, true}}};
+
+// `path` with its folder as the file system knows it, so that two names of a file are equal.
+std::string with_full_folder(const std::string& path) {
+  const fs::path given = path.substr(0, path.find_last_not_of('/') + 1);
+  std::error_code error;
+  return fs::weakly_canonical(fs::absolute(given.parent_path() / "."), error) / given.filename();
+}
+
+// The number is in file names only, so that folders are looked at once and not for each frame.
+void check_distinct(FuseArguments patterns, std::span<const int> frames) {
+  for (const PathOption& option : kPathOptions) {
+    std::string& path = patterns.*option.path;
+    if (!path.empty()) path = with_full_folder(path);
+  }
+  const auto each_path = [&](bool written, const auto& visit) {
+    for (const int frame : frames) {
+      for (const PathOption& option : kPathOptions) {
+        const std::string& pattern = patterns.*option.path;
+        if (option.written == written && !pattern.empty()) visit(frame_path(pattern, frame));
+      }
+    }
+  };
+  std::set<std::string> outputs;
+  each_path(true, [&](const std::string& path) {
+    if (!outputs.insert(path).second) throw Error("cannot write '{}': it is an output twice", path);
+  });
+  each_path(false, [&](const std::string& path) {
+    if (outputs.contains(path)) throw Error("cannot write '{}': it is an input of the sequence", path);
+  });
+}
+
+}  // namespace
+
+FuseArguments of_frame(const FuseArguments& patterns, int frame) {
+  FuseArguments arguments = patterns;
+  for (const PathOption& option : kPathOptions) {
+    arguments.*option.path = frame_path(patterns.*option.path, frame);
+  }
+  return arguments;
+}
+
+void check_no_patterns(const FuseArguments& arguments) {
+  for (const PathOption& option : kPathOptions) {
+    if (is_pattern(arguments.*option.path)) {
+      throw Error("{} '{}' has a # for the number of a frame; --frames says which frames there are",
+                  option.name, arguments.*option.path);
+    }
+  }
+}
+
+void check_patterns(const FuseArguments& patterns, std::span<const int> frames) {
+  if (!is_pattern(patterns.lrhs) && !is_pattern(patterns.hrls)) {
+    throw Error(
+        "--frames: neither --lrhs '{}' nor --hrls '{}' has a # for the frame's number in its file name",
+        patterns.lrhs, patterns.hrls);
+  }
+  for (const PathOption& option : kPathOptions) {
+    const std::string& path = patterns.*option.path;
+    if (option.written && !path.empty() && !is_pattern(path)) {
+      throw Error(
+          "{} '{}' has no # for the frame's number in its file name: all frames would be written to it",
+          option.name, path);
+    }
+  }
+  check_distinct(patterns, frames);
+}
+
+bool is_done(const FuseArguments& frame, const fs::path& model) {
+  std::vector<fs::path> inputs = frame.inputs(), outputs = frame.outputs();
+  if (!model.empty()) inputs.push_back(model);
+  if (!frame.dump.empty()) outputs.push_back(frame.last_dumped());
+  std::error_code error;
+  fs::file_time_type newest_input = fs::file_time_type::min(), oldest_output = fs::file_time_type::max();
+  for (const fs::path& input : inputs) {
+    newest_input = std::max(newest_input, fs::last_write_time(input, error));
+    if (error) return false;
+  }
+  for (const fs::path& output : outputs) {
+    oldest_output = std::min(oldest_output, fs::last_write_time(output, error));
+    if (error || !fs::is_regular_file(output, error)) return false;
+  }
+  return !outputs.empty() && oldest_output >= newest_input;
+}
+
+}  // namespace raymeld::cli

@@ -1,0 +1,201 @@
+// Measures what speed costs in quality, on a device and a test set.
+#include "cli/trade/trade.h"
+
+#include <algorithm>
+
+#include "cli/common/commands.h"
+#include "platform/interrupt.h"
+#include "cli/common/models.h"
+#include "cli/common/precisions.h"
+#include "model/stock_models.h"
+
+namespace raymeld::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct TradeArguments {
+  std::string data = RAYMELD_DATA_DIR, output = "trade", device, curve;
+  std::vector<std::string> models;
+  size_t views = 0;  // 0: all
+  bool quick = false;
+};
+
+// Every combination that makes sense: direct kernels are no faster where blocks are left out, and how many
+// are does not depend on the precision.
+std::vector<TradeSetting> settings_of(const std::vector<std::string>& models, const DeviceInfo& device,
+                                      bool quick) {
+  std::vector<TradeSetting> settings;
+  for (const std::string& name : models) {
+    const Model model(find_model(name));
+    const TradeSetting plain{name, model.architecture().scale};
+    const auto add = [&](Precision precision, KernelChoice kernels) {
+      TradeSetting setting = plain;
+      setting.precision = precision, setting.kernels = kernels;
+      settings.push_back(setting);
+    };
+    settings.push_back(plain);
+    if (quick) continue;
+    add(Precision::kFp32, KernelChoice::kDirect);
+    if (!device.storage_16bit) continue;
+    add(Precision::kFp16, KernelChoice::kAuto);
+    add(Precision::kFp16, KernelChoice::kDirect);
+  }
+  return settings;
+}
+
+std::vector<TradeSetting> plain_ones(const std::vector<TradeSetting>& settings) {
+  std::vector<TradeSetting> plain;
+  std::ranges::copy_if(settings, std::back_inserter(plain), &TradeSetting::is_plain);
+  return plain;
+}
+
+// Those whose scale the test set has LRHS of.
+std::vector<std::string> usable_models(const std::vector<std::string>& asked, const TestView& view) {
+  std::vector<std::string> models;
+  for (const std::string& name : asked.empty() ? stock_models() : asked) {
+    const uint32_t scale = Model(find_model(name)).architecture().scale;
+    const bool has_lrhs = std::ranges::find(view.lrhs, scale, &TestRender::scale) != view.lrhs.end();
+    if (has_lrhs || !asked.empty()) models.push_back(name);
+  }
+  return models;
+}
+
+std::vector<TradeStrip> strips_of(const Trade& trade, const Device& device) {
+  std::vector<TradeStrip> strips;
+  for (const uint32_t scale : {2, 4, 8}) {
+    std::vector<SettingResults> plain;
+    for (const SettingResults& of : trade.settings) {
+      if (of.setting.is_plain() && of.setting.scale == scale) plain.push_back(of);
+    }
+    if (plain.empty()) continue;
+    std::ranges::sort(plain, {}, median_time_ms);
+    for (TradeStrip& strip : make_strips(trade.views, plain, device)) strips.push_back(std::move(strip));
+  }
+  return strips;
+}
+
+std::string summary(const Trade& trade) {
+  std::string text = fmt::format("{:<14} {:>5} {:>8} {:>11} {:>9} {:>9} {:>9}\n", "model", "", "kernels",
+                                 "time in ms", "MiB", "PSNR/dB", "RelMSE");
+  const auto json = to_json(trade);
+  for (const auto& row : json.at("settings")) {
+    text += fmt::format("{:<14} {:>5} {:>8} {:>11.1f} {:>9.1f} {:>9.3f} {:>9.5f}{}\n",
+                        row.at("model").get<std::string>(), row.at("precision").get<std::string>(),
+                        row.at("kernels").get<std::string>(), row.at("time_ms").at("median").get<double>(),
+                        row.at("memory_bytes").get<double>() / kMebibyte, row.at("psnr_db").get<double>(),
+                        row.at("relmse").get<double>(), row.at("time_front") ? "  on the front" : "");
+  }
+  return text;
+}
+
+// A line that tells whether a file is still the same one.
+std::string stamp(const fs::path& file) {
+  std::error_code error;  // then the number that stands for it
+  return fmt::format("{} {} {}\n", fs::absolute(file).string(), fs::file_size(file, error),
+                     fs::last_write_time(file, error).time_since_epoch().count());
+}
+
+// What measurements depend on beside view and setting.
+std::string subject_of(const Trade& trade, const std::vector<TradeSetting>& settings, const fs::path& data) {
+  std::string text = fmt::format("{}{} {}\n{}\n", stamp(fs::canonical("/proc/self/exe")), trade.device.name,
+                                 trade.device.driver, fs::canonical(data).string());
+  for (const TradeSetting& setting : plain_ones(settings)) text += stamp(find_model(setting.model));
+  for (const TestView& view : trade.views) {
+    for (const auto* renders : {&view.lrhs, &view.plain}) {
+      for (const TestRender& render : *renders) text += stamp(render.file);
+    }
+    for (const fs::path& reference : view.references) text += stamp(reference);
+  }
+  return text;
+}
+
+void write_text(StagedFiles& files, const fs::path& file, const std::string& text) {
+  files.add(file, [&](AtomicFile& out) { out.write(text.data(), text.size()); });
+}
+
+void run(const TradeArguments& arguments) {
+  const fs::path folder = arguments.output;
+  Trade trade;
+  trade.views = find_views(arguments.data);
+  trade.data = fs::canonical(arguments.data).filename().string();
+  if (arguments.views > 0 && arguments.views < trade.views.size()) trade.views.resize(arguments.views);
+  const Image reference = load_reference(trade.views.front());
+  trade.width = reference.width, trade.height = reference.height;
+  if (!arguments.curve.empty() && trade.views.size() < kLeastScenes)
+    throw Error("--curve takes {} views at least, and test set '{}' has {}", kLeastScenes, arguments.data,
+                trade.views.size());
+  std::error_code error;
+  fs::create_directories(folder, error);
+  const std::vector<fs::path> outputs{folder / "trade.csv", folder / "trade.json", folder / "trade.html"};
+  check_folders(outputs);
+
+  const auto device = Device::create({.selector = arguments.device});
+  trade.device = device->info();
+  const std::vector<TradeSetting> settings =
+      settings_of(usable_models(arguments.models, trade.views.front()), trade.device, arguments.quick);
+  if (settings.empty()) throw Error("test set '{}' has no LRHS that any model takes", arguments.data);
+  Console console(true);
+  console.note(
+      fmt::format("{} settings, {} views, on {}", settings.size(), trade.views.size(), trade.device.name));
+  Journal journal(folder / "measured.jsonl", subject_of(trade, settings, arguments.data));
+  if (journal.size() > 0) console.note(fmt::format("going on after {} measurements", journal.size()));
+  trade.settings = measure_settings(trade.views, settings, *device, journal, console);
+  if (!arguments.quick) {
+    console.note("pairs of renders");
+    trade.pairs = measure_pairs(trade.views, plain_ones(settings), *device, journal, console);
+  }
+  trade.strips = strips_of(trade, *device);
+
+  StagedFiles files;
+  write_text(files, outputs[0], trade_csv(trade));
+  write_text(files, outputs[1], json_text(to_json(trade)));
+  write_text(files, outputs[2], trade_html(trade));
+  if (!arguments.curve.empty()) save_curve(arguments.curve, curve_of(trade));
+  files.commit();
+  journal.remove();
+  print(summary(trade));
+  console.note(fmt::format("wrote {}", outputs[2].string()));
+}
+
+}  // namespace
+
+void add_trade(CLI::App& app) {
+  auto arguments = std::make_shared<TradeArguments>();
+  CLI::App* command = app.add_subcommand(
+      "trade",
+      "Measures what speed costs in quality: models, precisions, kernels and adaptation over a test set");
+  command
+      ->add_option("--data", arguments->data,
+                   "Reads the test set from this folder of views, or of one view; without it the sample pair")
+      ->type_name("DIR");
+  command
+      ->add_option("-o,--output", arguments->output,
+                   "Writes trade.csv, trade.json and the report trade.html here")
+      ->type_name("DIR")
+      ->capture_default_str();
+  command->add_option("--device", arguments->device,
+                      "Runs on this Vulkan device: an index of raymeld devices, a UUID or part of a name");
+  command
+      ->add_option("--model", arguments->models,
+                   "Measures these models: names, scales such as x4, or files; without it all stock models")
+      ->delimiter(',');
+  command->add_option("--views", arguments->views, "Measures only the first views, this many")
+      ->type_name("N")
+      ->check(CLI::Range(size_t{1}, size_t{1'000'000}));
+  CLI::Option* quick = command->add_flag(
+      "--quick", arguments->quick,
+      "Measures only one setting of each model, in fp32, and one pair of renders of each view");
+  command
+      ->add_option(
+          "--curve", arguments->curve,
+          "Writes what fuse --quality, --budget and --target-psnr choose by, as models/curve.json is")
+      ->type_name("FILE")
+      ->excludes(quick);
+  command->footer(
+      "Example:\n  raymeld trade --data TEST -o report\n"
+      "Where it was stopped, the same command goes on: measured.jsonl in its folder holds what it has.");
+  command->callback([arguments] { run(*arguments); });
+}
+
+}  // namespace raymeld::cli

@@ -1,8 +1,0 @@
-#pragma once
-
-namespace raymeld::cli {
-
-// src/cli/trade.html.
-extern const char* const kTradePage;
-
-}  // namespace raymeld::cli

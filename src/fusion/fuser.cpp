@@ -1,0 +1,301 @@
+#include "fusion/fuser.h"
+
+#include <algorithm>
+
+#include "fusion/exposure.h"
+#include "numbers.h"
+
+namespace raymeld {
+namespace {
+
+FrameBuffer dense_view(const Buffer& buffer, const Shape& shape) {
+  return {buffer.handle(), 0, 1, shape.width, static_cast<uint32_t>(shape.pixels())};
+}
+
+}  // namespace
+
+// Does `work` with ever smaller tiles for as long as the device has no memory for it.
+template <typename Work>
+auto Fuser::within_memory(const Work& work) {
+  while (true) {
+    try {
+      return work();
+    } catch (const OutOfMemory& refused) {
+      if (recorded_program_ || !prepared_.empty()) throw;
+      take_smaller_tiles(refused);
+    }
+  }
+}
+
+Fuser::Fuser(const Device& device, const Model& model, uint32_t height, uint32_t width,
+             const FuserOptions& options, const std::filesystem::path& cache_folder)
+    : device_(device),
+      model_(model),
+      cache_folder_(cache_folder),
+      options_(options),
+      plan_(plan_fusion(model, height, width, device.info(), options)),
+      cache_(device, cache_folder) {
+  if (options.profile && device.info().timestamp_period_ns == 0) {
+    throw Error("device {} has no timestamps to profile with", device.info().name);
+  }
+  if (options.exposure != 0) check_exposure(options.exposure);
+  within_memory([&] { made_program(); });
+  cache_.save();
+}
+
+void Fuser::take_smaller_tiles(const OutOfMemory& refused) try {
+  FuserOptions smaller = options_;
+  smaller.max_memory_bytes = plan_.peak_bytes() / 4 * 3 * (options_.fp32_kernels ? 2 : 1);
+  const auto [height, width] = plan_.tiling.frame;
+  FusePlan plan = plan_fusion(model_, height, width, device_.info(), smaller);
+  if (shortage_.empty()) shortage_ = refused.what();
+  wide_.reset();
+  last_redone_ = false;
+  if (last_frame_) last_frame_->change_all();
+  host_.reset();
+  exposures_.clear();
+  program_.reset();
+  plan_ = std::move(plan);
+} catch (const Error& error) {
+  throw OutOfMemory(
+      "{}; {:.1f} MiB were to be taken in all, and with less, {}; free some of the device's memory, or try "
+      "fp16, a smaller model or another device",
+      refused.what(), double(plan_.peak_bytes()) / kMebibyte, error.what());
+}
+
+Program& Fuser::made_program() {
+  if (!program_) {
+    program_.emplace(device_, plan_.graph, cache_, kFramesInFlight + 1, options_.work_limits,
+                     options_.scratch);
+    if (computes_exposure()) exposure_program(plan_.tiling.tile);
+  }
+  return *program_;
+}
+
+// Finds the exposure of frames of this size: for when the Program of the network is made.
+Program& Fuser::exposure_program(TileSize size) {
+  const auto [height, width] = size;
+  if (!exposures_.contains({height, width})) {
+    Graph graph(options_.storage, false, false, options_.frame_images);
+    raymeld::exposure(graph, "exposure", height, width, model_.architecture().exposure_key);
+    graph.plan();
+    exposures_.try_emplace({height, width}, std::move(graph), *program_, cache_);
+  }
+  return exposures_.at({height, width}).program;
+}
+
+// What record() was asked for; 0: what exposure_program() finds.
+float Fuser::recorded_exposure(float asked) const {
+  if (asked != 0 || !options_.compute_exposure) {
+    check_exposure(asked);
+    return asked;
+  }
+  if (model_.architecture().exposure_key == 0) return 1;
+  if (plan_.tiling.count() > 1)
+    throw SizeError("frames take {} tiles, of which each has the exposure of the whole: it is to be given",
+                    plan_.tiling.count());
+  return 0;
+}
+
+Fuser::Host::~Host() {
+  if (queries) device.vk().DestroyQueryPool(device.handle(), queries, device.allocator());
+}
+
+uint64_t Fuser::allocated_bytes() const {
+  const uint64_t frame_bytes =
+      host_ ? host_->lrhs.size_bytes() + host_->hrls.size_bytes() + host_->fused.size_bytes() : 0;
+  return (program_ ? program_->allocated_bytes() : 0) + frame_bytes + (wide_ ? wide_->allocated_bytes() : 0);
+}
+
+std::array<Shape, 3> Fuser::image_shapes(TileSize tile) const {
+  return frame_shapes(model_, tile, options_.constants, options_.compute_variance);
+}
+
+FrameBindings Fuser::bindings(const FrameBuffer& lrhs, const FrameBuffer& hrls,
+                              const FrameBuffer& fused) const {
+  const auto shapes = image_shapes(plan_.tiling.tile);
+  FrameBindings frame;
+  frame[kLrhsSlot] = {lrhs, shapes[0]};
+  frame[kHrlsSlot] = {hrls, shapes[1]};
+  frame[kFusedSlot] = {fused, shapes[2]};
+  return frame;
+}
+
+void Fuser::record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
+                   const FrameBuffer& fused, float exposure) {
+  record(commands, bindings(lrhs, hrls, fused), exposure);
+}
+
+void Fuser::record(VkCommandBuffer commands, const FrameBindings& frame, float exposure,
+                   std::optional<TileSize> size) {
+  exposure = recorded_exposure(exposure);
+  if (options_.changed_only)
+    throw Error("record() knows nothing of what changed: a Fuser with changed_only has fuse() alone");
+  if (size && !is_prepared(*size))
+    throw Error("recording a frame of {} x {} LRHS pixels, which was not prepared", size->width,
+                size->height);
+  const auto [height, width] = size.value_or(plan_.tiling.tile);
+  Program& program =
+      TileSize{height, width} == plan_.tiling.tile ? made_program() : prepared_.at({height, width}).program;
+  program.bind(next_set_, frame);
+  recorded_program_ = &program;
+  if (exposure != 0) {
+    program.set_exposure(next_set_, exposure);
+  } else {
+    Program& found = exposure_program({height, width});
+    found.bind(next_set_, frame);
+    found.record(commands, next_set_, 0, found.graph().passes().size());
+  }
+  program.record(commands, next_set_, 0, program.graph().passes().size());
+  show_host(device_, commands);
+  next_set_ = (next_set_ + 1) % kFramesInFlight;
+}
+
+void Fuser::prepare(TileSize size) {
+  if (is_prepared(size)) return;
+  Graph graph = graph_within(plan_, model_, size, options_);
+  const size_t compiled = made_program().pipelines();
+  prepared_.try_emplace({size.height, size.width}, std::move(graph), made_program(), cache_);
+  if (computes_exposure()) exposure_program(size);
+  if (made_program().pipelines() > compiled) cache_.save();
+}
+
+Status Fuser::take_status() {
+  if (!program_) return {};  // a fuse() failed since
+  const Status status = program_->status();
+  reset_status();
+  return status;
+}
+
+void Fuser::reset_status() {
+  if (program_) program_->reset_status();
+}
+
+float Fuser::exposure(const float* lrhs) const {
+  if (options_.exposure != 0) return options_.exposure;
+  const auto [height, width] = plan_.tiling.frame;
+  return exposure_of(lrhs, size_t{height} * width, model_.architecture().exposure_key);
+}
+
+void Fuser::prepare_host() {
+  if (host_) return;
+  auto host = std::make_unique<Host>(device_);
+  const auto shapes = image_shapes(plan_.tiling.tile);
+  host->lrhs = Buffer(device_, frame_bytes(shapes[0]), Memory::kUpload, "lrhs");
+  host->hrls = Buffer(device_, frame_bytes(shapes[1]), Memory::kUpload, "hrls");
+  host->fused = Buffer(device_, frame_bytes(shapes[2]), Memory::kReadback, "fused");
+  program_->bind(kHostSet, bindings(dense_view(host->lrhs, shapes[0]), dense_view(host->hrls, shapes[1]),
+                                    dense_view(host->fused, shapes[2])));
+  if (options_.profile) {
+    auto info = vk_struct<VkQueryPoolCreateInfo>(VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO);
+    info.queryType = VK_QUERY_TYPE_TIMESTAMP;
+    info.queryCount = static_cast<uint32_t>(plan_.graph.passes().size()) + 1;
+    check(device_.vk().CreateQueryPool(device_.handle(), &info, device_.allocator(), &host->queries),
+          "creating a query pool");
+  }
+  record_chunks(*host);
+  host_ = std::move(host);
+}
+
+void Fuser::record_chunks(Host& host) const {
+  const auto passes = plan_.graph.passes();
+  for (size_t first = 0; first < passes.size();) {
+    double work = passes[first].work();
+    size_t last = first + 1;
+    while (last < passes.size() && work + passes[last].work() <= program_->limits().submit_work) {
+      work += passes[last++].work();
+    }
+    VkCommandBuffer commands = host.pool.begin(fmt::format("passes {} to {}", first, last - 1));
+    program_->record(commands, kHostSet, first, last, host.queries);
+    if (last == passes.size()) show_host(device_, commands);
+    host.pool.end(commands);
+    host.chunks.push_back(commands);
+    first = last;
+  }
+}
+
+void Fuser::check_sizes(const Image& lrhs, const Image& hrls) const {
+  const auto shapes = image_shapes(plan_.tiling.frame);
+  const auto check_size = [](const char* role, const Image& image, const Shape& shape) {
+    if (image.height == static_cast<int>(shape.height) && image.width == static_cast<int>(shape.width) &&
+        image.channels == static_cast<int>(shape.channels)) {
+      return;
+    }
+    throw Error("{} is {}x{} with {} channels, expected {}x{} with {}", role, image.width, image.height,
+                image.channels, shape.width, shape.height, shape.channels);
+  };
+  check_size("LRHS", lrhs, shapes[0]);
+  check_size("HRLS", hrls, shapes[1]);
+}
+
+FuseReport Fuser::fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress,
+                       float exposure) {
+  check_sizes(lrhs, hrls);
+  if (fused.width != hrls.width || fused.height != hrls.height || fused.channels != 3) {
+    fused = Image(hrls.width, hrls.height, 3);
+  }
+  return fuse(lrhs.data.data(), hrls.data.data(), fused.data.data(), progress, exposure);
+}
+
+FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress,
+                       float exposure) {
+  if (exposure != 0) check_exposure(exposure);
+  if (options_.frame_images.any()) throw Error("fuse() takes buffers: a Fuser of images has record() alone");
+  // Otherwise it is the frame's, so that it is the same for all tiles.
+  const float factor = exposure != 0 ? exposure : this->exposure(lrhs);
+  if (options_.changed_only) {
+    if (!last_frame_) {
+      const TileSize frame = plan_.tiling.frame;
+      last_frame_.emplace(frame, model_.architecture().scale, image_shapes(frame)[1].channels);
+    }
+    last_frame_->begin(lrhs, hrls, factor);
+  }
+  // However this ends, the next count is of recorded frames.
+  struct Reset {
+    Fuser& fuser;
+    ~Reset() { fuser.reset_status(); }
+  } const reset{*this};
+  const FuseReport report =
+      run_within_memory(lrhs, hrls, last_frame_ ? last_frame_->fused() : fused, factor, progress);
+  if (report.status.not_finite > 0) {
+    throw NotFinite("model {} gave {} values that are not finite; the image is of no use", model_.name(),
+                    report.status.not_finite);
+  }
+  if (last_frame_) {
+    std::copy_n(last_frame_->fused(), last_frame_->fused_size(), fused);
+    last_frame_->end();
+  }
+  return report;
+}
+
+void Fuser::prepare_fuse(const Progress& progress) {
+  within_memory([&] {
+    made_program();
+    prepare_host();
+    run_empty(progress);
+  });
+}
+
+// In one submit, or in one for each pass where somebody wants to know how far it is.
+void Fuser::run_empty(const Progress& progress) {
+  const size_t count = plan_.graph.passes().size(), step = progress ? 1 : count;
+  Commands pool(device_);
+  for (size_t first = 0; first < count; first += step) {
+    const VkCommandBuffer commands = pool.begin("empty passes");
+    for (size_t i = first; i < first + step; ++i) program_->record_empty(commands, kHostSet, i);
+    pool.end(commands);
+    device_.submit_and_wait(commands);
+    if (progress && !progress(double(first + step) / double(count))) throw Cancelled();
+  }
+}
+
+FuseReport Fuser::run_within_memory(const float* lrhs, const float* hrls, float* fused, float exposure,
+                                    const Progress& progress) {
+  return within_memory([&] {
+    made_program();
+    prepare_host();
+    return run(lrhs, hrls, fused, exposure, progress);
+  });
+}
+
+}  // namespace raymeld

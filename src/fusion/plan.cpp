@@ -1,0 +1,222 @@
+#include "fusion/plan.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <span>
+
+#include "model/network.h"
+#include "numbers.h"
+
+namespace raymeld {
+namespace {
+
+StorageExponents exponents_for(const Model& model, const FuserOptions& options) {
+  return options.storage == Storage::kFloat16 ? storage_exponents(model) : StorageExponents{};
+}
+
+// Makes the graph of a tile, which is not planned yet.
+Graph make_graph(const Model& model, TileSize tile, const FuserOptions& options,
+                 const StorageExponents& exponents, const Conv2dChoice& choose) {
+  Graph graph(options.storage, options.kernels.addressed, options.keep_activations, options.frame_images);
+  graph.read_vectors(options.kernels.vector);
+  network(graph, model, tile.height, tile.width, options.phase, choose, exponents, options.constants,
+          options.compute_variance);
+  return graph;
+}
+
+// Of the frame's images those that are buffers.
+std::vector<Shape> buffer_shapes(const Model& model, TileSize tile, const FuserOptions& options) {
+  const auto [lrhs, hrls, fused] = frame_shapes(model, tile, options.constants, options.compute_variance);
+  std::vector<Shape> shapes;
+  if (!options.frame_images.inputs) shapes = {lrhs, hrls};
+  if (!options.frame_images.output) shapes.push_back(fused);
+  return shapes;
+}
+
+FusePlan describe(const Model& model, TileSize tile, const FuserOptions& options,
+                  const StorageExponents& exponents) {
+  std::vector<std::pair<Conv2dShape, Conv2dKernel>> kernels;
+  const Conv2dChoice choose = [&](const Conv2dShape& shape) {
+    return kernels.emplace_back(shape, options.kernels.conv2d(shape)).second;
+  };
+  Graph graph = make_graph(model, tile, options, exponents, choose);
+  graph.plan();
+  FusePlan plan{
+      .tiling = make_tiling(tile, 1, 1, 0), .graph = std::move(graph), .kernels = std::move(kernels)};
+  plan.frame_bytes = Program::host_bytes(kFramesInFlight + 1);
+  for (const Shape& shape : buffer_shapes(model, tile, options)) plan.frame_bytes += frame_bytes(shape);
+  for (const Pass& pass : plan.graph.passes()) plan.flop += pass.flop;
+  return plan;
+}
+
+// Why a tile cannot run; nothing when it can.
+std::optional<std::string> obstacle(const FusePlan& plan, std::span<const Shape> images,
+                                    const DeviceInfo& device, uint64_t most_bytes) {
+  uint64_t binding_bytes = plan.graph.largest_binding_bytes(), image_bytes = 0;
+  for (const Shape& shape : images) image_bytes = std::max(image_bytes, frame_bytes(shape));
+  binding_bytes = std::max(binding_bytes, image_bytes);
+  const auto beyond = [](const char* what, uint64_t needed, uint64_t allowed, const char* whose) {
+    return fmt::format("{} {:.1f} MiB, more than the {:.1f} MiB {}", what, double(needed) / kMebibyte,
+                       double(allowed) / kMebibyte, whose);
+  };
+  if (plan.peak_bytes() > most_bytes) return beyond("it needs", plan.peak_bytes(), most_bytes, "allowed");
+  if (plan.graph.activation_bytes() > device.max_allocation_bytes) {
+    return beyond("its activations need", plan.graph.activation_bytes(), device.max_allocation_bytes,
+                  "that the device allocates at once");
+  }
+  if (image_bytes > device.max_allocation_bytes) {
+    return beyond("an image needs", image_bytes, device.max_allocation_bytes,
+                  "that the device allocates at once");
+  }
+  if (binding_bytes > device.max_storage_range_bytes) {
+    return beyond("a layer needs", binding_bytes, device.max_storage_range_bytes,
+                  "that the device binds at once");
+  }
+  const auto groups = plan.graph.most_groups();
+  for (size_t axis = 0; axis < 3; ++axis) {
+    if (groups[axis] > device.max_groups[axis]) {
+      return fmt::format("a layer needs {} workgroups along {}, more than the device's {}", groups[axis],
+                         "xyz"[axis], device.max_groups[axis]);
+    }
+  }
+  return std::nullopt;
+}
+
+// The same before the graph is made, which takes the host's memory in proportion to the tile: HRLS is a
+// tensor of the graph, and no tensor has more bytes than 32 bits count.
+std::optional<std::string> early_obstacle(const Model& model, TileSize tile, uint64_t most_bytes,
+                                          const FuserOptions& options) {
+  const Shape hrls = frame_shapes(model, tile, options.constants, options.compute_variance)[1];
+  const uint64_t bytes = hrls.pixels() * hrls.channels * element_bytes(options.storage);
+  const uint64_t allowed = std::min<uint64_t>(most_bytes, UINT32_MAX);
+  if (bytes <= allowed) return std::nullopt;
+  return fmt::format("HRLS alone needs {:.1f} MiB, more than the {:.1f} MiB allowed",
+                     double(bytes) / kMebibyte, double(allowed) / kMebibyte);
+}
+
+// Weights are stored times the ratio of what two tensors are stored over: then they must be within 65504, and
+// few of them so small that 16 bits have fewer digits for them.
+bool fits_half(const Model& model) {
+  constexpr int kMostExponent = 10;
+  int most = 0;
+  for (const auto& [tensor, exponent] : storage_exponents(model)) most = std::max(most, exponent);
+  return most <= kMostExponent && std::ldexp(model.largest_weight(), most) <= 65504;
+}
+
+// Why tiles cannot be computed again in 32 bits beside this plan; nothing when they can.
+std::optional<std::string> wide_obstacle(const FusePlan& plan, const Model& model, const DeviceInfo& device,
+                                         const FuserOptions& options) {
+  const uint64_t limit = memory_limit(device, options);
+  if (3 * plan.peak_bytes() <= limit)
+    return std::nullopt;  // numbers twice as wide take twice as much at most
+  try {
+    const auto [height, width] = plan.tiling.tile;
+    plan_fusion(model, height, width, device, wide_options(device, options, plan.peak_bytes()));
+    return std::nullopt;
+  } catch (const Error& error) {
+    return fmt::format("in fp32, for tiles that fp16 cannot hold: {}", error.what());
+  }
+}
+
+}  // namespace
+
+void check_lrhs_size(TileSize size) {
+  const auto [height, width] = size;
+  if (height >= 1 && width >= 1 && height <= kMostSide && width <= kMostSide) return;
+  throw SizeError("LRHS of {} x {} pixels, expected sides from 1 to {}", width, height, kMostSide);
+}
+
+Storage storage_for(Precision precision, const DeviceInfo& device) {
+  const bool half = precision == Precision::kFp16 ||
+                    (precision == Precision::kAuto && !device.is_cpu && device.storage_16bit);
+  return half ? Storage::kFloat16 : Storage::kFloat32;
+}
+
+Storage storage_for(Precision precision, const DeviceInfo& device, const Model& model) {
+  const Storage storage = storage_for(precision, device);
+  const bool half = storage == Storage::kFloat16 && (precision != Precision::kAuto || fits_half(model));
+  return half ? Storage::kFloat16 : Storage::kFloat32;
+}
+
+float lrhs_phase(bool centered, uint32_t scale) noexcept {
+  return centered ? (static_cast<float>(scale) - 1.0f) / 2.0f : 0.0f;
+}
+
+std::array<Shape, 3> frame_shapes(const Model& model, TileSize tile, const ConstantLayers& constants,
+                                  bool compute_variance) {
+  const Architecture& a = model.architecture();
+  const uint32_t height = a.scale * tile.height, width = a.scale * tile.width;
+  // As of image_layers(), without its strings: this is asked in every frame that is recorded.
+  const auto layers =
+      static_cast<uint32_t>(std::ranges::count_if(a.hrls_layers, [&](const std::string& layer) {
+        return !constants.contains(layer) && !(compute_variance && layer == "variance");
+      }));
+  return {Shape{tile.height, tile.width, 3}, Shape{height, width, 3 * layers}, Shape{height, width, 3}};
+}
+
+uint64_t frame_bytes(const Shape& shape) { return shape.pixels() * shape.channels * sizeof(float); }
+
+// A driver that tells no budget still shares its heap with others.
+uint64_t memory_limit(const DeviceInfo& device, const FuserOptions& options) {
+  return options.max_memory_bytes ? options.max_memory_bytes : device.memory_bytes / 5 * 4;
+}
+
+FuserOptions wide_options(const DeviceInfo& device, FuserOptions options, uint64_t taken_bytes) {
+  options.max_memory_bytes = memory_limit(device, options) - taken_bytes;
+  options.storage = Storage::kFloat32;
+  options.kernels = *options.fp32_kernels;
+  options.fp32_kernels.reset();
+  options.changed_only = false;  // tiles are computed again as a whole
+  options.compute_exposure = false;
+  options.scratch.reset();
+  return options;
+}
+
+FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const DeviceInfo& device,
+                     const FuserOptions& options) {
+  check_lrhs_size({height, width});
+  const uint64_t most_bytes = memory_limit(device, options) / (options.fp32_kernels ? 2 : 1);
+  const StorageExponents exponents = exponents_for(model, options);
+  std::optional<FusePlan> plan;  // of the tile tried last
+  std::optional<std::string> reason;
+  const auto fits = [&](TileSize tile) {
+    reason = early_obstacle(model, tile, most_bytes, options);
+    if (!reason) {
+      plan = describe(model, tile, options, exponents);
+      reason = obstacle(*plan, buffer_shapes(model, tile, options), device, most_bytes);
+    }
+    if (!reason && options.fp32_kernels) reason = wide_obstacle(*plan, model, device, options);
+    // Every layer's output stays readable in a frame of one tile only.
+    if (reason && options.keep_activations)
+      throw Error("keeping every layer's output takes one tile: {}", *reason);
+    return !reason;
+  };
+  const uint32_t halo = receptive_halo(model.architecture(), options.compute_variance);
+  const Tiling tiling = choose_tiling({height, width}, halo, fits);
+  if (tiling.count() == 0) throw Error("model {}: the smallest tile does not fit: {}", model.name(), *reason);
+  plan->tiling = tiling;
+  plan->flop *= tiling.count();
+  return std::move(*plan);
+}
+
+Graph graph_within(const FusePlan& plan, const Model& model, TileSize size, const FuserOptions& options) {
+  const TileSize most = plan.tiling.frame;
+  if (plan.tiling.count() > 1)
+    throw SizeError("frames of {} x {} LRHS pixels take {} tiles: they have one size", most.width,
+                    most.height, plan.tiling.count());
+  if (size.height == 0 || size.width == 0 || size.height > most.height || size.width > most.width)
+    throw SizeError("frames of {} x {} LRHS pixels, expected at most {} x {}", size.width, size.height,
+                    most.width, most.height);
+  size_t next = 0;
+  const Conv2dChoice choose = [&](const Conv2dShape&) {
+    auto [shape, kernel] = plan.kernels.at(next++);
+    if (kernel.tile > 1) kernel.band_rows = winograd_band_rows(shape, kernel);
+    return kernel;
+  };
+  Graph graph = make_graph(model, size, options, exponents_for(model, options), choose);
+  graph.plan_within(plan.graph);
+  return graph;
+}
+
+}  // namespace raymeld

@@ -1,0 +1,74 @@
+#include "fusion/tiling.h"
+
+#include <algorithm>
+
+#include "numbers.h"
+
+namespace raymeld {
+namespace {
+
+// Where a tile that keeps [core, core + core_size) starts, so that it has its halo or touches the frame's
+// edge.
+uint32_t start_of(uint32_t core, uint32_t halo, uint32_t tile, uint32_t frame) {
+  return std::min(core > halo ? core - halo : 0, frame - tile);
+}
+
+}  // namespace
+
+Tile Tile::keeping(uint32_t block_y, uint32_t block_x, TileSize block) const {
+  Tile result = *this;
+  const auto clip = [](uint32_t& start, uint32_t& size, uint32_t block_start, uint32_t block_size) {
+    const uint32_t end = std::min(start + size, block_start + block_size);
+    start = std::max(start, block_start);
+    size = end - std::min(start, end);
+  };
+  clip(result.core_y, result.core.height, y + block_y, block.height);
+  clip(result.core_x, result.core.width, x + block_x, block.width);
+  return result;
+}
+
+Tiling make_tiling(TileSize frame, uint32_t rows, uint32_t columns, uint32_t halo) {
+  Tiling tiling;
+  tiling.frame = frame;
+  tiling.halo = halo;
+  tiling.core_height = divide_up(frame.height, rows);
+  tiling.core_width = divide_up(frame.width, columns);
+  tiling.rows = divide_up(frame.height, tiling.core_height);
+  tiling.columns = divide_up(frame.width, tiling.core_width);
+  tiling.tile.height = std::min(frame.height, tiling.core_height + 2 * halo);
+  tiling.tile.width = std::min(frame.width, tiling.core_width + 2 * halo);
+  return tiling;
+}
+
+Tile Tiling::at(uint32_t index) const {
+  Tile result;
+  result.core_y = index / columns * core_height;
+  result.core_x = index % columns * core_width;
+  result.core.height = std::min(core_height, frame.height - result.core_y);
+  result.core.width = std::min(core_width, frame.width - result.core_x);
+  result.y = start_of(result.core_y, halo, tile.height, frame.height);
+  result.x = start_of(result.core_x, halo, tile.width, frame.width);
+  return result;
+}
+
+double Tiling::overhead() const {
+  return static_cast<double>(count()) * tile.height * tile.width / (double(frame.height) * frame.width);
+}
+
+Tiling choose_tiling(TileSize frame, uint32_t halo, const std::function<bool(TileSize)>& fits) {
+  Tiling tiling = make_tiling(frame, 1, 1, halo);
+  while (!fits(tiling.tile)) {
+    if (tiling.core_height == 1 && tiling.core_width == 1) {
+      tiling.rows = 0;
+      return tiling;
+    }
+    const bool split_rows = tiling.core_height >= tiling.core_width;
+    tiling = split_rows ? make_tiling(frame, divide_up(frame.height, divide_up(tiling.core_height, 2)),
+                                      tiling.columns, halo)
+                        : make_tiling(frame, tiling.rows,
+                                      divide_up(frame.width, divide_up(tiling.core_width, 2)), halo);
+  }
+  return tiling;
+}
+
+}  // namespace raymeld

@@ -1,0 +1,390 @@
+#include "fusion/tuner.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <random>
+
+#include "engine/commands.h"
+#include "engine/program.h"
+#include "io/kept_json.h"
+#include "numbers.h"
+
+namespace raymeld {
+namespace {
+
+constexpr int kTuningVersion = 3;
+constexpr double kBudgetMs = 60;  // of one measurement
+constexpr uint32_t kLeastRows = 32;
+constexpr uint32_t kMostOrder = 256;
+
+std::vector<float> random_values(size_t count) {
+  std::mt19937 generator(1);
+  std::uniform_real_distribution<float> distribution(-0.1f, 0.1f);
+  std::vector<float> values(count);
+  for (float& value : values) value = distribution(generator);
+  return values;
+}
+
+double milliseconds_of(const Device& device, VkCommandBuffer commands) {
+  const auto start = std::chrono::steady_clock::now();
+  device.submit_and_wait(commands);
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+}
+
+double median_time(const Device& device, VkCommandBuffer commands) {
+  milliseconds_of(device, commands);
+  std::vector<double> times;
+  double total = 0;
+  while (times.size() < 3 || (total < kBudgetMs && times.size() < 15)) {
+    times.push_back(milliseconds_of(device, commands));
+    total += times.back();
+  }
+  const auto middle = times.begin() + static_cast<ptrdiff_t>(times.size() / 2);
+  std::nth_element(times.begin(), middle, times.end());
+  return *middle;
+}
+
+// Mesa's driver for CPUs loads a value for each lane with one instruction since version 24; before, lane by
+// lane.
+bool gathers(const DeviceInfo& device) {
+  const size_t at = device.driver.find("Mesa ");
+  return at != std::string::npos && std::atoi(device.driver.c_str() + at + 5) >= 24;
+}
+
+Conv2dKernel default_conv2d(const DeviceInfo& device, const Conv2dShape& shape) {
+  Conv2dKernel kernel{.tile = shape.most_tile, .vector = device.vector_lanes};
+  if (shape.kernel == 1) {
+    kernel.tile = 1, kernel.band = 2048;
+  } else if (gathers(device) && device.vector_lanes == kPairedVector) {
+    kernel.outputs = 6, kernel.order = 4;  // of two tiles each
+  }
+  return kernel;
+}
+
+// What the search starts from. GPUs have no use for an order, and want many workgroups.
+Conv2dKernel first_guess(const DeviceInfo& device, const Conv2dShape& shape) {
+  Conv2dKernel kernel = default_conv2d(device, shape);
+  if (!device.is_cpu) kernel.order = 0, kernel.band = 1u << 16;
+  return kernel;
+}
+
+// Whether a device computes what may have been measured on another, or with more features enabled.
+bool is_for(const DeviceInfo& device, const Conv2dKernel& kernel) {
+  return (kernel.tile == 0 || device.buffer_device_address) &&
+         (kernel.vector == 0 || kernel.vector == device.vector_lanes) &&
+         (!kernel.matrix || kernel.matrix->matrix == device.cooperative_matrix);
+}
+
+// How unlike two shapes are; the channels count more than the size.
+double distance(const Conv2dShape& a, const Conv2dShape& b) {
+  const auto ratio = [](double x, double y) { return std::abs(std::log(x / y)); };
+  return 4 * ratio(a.channels_out, b.channels_out) + 4 * ratio(a.channels_in, b.channels_in) +
+         ratio(double(a.height) * a.width, double(b.height) * b.width) + (a.most_tile != b.most_tile);
+}
+
+using Json = nlohmann::ordered_json;
+
+Json to_json(const Conv2dShape& s) {
+  return {{"height", s.height},           {"width", s.width},
+          {"channels_in", s.channels_in}, {"channels_out", s.channels_out},
+          {"kernel", s.kernel},           {"most_tile", s.most_tile}};
+}
+
+// Throws where it is none; a conversion would take -1 and 1e300 for numbers of 32 bits as well.
+uint32_t number_at(const Json& json, const char* key) {
+  const Json& value = json.at(key);
+  if (!value.is_number_unsigned() || value.get<uint64_t>() > UINT32_MAX)
+    throw Error("reading {}: {} is no number of 32 bits", key, value.dump());
+  return value.get<uint32_t>();
+}
+
+Conv2dShape shape_from(const Json& j) {
+  return {number_at(j, "height"),       number_at(j, "width"),  number_at(j, "channels_in"),
+          number_at(j, "channels_out"), number_at(j, "kernel"), number_at(j, "most_tile")};
+}
+
+Json to_json(const MatrixTiles& t) {
+  const CooperativeMatrix& matrix = t.matrix;
+  return {{"m", matrix.m},
+          {"n", matrix.n},
+          {"k", matrix.k},
+          {"subgroup_size", matrix.subgroup_size},
+          {"max_invocations", matrix.max_invocations},
+          {"max_shared_bytes", matrix.max_shared_bytes},
+          {"outputs", t.outputs},
+          {"rows", t.rows},
+          {"subgroups", t.subgroups},
+          {"channels", t.channels}};
+}
+
+MatrixTiles tiles_from(const Json& j) {
+  return {.matrix = {.m = number_at(j, "m"),
+                     .n = number_at(j, "n"),
+                     .k = number_at(j, "k"),
+                     .subgroup_size = number_at(j, "subgroup_size"),
+                     .max_invocations = number_at(j, "max_invocations"),
+                     .max_shared_bytes = number_at(j, "max_shared_bytes")},
+          .outputs = number_at(j, "outputs"),
+          .rows = number_at(j, "rows"),
+          .subgroups = number_at(j, "subgroups"),
+          .channels = number_at(j, "channels")};
+}
+
+Json to_json(const Conv2dKernel& k) {
+  return {{"tile", k.tile},
+          {"outputs", k.outputs},
+          {"channels", k.channels},
+          {"order", k.order},
+          {"band", k.band},
+          {"vector", k.vector},
+          {"matrix", k.matrix ? to_json(*k.matrix) : Json()}};
+}
+
+Conv2dKernel kernel_from(const Json& j) {
+  Conv2dKernel kernel{.tile = number_at(j, "tile"),
+                      .outputs = number_at(j, "outputs"),
+                      .channels = number_at(j, "channels"),
+                      .order = number_at(j, "order"),
+                      .band = number_at(j, "band"),
+                      .vector = number_at(j, "vector")};
+  if (!j.at("matrix").is_null()) kernel.matrix = tiles_from(j.at("matrix"));
+  return kernel;
+}
+
+// From a file that anyone may have edited. Small bands and few channels at a time would make passes by the
+// million.
+bool is_valid(const Conv2dShape& shape, const Conv2dKernel& kernel) {
+  const auto within = [](uint32_t value, uint32_t least, uint32_t most) {
+    return value >= least && value <= most;
+  };
+  const bool is_1x1 = shape.kernel == 1 && kernel.tile <= 1;
+  const bool is_3x3 =
+      shape.kernel == 3 && kernel.tile != 1 && kernel.tile != 3 && kernel.tile <= shape.most_tile;
+  const bool matrix = !kernel.matrix || (kernel.tile == 0 && is_possible(*kernel.matrix, shape.kernel));
+  return (is_1x1 || is_3x3) && matrix && shape.most_tile <= 4 && within(kernel.outputs, 4, 64) &&
+         within(kernel.channels, 32, 256) && within(kernel.order, 0, kMostOrder) &&
+         within(kernel.vector, 0, 64) && within(kernel.band, kernel.tile == 1 ? 512 : 128, 1u << 20);
+}
+
+struct Tuner {
+  const DeviceInfo& device;
+  Storage storage;
+  const Conv2dTimer& time;
+
+  // A device that cannot compute or hold a kernel still has the others.
+  double time_if_possible(bool addressed, const Conv2dShape& shape, const Conv2dKernel& kernel) const {
+    try {
+      return time(addressed, shape, kernel);
+    } catch (const DeviceLost&) {
+      throw;
+    } catch (const Error&) {
+      return std::numeric_limits<double>::infinity();
+    }
+  }
+
+  // The kinds of kernels, then the parameters of the fastest one after another, each at its best before the
+  // next is tried.
+  Tuning::Entry best(const Tuning& tuning, const Conv2dShape& shape) const {
+    const bool addressed = tuning.addressed;
+    Tuning::Entry best{{}, time(addressed, shape, {}), 0};
+    best.direct_ms = best.time_ms;
+    const auto consider = [&](const Conv2dKernel& kernel) {
+      const double time_ms = time_if_possible(addressed, shape, kernel);
+      if (time_ms < best.time_ms) std::tie(best.kernel, best.time_ms) = std::pair(kernel, time_ms);
+    };
+    for (const uint32_t tile : {1u, 2u, 4u}) {
+      if (!device.buffer_device_address) break;
+      if (tile > shape.most_tile || (shape.kernel == 1) != (tile == 1)) continue;
+      Conv2dKernel kernel = first_guess(device, shape);
+      kernel.tile = tile;
+      kernel.order = tuning.order;
+      if (tile == 1 && storage == Storage::kFloat16) kernel.vector = 0;  // that shader has none
+      consider(kernel);
+    }
+    if (device.cooperative_matrix && storage == Storage::kFloat16) {
+      consider(first_matrix_guess(*device.cooperative_matrix, shape));
+    }
+    const auto vary = [&](const auto& parameter, std::initializer_list<uint32_t> values) {
+      const Conv2dKernel start = best.kernel;
+      for (const uint32_t value : values) {
+        Conv2dKernel kernel = start;
+        std::invoke(parameter, kernel) = value;
+        if (kernel != start) consider(kernel);
+      }
+    };
+    if (best.kernel.matrix && !device.is_cpu) {
+      const auto of_tiles = [](uint32_t MatrixTiles::*member) {
+        return [member](Conv2dKernel& kernel) -> uint32_t& { return (*kernel.matrix).*member; };
+      };
+      vary(of_tiles(&MatrixTiles::rows), {1, 4});
+      vary(of_tiles(&MatrixTiles::outputs), {16, 32});
+      vary(of_tiles(&MatrixTiles::subgroups), {2, 8});
+      vary(of_tiles(&MatrixTiles::channels), {16, 32, 64});
+    }
+    if (best.kernel.tile == 0) return best;
+    if (shape.channels_out > 8) vary(&Conv2dKernel::outputs, {8, 24});
+    if (device.is_cpu) {
+      // What a 3x3 keeps of a band takes 36 floats a channel for each tile, a 1x1 one for each pixel.
+      shape.kernel == 1 ? vary(&Conv2dKernel::band, {512, 1024, 4096})
+                        : vary(&Conv2dKernel::band, {128, 512});
+      if (best.kernel.vector > 0) vary(&Conv2dKernel::vector, {0});
+    } else {
+      vary(&Conv2dKernel::band, {1u << 14, 1u << 18});
+    }
+    return best;
+  }
+};
+
+}  // namespace
+
+double time_conv2d(const Device& device, PipelineCache& cache, Storage storage, bool addressed,
+                   const Conv2dShape& shape, const Conv2dKernel& kernel) {
+  const std::vector<float> weight =
+      random_values(size_t{shape.channels_out} * shape.channels_in * shape.kernel * shape.kernel);
+  const std::vector<float> bias = random_values(shape.channels_out);
+  for (uint32_t rows = std::min(shape.height, kLeastRows);; rows = std::min(shape.height, 2 * rows)) {
+    Graph graph(storage, addressed);
+    const Tensor in = graph.input("in", {rows, shape.width, shape.channels_in});
+    const Tensor out = graph.tensor("out", {rows, shape.width, shape.channels_out});
+    conv2d(graph, "conv2d", in, out, {weight, bias}, {.kernel = shape.kernel, .relu = true, .how = kernel});
+    graph.plan();
+    Program program(device, graph, cache, 1);
+    program.write(in, random_values(in.shape.pixels() * in.shape.channels));
+    Commands pool(device);
+    const VkCommandBuffer commands = pool.begin("conv2d");
+    program.record(commands, 0, 0, graph.passes().size());
+    pool.end(commands);
+    const double median_ms = median_time(device, commands);
+    // Of two bands at least, so that their size tells.
+    const uint32_t side = std::max(kernel.tile, 1u);
+    const bool enough = uint64_t{rows / side} * (shape.width / side) >= 2 * kernel.band || kernel.tile == 0;
+    if (rows == shape.height || (enough && median_ms > kBudgetMs / 6)) return median_ms * shape.height / rows;
+  }
+}
+
+Conv2dKernel first_matrix_guess(const CooperativeMatrix& matrix, const Conv2dShape& shape) {
+  constexpr uint32_t kMostSums = 128;  // of a lane, about half of its registers
+  MatrixTiles tiles{.matrix = matrix, .channels = shape.kernel == 1 ? 32u : 16u};
+  tiles.outputs = std::min(tiles.outputs, divide_up(shape.channels_out, matrix.m) * matrix.m);
+  const auto sums = [&] { return tiles.outputs * tiles.rows * kMatrixColumns / matrix.subgroup_size; };
+  if (sums() > kMostSums) tiles.rows = 1;
+  while ((sums() > kMostSums || !is_possible(tiles, shape.kernel)) && tiles.outputs > matrix.m)
+    tiles.outputs = divide_up(tiles.outputs / 2, matrix.m) * matrix.m;
+  return {.matrix = tiles};
+}
+
+Kernels default_kernels(const DeviceInfo& device) {
+  if (!device.is_cpu || !device.buffer_device_address) return {};
+  const auto choose = [device](const Conv2dShape& shape) { return default_conv2d(device, shape); };
+  return {.addressed = gathers(device), .vector = device.vector_lanes, .conv2d = choose};
+}
+
+Kernels Tuning::kernels(const DeviceInfo& device) const {
+  auto usable = entries;
+  std::erase_if(usable, [&](const auto& entry) { return !is_for(device, entry.second.kernel); });
+  if (usable.empty()) return default_kernels(device);
+  const auto choose = [entries = usable,
+                       fallback = default_kernels(device).conv2d](const Conv2dShape& shape) {
+    // Where F(4, 3) will be refused, that is known only after it was chosen; what was measured without it is
+    // for that shape.
+    for (const uint32_t most_tile : {shape.most_tile, 2u}) {
+      Conv2dShape measured = shape;
+      measured.most_tile = most_tile;
+      const auto exact = entries.find(measured);
+      if (exact != entries.end()) return exact->second.kernel;
+    }
+    const Conv2dKernel* nearest = nullptr;
+    double least = 0;
+    for (const auto& [other, entry] : entries) {
+      if (other.kernel != shape.kernel || entry.kernel.tile > shape.most_tile) continue;
+      const double d = distance(shape, other);
+      if (!nearest || d < least) std::tie(nearest, least) = std::pair(&entry.kernel, d);
+    }
+    return nearest ? *nearest : fallback(shape);
+  };
+  return {.addressed = addressed && device.buffer_device_address,
+          .vector = default_kernels(device).vector,
+          .conv2d = choose};
+}
+
+std::filesystem::path tuning_file(const std::filesystem::path& folder, const Device& device,
+                                  Storage storage) {
+  if (folder.empty()) return {};
+  return folder / fmt::format("tuning-{}-{}lanes-{}.json", device_key(device.properties()),
+                              device.info().subgroup_size, storage == Storage::kFloat16 ? "fp16" : "fp32");
+}
+
+Tuning load_tuning(const std::filesystem::path& file) try {
+  const Json json = load_kept(file, kTuningVersion);
+  if (json.is_null()) return {};
+  Tuning tuning;
+  tuning.addressed = json.at("addressed");
+  tuning.order = number_at(json, "order");
+  if (tuning.order > kMostOrder) return {};
+  for (const Json& entry : json.at("conv2d")) {
+    const Conv2dShape shape = shape_from(entry.at("shape"));
+    const Conv2dKernel kernel = kernel_from(entry.at("kernel"));
+    if (!is_valid(shape, kernel)) return {};
+    tuning.entries[shape] = {kernel, entry.at("time_ms"), entry.at("direct_ms")};
+  }
+  return tuning;
+} catch (const std::exception&) {
+  return {};
+}
+
+void save_tuning(const std::filesystem::path& file, const Tuning& tuning) {
+  Json json{{"addressed", tuning.addressed}, {"order", tuning.order}, {"conv2d", Json::array()}};
+  for (const auto& [shape, entry] : tuning.entries) {
+    json["conv2d"].push_back({{"shape", to_json(shape)},
+                              {"kernel", to_json(entry.kernel)},
+                              {"time_ms", entry.time_ms},
+                              {"direct_ms", entry.direct_ms}});
+  }
+  save_kept(file, kTuningVersion, json);
+}
+
+void tune(const DeviceInfo& device, Storage storage, const Conv2dTimer& time,
+          const std::vector<Conv2dShape>& shapes, Tuning& tuning, const TuneProgress& progress) {
+  if (shapes.empty()) return;
+  const Tuner tuner{device, storage, time};
+  if (tuning.entries.empty() && device.buffer_device_address) {
+    // The largest convolution, as the defaults would compute it, tells.
+    const Conv2dShape& most = *std::max_element(
+        shapes.begin(), shapes.end(), [](const auto& a, const auto& b) { return a.flop() < b.flop(); });
+    Conv2dKernel kernel = first_guess(device, most);
+    double least_ms = tuner.time_if_possible(false, most, kernel);
+    const auto consider = [&](bool addressed, uint32_t order) {
+      kernel.order = order;
+      const double time_ms = tuner.time_if_possible(addressed, most, kernel);
+      if (time_ms >= least_ms) return;
+      least_ms = time_ms;
+      std::tie(tuning.addressed, tuning.order) = std::pair(addressed, order);
+    };
+    tuning.order = kernel.order;
+    consider(true, kernel.order);
+    for (const uint32_t order : {0u, 8u, 16u}) {
+      if (order != tuning.order) consider(tuning.addressed, order);
+    }
+  }
+  for (const Conv2dShape& shape : shapes) {
+    if (tuning.entries.contains(shape)) continue;
+    progress(shape, tuning.entries[shape] = tuner.best(tuning, shape));
+  }
+}
+
+void tune(const Device& device, PipelineCache& cache, Storage storage, const std::vector<Conv2dShape>& shapes,
+          Tuning& tuning, const TuneProgress& progress) {
+  const auto time = [&](bool addressed, const Conv2dShape& shape, const Conv2dKernel& kernel) {
+    return time_conv2d(device, cache, storage, addressed, shape, kernel);
+  };
+  tune(device.info(), storage, time, shapes, tuning, progress);
+}
+
+Kernels kernels_for(const Device& device, Storage storage, const std::filesystem::path& folder) {
+  return load_tuning(tuning_file(folder, device, storage)).kernels(device.info());
+}
+
+}  // namespace raymeld

@@ -1,0 +1,133 @@
+// encode and decode: between scene linear images and the network's range.
+#include "layers/upsampled.h"
+
+namespace raymeld {
+namespace {
+
+static_assert(kStrip == RAYMELD_STRIP);
+static_assert(static_cast<int>(ChannelKind::kRadiance) == RAYMELD_RADIANCE);
+static_assert(static_cast<int>(ChannelKind::kAlbedo) == RAYMELD_ALBEDO);
+static_assert(static_cast<int>(ChannelKind::kNormal) == RAYMELD_NORMAL);
+static_assert(static_cast<int>(ChannelKind::kVariance) == RAYMELD_VARIANCE);
+
+double elements(const Tensor& tensor) {
+  return static_cast<double>(tensor.shape.pixels() * tensor.shape.channels);
+}
+
+void check_clip(const std::string& name, float clip) {
+  if (!(clip > 0)) throw Error("layer {}: clip {} is not positive", name, clip);
+}
+
+constexpr uint32_t kImageChannels = 3;  // of a frame's image
+
+void check_image(const std::string& name, const Tensor& tensor) {
+  if (tensor.shape.channels != kImageChannels) {
+    throw Error("layer {}: an image of {} channels, expected {}", name, tensor.shape.channels,
+                kImageChannels);
+  }
+}
+
+}  // namespace
+
+void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor& out,
+            std::span<const EncodedChannel> channels, Transfer transfer, float clip) {
+  if (channels.size() != out.shape.channels) {
+    throw Error("layer {}: {} channels to encode, expected {}", name, channels.size(), out.shape.channels);
+  }
+  check_clip(name, clip);
+  const bool from_image = graph.frame_images().inputs;
+  if (from_image) check_image(name, out);
+  params::Encode params{
+      {}, out.shape.height, out.shape.width, graph.plane(out), transfer == Transfer::kLog, clip, {}, {}};
+  if (channels.size() > 4 * std::size(params.channels)) {
+    throw Error("layer {}: {} channels, at most {}", name, channels.size(), 4 * std::size(params.channels));
+  }
+  uint32_t constants = 0;
+  for (size_t c = 0; c < channels.size(); ++c) {
+    const auto& [kind, channel, value] = channels[c];
+    if (value ? constants == std::size(params.constants) : channel >= RAYMELD_FIRST_CONSTANT)
+      throw Error("layer {}: channel {} is one constant or source too many", name, c);
+    const uint32_t source = value ? RAYMELD_FIRST_CONSTANT + constants : channel;
+    params.channels[c / 4] |= (static_cast<uint32_t>(kind) | source << 2) << c % 4 * 8;
+    if (value) params.constants[constants++] = *value;
+  }
+  Pass pass;
+  pass.name = name;
+  pass.shader = &(from_image ? shaders::kEncodeImage : shaders::kEncode)[graph.addressed()];
+  pass.bindings = {frame_binding(graph, slot), exposure_binding(), write_binding(out)};
+  pass.bindings[1].by_address = pass.bindings[2].by_address = graph.addressed();
+  pass.set_push(params);
+  pass.groups = strip_groups(out.shape);
+  if (from_image) pass.groups[2] /= kImageChannels;
+  pass.bytes = elements(out) * static_cast<double>(element_bytes(graph.storage())) +
+               static_cast<double>(4 * (channels.size() - constants) * out.shape.pixels());
+  graph.add(std::move(pass));
+}
+
+void variance(Graph& graph, const std::string& name, const Tensor& out, Transfer transfer, float clip) {
+  check_clip(name, clip);
+  check_image(name, out);
+  Pass pass;
+  pass.name = name;
+  pass.shader =
+      &(graph.frame_images().inputs ? shaders::kVarianceImage : shaders::kVariance)[graph.addressed()];
+  pass.bindings = {frame_binding(graph, kHrlsSlot), exposure_binding(), write_binding(out)};
+  pass.bindings[1].by_address = pass.bindings[2].by_address = graph.addressed();
+  pass.set_push(params::Variance{
+      {}, out.shape.height, out.shape.width, graph.plane(out), transfer == Transfer::kLog, clip});
+  pass.groups = pixel_groups(out.shape);
+  pass.bytes = elements(out) * static_cast<double>(4 + element_bytes(graph.storage()));
+  graph.add(std::move(pass));
+}
+
+void highlights(Graph& graph, const std::string& name, const Tensor& out, float clip) {
+  check_clip(name, clip);
+  Pass pass;
+  pass.name = name;
+  pass.shader =
+      &(graph.frame_images().inputs ? shaders::kHighlightsImage : shaders::kHighlights)[graph.addressed()];
+  pass.bindings = {frame_binding(graph, kLrhsSlot), exposure_binding(), write_binding(out)};
+  pass.bindings[1].by_address = pass.bindings[2].by_address = graph.addressed();
+  pass.set_push(params::Highlights{{}, out.shape.height, out.shape.width, graph.plane(out), clip});
+  pass.groups = element_groups(out.shape);
+  pass.bytes = elements(out) * static_cast<double>(4 + element_bytes(graph.storage()));
+  graph.add(std::move(pass));
+}
+
+void decode(Graph& graph, const std::string& name, const Tensor& in, const DecodeOptions& options) {
+  if (options.highlights) check_clip(name, options.clip);
+  double low_elements = 0;
+  for (const Tensor* low : {options.base, options.highlights}) {
+    if (!low) continue;
+    low_elements += elements(*low);
+    const auto [height, width, channels] = low->shape;
+    if (channels == in.shape.channels && height * options.scale == in.shape.height &&
+        width * options.scale == in.shape.width) {
+      continue;
+    }
+    throw Error("layer {}: LRHS of {}x{}x{} does not fit an output of {}x{}x{} at scale {}", name, height,
+                width, channels, in.shape.height, in.shape.width, in.shape.channels, options.scale);
+  }
+  const Tensor& base = options.base ? *options.base : in;
+  const Tensor& highlights = options.highlights ? *options.highlights : base;
+  const bool to_image = graph.frame_images().output;
+  if (to_image) check_image(name, in);
+  Pass pass;
+  pass.name = name;
+  pass.shader = &(to_image ? shaders::kDecodeImage : shaders::kDecode)[graph.addressed()];
+  pass.bindings = {frame_binding(graph, kFusedSlot), exposure_binding(), read_binding(in),
+                   read_binding(base), read_binding(highlights)};
+  for (size_t i = 1; i < pass.bindings.size(); ++i) pass.bindings[i].by_address = graph.addressed();
+  pass.set_push(
+      params::Decode{{},
+                     upsampled(graph, in, highlights, options.transfer, options.scale, options.phase),
+                     options.base != nullptr,
+                     options.highlights ? options.clip : 0});
+  pass.groups = strip_groups(in.shape);
+  if (to_image) pass.groups[2] = 1;
+  pass.bytes = elements(in) * static_cast<double>(4 + element_bytes(graph.storage())) +
+               low_elements * static_cast<double>(element_bytes(graph.storage()));
+  graph.add(std::move(pass));
+}
+
+}  // namespace raymeld

@@ -1,0 +1,329 @@
+// The network of Hou et al. 2021, section 4, as prose. A layer's name is the key of its weights.
+// h, w: the LRHS size; s: the scale; H = s h, W = s w; C, R, D, B, G, M, K as in Architecture.
+#include "model/network.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <span>
+#include <utility>
+
+namespace raymeld {
+namespace {
+
+// Of the joint base: the levels of the filter, of which the first, the third and the fifth are candidates
+// beside LRHS and its irradiance.
+constexpr uint32_t kJointLevels = 5, kJointKept = 3, kCandidates = 2 + kJointKept;
+
+struct Builder {
+  Graph& graph;
+  const Model& model;
+  const Conv2dChoice& choose;
+  const StorageExponents& exponents;
+  const HrlsChannels& hrls_channels;
+  ActivationEstimate* estimate = nullptr;  // follows the convolutions, if there is one
+  const Architecture& a = model.architecture();
+
+  Tensor tensor(const std::string& name, uint32_t height, uint32_t width, uint32_t channels) {
+    const auto known = exponents.find(name);
+    return graph.tensor(name, {height, width, channels}, known == exponents.end() ? 0 : known->second);
+  }
+
+  Conv2dLink link(const std::string& name, const Tensor& in, const Tensor& out, Conv2dOptions options,
+                  const std::string& bias = "bias") {
+    const uint32_t u = options.unshuffle, s = options.shuffle;
+    const uint32_t channels_in = in.shape.channels + (options.behind ? options.behind->shape.channels : 0);
+    Conv2dShape shape{in.shape.height / u, in.shape.width / u, channels_in * u * u,
+                      out.shape.channels * s * s, options.kernel};
+    const auto weights_in =
+        options.constants.empty() ? shape.channels_in : uint32_t(options.constants.size()) * u * u;
+    const ConvWeights weights = model.conv(name, shape.channels_out, weights_in, shape.kernel, bias);
+    options.how = choose(shape);
+    // conv2d_matrix.comp knows no blocks.
+    // Estimated with the constants, without which a tile's error is less.
+    if (options.how.tile == 4 && !tile_4_is_accurate(a, weights, weights_in)) {
+      shape.most_tile = 2;
+      options.how = choose(shape);
+    }
+    const Conv2dLink result{name, in, out, weights, options};
+    if (estimate) estimate->add(graph, result);
+    return result;
+  }
+
+  void conv(const std::string& name, const Tensor& in, const Tensor& out, const Conv2dOptions& options,
+            const std::string& bias = "bias") {
+    conv2d_chain(graph, std::array{link(name, in, out, options, bias)});
+  }
+
+  // Of a convolution that reads `channels` others in front of HRLS, and behind that what is filtered.
+  std::vector<std::optional<float>> constants(uint32_t channels) const {
+    std::vector<std::optional<float>> result(channels);
+    result.insert(result.end(), hrls_channels.constants.begin(), hrls_channels.constants.end());
+    result.resize(result.size() + (a.base == Base::kJoint ? 3 * kJointKept : 0));
+    return result;
+  }
+
+  // (H, W, K) -> F_HRLS (h, w, C): Eq. 5 and 6, or one convolution of what is unshuffled by s.
+  Tensor hrls_encoder(const Tensor& hrls) {
+    const auto [height, width, channels] = hrls.shape;
+    if (a.hrls_encoder == HrlsEncoder::kUnshuffled) {
+      const Tensor f_hrls = tensor("hrls", height / a.scale, width / a.scale, a.features);
+      conv("hrls", hrls, f_hrls,
+           {.kernel = a.hrls_kernel, .relu = true, .unshuffle = a.scale, .constants = constants(0)});
+      return f_hrls;
+    }
+    Tensor x = tensor("hrls", height, width, a.features);
+    std::vector<Conv2dLink> links{
+        link("hrls", hrls, x, {.kernel = 3, .relu = true, .constants = constants(0)})};
+    for (uint32_t i = 0; i < a.levels(); ++i) {
+      const std::string name = fmt::format("down.{}", i);
+      const Tensor next = tensor(name, x.shape.height / 2, x.shape.width / 2, a.features);
+      links.push_back(link(name, x, next, {.kernel = 3, .relu = true, .unshuffle = 2}));
+      x = next;
+    }
+    conv2d_chain(graph, links);
+    return x;
+  }
+
+  // G groups of B residual dense blocks on F_0 -> F_DF (h, w, C), Eq. 7 and 8. A block's D layers append R
+  // channels each to one tensor, and read its input and what is there.
+  Tensor trunk(const Tensor& f_lrhs, const Tensor& f_0) {
+    const auto [height, width, channels] = f_0.shape;
+    Tensor x = f_0;
+    for (uint32_t g = 0; g < a.groups; ++g) {
+      const Tensor group_input = x;
+      for (uint32_t b = 0; b < a.blocks; ++b) {
+        const std::string name = fmt::format("groups.{}.blocks.{}", g, b);
+        const bool last_of_group = b + 1 == a.blocks, last = last_of_group && g + 1 == a.groups;
+        const Tensor dense = tensor(name + ".dense", height, width, a.dense_layers * a.growth);
+        for (uint32_t d = 0; d < a.dense_layers; ++d) {
+          Conv2dOptions options{.kernel = 3, .relu = true};
+          if (d > 0) options.behind = dense.slice(0, d * a.growth);
+          conv(fmt::format("{}.dense.{}", name, d), x, dense.slice(d * a.growth, a.growth), options);
+        }
+        std::vector<Tensor> residuals{x};
+        if (last_of_group) residuals.push_back(group_input);
+        if (last) residuals.push_back(a.long_skip == LongSkip::kLrhs ? f_lrhs : f_0);
+        const Tensor next = tensor(name + ".merge", height, width, channels);
+        conv(name + ".merge", x, next,
+             {.kernel = 1, .relu = a.merge_relu, .residuals = residuals, .behind = dense});
+        x = next;
+      }
+    }
+    return x;
+  }
+
+  // F_DF (h, w, C) -> (H, W, M): Eq. 9, or by s at once.
+  Tensor upscale(std::vector<Conv2dLink>& links, Tensor x) {
+    const bool direct = a.upscale == Upscale::kDirect;
+    const uint32_t steps = direct ? 1 : a.levels(), factor = direct ? a.scale : 2;
+    for (uint32_t i = 0; i < steps; ++i) {
+      const std::string name = fmt::format("up.{}", i);
+      const Tensor next = tensor(name + ".pixel_shuffle", factor * x.shape.height, factor * x.shape.width,
+                                 a.upscaled_features);
+      links.push_back(link(name, x, next, {.kernel = 3, .relu = true, .shuffle = factor}));
+      x = next;
+    }
+    return x;
+  }
+
+  // HRLS's channels [first, last) as they are kept: of one buffer, or a layer at a time of its image; the
+  // variance by itself where the device computes it.
+  void encode_hrls(const std::string& name, const Tensor& hrls, uint32_t first, uint32_t last) {
+    const std::span<const EncodedChannel> channels = hrls_channels.encoded;
+    const auto encode_run = [&](FrameSlot slot, uint32_t begin, std::span<const EncodedChannel> run) {
+      encode(graph, name, slot, hrls.slice(begin, uint32_t(run.size())), run, a.transfer, a.clip);
+    };
+    const uint32_t computed = hrls_channels.variance.value_or(UINT32_MAX);
+    if (first <= computed && computed < last) {
+      if (first < computed) encode_hrls(name, hrls, first, computed);
+      variance(graph, "variance", hrls.slice(computed, 3), a.transfer, a.clip);
+      if (computed + 3 < last) encode_hrls(name, hrls, computed + 3, last);
+      return;
+    }
+    if (!graph.frame_images().inputs)
+      return encode_run(kHrlsSlot, first, channels.subspan(first, last - first));
+    for (uint32_t begin = first; begin < last; begin += 3) {
+      std::array<EncodedChannel, 3> run;
+      std::ranges::copy(channels.subspan(begin, 3), run.begin());
+      const uint32_t image = run[0].channel / 3;
+      for (EncodedChannel& channel : run) channel.channel %= 3;
+      encode_run(layer_slot(image), begin, run);
+    }
+  }
+
+  Tensor layer(const Tensor& hrls, const std::string& name) const {
+    return hrls.slice(hrls_channels.first.at(name), 3);
+  }
+
+  // HRLS and LRHS without their albedo, filtered (H, W, 3 kJointKept): guided by the albedo, the normal and
+  // the irradiance of LRHS, encode.lrhs's channels 3 to 5, which is made here as well.
+  void joint_candidates(const Tensor& lrhs, const Tensor& hrls, const Tensor& candidates,
+                        const JointOptions& options) {
+    const Tensor albedo = layer(hrls, "albedo"), normal = layer(hrls, "normal");
+    irradiance(graph, "irradiance", lrhs.slice(0, 3), albedo, normal, lrhs.slice(3, 3), options);
+    const Tensor lights = tensor("light", hrls.shape.height, hrls.shape.width, 5);
+    light(graph, "light", layer(hrls, "color"), albedo, lrhs, lights, options);
+    Tensor x = lights.slice(0, 4);
+    for (uint32_t level = 0; level < kJointLevels; ++level) {
+      const Tensor next = tensor(fmt::format("joint.{}", level), hrls.shape.height, hrls.shape.width, 4);
+      joint_filter(graph, fmt::format("joint.{}", level), x, albedo, normal, lights.slice(4, 1), next,
+                   1u << level);
+      x = next;
+      if (level % 2 == 0) {
+        relight(graph, fmt::format("relight.{}", level + 1), x.slice(0, 3), albedo,
+                candidates.slice(level / 2 * 3, 3), a.transfer);
+      }
+    }
+  }
+
+  // (H, W, M) and, behind it, the guide if there is one -> (H, W, 3), or (H, W, 8) for a joint base.
+  Tensor reconstruct(std::vector<Conv2dLink>& links, Tensor x, std::optional<Tensor> guide) {
+    const auto [height, width, channels] = x.shape;
+    const auto with_guide = [&](Conv2dOptions options) {
+      if (guide) options.constants = constants(x.shape.channels);
+      options.behind = std::exchange(guide, std::nullopt);
+      return options;
+    };
+    for (uint32_t i = 0; i < a.head_layers; ++i) {
+      const std::string name = fmt::format("head.{}", i);
+      const Tensor head = tensor(name, height, width, a.head_features);
+      Conv2dOptions options = with_guide({.kernel = 3, .relu = true});
+      if (i > 0) options.residuals = {x};
+      links.push_back(link(name, x, head, options));
+      x = head;
+    }
+    const Tensor fused = tensor("rec", height, width, a.base == Base::kJoint ? 3 + kCandidates : 3);
+    links.push_back(link("rec", x, fused, with_guide({.kernel = 3})));
+    return fused;
+  }
+};
+
+void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
+  const Architecture& a = build.a;
+  Graph& graph = build.graph;
+  const uint32_t full_height = a.scale * height, full_width = a.scale * width;
+  const HrlsChannels& hrls_channels = build.hrls_channels;
+  const std::vector<EncodedChannel> lrhs_channels{{.channel = 0}, {.channel = 1}, {.channel = 2}};
+  const bool joint = a.base == Base::kJoint;
+  const JointOptions joint_options{a.transfer, a.scale, phase, a.lrhs_certainty};
+
+  // With a joint base, the irradiance follows the encoded LRHS, and the filtered images the encoded HRLS.
+  const Tensor lrhs = build.tensor("encode.lrhs", height, width, joint ? 6 : 3);
+  const uint32_t layers = static_cast<uint32_t>(hrls_channels.encoded.size());
+  const uint32_t k = layers + (joint ? 3 * kJointKept : 0);
+  const Tensor hrls = build.tensor("encode.hrls", full_height, full_width, k);
+  const Tensor filtered = hrls.slice(layers, k - layers);
+  encode(graph, "encode.lrhs", kLrhsSlot, lrhs.slice(0, 3), lrhs_channels, a.transfer, a.clip);
+  build.encode_hrls("encode.hrls", hrls, 0, layers);
+  const Tensor bright = build.tensor("highlights", height, width, 3);
+  highlights(graph, "highlights", bright, a.clip);
+  if (joint) build.joint_candidates(lrhs, hrls, filtered, joint_options);
+
+  const Tensor convolved = hrls.slice(hrls_channels.unread, k - hrls_channels.unread);
+  const Tensor f_hrls = build.hrls_encoder(convolved);
+  const Tensor f_lrhs = build.tensor("lrhs", height, width, a.features);
+  const bool centered = phase > 0;
+  build.conv("lrhs", lrhs, f_lrhs, {.kernel = 3, .relu = true},
+             a.both_samplings && centered ? "centered_bias" : "bias");  // Eq. 4
+  const Tensor f_0 = build.tensor("fuse", height, width, a.features);
+  build.conv("fuse", f_lrhs, f_0, {.kernel = 1, .relu = true, .behind = f_hrls});
+  const Tensor deep = build.trunk(f_lrhs, f_0);  // F_DF
+  std::vector<Conv2dLink> links;
+  const Tensor full = build.upscale(links, deep);
+  const Tensor fused = build.reconstruct(links, full, a.hrls_guide ? std::optional(convolved) : std::nullopt);
+  conv2d_chain(graph, links);
+  if (!joint) {
+    const Tensor* base = a.base == Base::kBilinear ? &lrhs : nullptr;
+    return decode(graph, "decode", fused, {a.transfer, base, a.scale, phase, &bright, a.clip});
+  }
+  const Tensor mixed = build.tensor("mix", full_height, full_width, 3);
+  mix(graph, "mix", fused, lrhs, build.layer(hrls, "albedo"), filtered, mixed, joint_options);
+  decode(graph, "decode", mixed, {a.transfer, nullptr, a.scale, phase, &bright, a.clip});
+}
+
+// The largest encoded radiance.
+double encoded_range(const Architecture& a) {
+  return a.transfer == Transfer::kLog ? std::log1p(8.0 * a.clip) / 3 : a.clip;
+}
+
+}  // namespace
+
+void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase,
+             const Conv2dChoice& choose, const StorageExponents& exponents, const ConstantLayers& constants,
+             bool compute_variance) {
+  check_constant_layers(model, constants);
+  const HrlsChannels channels = hrls_channels(model.architecture(), constants, compute_variance);
+  Builder build{
+      .graph = graph, .model = model, .choose = choose, .exponents = exponents, .hrls_channels = channels};
+  add_network(build, height, width, phase);
+}
+
+ActivationEstimate estimate_activations(const Model& model) {
+  Graph graph(Storage::kFloat32);
+  ActivationEstimate estimate(encoded_range(model.architecture()));
+  const Conv2dChoice choose = conv2d_direct;
+  const StorageExponents none;
+  const HrlsChannels all = hrls_channels(model.architecture(), {});
+  Builder build{.graph = graph,
+                .model = model,
+                .choose = choose,
+                .exponents = none,
+                .hrls_channels = all,
+                .estimate = &estimate};
+  add_network(build, 1, 1, 0);
+  return estimate;
+}
+
+StorageExponents storage_exponents(const Model& model) {
+  StorageExponents exponents = estimate_activations(model).exponents();
+  exponents.erase("rec");  // mix() and decode() read what it stands for
+  return exponents;
+}
+
+bool tile_4_is_accurate(const Architecture& a, const ConvWeights& weights, uint32_t channels_in) {
+  constexpr double kMost = 0x1p-10, kUnit = 0x1p-24, kTransformRoundings = 29;
+  return std::sqrt(channels_in + kTransformRoundings) * kUnit * encoded_range(a) *
+             winograd_amplification(weights, channels_in) <=
+         kMost;
+}
+
+std::vector<Conv2dShape> conv2d_shapes(const Model& model, uint32_t height, uint32_t width) {
+  std::vector<Conv2dShape> shapes;
+  const auto note = [&](const Conv2dShape& shape) {
+    // Asked again where F(4, 3) is refused.
+    if (shape.most_tile < 4) shapes.pop_back();
+    shapes.push_back(shape);
+    return Conv2dKernel{.tile = shape.kernel == 1 ? 1 : shape.most_tile};
+  };
+  Graph graph(Storage::kFloat32);
+  network(graph, model, height, width, 0, note);
+  return shapes;
+}
+
+// Follows the right-most pixel of cell 0 back through the longest paths to LRHS and to HRLS: a 3x3 reaches
+// one pixel further at its own resolution, a shuffle moves to the pixel of the other resolution that lies
+// furthest out.
+uint32_t receptive_halo(const Architecture& a, bool compute_variance) {
+  uint32_t x = a.scale - 1;
+  x += a.head_layers + 1;  // head.i, rec
+  if (a.upscale == Upscale::kDirect) {
+    x = x / a.scale + 1;  // up.0
+  } else {
+    for (uint32_t i = 0; i < a.levels(); ++i) x = x / 2 + 1;  // up.i
+  }
+  x += a.groups * a.blocks * a.dense_layers;  // the trunk
+  const uint32_t lrhs = x + 1;
+  if (a.hrls_encoder == HrlsEncoder::kUnshuffled) {
+    x = a.scale * (x + a.hrls_kernel / 2) + a.scale - 1;  // hrls
+  } else {
+    for (uint32_t i = 0; i < a.levels(); ++i) x = 2 * (x + 1) + 1;  // down.i
+    x += 1;                                                         // hrls
+  }
+  if (compute_variance) x += 1;
+  if (a.base != Base::kJoint) return std::max(x / a.scale, lrhs);
+  x += (1u << kJointLevels) - 1;  // joint.i
+  return x / a.scale + 2;  // the upsampled irradiance, a mean of 3x3: further than a firefly's neighbours
+}
+
+}  // namespace raymeld
