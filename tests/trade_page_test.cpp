@@ -16,13 +16,13 @@ using Json = nlohmann::json;
 
 constexpr const char* kPlots[] = {"time", "memory", "total", "scenes"};
 
-Json setting(int id, int scale, const char* model, const char* precision, double time_ms, double psnr_db,
-             bool front) {
+Json setting(int id, int scale, const char* model, const char* precision, const char* kernels, double time_ms,
+             double psnr_db, bool front) {
   return {{"id", id},
           {"scale", scale},
           {"model", model},
           {"precision", precision},
-          {"kernels", "auto"},
+          {"kernels", kernels},
           {"lrhs_spp", 16},
           {"hrls_spp", 1},
           {"time_ms", {{"lower", time_ms * 0.9}, {"median", time_ms}, {"upper", time_ms * 1.2}}},
@@ -56,9 +56,10 @@ Json small_report() {
       {"views",
        {{{"name", "near"}, {"width", 64}, {"height", 48}}, {{"name", "far"}, {"width", 64}, {"height", 48}}}},
       {"settings",
-       {setting(0, 4, "x4-fast", "fp32", 500, 33.1, true), setting(1, 4, "x4-fast", "fp32", 400, 33, true),
-        setting(2, 4, "x4-fast", "fp16", 900, 33.05, false),
-        setting(3, 8, "x8-fast", "fp32", 300, 31, true)}},
+       {setting(0, 4, "x4-fast", "fp32", "auto", 500, 33.1, true),
+        setting(1, 4, "x4-fast", "fp32", "direct", 400, 33, true),
+        setting(2, 4, "x4-fast", "fp16", "auto", 900, 33.05, false),
+        setting(3, 8, "x8-fast", "fp32", "auto", 300, 31, true)}},
       {"renders",
        {render(1, "", 0, 1, 20, true), render(1, "", 0, 4, 26, false),
         render(4, "x4-fast", 16, 1, 33, true)}},
@@ -152,9 +153,9 @@ TEST_F(TradePage, EveryMeasurementIsAPointAndARow) {
   for (const char* text :
        {"raymeld 0.1.0 fused 2 views of two views (64x48) in 4 settings of 2 models on a device, "
         "driver a driver.",
-        "<title>x4-fast, fp32, kernels auto, 16-1: 400.0 ms, 33.00 dB</title>",
+        "<title>x4-fast, fp32, kernels direct, 16-1: 400.0 ms, 33.00 dB</title>",
         "<title>plain render, 4 spp: 6.00 s, 26.00 dB</title>",
-        "<title>far, x8-fast, fp32, kernels auto, 16-1: 33.00 dB</title>",
+        "<title>far, x8-fast, fp32, kernels auto, 16-1: 33.00 dB</title>", ">direct</text>",
         ">near: the worst of 2</figcaption>", "<span>bicubic LRHS</span>"})
     EXPECT_NE(page.find(text), page.npos) << text;
 }

@@ -104,7 +104,7 @@ def check(model, view, program):
         write_crop(view.folder / lrhs(model.scale, pair[0]), SIZE // model.scale, low)
         write_crop(view.folder / render(pair[1]), SIZE, high)
         write_crop(view.folder / "reference-a.exr", SIZE, reference)
-        fuse(program, model, low, high, fused, options=("--adaptive", "off"))
+        fuse(program, model, low, high, fused)
         own = colour(fused)
         exact, single = (predict(network, low, high, dtype) for dtype in (torch.float64, torch.float32))
         said = compare(program, fused, reference)

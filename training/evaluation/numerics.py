@@ -106,7 +106,7 @@ class Study:
         """(image [3, H, W] in float64, values that saturated)"""
         output = self.folder / f"fused {next(self.numbers)}.exr"
         # 16 bits are to overflow here.
-        options = ["--precision", choice.precision, "--overflow", "warn", "--adaptive", "off", *choice.options]
+        options = ["--precision", choice.precision, "--overflow", "warn", *choice.options]
         start = choice.start(self.program, self.cache, self.driver)
         report = fuse(self.program, model, *files, output, options=options, **start)
         if choice.uses_matrices and not any("matrix" in kernel["name"] for kernel in report["kernels"]):
