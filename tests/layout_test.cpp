@@ -30,8 +30,8 @@ const std::map<std::string, std::set<std::string>> kBelow = {
     {"cli/sequence", {"cli/common", "cli/fuse", "platform"}},
     {"cli/trade", {"cli/common", "cli/fuse", "choice", "conform", "fusion", "io", "model", "platform"}},
     {"cli",
-     {"cli/common", "cli/fuse", "cli/sequence", "choice", "conform", "engine", "fusion", "io", "model",
-      "platform"}},
+     {"cli/common", "cli/fuse", "cli/sequence", "choice", "conform", "engine", "fusion", "io", "layers",
+      "model", "platform"}},
 };
 
 std::string room_of(const fs::path& file) { return file.parent_path().lexically_relative(kSource).string(); }

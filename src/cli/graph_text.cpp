@@ -4,6 +4,7 @@
 #include <map>
 
 #include "cli/common/console.h"
+#include "layers/frame_slots.h"
 
 namespace raymeld::cli {
 namespace {
