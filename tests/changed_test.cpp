@@ -7,7 +7,6 @@
 
 #include "error_of.h"
 #include "fusion/fuser.h"
-#include "fuser_options.h"
 #include "model/network.h"
 #include "subject.h"
 #include "fusion/tuner.h"

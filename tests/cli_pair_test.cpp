@@ -80,8 +80,7 @@ TEST_F(CliPair, FilesThatDoNotBelongTogetherAreRefused) {
       {turned(pair.lrhs, false, true), "top and bottom exchanged"},
       {turned(pair.lrhs, true, true), "turned by 180 degrees"},
       {noise, "their structures correlate by"},
-      {image_of(96, 64, [](int x, int y) { return scene(float(4 * x + 700), float(4 * y + 450)); }),
-       "their structures correlate by"}};
+      {mixed_with_another_camera(pair.lrhs, 1), "their structures correlate by"}};
   for (const auto& [lrhs, reason] : strangers) {
     write_pair(lrhs, pair.hrls);
     expect_error(fuse(), {"LRHS 'low.exr'", "HRLS 'high.exr'", reason, "--pair-check warn"});
@@ -98,12 +97,7 @@ TEST_F(CliPair, APairThatHardlyBelongsTogetherIsWarnedOf) {
   const Pair pair = make_pair(4, true);
   std::string warned;
   for (float share = 0.3f; share <= 1 && warned.empty(); share += 0.05f) {
-    write_pair(image_of(96, 64,
-                        [&](int x, int y) {
-                          return (1 - share) * pair.lrhs.at(0, y, x) +
-                                 share * scene(float(4 * x + 700), float(4 * y + 450));
-                        }),
-               pair.hrls);
+    write_pair(mixed_with_another_camera(pair.lrhs, share), pair.hrls);
     const ProcessResult result = run(fuse());
     if (result.err.find("hardly resembles") != std::string::npos) {
       EXPECT_EQ(result.exit_status, 0);

@@ -34,7 +34,7 @@ Picture read_png(const fs::path& path) {
   return picture;
 }
 
-// Whether the top left corner has nothing but black and white, and both, as a label does.
+// Returns whether the top left corner has nothing but black and white, and both, as a label does.
 bool has_label(const Picture& picture, int left) {
   std::set<int> values;
   for (int y = 0; y < 7; ++y)

@@ -43,6 +43,14 @@ inline Pair make_pair(int scale, bool centered) {
           })};
 }
 
+// Returns an LRHS as wide and high as that of a pair at x4, mixed with what another camera sees of the scene:
+// from `share` 0, the pair's own, to 1.
+inline Image mixed_with_another_camera(const Image& lrhs, float share) {
+  return image_of(lrhs.width, lrhs.height, [&](int x, int y) {
+    return (1 - share) * lrhs.at(0, y, x) + share * scene(float(4 * x + 700), float(4 * y + 450));
+  });
+}
+
 inline Image turned(const Image& image, bool mirrored, bool flipped) {
   return image_of(image.width, image.height, [&](int x, int y) {
     return image.at(0, flipped ? image.height - 1 - y : y, mirrored ? image.width - 1 - x : x);

@@ -90,11 +90,7 @@ TEST(PairRelationTest, NoiseIsForeign) {
 // A camera that looked elsewhere, and one whose render is mixed with the right one's.
 TEST(PairRelationTest, AnotherCameraIsForeignAndPartOfItDoubtful) {
   const Pair pair = make_pair(4, true);
-  const auto mixed = [&](float share) {
-    return image_of(96, 64, [&](int x, int y) {
-      return (1 - share) * pair.lrhs.at(0, y, x) + share * scene(float(4 * x + 700), float(4 * y + 450));
-    });
-  };
+  const auto mixed = [&](float share) { return mixed_with_another_camera(pair.lrhs, share); };
   EXPECT_EQ(relation(mixed(1), pair.hrls), Relation::kForeign);
   EXPECT_EQ(relation(mixed(0), pair.hrls), Relation::kSame);
   std::vector<Relation> found;

@@ -336,13 +336,13 @@ const raymeld_image* element(const raymeld_image* first, uint32_t i) {
 FrameBindings bindings_of(const raymeld_frame& frame, const std::array<Shape, 3>& shapes, FrameImages images,
                           std::span<const char* const> layers) {
   FrameBindings bindings;
-  const auto at = [&](FrameSlot slot) -> FrameBinding& { return bindings[slot]; };
-  at(kLrhsSlot) = binding_of(frame.lrhs, shapes[0], images.inputs, false, {"lrhs"});
-  at(kHrlsSlot) = binding_of(frame.hrls, shapes[1], images.inputs, false, {"hrls"});
+  bindings[kLrhsSlot] = binding_of(frame.lrhs, shapes[0], images.inputs, false, {"lrhs"});
+  bindings[kHrlsSlot] = binding_of(frame.hrls, shapes[1], images.inputs, false, {"hrls"});
   for (uint32_t i = 1; images.inputs && i < layers.size(); ++i) {
-    at(layer_slot(i)) = binding_of(element(frame.hrls, i), shapes[1], true, false, {"hrls", i, layers[i]});
+    bindings[layer_slot(i)] =
+        binding_of(element(frame.hrls, i), shapes[1], true, false, {"hrls", i, layers[i]});
   }
-  at(kFusedSlot) = binding_of(frame.fused, shapes[2], images.output, true, {"fused"});
+  bindings[kFusedSlot] = binding_of(frame.fused, shapes[2], images.output, true, {"fused"});
   return bindings;
 }
 

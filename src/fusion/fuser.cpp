@@ -21,7 +21,7 @@ auto Fuser::within_memory(const Work& work) {
     try {
       return work();
     } catch (const OutOfMemory& refused) {
-      if (recorded_program_ || !prepared_.empty()) throw;
+      if (recorded_ || !prepared_.empty()) throw;
       take_smaller_tiles(refused);
     }
   }
@@ -138,7 +138,7 @@ void Fuser::record(VkCommandBuffer commands, const FrameBindings& frame, float e
   Program& program =
       TileSize{height, width} == plan_.tiling.tile ? made_program() : prepared_.at({height, width}).program;
   program.bind(next_set_, frame);
-  recorded_program_ = &program;
+  recorded_ = true;
   if (exposure != 0) {
     program.set_exposure(next_set_, exposure);
   } else {

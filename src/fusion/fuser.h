@@ -9,9 +9,9 @@
 
 #include "engine/commands.h"
 #include "engine/program.h"
-#include "io/image.h"
 #include "fusion/last_frame.h"
 #include "fusion/plan.h"
+#include "io/image.h"
 
 namespace raymeld {
 
@@ -178,7 +178,7 @@ class Fuser {
   PipelineCache cache_;
   std::optional<Program> program_;
   std::map<std::pair<uint32_t, uint32_t>, Prepared> prepared_, exposures_;  // by height and width
-  const Program* recorded_program_ = nullptr;                               // by the last record()
+  bool recorded_ = false;  // by a record() since the Fuser was made
   std::string shortage_;
   uint32_t next_set_ = 0;
   std::unique_ptr<Host> host_;

@@ -4,9 +4,9 @@
 #include <thread>
 
 #include "cli/fuse/fuse.h"
-#include "platform/interrupt.h"
-#include "io/exr_window.h"
 #include "fusion/tuner.h"
+#include "io/exr_window.h"
+#include "platform/interrupt.h"
 
 namespace raymeld::cli {
 namespace {
@@ -117,7 +117,8 @@ struct FrameFuser::Preparation {
     cache.save();
   }
 
-  // Whether to show progress. Drivers do not say whether they have a kernel on disk, so that time tells.
+  // Returns whether to show progress. Drivers do not say whether they have a kernel on disk, so that time
+  // tells.
   bool takes_long(const Device& device, const Console& console) {
     constexpr std::chrono::seconds kLong{1};
     if (!compiles && std::chrono::steady_clock::now() - start > kLong) say_it_compiles(device, console);
