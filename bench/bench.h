@@ -1,4 +1,4 @@
-// What the benchmarks share: one device and one cache, and a way to run a graph again and again.
+// Declares what the benchmarks share: one device, one pipeline cache, random values and the measured shapes.
 #pragma once
 
 #include <benchmark/benchmark.h>
@@ -14,8 +14,8 @@ PipelineCache& cache();
 
 std::vector<float> random_values(size_t count, uint32_t seed);
 
-// The shapes that are measured one by one: those of the table of docs/performance.md, and of the stock
-// models.
+// Returns the shapes that are measured one by one: those in the table of docs/performance.md and those of the
+// stock models.
 const std::vector<Conv2dShape>& shapes();
 std::string name_of(const Conv2dShape& shape);
 

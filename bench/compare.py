@@ -1,8 +1,8 @@
-"""Measures raymeld beside PyTorch and oneDNN and writes bench/results/NAME.csv and docs/performance.md.
+"""Measures raymeld beside PyTorch and oneDNN and writes bench/results/NAME.csv and, if asked to, docs/performance.md.
 
-Everything is a child of this process, pinned to one core, one thread each, and takes turns: a round measures every
-frame by every program once, so that what the machine does meanwhile hits all alike. Figures are medians of the rounds; the
-device's peak is measured in every round, by the same driver.
+All programs are children of this process, pinned to one core, with one thread each. They take turns: a round measures
+every frame with every program once, so that other work of the machine hits all alike. Figures are medians of the
+rounds. The device's peak is measured beside every frame of every round, with the same driver.
 """
 
 import argparse
@@ -29,7 +29,7 @@ FRAMES = ["x4-fast 256x256", "x4-fast 512x512", "x4-fast 1024x1024", "x4-fast 19
           "x8-full 512x512"]
 
 def metadata(path):
-    """Of a safetensors file."""
+    """Returns the metadata of a safetensors file."""
     with open(path, "rb") as file:
         size = struct.unpack("<Q", file.read(8))[0]
         return json.loads(file.read(size))["__metadata__"]
@@ -40,15 +40,16 @@ Result = collections.namedtuple("Result", "kind name program metric value")
 
 def parse():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--name", default="here", help="of the results")
+    parser.add_argument("--name", default="here", help="name of the results")
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--core", type=int, default=os.cpu_count() - 1, help="to pin to")
-    parser.add_argument("--frames", nargs="+", default=FRAMES, metavar="'MODEL WxH'", help="xN-full: the paper's network, untrained")
+    parser.add_argument("--core", type=int, default=os.cpu_count() - 1, help="CPU core to pin the programs to")
+    parser.add_argument("--frames", nargs="+", default=FRAMES, metavar="'MODEL WxH'",
+                        help="frames to measure; xN-full is the paper's network, untrained")
     parser.add_argument("--beside", type=pathlib.Path, metavar="FOLDER",
-                        help="of scripts/unpack: its Vulkan driver is measured as well, whole frames in fp32")
-    parser.add_argument("--no-tune", action="store_true", help="default kernels, or those tuned before")
+                        help="folder of scripts/unpack whose Vulkan driver is measured as well, with fp32 frames")
+    parser.add_argument("--no-tune", action="store_true", help="keep the default kernels, or those tuned before")
     parser.add_argument("--no-pytorch", action="store_true")
-    parser.add_argument("--layers", default="conv2d", help="which of raymeld_bench's benchmarks of layers")
+    parser.add_argument("--layers", default="conv2d", help="regular expression of raymeld_bench's layers to measure")
     parser.add_argument("--write-docs", action="store_true")
     return parser.parse_args()
 
@@ -89,7 +90,7 @@ class Bench:
         return path
 
     def tune(self, frames):
-        for model, size in {model: size for model, size in frames}.items():  # the last size of each
+        for model, size in {model: size for model, size in frames}.items():  # each model's last size
             for precision in ("fp32",) if self.on_cpu else ("fp32", "fp16"):
                 print("tuning", model, size, precision, flush=True)
                 tune = (PROGRAM, "tune", "--precision", precision, "--model", self.model_file(model), "--size", size)
@@ -101,7 +102,7 @@ class Bench:
         return (self.args.beside / "run",) if self.args.beside else ()
 
     def cold_caches(self):
-        """Environment with empty caches but what was tuned."""
+        """Returns an environment whose caches are empty but for what was tuned."""
         folder = pathlib.Path(tempfile.mkdtemp(dir=self.folder))
         (folder / "raymeld").mkdir()
         for file in (self.folder / "cache/raymeld").glob("tuning-*.json"):
@@ -179,11 +180,17 @@ class Bench:
 
 
 def medians(results):
-    """One result for each of what was measured, in the order of the first."""
+    """Returns the median of each figure, in the order in which figures were first measured."""
     values = collections.defaultdict(list)
     for result in results:
         values[result[:4]].append(result.value)
     return [Result(*key, statistics.median(all_of_it)) for key, all_of_it in values.items()]
+
+
+def current_commit():
+    """Returns the short name of the commit that is checked out."""
+    command = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
 
 def main():
@@ -203,10 +210,11 @@ def main():
             for model, size in frames:
                 print(f"round {round_number + 1}: {model} {size}", flush=True)
                 bench.frame(model, size, round_number)
-            facts = {"name": device["device"], "driver": device["driver"], "beside": beside["driver"], "type": "CPU" if bench.on_cpu else "GPU"}
+            facts = {"name": device["device"], "driver": device["driver"], "beside": beside["driver"],
+                     "type": "CPU" if bench.on_cpu else "GPU", "commit": current_commit()}
             target = write(args.name, [Result("device", "device", "", *fact) for fact in facts.items()] + medians(bench.results))
     if args.write_docs:
-        import report  # takes matplotlib
+        import report  # needs matplotlib
 
         report.write(target, ROOT / "docs")
 

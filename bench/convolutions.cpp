@@ -1,18 +1,18 @@
-// The device's peak, and one convolution at a time by every kernel.
+// Measures the device's peak, and one convolution at a time with every kernel.
 #include <fmt/format.h>
 
 #include <chrono>
 
 #include "bench.h"
-#include "layers/shaders.h"
 #include "fusion/tuner.h"
+#include "layers/shaders.h"
 
 extern const std::span<const uint32_t> k_fma;
 
 namespace raymeld::bench {
 namespace {
 
-// A graph whose passes are recorded once.
+// Holds a graph's passes, recorded once into a command buffer.
 struct Recorded {
   Program program;
   Commands pool;
@@ -90,25 +90,28 @@ void add(const std::string& name, const Conv2dShape& shape, const Conv2dKernel& 
       ->Unit(benchmark::kMillisecond);
 }
 
-// By each kind of kernel, its other parameters as tuned.
+// Adds the pointwise kernel of a 1x1 convolution, or the Winograd kernels F(2,3) and F(4,3) of a 3x3, with
+// their other parameters as tuned.
 void add_fast(const Conv2dShape& shape, Storage storage) {
   const Kernels tuned = kernels_for(device(), storage);
-  for (const uint32_t tile : shape.kernel == 1 ? std::vector<uint32_t>{1} : std::vector<uint32_t>{2, 4}) {
+  const bool winograd = shape.kernel == 3;
+  for (const uint32_t tile : winograd ? std::vector<uint32_t>{2, 4} : std::vector<uint32_t>{4}) {
     Conv2dKernel kernel = tuned.conv2d(shape);
+    kernel.algorithm = winograd ? Algorithm::kWinograd : Algorithm::kPointwise;
     kernel.tile = tile;
-    kernel.matrix.reset();
-    const std::string kind = tile == 1 ? "pointwise" : fmt::format("F({},3)", tile);
+    const std::string kind = winograd ? fmt::format("F({},3)", tile) : "pointwise";
     add("conv2d/" + name_of(shape) + "/" + kind + (storage == Storage::kFloat16 ? "/fp16" : ""), shape,
         kernel, storage, tuned.addressed);
   }
 }
 
-// By cooperative matrices, as tuned where they were found to be fastest.
+// Adds the kernel of cooperative matrices: the tuned one where tuning chose matrices, else the first guess.
 void add_matrix(const Conv2dShape& shape) {
   const CooperativeMatrix& matrix = *device().info().cooperative_matrix;
   const Conv2dKernel tuned = kernels_for(device(), Storage::kFloat16).conv2d(shape);
   add("conv2d/" + name_of(shape) + "/matrix/fp16", shape,
-      tuned.matrix ? tuned : first_matrix_guess(matrix, shape), Storage::kFloat16, false);
+      tuned.algorithm == Algorithm::kMatrix ? tuned : first_matrix_guess(matrix, shape), Storage::kFloat16,
+      false);
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
-// What the device's arithmetic could do at most: products and sums in registers, kSteps * kSums of them an invocation and
-// round, written as drivers fuse them or not.
+// Measures the peak of the device's arithmetic: in each round, an invocation does kSteps * kSums
+// multiplications and additions in registers, which a driver may fuse or not.
 #version 450
 #extension GL_EXT_control_flow_attributes : require
 

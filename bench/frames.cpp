@@ -1,6 +1,6 @@
-// Whole frames of RAYMELD_BENCH_MODELS, a list of files separated by ':', at RAYMELD_BENCH_SIZES, such as
-// 512x512:1920x1080. With RAYMELD_BENCH_FRAME, a folder, the inputs are its lrhs.raw and hrls.raw, planar
-// floats, and the last output is written to its fused.raw.
+// Measures whole frames of the model files in RAYMELD_BENCH_MODELS at the sizes in RAYMELD_BENCH_SIZES. Both
+// are lists separated by ':', such as 512x512:1920x1080. Where RAYMELD_BENCH_FRAME names a folder, the inputs
+// are its lrhs.raw and hrls.raw, planar floats, and the last output is written to its fused.raw.
 #include <fmt/format.h>
 
 #include <chrono>
@@ -26,7 +26,7 @@ std::vector<std::string> listed(const char* variable) {
   return items;
 }
 
-// Of this process; what getrusage() tells includes that of the process that started it.
+// Reads the peak of this process alone; that of getrusage() includes the process that started it.
 double peak_resident_bytes() {
   std::ifstream status("/proc/self/status");
   for (std::string line; std::getline(status, line);) {
@@ -61,8 +61,8 @@ void frame(benchmark::State& state, const std::string& file, uint32_t height, ui
                            hrls = image("hrls", pixels * 3 * model.architecture().hrls_layers.size(), 2);
   std::vector<float> fused(pixels * 3);
   fuser.fuse(lrhs.data(), hrls.data(), fused.data());
-  // Google Benchmark calls this several times; in the first call, drivers compile. The device itself was
-  // there.
+  // Google Benchmark calls this function several times, and drivers compile in the first call. The time does
+  // not include making the device.
   static std::map<std::string, double> first_s;
   first_s.try_emplace(name, since(start));
   double device_s = 0, all_s = 0;

@@ -1,6 +1,5 @@
-// raymeld_bench: see --help of Google Benchmark. RAYMELD_BENCH_DEVICE chooses the device,
-// RAYMELD_BENCH_MODELS lists the model files of the frames, RAYMELD_BENCH_FRAME the files of one frame: see
-// frames.cpp.
+// raymeld_bench takes the options of Google Benchmark. RAYMELD_BENCH_DEVICE chooses the device, and
+// frames.cpp says what RAYMELD_BENCH_MODELS, RAYMELD_BENCH_SIZES and RAYMELD_BENCH_FRAME do.
 #include <fmt/format.h>
 
 #include <cstdlib>

@@ -1,7 +1,7 @@
-"""Times whole frames in PyTorch, of the same weights and inputs as raymeld_bench; prints one JSON object.
+"""Times whole frames in PyTorch, with the weights and inputs of raymeld_bench, and prints one JSON object.
 
-pytorch_frame.py MODEL WIDTHxHEIGHT fp32|bf16|fp16 FOLDER: FOLDER holds lrhs.raw and hrls.raw, planar floats; the last
-output is written to FOLDER/pytorch.raw. On one CPU thread or, where CUDA has one, on a GPU and compiled.
+pytorch_frame.py MODEL WIDTHxHEIGHT fp32|bf16|fp16 FOLDER: FOLDER holds lrhs.raw and hrls.raw, planar floats; the output
+is written to FOLDER/pytorch.raw. Where CUDA has a GPU, the network is compiled for it; else it runs on one CPU thread.
 """
 
 import json
@@ -18,13 +18,13 @@ sys.path.insert(0, str(pathlib.Path(__file__).parent.parent / "training"))
 import model as networks
 from evaluation.agreement import load
 
-SECONDS, FRAMES = 3.0, 3  # at least, of each measurement
+SECONDS, FRAMES = 3.0, 3  # the least that a measurement takes
 
 
 @torch.no_grad()
 def main(path, size, precision, folder):
     torch.set_num_threads(1)
-    torch.backends.cudnn.allow_tf32 = False  # fp32 means that
+    torch.backends.cudnn.allow_tf32 = False  # fp32 must not mean TF32
     device = "cuda" if torch.cuda.is_available() else "cpu"
     dtype = torch.float16 if precision == "fp16" else torch.bfloat16
     width, height = map(int, size.split("x"))

@@ -39,7 +39,7 @@ def number(value, form="{:.1f}"):
 
 
 def least_bytes(name, program):
-    """Every operand of a convolution once: KERNELxKERNEL/HEIGHTxWIDTH/IN-OUT."""
+    """Returns the bytes of all operands of a convolution, whose name is KERNELxKERNEL/HEIGHTxWIDTH/IN-OUT."""
     kernel, size, channels = name.split("/")
     height, width = map(int, size.split("x"))
     inputs, outputs = map(int, channels.split("-"))
@@ -120,7 +120,7 @@ def plot_layers(results, path):
 
 
 def plot_growth(results, path):
-    """Time and memory against pixels, of the models that were measured at several sizes."""
+    """Plots time and memory against pixels, for the models that were measured at several sizes."""
     by_model = collections.defaultdict(list)
     for name in results.names("frame"):
         model, size = name.split()
@@ -166,16 +166,21 @@ def plot_frames(results, path):
 
 TEXT = """# Performance
 
-`scripts/bench --name {name} --write-docs{and_beside}` measured all of this in one go and wrote it, from `bench/results/{name}.csv`:
-{device}, {driver}{threads}. Every figure is the median of rounds in which all programs took turns.
-GFLOP/s count the multiplications and additions of direct convolutions, so minimal filtering (F(2,3), F(4,3), Lavin and
-Gray 2016) may pass 100 % of the peak, which is what a shader of this driver reaches with multiply-adds in registers, here
-{peak:.0f} GFLOP/s. Absolute times are those of a shared machine; the ratios are what counts.
+`scripts/bench --name {name} --write-docs{and_beside}` measured all of this in one go
+at commit {commit}, and wrote this page from `bench/results/{name}.csv`. The device is
+{device}, {driver}.{threads}
+
+Every figure is the median of rounds in which all programs took turns. GFLOP/s count the multiplications and
+additions of direct convolutions. Winograd convolutions (F(2,3) and F(4,3), Lavin and Gray 2016) need fewer,
+so they may pass 100 % of the peak. The peak is what a shader of this driver reaches with multiply-adds in
+registers, here {peak:.0f} GFLOP/s. Absolute times are those of a shared machine; the ratios are what counts.
+[performance-notes.md](performance-notes.md) says what limits these times, and what was measured later.
 
 ## Whole frames
 
-`xN-full` is the paper's network (C = R = 64, D = 4, B = 5, G = 3), untrained; the others are stock models. PyTorch runs the
-same weights on the same inputs, channels last; *error* is the largest difference from its fp32 output, divided by 1 + output.
+`xN-full` is the paper's network (C = R = 64, D = 4, B = 5, G = 3), untrained. The others are stock models.
+PyTorch runs the same weights on the same inputs, channels last. *Error* is the largest difference from
+PyTorch's fp32 output, divided by 1 + output.
 
 {frames}
 {beside}![Time of whole frames](performance-frames.svg)
@@ -184,21 +189,24 @@ same weights on the same inputs, channels last; *error* is the largest differenc
 
 ## Memory, start, host
 
-Memory is what raymeld allocates on the device, weights and images on their way in and out included; RSS that of the whole
-process on a CPU driver, its inputs and compiler included. Start is from the model's file to the first frame, less
-the frame itself: *cold* with empty caches, when drivers compile, *warm* with them filled. Host is the share of a frame that is not
-spent waiting for the device.
+- *MiB* is the memory that raymeld allocates on the device, including weights and the images on their way in
+  and out. *RSS* is the memory of the whole process on a CPU driver, including its inputs and the compiler.
+- *Start* is the time from the model's file to the first frame, without the frame itself: *cold* with empty
+  caches, when the driver compiles, and *warm* with filled ones.
+- *Host* is the share of a frame in which the host does not wait for the device.
 
 {memory}
 ## Single convolutions
 
-Height x width, input and output channels; *direct* is the portable kernel, the others run with what
-`raymeld tune` found. GB/s count every operand once.{onednn}
+A convolution is named by its kernel size, height x width, and input and output channels. *Direct* is the
+portable kernel. The others run with what `raymeld tune` found. GB/s count every operand once.{onednn}
 
 {layers}
 ![Single convolutions](performance-layers.svg)
+"""
 
-{notes}"""
+
+ONEDNN = " oneDNN runs\nin the memory format it likes best, in fp32 unless stated."
 
 
 def write(csv_path, docs):
@@ -211,14 +219,13 @@ def write(csv_path, docs):
     beside = ""
     if beside_rows(results):
         head = ["frame", "fp32, ms", "of its own peak", "to the driver above", "to PyTorch fp32", "error"]
-        beside = f"The same in the same rounds with {results.values['device', 'device', '', 'beside']}:\n\n" + table(head, beside_rows(results)) + "\n"
+        beside = f"The same frames in the same rounds with {results.values['device', 'device', '', 'beside']}:\n\n" + table(head, beside_rows(results)) + "\n"
     memory = table(["frame", "fp32, MiB", "fp16, MiB", "RSS fp32, MiB", "cold start, s", "warm start, s", "host"], memory_rows(results))
     layers = table(["convolution", "by", "ms", "GFLOP/s", "of the peak", "GB/s"], layer_rows(results))
-    notes = docs / "performance-notes.md"
-    text = TEXT.format(name=csv_path.stem, device=results.values["device", "device", "", "name"],
-                       driver=results.values["device", "device", "", "driver"],
-                       threads="; one thread, pinned to one core" if results.values["device", "device", "", "type"] == "CPU" else "",
-                       peak=results.get("layer", "peak", "raymeld", "gflop_per_s"), frames=frames, beside=beside, and_beside=" --beside build/sid" if beside else "", memory=memory, layers=layers,
-                       onednn=" oneDNN runs in\nthe memory format it likes best, fp32 unless said." if "onednn" in layers else "",
-                       notes=notes.read_text() if notes.exists() else "")
-    (docs / "performance.md").write_text(text.rstrip() + "\n")
+    device = {key[3]: value for key, value in results.values.items() if key[0] == "device"}
+    text = TEXT.format(name=csv_path.stem, commit=device["commit"], device=device["name"], driver=device["driver"],
+                       threads="\nEvery program had one thread, pinned to one core." if device["type"] == "CPU" else "",
+                       peak=results.get("layer", "peak", "raymeld", "gflop_per_s"), frames=frames, beside=beside,
+                       and_beside=" --beside build/sid" if beside else "", memory=memory, layers=layers,
+                       onednn=ONEDNN if "onednn" in layers else "")
+    (docs / "performance.md").write_text(text)

@@ -1,7 +1,8 @@
-"""Renders the current scene twice with Cycles, small with many samples and full-size with few, and has raymeld fuse both.
+"""Renders the scene twice with Cycles, small with many samples and full-size with few, and has raymeld fuse both.
 
-An add-on for Blender 3.4 and newer: Preferences > Add-ons > Install. It wants the program raymeld, by its path in the
-add-on's preferences or else in PATH. The operator is Render > Render with Raymeld, the settings are in the render properties.
+This add-on for Blender 3.4 and newer is installed with Preferences > Add-ons > Install. It runs the program raymeld,
+whose path is in the add-on's preferences; without a path there, PATH is searched. The operator is Render > Render with
+Raymeld, and the settings are in the render properties.
 """
 
 import contextlib
@@ -20,19 +21,19 @@ bl_info = {
     "location": "Render > Render with Raymeld",
 }
 
-# What the networks read of the full-size render beside its colour.
+# The networks read these passes of the full-size render beside its colour and denoising passes.
 PASSES = ("diffuse_direct", "diffuse_indirect", "diffuse_color", "glossy_direct", "glossy_indirect", "glossy_color")
 
 
 class Failure(Exception):
-    """What the user is told."""
+    """Holds the message that the user is shown."""
 
 
 class RaymeldPreferences(bpy.types.AddonPreferences):
     bl_idname = __name__
 
     program: bpy.props.StringProperty(
-        name="Program", subtype="FILE_PATH", description="The program raymeld; empty: as it is found in PATH"
+        name="Program", subtype="FILE_PATH", description="Path of the program raymeld. Empty: PATH is searched"
     )
 
     def draw(self, _context):
@@ -50,31 +51,33 @@ class RaymeldSettings(bpy.types.PropertyGroup):
     many: bpy.props.IntProperty(name="Small Samples", min=1, default=32)
     quality: bpy.props.EnumProperty(
         name="Quality",
-        description="Of the network: speed against quality",
+        description="Network that fuses: the better ones are slower",
         items=[(q, q.title(), "") for q in ("fast", "balanced", "high")],
         default="balanced",
     )
     folder: bpy.props.StringProperty(
-        name="Keep in", subtype="DIR_PATH", description="Where both renders and the fused image stay; empty: nowhere"
+        name="Keep in",
+        subtype="DIR_PATH",
+        description="Folder that keeps both renders and the fused image. Empty: the files are deleted",
     )
 
 
 def curves_of(thing):
-    """All curves that animate an object: keyframes and drivers."""
+    """Returns all curves that animate an object: keyframes and drivers."""
     animation = thing.animation_data
     if not animation:
         return []
     curves, action = list(animation.drivers), animation.action
     if hasattr(action, "fcurves"):
         curves += action.fcurves
-    elif action:  # of slots, from Blender 5 on
+    elif action:  # Blender 5 keeps the curves in slots
         bags = [strip.channelbag(animation.action_slot) for layer in action.layers for strip in layer.strips]
         curves += [curve for bag in bags if bag for curve in bag.fcurves]
     return curves
 
 
 def path_of(thing, name):
-    """As curves have it; None of what cannot be animated."""
+    """Returns the property's path as curves name it, or None if it cannot be animated."""
     try:
         return thing.path_from_id(name)
     except ValueError:
@@ -83,8 +86,11 @@ def path_of(thing, name):
 
 @contextlib.contextmanager
 def changed(pairs):
-    """Sets (object, attribute, value), and all back at the end; in the given order, as a file format decides what depths
-    there are. What is animated stays as it is set: a render would put it back."""
+    """Sets each (object, attribute, value), and sets all of them back at the end.
+
+    The order is the given one, as a file format decides which depths there are. Curves are muted meanwhile, as a render
+    would put animated values back.
+    """
     animated = [
         curve
         for thing, name, _ in pairs
@@ -110,16 +116,21 @@ def size_of(render):
 
 
 def pixels_of_shift(camera, render, size):
-    """How many pixels a camera's shift of 1 is, in x and in y: it is measured by one side of the image, whose pixels need
-    not be square."""
+    """Returns how many pixels a camera's shift of 1 is, in x and in y.
+
+    Blender measures a shift by one side of the image, whose pixels need not be square.
+    """
     width, height = size[0] * render.pixel_aspect_x, size[1] * render.pixel_aspect_y
     side = {"AUTO": max(width, height), "HORIZONTAL": width, "VERTICAL": height}[camera.sensor_fit]
     return side / render.pixel_aspect_x, side / render.pixel_aspect_y
 
 
 def small_render(scene, scale):
-    """What to set so that pixels of the small render are every scale-th of the full-size one: its pixels are as wide as
-    `scale` of these, so the filter shrinks, and the centre moves up and to the left."""
+    """Returns what to set so that the pixels of the small render are every scale-th pixel of the full-size one.
+
+    A pixel of the small render is as wide as `scale` full-size ones, so the filter shrinks, and the centre moves up and
+    to the left.
+    """
     render, camera = scene.render, scene.camera.data
     width, height = size_of(render)
     if width % scale or height % scale:
@@ -139,9 +150,9 @@ def small_render(scene, scale):
 
 
 def plain_render(scene, layer):
-    """One layer as Cycles gives it, in OpenEXR."""
+    """Returns what to set so that one layer is written as Cycles gives it, in OpenEXR."""
     render, image, cycles = scene.render, scene.render.image_settings, scene.cycles
-    # From Blender 5 on it decides what formats there are.
+    # The media type, which Blender 5 added, decides which file formats there are.
     media = [(image, "media_type", "MULTI_LAYER_IMAGE")] if hasattr(image, "media_type") else []
     return media + [
         (render, "use_compositing", False),
@@ -161,7 +172,7 @@ def plain_render(scene, layer):
 
 def render_to(path, scene, samples, seed):
     with contextlib.suppress(FileNotFoundError):
-        os.remove(path)  # of an earlier run
+        os.remove(path)  # an earlier run may have left the file
     with changed([(scene.render, "filepath", path), (scene.cycles, "samples", samples), (scene.cycles, "seed", seed)]):
         if "FINISHED" not in bpy.ops.render.render(write_still=True) or not os.path.exists(path):
             raise Failure("Blender did not render")
@@ -177,7 +188,7 @@ def program_path(context):
 
 
 def fuse(program, folder, settings):
-    """Returns the file of the fused image."""
+    """Fuses the renders in the folder and returns the path of the fused image."""
     fused = os.path.join(folder, "raymeld.exr")
     command = [program, "fuse", "--lrhs", os.path.join(folder, "lrhs.exr"), "--hrls", os.path.join(folder, "hrls.exr")]
     command += ["-o", fused, "--lrhs-sampling", "nearest", "--quality", settings.quality]
@@ -188,10 +199,10 @@ def fuse(program, folder, settings):
 
 
 def load(path):
-    """As the image Raymeld, in place of the last one."""
+    """Loads the file as the image Raymeld, in place of the last one."""
     last = bpy.data.images.get("Raymeld")
     image = bpy.data.images.load(path)
-    image.pack()  # the file may go
+    image.pack()  # the file may be deleted
     if last:
         last.user_remap(image)
         bpy.data.images.remove(last)

@@ -1,6 +1,6 @@
-"""The add-on in a Blender without a window: blender -b --factory-startup -P blender/test_addon.py -- PROGRAM
+"""Tests the add-on in a Blender without a window: blender -b --factory-startup -P blender/test_addon.py -- PROGRAM
 
-Ends with the unittest's status, which Blender would not by itself.
+Exits with the status of the tests, which Blender would not do by itself.
 """
 
 import os
@@ -26,7 +26,7 @@ def srgb(pixels):
 
 
 def pixels_of(path):
-    """(height, width, 3), linear."""
+    """Returns the pixels of an image file as (height, width, 3), linear."""
     image = bpy.data.images.load(str(path))
     pixels = numpy.array(image.pixels[:]).reshape(image.size[1], image.size[0], image.channels)[..., :3]
     bpy.data.images.remove(image)
@@ -38,7 +38,7 @@ def psnr(a, b):
 
 
 def settings_of(scene):
-    """All that the renders change, and more."""
+    """Returns all settings that the renders change, and more."""
     things = [scene.render, scene.render.image_settings, scene.cycles, scene.camera.data, scene.view_layers[0], scene.view_layers[0].cycles]
     return {
         (i, p.identifier): repr(getattr(thing, p.identifier))
@@ -79,14 +79,14 @@ class Test(unittest.TestCase):
         shown = numpy.array(image.pixels[:]).reshape(HEIGHT, WIDTH, image.channels)[..., :3]
         numpy.testing.assert_array_equal(shown, pixels_of(again))
 
-        # It is the image of many samples, in the same place: nearer than what either render gives, or a shift.
+        # The image is near a render of many samples, and nearer in its place than shifted by a pixel.
         reference = self.render_reference(folder)
         fused = psnr(shown, reference)
         for dy, dx in ((0, 1), (1, 0), (0, -1), (-1, 0)):
             self.assertGreater(fused, psnr(numpy.roll(shown, (dy, dx), (0, 1)), reference))
         self.assertGreater(fused, 26)
 
-        # Once more takes the place of the image.
+        # A second run replaces the image.
         scene = self.scene
         scene.raymeld.scale, scene.raymeld.quality, scene.raymeld.folder = "2", "fast", ""
         self.assertEqual(bpy.ops.render.raymeld(), {"FINISHED"})
@@ -102,18 +102,18 @@ class Test(unittest.TestCase):
         return pixels_of(folder / "reference.exr")
 
     def expect_every_fourth_pixel(self):
-        """Of the full-size render, from the top left, is what the small render has."""
+        """Expects the small render to have every fourth pixel of the full-size one, from the top left."""
         folder, addon = pathlib.Path(self.folder.name), sys.modules[MODULE]
         with addon.changed(addon.small_render(self.scene, 4)):
             small = self.render_reference(folder)
         reference = self.render_reference(folder)
         for dy, dx in ((0, 1), (1, 0), (0, -1), (-1, 0)):
             shifted = numpy.roll(reference, (dy, dx), (0, 1))
-            # Rows begin below.
+            # Blender's rows begin at the bottom.
             self.assertGreater(psnr(small, reference[3::4, ::4]), psnr(small, shifted[3::4, ::4]) + 3)
 
     def test_renders_made_by_hand_need_no_option(self):
-        """The README's recipe: the same scene at full size and at a quarter of it, by Resolution %."""
+        """Follows the README's recipe: the same scene at full size and at a quarter of it, by Resolution %."""
         scene, folder = self.scene, pathlib.Path(self.folder.name)
         scene.render.resolution_x, scene.render.resolution_y = 4 * WIDTH, 4 * HEIGHT
         scene.cycles.use_denoising, scene.cycles.use_adaptive_sampling = False, False
@@ -135,7 +135,7 @@ class Test(unittest.TestCase):
             self.assertEqual(said, same, sampling)
 
     def test_pixels_that_are_not_square(self):
-        self.scene.render.pixel_aspect_x, self.scene.render.pixel_aspect_y = 1, 2.5  # the side is the height
+        self.scene.render.pixel_aspect_x, self.scene.render.pixel_aspect_y = 1, 2.5  # shifts are measured by the height
         self.expect_every_fourth_pixel()
 
     def test_what_is_animated(self):
@@ -179,7 +179,7 @@ class Test(unittest.TestCase):
 
 
 with tempfile.TemporaryDirectory() as scripts:
-    # Where add-ons are installed to.
+    # Add-ons are installed into this folder.
     bpy.utils.user_resource = lambda kind, path="", create=False: os.path.join(scripts, path)
     sys.path.insert(0, os.path.join(scripts, "addons"))
     os.makedirs(os.path.join(scripts, "addons"))

@@ -1,4 +1,4 @@
-# Writes each of the files SPIRV, NAME.spv, as the C++ array k_NAME (little-endian words) to OUTPUT.
+# Writes the files in SPIRV to OUTPUT as C++: NAME.spv becomes the array k_NAME of its little-endian words.
 set(text "#include <cstdint>\n#include <span>\n")
 foreach(file ${SPIRV})
   cmake_path(GET file STEM name)

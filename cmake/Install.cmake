@@ -1,5 +1,5 @@
-# The program, its script for render farms, the stock models, the library, and the package raymeld with the target
-# raymeld::raymeld.
+# Installs the program, its script for render farms, the stock models, the library, and the package raymeld with the
+# target raymeld::raymeld.
 include(CMakePackageConfigHelpers)
 
 install(TARGETS raymeld RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT tools)
@@ -18,7 +18,7 @@ install(DIRECTORY models/ DESTINATION ${CMAKE_INSTALL_DATADIR}/raymeld/models CO
 set(package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/raymeld)
 install(EXPORT raymeld NAMESPACE raymeld:: DESTINATION ${package_dir} COMPONENT dev)
 file(WRITE ${CMAKE_BINARY_DIR}/raymeldConfig.cmake [=[
-# Vulkan's headers are all it takes: the loader is opened at run time, if at all.
+# Only Vulkan's headers are needed: the library opens the loader at run time, if at all.
 if(NOT TARGET Vulkan::Headers)
   find_path(Vulkan_INCLUDE_DIR vulkan/vulkan_core.h HINTS $ENV{VULKAN_SDK}/include)
   if(NOT Vulkan_INCLUDE_DIR)
@@ -36,14 +36,14 @@ write_basic_package_version_file(${CMAKE_BINARY_DIR}/raymeldConfigVersion.cmake
 install(FILES ${CMAKE_BINARY_DIR}/raymeldConfig.cmake ${CMAKE_BINARY_DIR}/raymeldConfigVersion.cmake
         DESTINATION ${package_dir} COMPONENT dev)
 
-# Relative to its own place, so that the installed tree may be moved.
+# The prefix is relative to the folder of raymeld.pc, so that the installed tree may be moved.
 file(RELATIVE_PATH prefix /${CMAKE_INSTALL_LIBDIR}/pkgconfig /)
 file(CONFIGURE OUTPUT raymeld.pc @ONLY CONTENT [=[
 prefix=${pcfiledir}/@prefix@
 Name: raymeld
 Description: Fuses two cheap renders into a good one, on a Vulkan device
 Version: @PROJECT_VERSION@
-# For its headers.
+# Vulkan's headers are needed to compile.
 Requires.private: vulkan
 Cflags: -I${prefix}/@CMAKE_INSTALL_INCLUDEDIR@
 Libs: -L${prefix}/@CMAKE_INSTALL_LIBDIR@ -lraymeld

@@ -1,5 +1,5 @@
-# Debian packages, by `cpack -G DEB` in the build folder: libraymeld0.1, libraymeld-dev, raymeld, raymeld-models
-# and, where it was built, python3-raymeld.
+# `cpack -G DEB` in the build folder makes the Debian packages libraymeld0.1, libraymeld-dev, raymeld, raymeld-models
+# and, where the Python module was built, python3-raymeld.
 set(CPACK_PACKAGE_NAME raymeld)
 set(CPACK_PACKAGE_CONTACT "the raymeld developers <raymeld@localhost>")
 set(CPACK_PACKAGE_DESCRIPTION_SUMMARY "fuses two cheap renders into a good one")
@@ -19,7 +19,7 @@ set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME ${library_package})
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_SECTION libs)
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_RECOMMENDS "libvulkan1, raymeld-models")
 set(CPACK_DEBIAN_LIBRARY_DESCRIPTION "Fusion of two renders on Vulkan devices, for programs")
-# The cache of libraries is renewed once at the end.
+# This trigger has dpkg renew the cache of libraries once at the end.
 file(WRITE ${CMAKE_CURRENT_BINARY_DIR}/triggers "activate-noawait ldconfig\n")
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_CONTROL_EXTRA ${CMAKE_CURRENT_BINARY_DIR}/triggers)
 
@@ -42,7 +42,7 @@ set(CPACK_DEBIAN_MODELS_DESCRIPTION "The trained networks of raymeld")
 
 set(CPACK_DEBIAN_PYTHON_PACKAGE_NAME python3-raymeld)
 set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)
-# Of libraries it takes no other than that package, whose dependencies are the C++ runtime too.
+# The module needs no library but raymeld's, whose package depends on the C++ runtime as well.
 set(CPACK_DEBIAN_PYTHON_PACKAGE_SHLIBDEPS OFF)
 set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS "${library_package} (= ${PROJECT_VERSION}), python3-numpy, ${python_version}")
 set(CPACK_DEBIAN_PYTHON_DESCRIPTION "Fusion of two renders on Vulkan devices, for Python")

@@ -1,17 +1,19 @@
-# Compiles shaders/*/*.comp with glslang, once for each storage type and, where a shader has DATA_BY_ADDRESS or FRAME_IMAGE, with
-# and without that; checks them with spirv-val and embeds them in the static library raymeld_shaders. conv2d_matrix.comp, which
-# Debian 12's glslang does not know the extensions of, is there as SPIR-V: see scripts/compile-matrix.
+# Compiles shaders/*/*.comp with glslang for 32-bit and 16-bit storage: with activations in buffers and, where a shader includes
+# memory.glsl, by address; where it includes frame.glsl, also for frames that are images. Shaders of shaders/llvmpipe only exist
+# by address, and some of them only for 32 bits. All are checked with spirv-val and embedded in the static
+# library raymeld_shaders. Debian 12's glslang lacks the extensions of conv2d_matrix.comp, whose SPIR-V is committed: see
+# scripts/compile-matrix.
 find_program(GLSLANG glslangValidator REQUIRED)
 find_program(SPIRV_VAL spirv-val REQUIRED)
 
 set(shader_dir ${PROJECT_SOURCE_DIR}/shaders)
-set(shader_folders include conv2d llvmpipe)  # of what is included
+set(shader_folders include conv2d joint llvmpipe)  # folders of included files
 file(GLOB_RECURSE shader_sources CONFIGURE_DEPENDS ${shader_dir}/*.comp)
 file(GLOB_RECURSE shader_includes CONFIGURE_DEPENDS ${shader_dir}/*.glsl ${shader_dir}/*.h)
 list(TRANSFORM shader_folders PREPEND -I${shader_dir}/ OUTPUT_VARIABLE shader_include_options)
 file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/shaders)
 
-# Appends to `list` the file of the SPIR-V of a variant; further arguments are macros.
+# Compiles a variant of a shader and appends its SPIR-V file to `list`; further arguments are macros to define.
 function(compile_shader list source variant)
   set(output ${CMAKE_BINARY_DIR}/shaders/${variant}.spv)
   list(TRANSFORM ARGN PREPEND -D)
@@ -24,7 +26,8 @@ function(compile_shader list source variant)
   set(${list} ${${list}} ${output} PARENT_SCOPE)
 endfunction()
 
-# Makes one C++ source of files of SPIR-V: NAME.spv is its k_NAME. One for all compiles in a second, one for each in twenty.
+# Makes one C++ source of SPIR-V files, in which NAME.spv is k_NAME. One source for all of them compiles in a second, a
+# source for each in twenty.
 function(embed_spirv output)
   set(embed ${PROJECT_SOURCE_DIR}/cmake/EmbedSpirv.cmake)
   add_custom_command(
@@ -41,7 +44,14 @@ list(REMOVE_ITEM shader_sources ${shader_dir}/conv2d/conv2d_matrix.comp)
 set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${shader_sources})
 foreach(source ${shader_sources})
   get_filename_component(name ${source} NAME_WE)
-  file(STRINGS ${source} by_address REGEX DATA_BY_ADDRESS)
+  if(source MATCHES "/llvmpipe/")
+    compile_shader(spirv ${source} ${name}_f32 DATA_BY_ADDRESS)
+    if(name MATCHES "^(pointwise|winograd_output)_vectors$")
+      compile_shader(spirv ${source} ${name}_f16 DATA_BY_ADDRESS STORAGE_F16)
+    endif()
+    continue()
+  endif()
+  file(STRINGS ${source} by_address REGEX "memory.glsl")
   file(STRINGS ${source} of_frame REGEX "FRAME_IMAGE|frame.glsl")
   set(variants ${name})
   if(of_frame)

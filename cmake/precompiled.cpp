@@ -1,1 +1,1 @@
-// The target that compiles the shared headers wants a source.
+// The target that compiles the shared headers needs a source file.

@@ -13,7 +13,7 @@ void check(VkResult result, const char* what) {
   if (result < 0) throw std::runtime_error(std::string(what) + " failed");
 }
 
-// The first device with its first queue family, which does compute on every known driver.
+// Makes a device of the first listed one and its first queue family, which computes on every known driver.
 raymeld_context_desc make_gpu() {
   raymeld_context_desc gpu{.get_instance_proc_addr = vkGetInstanceProcAddr};
   const VkApplicationInfo app{.sType = VK_STRUCTURE_TYPE_APPLICATION_INFO, .apiVersion = VK_API_VERSION_1_1};
@@ -25,7 +25,7 @@ raymeld_context_desc make_gpu() {
   const float priority = 1;
   const VkDeviceQueueCreateInfo queue{
       .sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO, .queueCount = 1, .pQueuePriorities = &priority};
-  // Those that make raymeld faster, as far as the device has them.
+  // These features make raymeld faster; those that the device has are enabled.
   VkPhysicalDeviceBufferDeviceAddressFeatures addresses{
       .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_BUFFER_DEVICE_ADDRESS_FEATURES};
   VkPhysicalDevice16BitStorageFeatures half{.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_16BIT_STORAGE_FEATURES,
@@ -50,7 +50,7 @@ struct Buffer {
   float* values;
 };
 
-// A storage buffer of so many floats that the host sees, each of them `value`.
+// Makes a storage buffer of `count` floats in memory that the host sees, each of them `value`.
 Buffer make_buffer(const raymeld_context_desc& gpu, size_t count, float value) {
   Buffer buffer;
   const VkBufferCreateInfo info{.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
@@ -78,7 +78,7 @@ Buffer make_buffer(const raymeld_context_desc& gpu, size_t count, float value) {
 }
 
 void fuse(const raymeld_context_desc& gpu, const char* model_file) {
-  const uint32_t height = 32, width = 48;  // of LRHS, in pixels
+  const uint32_t height = 32, width = 48;  // the size of LRHS in pixels
   const raymeld::Context context(gpu);
   const raymeld::SharedModel model(model_file);
   raymeld::Fusion fusion(context, model, {.height = height, .width = width, .compute_variance = VK_TRUE});
@@ -112,7 +112,7 @@ void fuse(const raymeld_context_desc& gpu, const char* model_file) {
 
 int main(int argc, char** argv) try {
   if (argc != 2) throw std::runtime_error("usage: record MODEL");
-  fuse(make_gpu(), argv[1]);  // the end of the process frees what Vulkan objects there are
+  fuse(make_gpu(), argv[1]);  // the end of the process frees all Vulkan objects
 } catch (const std::exception& error) {
   std::fprintf(stderr, "%s\n", error.what());
   return 1;

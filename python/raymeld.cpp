@@ -1,4 +1,4 @@
-// The library for Python: NumPy arrays of (height, width, channels) in and out.
+// Wraps the library for Python; images are NumPy arrays of (height, width, channels).
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -19,7 +19,7 @@ using Array = py::array_t<float, py::array::forcecast>;
 
 std::string text_of(const std::vector<py::ssize_t>& shape) { return py::str(py::tuple(py::cast(shape))); }
 
-// (height, width, 3), as planes at `planes`. Throws ValueError.
+// Copies an image of (height, width, 3) to `planes`, channel by channel. Throws ValueError for other shapes.
 void copy_planes(const Array& image, const std::string& name, size_t height, size_t width, float* planes) {
   const std::vector<py::ssize_t> shape(image.shape(), image.shape() + image.ndim()),
       expected{py::ssize_t(height), py::ssize_t(width), 3};
@@ -42,9 +42,9 @@ Value one_of(const std::string& text, const char* name,
   throw py::value_error(std::string(name) + " is '" + text + "', expected one of " + expected);
 }
 
-// A side of LRHS. Throws ValueError.
+// Returns `pixels` as a side of LRHS. Throws ValueError if it is out of range.
 uint32_t side(int64_t pixels, const char* name) {
-  constexpr int64_t kMost = 65536;  // as raymeld.h says
+  constexpr int64_t kMost = 65536;  // the limit of raymeld.h
   if (pixels >= 1 && pixels <= kMost) return uint32_t(pixels);
   throw py::value_error(std::string(name) + " is " + std::to_string(pixels) + ", expected 1 to " +
                         std::to_string(kMost) + " pixels of LRHS");
@@ -66,7 +66,7 @@ std::string repr_of(const raymeld::SharedModel& model) {
          joined(model.layers()) + ">";
 }
 
-// Of one size, as the arguments of Fusion() say.
+// Implements the Python class Fusion, which fuses frames of one size.
 class Fuser {
  public:
   Fuser(std::shared_ptr<raymeld::SharedModel> model, int64_t height, int64_t width,
@@ -169,7 +169,7 @@ class Fuser {
   }
 
  private:
-  // Those of HRLS, in the model's order, where it brings the variance.
+  // Returns the layers of an HRLS that holds the variance, in the model's order.
   std::vector<std::string> model_layers_with_variance() const {
     std::vector<std::string> layers = model_->layers();
     std::erase_if(layers, [&](const std::string& layer) { return contains(absent_layers_, layer); });
@@ -182,12 +182,12 @@ class Fuser {
   std::vector<const char*> absent_;
   raymeld_fusion_desc desc_;
   std::optional<raymeld::Context> context_;
-  // Made again where HRLS brings a variance that the last one did not, or the other way round.
+  // fuse() makes it again where HRLS holds a variance and the last HRLS did not, or the other way round.
   std::optional<raymeld::Fusion> fusion_;
-  raymeld_fusion_info info_;         // of what does not change
-  std::vector<std::string> layers_;  // without the variance
+  raymeld_fusion_info info_;         // scale and precision, which do not change
+  std::vector<std::string> layers_;  // the layers of HRLS, but not the variance
   bool reads_variance_ = false;
-  // Threads of Python's take turns; who waits for it does not hold the interpreter's lock.
+  // Threads of Python take turns; one that waits for the mutex does not hold the interpreter's lock.
   std::mutex mutex_;
   raymeld_status status_;
 };
@@ -223,8 +223,9 @@ PYBIND11_MODULE(raymeld, module) {
       .def_property_readonly("name", [](const SharedModel& model) { return model.info().name; })
       .def_property_readonly(
           "scale", [](const SharedModel& model) { return model.info().scale; },
-          "Full-size pixels to one of LRHS, in each direction.")
-      .def_property_readonly("layers", &SharedModel::layers, "The layers of HRLS that it reads, in order.")
+          "Full-size pixels for each pixel of LRHS, in each direction.")
+      .def_property_readonly("layers", &SharedModel::layers,
+                             "The layers of HRLS that the model reads, in order.")
       .def_property_readonly("optional_layers", &SharedModel::optional_layers,
                              "The layers that the model was trained to do without.")
       .def_property_readonly("parameters", [](const SharedModel& model) { return model.info().parameters; });
@@ -234,13 +235,12 @@ PYBIND11_MODULE(raymeld, module) {
       "A model made ready for frames of one size on one device.\n\n"
       "height and width are those of LRHS, in pixels, at most 65536. precision is 'auto', 'fp32'\n"
       "or 'fp16', and kernels 'auto' or 'direct'. sampling says where LRHS samples lie: 'model',\n"
-      "'nearest' or 'centered'. max_memory_bytes limits what is taken on the device; 0 is what it\n"
-      "has to give. An exposure of 0 is what suits the model. changed_only computes only the\n"
-      "tiles that changed since the last frame. absent_layers are the optional layers of the model that HRLS "
-      "does not\n"
-      "have. device is an index of devices(), a UUID or part of a name; '' is the first GPU, else a\n"
-      "driver for CPUs.\n"
-      "Raises Error, and ValueError.")
+      "'nearest' or 'centered'. max_memory_bytes limits the memory taken on the device; 0 allows all\n"
+      "that it has to give. With an exposure of 0, each frame gets the exposure that suits the model.\n"
+      "changed_only computes only the tiles that changed since the last frame. absent_layers are the\n"
+      "optional layers of the model that HRLS does not have. device is an index of devices(), a UUID\n"
+      "or part of a name; '' is the first GPU, else a driver for CPUs.\n"
+      "Raises Error and ValueError.")
       .def(py::init<std::shared_ptr<SharedModel>, int64_t, int64_t, const std::string&, const std::string&,
                     const std::string&, uint64_t, float, bool, const std::vector<std::string>&,
                     const std::string&>(),
@@ -252,16 +252,16 @@ PYBIND11_MODULE(raymeld, module) {
       .def(
           "fuse", &Fuser::fuse, py::arg("lrhs"), py::arg("hrls"),
           "lrhs is (height, width, 3) and hrls {layer: (scale * height, scale * width, 3)} of all `layers`,\n"
-          "scene linear. A model that reads the variance takes it from hrls, or else computes it of the\n"
-          "color. Returns (scale * height, scale * width, 3). Other threads run while the device works.\n"
+          "scene linear. A model that reads the variance takes it from hrls, or else computes it from\n"
+          "the color. Returns (scale * height, scale * width, 3). Other threads run while the device works.\n"
           "Raises Error, ValueError and KeyError.")
       .def_property_readonly("layers", &Fuser::layers, "The layers of HRLS that fuse() asks for.")
       .def_property_readonly("scale", &Fuser::scale)
       .def_property_readonly("precision", &Fuser::precision, "'fp32' or 'fp16'.")
-      .def_property_readonly("memory_bytes", &Fuser::memory_bytes, "What it takes on the device, so far.")
+      .def_property_readonly("memory_bytes", &Fuser::memory_bytes, "The memory taken on the device so far.")
       .def_property_readonly(
           "status", &Fuser::status,
-          "Of the last frame: saturated, values that fp16 could not hold; redone_tiles,\n"
-          "computed again in fp32 for that; kept_share, of the frame that is the last one's, by\n"
-          "changed_only.");
+          "The status of the last frame: saturated is the number of values that fp16 could not hold,\n"
+          "redone_tiles the number of tiles that were computed again in fp32 for that, and kept_share\n"
+          "the share of the frame that changed_only took from the last one.");
 }

@@ -1,4 +1,4 @@
-"""The Python module gives what the program gives: test_raymeld.py PROGRAM MODEL FOLDER, the folder for its files."""
+"""Tests that the Python module gives what the program gives: test_raymeld.py PROGRAM MODEL FOLDER_FOR_FILES"""
 
 import os
 import pathlib
@@ -132,7 +132,7 @@ class Test(unittest.TestCase):
         fusion = raymeld.Fusion(self.model, height, width, kernels="direct")
         lrhs = image(1, height, width)
         hrls = {name: image(2, fusion.scale * height, fusion.scale * width) for name in fusion.layers}
-        fusion.fuse(lrhs, hrls)  # drivers compile
+        fusion.fuse(lrhs, hrls)  # drivers compile in the first call
         ticks, going = [], True
 
         def tick():

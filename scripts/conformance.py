@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""What raymeld conform --json found on several devices: a few lines, or with --markdown docs/conformance-report.md."""
+"""Sums up what raymeld conform --json found on several devices; --markdown prints docs/conformance-report.md."""
 import json
+import subprocess
 import sys
 from pathlib import Path
 
@@ -20,7 +21,7 @@ def cell(row):
 
 
 def largest(rows):
-    """The row whose worst value is nearest to its bound, or beyond it."""
+    """Returns the row whose worst value is nearest to its bound, or furthest beyond it."""
     tried = [row for row in rows if row and "worst" in row]
     if not tried:
         return None
@@ -43,7 +44,7 @@ def summary(name, report):
 
 
 def agreement(report):
-    """Of all networks, by the device that they were compared with: how many outputs, and the worst of them."""
+    """Returns, by the device that networks were compared with: (outputs that passed, that failed, the worst row)."""
     found = {}
     for row in report["rows"]:
         if row["layer"].startswith("agreement with ") and "worst" in row:
@@ -62,22 +63,32 @@ def print_text(reports):
             print("  FAILED " + ", ".join(failure[part] for part in ("layer", "kernel", "precision", "case", "message")))
 
 
-def print_markdown(reports):
+def current_commit():
+    """Returns the short name of the commit that is checked out beside this script."""
+    command = ["git", "-C", str(Path(__file__).parent), "rev-parse", "--short", "HEAD"]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+
+def print_markdown(reports, commit):
     names = list(reports)
     print("# Conformance report\n")
-    print("Written by `scripts/test-drivers --full --write-docs`; [conformance.md](conformance.md) says how to read it.\n")
+    print(f"`scripts/test-drivers --full --write-docs` wrote this page at commit {commit}.\n"
+          "[conformance.md](conformance.md) says how to read it.\n")
     print("| driver | device | version | Vulkan | passed | failed | unsupported |\n|---|---|---|---|---|---|---|")
     for name, r in reports.items():
         print(f"| {name} | {r['device']} | {r['driver'].strip()} | {r['api_version']} | {r['passed']} | {r['failed']} | "
               f"{r['unsupported']} |")
-    print("\n## Networks of one driver against those of another\n")
-    print("| driver | other | outputs that agree | difference / both bounds | where |\n|---|---|---|---|---|")
+    print("\n## Outputs of networks: one driver against another\n")
+    print("| driver | other driver | outputs that agree | difference / sum of both bounds | where |")
+    print("|---" * 5 + "|")
     for name, report in reports.items():
         for other, (passed, failed, worst) in agreement(report).items():
             print(f"| {name} | {other} | {passed} of {passed + failed} | {cell(worst)} | {worst['kernel']}, "
                   f"{worst['precision']}, {place(worst)} |")
     print("\n## Layers and networks against the reference: worst error / bound\n")
-    print("| layer | kernel | precision | " + " | ".join(names) + " | where the largest of these is |")
+    print("A cell is the worst of all cases, and up to 1 is right. `no ...` names the feature that the driver lacks;\n"
+          "with `-` the driver has no such cases.\n")
+    print("| layer | kernel | precision | " + " | ".join(names) + " | where the largest is |")
     print("|---" * (len(names) + 4) + "|")
     tables = [{key(row): row for row in report["rows"]} for report in reports.values()]
     for one in dict.fromkeys(row for table in tables for row in table):
@@ -93,4 +104,7 @@ def print_markdown(reports):
 if __name__ == "__main__":
     files = [Path(argument) for argument in sys.argv[1:] if argument != "--markdown"]
     read = {file.stem: json.loads(file.read_text()) for file in files}
-    (print_markdown if "--markdown" in sys.argv else print_text)(read)
+    if "--markdown" in sys.argv:
+        print_markdown(read, current_commit())
+    else:
+        print_text(read)

@@ -8,8 +8,8 @@
 
 namespace raymeld {
 
-// The one exception of raymeld: bad input or a failing device. The message says what was being done, names
-// the file or layer, and what was expected. Anything else that is thrown is an internal error.
+// Is thrown for bad input or a failing device. The message says what raymeld was doing, names the file or
+// layer, and says what was expected. Any other exception but Cancelled is an internal error.
 class Error : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -19,7 +19,7 @@ class Error : public std::runtime_error {
       : std::runtime_error(fmt::format(format, std::forward<Args>(args)...)) {}
 };
 
-// Thrown when a progress callback asked for the work to stop; nothing has been written.
+// Is thrown when a progress callback or a signal asks for the work to stop; its output has not been written.
 class Cancelled : public std::runtime_error {
  public:
   Cancelled() : std::runtime_error("cancelled") {}

@@ -1,4 +1,4 @@
-// Models and images for the library's tests.
+// Holds the models and images of the library's tests.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -9,7 +9,7 @@
 
 namespace raymeld::test {
 
-// As a program would say it that made this device.
+// Describes `device` as the program that made it would.
 inline raymeld_context_desc context_desc(const ExternalDevice& device) {
   raymeld_context_desc desc;
   desc.get_instance_proc_addr = device.get_instance_proc_addr;
@@ -27,7 +27,7 @@ inline raymeld_context_desc context_desc(const ExternalDevice& device) {
   return desc;
 }
 
-// Of the size of a subject.
+// Describes a fusion of the size of `subject`.
 inline raymeld_fusion_desc fusion_desc(const Subject& subject) {
   raymeld_fusion_desc desc;
   desc.height = uint32_t(subject.lrhs.h);
@@ -59,7 +59,7 @@ inline ApiFused fuse(Fusion& fusion, const Subject& subject) {
   return fused;
 }
 
-// What `work` must throw; any other end fails the test.
+// Returns the message of the Failure with `result` that `work` must throw; any other end fails the test.
 template <typename Work>
 std::string failure_of(raymeld_result result, Work&& work) {
   try {
@@ -74,7 +74,7 @@ std::string failure_of(raymeld_result result, Work&& work) {
 
 }  // namespace raymeld::test
 
-// Every given part must stand in the message of the failure, with that result, that `statement` ends in.
+// Expects `statement` to end in a failure with that result whose message holds every given part.
 #define EXPECT_FAILURE(result, statement, ...)                                           \
   do {                                                                                   \
     const std::string message = raymeld::test::failure_of(result, [&] { statement; });   \

@@ -1,4 +1,4 @@
-// What raymeld.h promises of arguments, versions, errors, handles and what the caller brings.
+// Tests what raymeld.h promises about arguments, versions, errors, handles and the caller's own objects.
 #include <vulkan/vulkan_core.h>
 
 #include <cstdlib>
@@ -7,7 +7,7 @@
 #include <mutex>
 #include <thread>
 
-// Structures have no padding, which each compiler would have its own of.
+// The public structures have no padding, as compilers may pad in different ways.
 #pragma GCC diagnostic push
 #pragma GCC diagnostic error "-Wpadded"
 #include "raymeld/raymeld.h"
@@ -77,7 +77,8 @@ TEST_F(ApiTest, FailuresSayWhatWasExpected) {
   raymeld_fusion_desc changes = desc_;
   changes.changed_only = VK_TRUE;
   changes.output_image = VK_TRUE;
-  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, Fusion(context, model, changes), "changed_only", "buffers");
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, Fusion(context, model, changes), "changed_only",
+                 "output_image");
   EXPECT_EQ(raymeld_model_get_info(nullptr, nullptr), RAYMELD_ERROR_INVALID_ARGUMENT);
   EXPECT_STREQ(raymeld_error(), "model is NULL");
   for (const auto destroy_none :
@@ -129,14 +130,14 @@ TEST_F(ApiTest, EachThreadHasItsOwnError) {
   EXPECT_EQ(model, nullptr);
 }
 
-// As a program would pass and read them that was compiled with an older or a newer header.
+// Passes and reads structures as a program that was compiled with an older or a newer header would.
 TEST_F(ApiTest, StructuresOfOtherVersions) {
   const Context context;
   const SharedModel model(file_);
   raymeld_fusion fusion = nullptr;
   raymeld_fusion_desc older = desc_;
   older.struct_size = offsetof(raymeld_fusion_desc, precision);
-  older.precision = raymeld_precision(77);  // behind what it has
+  older.precision = raymeld_precision(77);  // lies beyond the older structure's size
   ASSERT_EQ(raymeld_fusion_create(context.get(), model.get(), &older, &fusion), RAYMELD_SUCCESS)
       << raymeld_error();
 
@@ -157,7 +158,7 @@ TEST_F(ApiTest, StructuresOfOtherVersions) {
   EXPECT_EQ(raymeld_fusion_create(context.get(), model.get(), &desc_, &other),
             RAYMELD_ERROR_INVALID_ARGUMENT);
   EXPECT_NE(std::string(raymeld_error()).find("struct_size is 0"), std::string::npos);
-  desc_.struct_size = 5000;  // not read
+  desc_.struct_size = 5000;  // the structure is not read
   EXPECT_EQ(raymeld_fusion_create(context.get(), model.get(), &desc_, &other),
             RAYMELD_ERROR_INVALID_ARGUMENT);
   EXPECT_NE(std::string(raymeld_error()).find("struct_size is 5000"), std::string::npos);
@@ -167,7 +168,7 @@ TEST_F(ApiTest, StructuresOfOtherVersions) {
   EXPECT_EQ(raymeld_record(fusion, VK_NULL_HANDLE, &frame), RAYMELD_ERROR_INVALID_ARGUMENT);
   EXPECT_STREQ(raymeld_error(), "raymeld_frame: reserved is 1, expected 0");
 
-  const auto small = std::make_unique<size_t>(sizeof(size_t));  // that is all of it
+  const auto small = std::make_unique<size_t>(sizeof(size_t));  // the structure ends after struct_size
   raymeld_context plain = nullptr;
   EXPECT_EQ(raymeld_context_create(reinterpret_cast<const raymeld_context_desc*>(small.get()), &plain),
             RAYMELD_SUCCESS);
@@ -198,7 +199,7 @@ TEST_F(ApiTest, AModelInMemoryIsTheOneInAFile) {
   const Context context;
   std::string bytes = read_file(file_);
   const SharedModel model(bytes.data(), bytes.size(), "mine");
-  std::ranges::fill(bytes, '\0');  // it was copied
+  std::ranges::fill(bytes, '\0');  // the model holds a copy
   EXPECT_STREQ(model.info().name, SharedModel(file_).info().name);
   Fusion of_memory(context, model, desc_), of_file(context, SharedModel(file_), desc_);
   EXPECT_EQ(fuse(of_memory, subject_).values, fuse(of_file, subject_).values);
@@ -221,7 +222,7 @@ TEST_F(ApiTest, StockModelsHaveNames) {
   EXPECT_EQ(some[1], nullptr);
   EXPECT_EQ(SharedModel("mine").info().scale, 2u);
   EXPECT_EQ(SharedModel("x4-fast").info().scale, 4u);
-  // The folder takes the place of what is installed; what is a path is no name, and a file has precedence.
+  // The folder hides installed models of the same name, a path is never a name, and a file hides a name.
   std::filesystem::copy(file_, models / "x4-fast.safetensors");
   EXPECT_EQ(SharedModel("x4-fast").info().scale, 2u);
   EXPECT_FAILURE(RAYMELD_ERROR_MODEL, SharedModel("their"), "no model 'their'", "there are mine, x2-fast,");
@@ -278,7 +279,7 @@ TEST_F(ApiTest, FeaturesAreWhatADeviceIsMadeWith) {
   EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, Context{desc}, "0x40000000");
 }
 
-// Devices are made with chains, under validation, and raymeld then uses what was enabled.
+// Makes devices with the chains, under validation; raymeld then uses the features that were enabled.
 TEST_F(ApiTest, FeaturesAreEnabledInTheCallersChain) {
   const CallerDevice caller;
   const ExternalDevice& external = caller.external();
@@ -311,11 +312,11 @@ TEST_F(ApiTest, FeaturesAreEnabledInTheCallersChain) {
   };
   auto plain = vk_struct<VkPhysicalDeviceFeatures2>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2);
   EXPECT_EQ(enable(plain).bits, alone);
-  EXPECT_FALSE(plain.features.shaderInt64);  // a part of what the chain has not all of
+  EXPECT_FALSE(plain.features.shaderInt64);  // buffer addresses also need a structure that the chain lacks
   EXPECT_EQ(plain.features.shaderStorageImageWriteWithoutFormat, external.image_writes);
   use(plain, enable(plain));
 
-  // Structures of their own, and a member of the caller's.
+  // This chain has a structure for each feature, and a member that the caller has set.
   auto half = vk_struct<VkPhysicalDevice16BitStorageFeatures>(
       VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_16BIT_STORAGE_FEATURES);
   auto addresses = vk_struct<VkPhysicalDeviceBufferDeviceAddressFeatures>(
@@ -331,7 +332,7 @@ TEST_F(ApiTest, FeaturesAreEnabledInTheCallersChain) {
   EXPECT_TRUE(own.features.robustBufferAccess);
   use(own, of_own);
 
-  // Structures of Vulkan's versions, for which the instance here is too old.
+  // This chain has the structures of Vulkan 1.1 and 1.2. The instance is too old to make a device with them.
   auto second =
       vk_struct<VkPhysicalDeviceVulkan12Features>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES);
   auto first = vk_struct<VkPhysicalDeviceVulkan11Features>(
@@ -373,7 +374,7 @@ TEST_F(ApiTest, FeaturesAreWrittenAtTheStrideOfTheCaller) {
   EXPECT_EQ(std::string(older.end() - kOlder, older.end()), std::string(kOlder, kUntouched));
 }
 
-// Counts; a block begins with its size.
+// Counts the host's allocations; `sizes` holds the size of each block.
 struct Allocations {
   std::atomic<int> made{0}, alive{0};
   std::mutex mutex;
@@ -420,7 +421,7 @@ TEST_F(ApiTest, TheCallersAllocatorServesAllObjects) {
         &allocations, Allocations::allocate, Allocations::reallocate, Allocations::free, nullptr, nullptr};
     desc.allocation_callbacks = &callbacks;
     const Context context(desc);
-    callbacks = {};  // they were copied
+    callbacks = {};  // the context holds a copy
     Fusion fusion(context, SharedModel(file_), desc_);
     fuse(fusion, subject_);
     EXPECT_GT(allocations.made, 10);
@@ -443,7 +444,7 @@ TEST_F(ApiTest, TheCallersPipelineCacheTakesThePlaceOfTheFile) {
     fuse(fusion, subject_);
   }
   EXPECT_FALSE(std::filesystem::exists(folder_ / "cache/raymeld"));
-  // It is still the caller's to destroy, which validation watches.
+  // The cache is still the caller's to destroy, which validation checks.
   caller.vk().DestroyPipelineCache(caller.external().device, cache, nullptr);
 
   desc.pipeline_cache = VK_NULL_HANDLE;
@@ -460,7 +461,7 @@ TEST_F(ApiTest, FusionsOfSeveralSizesShareTheWeights) {
   CallerDevice caller;
   const Context context(context_desc(caller.external()));
   const SharedModel model(file_);
-  // Not calls: weights may take a copy for their way to the device.
+  // Counts live allocations and not calls, as weights may take a copy on their way to the device.
   auto made_since = [before = 0]() mutable {
     const int now = interposed().alive.at("vkAllocateMemory");
     return now - std::exchange(before, now);
@@ -471,10 +472,10 @@ TEST_F(ApiTest, FusionsOfSeveralSizesShareTheWeights) {
   larger.height *= 2;
   auto second = std::make_unique<Fusion>(context, model, larger);
   EXPECT_EQ(made_since(), alone - 1);
-  larger.precision = RAYMELD_PRECISION_FP16;  // other numbers
+  larger.precision = RAYMELD_PRECISION_FP16;  // these weights are other bits
   Fusion third(context, model, larger);
   EXPECT_EQ(made_since(), alone);
-  // It is no matter who had them first.
+  // It does not matter which fusion had the weights first.
   const std::vector<float> expected = fuse(first, subject_).values;
   Fusion fourth(context, model, desc_);
   first = Fusion(context, model, larger);
@@ -502,7 +503,7 @@ TEST_F(ApiTest, ActivationsMayLieInTheCallersMemory) {
   EXPECT_FALSE(caller.take_calls().contains("vkAllocateMemory"));
   EXPECT_GT(needs.size_bytes, 0u);
 
-  // In the middle of a larger block.
+  // The memory lies in the middle of a larger block.
   const VkDevice device = caller.external().device;
   const VkDeviceSize offset = 3 * needs.alignment_bytes;
   auto flags = vk_struct<VkMemoryAllocateFlagsInfo>(VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_FLAGS_INFO);
@@ -540,7 +541,7 @@ TEST_F(ApiTest, ActivationsMayLieInTheCallersMemory) {
   caller.vk().FreeMemory(device, memory, nullptr);
 }
 
-// A plan of such sizes would take all of the host's memory.
+// Planning such sizes would take all of the host's memory.
 TEST_F(ApiTest, AbsurdSizesAreRefusedBeforeTheyArePlanned) {
   const Context context;
   const SharedModel model(file_);
@@ -556,7 +557,7 @@ TEST_F(ApiTest, AbsurdSizesAreRefusedBeforeTheyArePlanned) {
   Fusion fusion(context, model, desc_);
   EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.prepare_size(4'000'000'000, 4'000'000'000),
                  "4000000000", "at most 9 x 6");
-  desc_.height = desc_.width = 65536;  // the largest there is takes tiles
+  desc_.height = desc_.width = 65536;  // the largest size takes tiles
   desc_.max_memory_bytes = 16 << 20;
   EXPECT_LT(memory_needs(context, model, desc_).size_bytes, desc_.max_memory_bytes);
 }

@@ -49,8 +49,8 @@ Requests random_requests(std::mt19937& random) {
   return requests;
 }
 
-// The buffers of network.md's graph, one dispatch per convolution, LRHS of `pixels`, scale 2^steps.
-// A block's wide buffer holds its input and all that its dense convolutions append.
+// Returns the buffers of network.md's graph with one dispatch per convolution, an LRHS of `pixels` pixels and
+// a scale of 2^steps. A block's wide buffer holds its input and all that its dense convolutions append.
 Requests network_requests(uint64_t pixels, int steps, int groups, int blocks, int dense_layers,
                           uint64_t features, uint64_t growth) {
   Requests requests;
@@ -126,13 +126,13 @@ TEST(Arena, DisjointShareOnePlace) {
   EXPECT_EQ(plan.offset_bytes, (std::vector<uint64_t>{0, 0, 0}));
 }
 
-// Written at the dispatch where another is read for the last time: they must not share.
+// A buffer that is written at the dispatch where another is read for the last time must not share its memory.
 TEST(Arena, LifetimesAreInclusive) {
   const Requests requests = {{64, 0, 1}, {64, 1, 2}};
   EXPECT_EQ(plan_arena(requests, 64).size_bytes, 128u);
 }
 
-// Largest first alone would put 3 above 4 and need 13.
+// Placing the largest first would put 3 above 4 and need 13.
 TEST(Arena, ChainThatDefeatsLargestFirst) {
   const Requests requests = {{6, 0, 1}, {4, 1, 2}, {3, 2, 3}, {5, 3, 4}};
   const ArenaPlan plan = plan_arena(requests, 1);

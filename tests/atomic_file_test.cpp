@@ -26,7 +26,7 @@ std::set<std::string> names_in(const fs::path& folder) {
   return names;
 }
 
-// Without a name until commit(), and with a temporary one, as where the file system has no others.
+// Tests files without a name until commit(), and files with a temporary one, as other file systems need.
 class AtomicFileTest : public testing::TestWithParam<bool> {
  protected:
   void write(const std::string& content) {
@@ -61,7 +61,7 @@ TEST_P(AtomicFileTest, WithoutCommitNothingIsLeft) {
   EXPECT_EQ(read_file(folder_ / "a"), "older");
 }
 
-// Two files of one name, as of two processes: the last commit wins, and both are whole.
+// Two processes may write one name at once: the last commit wins, and both files are whole.
 TEST_P(AtomicFileTest, TwoOfOneNameKeepApart) {
   AtomicFile first(folder_ / "a", GetParam()), second(folder_ / "a", GetParam());
   first.write("first", 5);
@@ -73,11 +73,11 @@ TEST_P(AtomicFileTest, TwoOfOneNameKeepApart) {
   EXPECT_EQ(names_in(folder_.path()), std::set<std::string>{"a"});
 }
 
-// A child writes files of one letter each over and over, and is killed anywhere in that.
+// A child writes files of one letter each over and over, and is killed at any point.
 TEST_P(AtomicFileTest, AKillLeavesAWholeFileOrNone) {
   constexpr size_t kBytes = 300'000;
   std::mt19937 random(1);
-  unsigned most_us = 8000;  // until the kill; grows on a machine on which nothing appears by then
+  unsigned most_us = 8000;  // the longest wait before the kill; grows where no file appears by then
   int appeared = 0, left_behind = 0;
   for (int kill_number = 0; kill_number < 60; ++kill_number) {
     if (kill_number % 2 == 0) fs::remove(folder_ / "a");
@@ -111,7 +111,7 @@ TEST_P(AtomicFileTest, AKillLeavesAWholeFileOrNone) {
   EXPECT_EQ(read_file(folder_ / "a"), "after all that");
 }
 
-// The test above as a process of its own, with a log between it and the disk.
+// Runs the test above in a process of its own, with a log between it and the disk.
 TEST(AtomicFile, IsOnTheDiskAfterCommit) {
   const TemporaryDirectory folder;
   const std::filesystem::path log = folder / "log";

@@ -16,7 +16,7 @@ using test::within_bounds;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// IEEE 754 binary16 by its definition, for finite bit patterns.
+// Decodes a finite IEEE 754 binary16 from its bits, by definition.
 double half_from_bits(uint32_t bits) {
   const double sign = bits & 0x8000 ? -1 : 1;
   const int exponent = int(bits >> 10 & 31), fraction = int(bits & 1023);

@@ -13,7 +13,7 @@ constexpr uint64_t kMostTexelBytes = 16;
 
 }  // namespace
 
-// What raymeld itself never calls.
+// Holds the Vulkan functions that raymeld itself never calls.
 struct CallerImage::Functions {
   PFN_vkCreateImage CreateImage;
   PFN_vkDestroyImage DestroyImage;

@@ -9,7 +9,7 @@
 
 namespace raymeld::test {
 
-// An image of Vulkan as a renderer would hand it over: 2D, one level.
+// Makes a Vulkan image as a renderer would hand it over: 2D, one level.
 class CallerImage {
  public:
   CallerImage(const Device& device, VkFormat format, uint32_t width, uint32_t height,
@@ -21,9 +21,9 @@ class CallerImage {
   VkImageView view() const { return view_; }
   uint32_t width() const { return width_; }
   uint32_t height() const { return height_; }
-  // All texels, row by row; it is then in that layout. Submits and waits.
+  // Writes all texels, row by row, and leaves the image in `layout`. Submits and waits.
   void write(const std::vector<std::byte>& texels, VkImageLayout layout);
-  // Of an image in GENERAL, whose writers have finished.
+  // Reads an image that is in GENERAL and whose writers have finished.
   std::vector<std::byte> read() const;
 
  private:

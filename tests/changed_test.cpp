@@ -1,4 +1,4 @@
-// What did not change is not computed, and the bits are those of a whole frame.
+// Tests that tiles that did not change are not computed, and that the bits are those of a whole frame.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -7,9 +7,9 @@
 
 #include "error_of.h"
 #include "fusion/fuser.h"
+#include "fusion/tuner.h"
 #include "model/network.h"
 #include "subject.h"
-#include "fusion/tuner.h"
 
 namespace raymeld::test {
 namespace {
@@ -51,7 +51,7 @@ class ChangedTest : public GpuTest {
     return fused;
   }
 
-  // The same by a Fuser that then has no last frame.
+  // Cancels a frame first, so that the Fuser has no last frame and computes all tiles.
   Fused fuse_whole(Fuser& fuser, const Scene& scene) {
     EXPECT_THROW(fuse(fuser, scene, [](double) { return false; }), Cancelled);
     return fuse(fuser, scene);
@@ -60,14 +60,14 @@ class ChangedTest : public GpuTest {
   TemporaryDirectory folder_;
 };
 
-// Options under which a frame takes several tiles.
+// Returns options under which a frame takes several tiles.
 FuserOptions tiled(const Model& model, FuserOptions options) {
   options.changed_only = true;
   options.max_memory_bytes = plan_fusion(model, kHeight, kWidth, gpu().info(), options).peak_bytes() / 2;
   return options;
 }
 
-// Zero by either sign is the same to the network, and not to a comparison of bits.
+// Zeros of either sign are the same to the network, but not to a comparison of bits.
 TEST_F(ChangedTest, BitsAreComparedAndNotValues) {
   const Architecture a = small_architecture(2);
   const Model model = model_of(a);
@@ -81,8 +81,8 @@ TEST_F(ChangedTest, BitsAreComparedAndNotValues) {
   EXPECT_EQ(fused.image.data, first.data);
 }
 
-// A tile that reads no changed pixel is left out, and one whose halo alone does is computed. The bits are
-// those of a frame that is computed as a whole.
+// A tile that reads no changed pixel is skipped, and a tile whose halo alone changed is computed. The bits
+// are those of a frame that is computed as a whole.
 TEST_F(ChangedTest, TilesThatDoNotChangeAreLeftOut) {
   const Architecture a = small_architecture(2);
   const Model model = model_of(a);
@@ -140,7 +140,7 @@ TEST_F(ChangedTest, AfterAFrameThatWasGivenUpAllIsComputed) {
     };
     EXPECT_ERROR(fuse(fuser, other, fail), "half of it");
     EXPECT_TRUE(same_bits(fuse(fuser, scene).image.data, expected.data));
-    // Where nothing is computed, a frame can be cancelled too.
+    // A frame in which nothing is computed can be cancelled too.
     EXPECT_THROW(fuse(fuser, scene, [](double) { return false; }), Cancelled);
     EXPECT_EQ(fuse(fuser, scene).report.kept_share, 0);
     EXPECT_EQ(fuse(fuser, scene).report.kept_share, 1);
@@ -161,7 +161,7 @@ TEST_F(ChangedTest, AnotherExposureIsAnotherFrame) {
   }
 }
 
-// A tile that 16 bits cannot hold is computed in 32 as a whole, whatever of it changed.
+// A tile that fp16 cannot hold is computed in fp32 as a whole, whichever part of it changed.
 TEST_F(ChangedTest, WhatOverflowsIsComputedAgainAsAWhole) {
   if (!gpu().info().storage_16bit) GTEST_SKIP() << "no 16-bit storage";
   const Architecture a = small_architecture(2);
@@ -189,7 +189,7 @@ TEST_F(ChangedTest, WhatOverflowsIsComputedAgainAsAWhole) {
       };
       light(20, 100);
       EXPECT_GT(fused(), 0u);
-      light(170, 1e-6f);  // far away, and small
+      light(170, 1e-6f);  // far from the first light, and small
       EXPECT_GT(fused(), 0u);
       EXPECT_GT(fused(), 0u);  // nothing changed
       light(20, 0);

@@ -5,7 +5,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-// As text and as JSON.
+// Checks the sums in text and in JSON.
 TEST_F(Cli, ConformSumsUpWhatItFound) {
   const Json json = run_json({"conform", "--suite", "shuffles", "--json"});
   EXPECT_EQ(json.at("extent"), "quick");
@@ -25,7 +25,7 @@ TEST_F(Cli, ConformSumsUpWhatItFound) {
   EXPECT_NE(text.out.find(std::to_string(passed) + " cases passed, 0 failed"), std::string::npos) << text.out;
 }
 
-// One output is known to another device, and is off; those that are not there are no pass.
+// The other device's file has wrong values for one network, which fail; missing networks are unsupported.
 TEST_F(Cli, ConformComparesNetworksWithThoseOfAnotherDevice) {
   const char* network = "0: x2, 1 features, phase 0, 1 x 1, direct, fp32";
   const Json known{{"shape", {3, 2, 2}}, {"values", std::vector<double>(12, 1e6)}};
@@ -49,7 +49,7 @@ TEST_F(Cli, ConformKeepsAndComparesNothingWithoutNetworks) {
   for (const char* option : {"--values", "--against"}) {
     const ProcessResult result = run({"conform", "--suite", "shuffles,joint", option, "values.json"});
     EXPECT_EQ(result.exit_status, 2);
-    EXPECT_NE(result.err.find("--suite leaves out 'network'"), std::string::npos) << result.err;
+    EXPECT_NE(result.err.find("--values and --against need the suite 'network'"), std::string::npos) << result.err;
     EXPECT_EQ(result.out, "");
     EXPECT_FALSE(std::filesystem::exists(folder_ / "values.json"));
   }

@@ -1,4 +1,4 @@
-// Whatever goes wrong: exit status 2 and a message that names it, and not a file more than before.
+// Tests that any error gives exit status 2, a message that names the cause, and no new file.
 #include <OpenEXR/ImfChannelList.h>
 #include <OpenEXR/ImfFrameBuffer.h>
 #include <OpenEXR/ImfMultiPartOutputFile.h>
@@ -20,7 +20,7 @@ class CliErrors : public Cli {
                     int status = 2) {
     check(run(arguments), texts, status);
   }
-  // Through a shell, for limits and redirections.
+  // Runs the program through a shell, for limits and redirections.
   void expect_shell_error(const std::string& script, const std::vector<std::string>& arguments,
                           const std::vector<std::string>& texts) {
     std::vector<std::string> argv = {"sh", "-c", script, "sh", RAYMELD_PROGRAM};
@@ -83,7 +83,7 @@ TEST_F(CliErrors, SizesThatDoNotFit) {
   expect_error(fuse(), {"low.exr", "9 x 6", "high.exr", "32 x 24", "36 x 24 for x4"});
   write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 16, 12, 1));
   expect_error(fuse(), {"16 x 12", "64 x 48 for x4"});
-  // A scale of 3, with no model named.
+  // The scale is 3, and no model is named.
   write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 48, 36, 2));
   expect_error({"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "-o", "out.exr"},
                {"16 x 12", "48 x 36", "32 x 24 for x2", "64 x 48 for x4", "128 x 96 for x8"});
@@ -115,7 +115,7 @@ TEST_F(CliErrors, LayersThatAreMissingAreNamed) {
   expect_error(fuse(), {"low.exr", "color", "--map-lrhs"});
 }
 
-// Parts of 32 x 24 with black colours, and one, "extra", of half that width.
+// Writes parts of 32 x 24 black pixels, and one, "extra", of half that width.
 void write_parts(const fs::path& path) {
   std::vector<Imf::Header> headers;
   for (const char* name : {"beauty", "albedo", "normal", "extra"}) {
@@ -137,7 +137,7 @@ void write_parts(const fs::path& path) {
   }
 }
 
-// Where no color is found, the message lists what the file has.
+// The message lists the layers of the file when no color is found.
 TEST_F(CliErrors, LayersOfTheFileAreListed) {
   const std::vector<std::string> names = {"paint.R", "paint.G", "paint.B", "wall.X",
                                           "wall.Y",  "wall.Z",  "id"};
@@ -212,7 +212,7 @@ TEST_F(CliErrors, OutputsOfAnotherKind) {
   EXPECT_EQ(run(fuse({"--preview", "UPPER.PNG"})).exit_status, 0);
 }
 
-// An error of any kind is on stdout too with --json, once.
+// An error of any kind is also written to stdout with --json, once.
 TEST_F(CliErrors, AreInJsonToo) {
   const auto error = [&](const std::vector<std::string>& arguments) {
     const ProcessResult result = run(arguments);
@@ -234,7 +234,7 @@ TEST_F(CliErrors, AreInJsonToo) {
   EXPECT_EQ(sequence.find("1 frames: 0 fused, 1 failed (1)"), 0u) << sequence;
 }
 
-// What the disk says is said once.
+// The disk's message is repeated only once.
 TEST_F(CliErrors, AFullDiskIsSaidOnce) {
   const ProcessResult result = run_process({"sh", "-c", "ulimit -f 0; exec \"$@\"", "sh", RAYMELD_PROGRAM,
                                             "compare", "low.exr", "low.exr", "--error-map", "map.png"},
@@ -244,8 +244,9 @@ TEST_F(CliErrors, AFullDiskIsSaidOnce) {
   EXPECT_NE(result.err.find("cannot write 'map.png': File too large"), std::string::npos) << result.err;
 }
 
-// Blocks of 512 bytes: the preview fits, the image does not, and neither stays. What was there before does.
-// Only commands that use no device are given a limit on file sizes: newer drivers take memory through files.
+// The limit counts blocks of 512 bytes: the preview fits, the image does not, and neither stays, but older
+// files do. Only commands that use no device are given a limit on file sizes: newer drivers take memory
+// through files.
 TEST_F(CliErrors, FullDisk) {
   const std::string script = "ulimit -f 1; exec \"$@\"";
   expect_shell_error(script, {"degrade", "high.exr", "--scale", "2", "-o", "half.exr"},
@@ -284,7 +285,7 @@ TEST_F(CliErrors, NoVulkanLoader) {
   expect_error({"devices"}, {"no Vulkan loader"});
 }
 
-// In many small tiles, so that the frame takes far longer than a signal.
+// The frame has many small tiles, so that it takes far longer than a signal.
 TEST_F(CliErrors, InterruptedInTheMiddle) {
   write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 128, 128, 1));
   write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 512, 512, 2));

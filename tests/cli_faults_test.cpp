@@ -1,5 +1,5 @@
-// The program on a driver that fails: exit status 2, a message that says what was being done, and no file. A
-// layer between the two makes it fail (fault_layer/).
+// Tests the program on a driver that fails: exit status 2, a message that says what was being done, and no
+// file. A layer between program and driver makes it fail (fault_layer/).
 #include <fmt/format.h>
 #include <vulkan/vulkan_core.h>
 
@@ -15,7 +15,7 @@ class CliFaults : public Cli {
   void SetUp() override {
     Cli::SetUp();
     add_fault_layer();
-    ASSERT_EQ(run(fuse()).exit_status, 0);  // compiles kernels, which takes other calls than later runs do
+    ASSERT_EQ(run(fuse()).exit_status, 0);  // compiles kernels, with calls that later runs do not make
     ASSERT_EQ(run(fuse()).exit_status, 0);
     std::filesystem::remove(folder_ / "out.exr");
     before_ = files();
@@ -40,7 +40,8 @@ class CliFaults : public Cli {
   std::set<std::string> before_;
 };
 
-// Every function that may fail, the first time and the last: creating the instance and the device included.
+// Fails the first and the last call of every function that may fail, those that create the instance and the
+// device included.
 TEST_F(CliFaults, EveryFunctionThatFailsIsAnErrorAndLeavesNoFile) {
   EXPECT_GT(called_.size(), 20u);
   for (const auto& [function, count] : called_) {
@@ -72,7 +73,7 @@ TEST_F(CliFaults, ALostDeviceIsAnErrorAndLeavesNoFile) {
   }
 }
 
-// Of three frames the second one's first submit fails, so that the third is not begun.
+// The first submit of the second of three frames fails, so that the third is not begun.
 TEST_F(CliFaults, ALostDeviceEndsASequence) {
   for (int frame = 1; frame <= 3; ++frame) {
     write_image(folder_ / fmt::format("low.{}.exr", frame), kColorNames, random_image(kColorNames, 8, 6, 1));
@@ -117,7 +118,7 @@ TEST_F(CliFaults, LittleMemoryGivesSmallTilesAndAWarning) {
   EXPECT_EQ(read_file(folder_ / "out.exr"), tiled);
 }
 
-// The device has what a small frame takes, and no tile of a large one fits in that.
+// The device has the memory that a small frame takes, and no tile of a large frame fits in it.
 TEST_F(CliFaults, AFrameWithoutMemoryFailsAlone) {
   write_image(folder_ / "low.1.exr", kColorNames, random_image(kColorNames, 8, 6, 1));
   write_image(folder_ / "high.1.exr", kLayeredNames, random_image(kLayeredNames, 32, 24, 2));

@@ -65,7 +65,7 @@ std::vector<std::string> Cli::fuse(const std::vector<std::string>& more) {
 void Cli::add_fault_layer() {
   environment_["VK_LAYER_PATH"] = RAYMELD_FAULT_LAYER;
   environment_["VK_INSTANCE_LAYERS"] = "VK_LAYER_RAYMELD_faults";
-  environment_["NODEVICE_SELECT"] = "1";  // a layer of Mesa, whose calls are not the program's
+  environment_["NODEVICE_SELECT"] = "1";  // turns off Mesa's layer, whose calls are not the program's
   environment_["RAYMELD_CALLS"] = (folder_ / "cache" / "calls.txt").string();
 }
 
@@ -80,7 +80,8 @@ std::map<std::string, Cli::CallCount> Cli::calls() const {
 void Cli::add_sync_log() {
   environment_["LD_PRELOAD"] = RAYMELD_SYNC_LOG_LIBRARY;
   environment_["RAYMELD_SYNC_LOG"] = (folder_ / "cache" / "sync.txt").string();
-  environment_["ASAN_OPTIONS"] = "detect_leaks=0:verify_asan_link_order=0";  // it asks to be the first
+  // AddressSanitizer would ask to be loaded first.
+  environment_["ASAN_OPTIONS"] = "detect_leaks=0:verify_asan_link_order=0";
 }
 
 ProcessResult Cli::run_held(const std::string& hold, const std::string& where,

@@ -1,4 +1,4 @@
-// The program as a process: what its tests share.
+// Runs the program as a process, for all tests of it.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -16,7 +16,7 @@ inline Imath::Box2i window(int x, int y, int width, int height) {
   return {{x, y}, {x + width - 1, y + height - 1}};
 }
 
-// The three names of each layer that the tiny models take, and alpha.
+// The models of tests/golden take these channels: three of each layer, and alpha.
 inline const std::vector<std::string> kColorNames = {"R", "G", "B"};
 inline const std::vector<std::string> kLayeredNames = {
     "R", "G", "B", "normal.X", "normal.Y", "normal.Z", "albedo.R", "albedo.G", "albedo.B", "A"};
@@ -27,7 +27,7 @@ Image random_image(const std::vector<std::string>& names, int width, int height,
 // Returns the (C, height, width) part of `image` whose top-left pixel is (x, y).
 Image crop(const Image& image, int x, int y, int width, int height);
 
-// (C, s*h, s*w) -> (C, h, w): the top-left pixel of each s x s cell (Hou et al. 2021, section 3.3).
+// Returns the top-left pixel of each s x s block: (C, s*h, s*w) -> (C, h, w) (Hou et al. 2021, section 3.3).
 Image degrade_nearest(const Image& image, int scale);
 
 void write_image(const std::filesystem::path& path, const std::vector<std::string>& names, const Image& image,
@@ -41,7 +41,7 @@ class Cli : public testing::Test {
   void SetUp() override;
 
   ProcessResult run(std::vector<std::string> arguments) const;
-  // `fuse` of the pair to out.exr with the tiny model of scale 4.
+  // Returns the arguments that fuse the pair to out.exr with the tiny model of scale 4.
   static std::vector<std::string> fuse(const std::vector<std::string>& more = {});
   static std::string tiny_model() { return source_path("tests/golden/tiny-x4.safetensors").string(); }
 
@@ -54,26 +54,27 @@ class Cli : public testing::Test {
   // Returns what the last run called, by function; empty when its instance was not destroyed.
   std::map<std::string, CallCount> calls() const;
 
-  // Puts sync_log/ between the program and the disk; its log is sync_log().
+  // Puts sync_log/ between the program and the disk; sync_log() returns its log.
   void add_sync_log();
   std::string sync_log() const { return read_file(folder_ / "cache" / "sync.txt"); }
 
   // Runs the program and holds it back until its stderr holds `text` and, after options.signal, options.then
-  // has returned. `hold` and `where` say at what: RAYMELD_HOLD_SUBMIT and a number, see fault_layer/, or
-  // RAYMELD_HOLD_SYNC and a part of a path, see sync_log/.
+  // has returned. `hold` and `where` say at which call: RAYMELD_HOLD_SUBMIT and a number, see fault_layer/,
+  // or RAYMELD_HOLD_SYNC and a part of a path, see sync_log/.
   ProcessResult run_held(const std::string& hold, const std::string& where,
                          std::vector<std::string> arguments, const std::string& text,
                          ProcessOptions options = {});
-  // The number of submits of the last run, which had the fault layer.
+  // Returns the number of submits of the last run, which must have had the fault layer.
   std::string submits() const { return std::to_string(calls().at("vkQueueSubmit").calls); }
 
-  // The program fails, says all `texts` on stderr, prints nothing and leaves the files as they were.
+  // Expects the program to fail, to say all `texts` on stderr, to print nothing and to leave the files as
+  // they were.
   ProcessResult expect_error(const std::vector<std::string>& arguments,
                              const std::vector<std::string>& texts) const;
 
   nlohmann::json run_json(const std::vector<std::string>& arguments) const;
 
-  // The names of the files and folders there are, without the cache.
+  // Returns the names of the files and folders there are, without the cache.
   std::set<std::string> files() const;
   Image read(const std::string& name, const std::vector<std::string>& channels = kColorNames) const {
     return ExrFile(folder_ / name).read(channels);

@@ -1,4 +1,4 @@
-// Help, manual and completion: all options are in each, as all are made of the same texts.
+// Tests that help, manual and completion have all options, as they are made of the same texts.
 #include <fmt/format.h>
 
 #include <regex>
@@ -18,7 +18,7 @@ class CliHelp : public Cli {
     EXPECT_EQ(result.exit_status, 0) << result.err;
     return result.out;
   }
-  // The options that a help lists, each at the start of a line.
+  // Returns the options that a help lists, each at the start of a line.
   std::set<std::string> options(const std::vector<std::string>& arguments) const {
     const std::string help = text(arguments);
     const std::regex option("\n  (?:-[a-z],)?(--[a-z-]+)");
@@ -27,7 +27,7 @@ class CliHelp : public Cli {
       names.insert((*at)[1]);
     return names;
   }
-  // What bash offers after these words, of which the last is not complete.
+  // Returns the completions that bash offers for the last of these words.
   std::set<std::string> completions(const std::vector<std::string>& words) const {
     write_file(folder_ / "completion", text({"completion"}));
     std::string script = "source ./completion; COMP_WORDS=(";
@@ -97,7 +97,7 @@ TEST_F(CliHelp, CompletionOffersCommandsAndValues) {
   EXPECT_EQ(completions({"raymeld", "fuse", "--quality", "b"}), (std::set<std::string>{"balanced"}));
   EXPECT_EQ(completions({"raymeld", "degrade", "--scale", ""}), (std::set<std::string>{"2", "4", "8"}));
   EXPECT_EQ(completions({"raymeld", "fuse", "--lrhs", "lo"}),
-            std::set<std::string>{});  // bash has files then
+            std::set<std::string>{});  // bash itself then completes files
 }
 
 TEST_F(CliHelp, ManualIsFormattedWithoutComplaints) {

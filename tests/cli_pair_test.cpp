@@ -1,4 +1,4 @@
-// What fuse finds of a pair and does about it.
+// Tests which properties of a pair fuse finds out, and how it handles each.
 #include <OpenEXR/ImfStringAttribute.h>
 
 #include "cli_fixture.h"
@@ -43,7 +43,7 @@ TEST_F(CliPair, WhereSamplesLieIsFoundFromThePixels) {
     EXPECT_EQ(plan.at("lrhs_sampling_from"), "pair");
     EXPECT_EQ(fused().data, fused({"--lrhs-sampling", sampling}).data);
   }
-  EXPECT_NE(said().find("found LRHS is an ordinary small render, as the pixels show"), std::string::npos);
+  EXPECT_NE(said().find("found: LRHS is an ordinary small render, as the pixels show"), std::string::npos);
 }
 
 TEST_F(CliPair, TheOptionAndTheFileDecideOverThePixels) {
@@ -66,7 +66,7 @@ TEST_F(CliPair, WithoutEvidenceLrhsIsAnOrdinarySmallRender) {
   const nlohmann::json plan = planned();
   EXPECT_EQ(plan.at("lrhs_sampling"), "centered");
   EXPECT_EQ(plan.at("lrhs_sampling_from"), "default");
-  EXPECT_NE(said().find("found LRHS is an ordinary small render, which the pixels do not show"),
+  EXPECT_NE(said().find("found: LRHS is an ordinary small render, as the pixels do not show another kind"),
             std::string::npos);
 }
 
@@ -79,15 +79,15 @@ TEST_F(CliPair, FilesThatDoNotBelongTogetherAreRefused) {
       {turned(pair.lrhs, true, false), "left and right exchanged"},
       {turned(pair.lrhs, false, true), "top and bottom exchanged"},
       {turned(pair.lrhs, true, true), "turned by 180 degrees"},
-      {noise, "their structures correlate by"},
-      {mixed_with_another_camera(pair.lrhs, 1), "their structures correlate by"}};
+      {noise, "the correlation of their structures is"},
+      {mixed_with_another_camera(pair.lrhs, 1), "the correlation of their structures is"}};
   for (const auto& [lrhs, reason] : strangers) {
     write_pair(lrhs, pair.hrls);
     expect_error(fuse(), {"LRHS 'low.exr'", "HRLS 'high.exr'", reason, "--pair-check warn"});
     EXPECT_FALSE(std::filesystem::exists(folder_ / "out.exr"));
   }
   const std::string warned = said({"--pair-check", "warn"});
-  EXPECT_NE(warned.find("warning: LRHS 'low.exr' does not show what HRLS 'high.exr' shows"),
+  EXPECT_NE(warned.find("warning: LRHS 'low.exr' and HRLS 'high.exr' show different things"),
             std::string::npos)
       << warned;
   EXPECT_EQ(said({"--pair-check", "off"}).find("warning"), std::string::npos);
@@ -107,7 +107,7 @@ TEST_F(CliPair, APairThatHardlyBelongsTogetherIsWarnedOf) {
   EXPECT_NE(warned.find("warning: LRHS 'low.exr' hardly resembles HRLS 'high.exr'"), std::string::npos);
 }
 
-// Either of both may be the brighter one.
+// Either render may be the brighter one.
 TEST_F(CliPair, LrhsIsMadeAsBrightAsHrls) {
   const Pair pair = make_pair(4, true);
   write_pair(pair.lrhs, times(pair.hrls, 4));

@@ -1,4 +1,4 @@
-// The lines that fuse writes to stderr.
+// Tests the lines that fuse writes to stderr.
 #include <fmt/format.h>
 
 #include <sstream>
@@ -18,7 +18,7 @@ class CliReport : public Cli {
     std::istringstream stream(result.err);
     std::vector<std::string> lines;
     for (std::string line; std::getline(stream, line);) {
-      const bool is_progress = line.ends_with(" %");  // every few seconds
+      const bool is_progress = line.ends_with(" %");  // is written every few seconds
       if (!is_progress && !line.starts_with("compiling kernels")) lines.push_back(line);
     }
     return lines;
@@ -33,10 +33,11 @@ TEST_F(CliReport, AFusedFrameIsFiveLines) {
   EXPECT_EQ(said[0], "read low.exr, 8 x 6, and high.exr, 32 x 24: scale 4");
   EXPECT_EQ(said[1].find(fmt::format("fusing on {} with tiny-x4 in fp", device)), 0u) << said[1];
   EXPECT_EQ(said[2],
-            "found LRHS is an ordinary small render, which the pixels do not show; "
+            "found: LRHS is an ordinary small render, as the pixels do not show another kind; "
             "tiny-x4 was not trained on centered LRHS");
   EXPECT_EQ(said[3].find("took "), 0u) << said[3];
-  for (const char* part : {" ms on the device, ", " ms in all, ", " MiB of its memory; input exposure 1"})
+  for (const char* part :
+       {" ms on the device, ", " ms in total, ", " MiB of device memory; input exposure 1"})
     EXPECT_NE(said[3].find(part), std::string::npos) << said[3];
   EXPECT_EQ(said[4], "wrote out.exr, fused.png");
 }
@@ -56,7 +57,7 @@ TEST_F(CliReport, TheWindowIsSaid) {
             "read low.exr, 8 x 6, and high.exr, 32 x 24, window 12 x 16 at 4,8: scale 4");
 }
 
-// The model takes an albedo and does without one; here the first is constant and then there is none.
+// The model takes an albedo and can do without it; here it is first constant and then missing.
 TEST_F(CliReport, ConstantAndMissingLayersAreFound) {
   std::vector<std::string> arguments = fuse();
   arguments.back() = source_path("tests/golden/guided-x4.safetensors").string();

@@ -1,4 +1,4 @@
-// What fuse does before it fuses.
+// Tests the phases that fuse reports, and the first run, which compiles kernels.
 #include "cli_fixture.h"
 
 namespace raymeld::test {
@@ -6,7 +6,7 @@ namespace {
 
 class CliStart : public Cli {
  protected:
-  // Without anything that the driver or the program compiled before.
+  // Starts with nothing that the driver or the program has compiled before.
   void SetUp() override {
     Cli::SetUp();
     environment_["MESA_SHADER_CACHE_DIR"] = (folder_ / "cache" / "driver").string();

@@ -34,7 +34,7 @@ Picture read_png(const fs::path& path) {
   return picture;
 }
 
-// Returns whether the top left corner has nothing but black and white, and both, as a label does.
+// Returns whether the top left corner has only black and white, and both, as a label has.
 bool has_label(const Picture& picture, int left) {
   std::set<int> values;
   for (int y = 0; y < 7; ++y)
@@ -43,7 +43,7 @@ bool has_label(const Picture& picture, int left) {
   return values == std::set<int>{0, 255};
 }
 
-// The values of a NumPy file, whose header must hold `shape`.
+// Returns the values of a NumPy file, whose header must hold `shape`.
 std::vector<float> read_npy(const fs::path& path, const std::string& shape) {
   const std::string bytes = read_file(path);
   const size_t header = uint8_t(bytes.at(8)) + 256u * uint8_t(bytes.at(9));
@@ -144,7 +144,7 @@ TEST_F(Cli, ModelsByNameAndByScale) {
     return run_json(arguments).at("model");
   };
   EXPECT_EQ(with_model("x4-fast"), "tiny-x4");
-  // Of a scale's models the balanced one is the default: this one cannot be read.
+  // The balanced model of a scale is the default; this file cannot be read.
   write_file(folder_ / "models/x4-balanced.safetensors", "");
   const ProcessResult result = run(dry);
   EXPECT_EQ(result.exit_status, 2);
@@ -165,11 +165,11 @@ TEST_F(Cli, DryRunShowsThePlanAndWritesNothing) {
   EXPECT_EQ(files(), before);
 }
 
-// Of a picture that is cut out by its data window only the cells that the window touches are fused.
+// Only the LRHS pixels that the data window touches are fused.
 TEST_F(Cli, DataWindowsInsideTheDisplayWindow) {
   const Image cut = random_image(kLayeredNames, 15, 14, 4);
   write_image(folder_ / "cut.exr", kLayeredNames, cut, window(5, 3, 15, 14), window(0, 0, 32, 24));
-  Image padded(16, 20, cut.channels);  // from (4, 0) on
+  Image padded(16, 20, cut.channels);  // starts at pixel (4, 0)
   for (int c = 0; c < padded.channels; ++c)
     for (int y = 0; y < padded.height; ++y)
       for (int x = 0; x < padded.width; ++x)
@@ -245,7 +245,7 @@ TEST_F(Cli, HalfPrecisionIsSaidAndUsed) {
   EXPECT_NE(read("out.exr").data, half.data);
 }
 
-// Weights that are right by themselves may make values that 16 bits cannot hold, or nothing finite at all.
+// Weights that are valid may still make values that fp16 cannot hold, or values that are not finite.
 TEST_F(Cli, SaturationIsCountedAndNoImageIsMadeOfInfinities) {
   SafeTensors model = read_safetensors(tiny_model());
   const auto fuse_changed = [&](const char* tensor, float value, std::vector<std::string> options) {
@@ -299,7 +299,7 @@ TEST_F(Cli, SaturationIsCountedAndNoImageIsMadeOfInfinities) {
   EXPECT_EQ(files(), (std::set<std::string>{"low.exr", "high.exr", "scaled.safetensors"}));
 }
 
-// On a terminal the bar is wiped before anything else is written in its line.
+// The bar on a terminal is wiped before anything else is written in its line.
 TEST_F(Cli, WarningsDoNotStandInTheProgressBar) {
   if (!run_json({"devices", "--json"}).at("devices").at(0).at("storage_16bit"))
     GTEST_SKIP() << "no 16-bit storage";
@@ -407,7 +407,7 @@ TEST_F(Cli, WhatAModelWasNotTrainedOnIsSaid) {
     EXPECT_EQ(notices(both, sampling).find("not trained"), std::string::npos);
 }
 
-// The model takes color, albedo, normal and variance, and does without albedo and variance.
+// The model takes color, albedo, normal and variance, and can do without albedo and variance.
 TEST_F(Cli, LayersThatTheModelDoesWithoutAreZero) {
   const std::string model = source_path("tests/golden/guided-x4.safetensors").string();
   std::vector<std::string> names = kLayeredNames;
@@ -494,13 +494,13 @@ TEST_F(Cli, CompareHasFewDigitsAndTheNamesOfJson) {
   for (std::string word; words >> word;) EXPECT_LE(word.size(), 9u) << table;
 }
 
-// In a folder of the test's own, so that nothing was measured before.
+// The cache folder is the test's own, so that nothing was measured before.
 TEST_F(Cli, TuneMeasuresOnceAndFuseReadsIt) {
   const std::vector<std::string> tune{"tune",  "--model",     tiny_model(), "--size",
                                       "32x32", "--precision", "fp32",       "--json"};
   const Json first = run_json(tune), again = run_json(tune);
   EXPECT_GE(first.at("conv2d").size(), 8u);
-  EXPECT_EQ(again, first);  // times and all
+  EXPECT_EQ(again, first);  // including the times
   const std::string file = first.at("file");
   EXPECT_EQ(file.substr(0, folder_.path().string().size()), folder_.path().string());
   write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 8, 8, 5));

@@ -1,4 +1,4 @@
-// The measured trade of speed for quality: what it writes is what fuse does.
+// Tests `trade`, which must measure what fuse computes.
 #include <fmt/format.h>
 
 #include <cmath>
@@ -23,7 +23,8 @@ class CliTrade : public Cli {
     fs::copy_file(tiny_model(), folder_ / "models/x4-tiny.safetensors");
   }
 
-  // Two LRHS and two HRLS renders of 32 x 24 pixels.
+  // Writes a view of 32 x 24 pixels with two LRHS and two HRLS renders. A render takes 0.5 s and 1 s per
+  // sample of a full-size pixel; LRHS takes 1/16 of that.
   void write_view(const std::string& name, uint64_t seed) const {
     const fs::path view = folder_ / name;
     fs::create_directories(view);
@@ -48,7 +49,7 @@ class CliTrade : public Cli {
 
   Json read_json(const std::string& name) const { return Json::parse(read_file(folder_ / name)); }
 
-  // Along the front each point brings 0.01 dB more than the cheaper one before it, and no other point does.
+  // Expects each point of the front, and no other, to bring 0.01 dB more than the cheaper one before it.
   template <typename Cost>
   static void expect_front(const Json& points, const Cost& cost, const char* key) {
     constexpr double kStepDb = 0.01;
@@ -78,7 +79,7 @@ TEST_F(CliTrade, WritesWhatFuseGives) {
   EXPECT_EQ(report.at("data"), "set");
   EXPECT_EQ(report.at("views").size(), 2u);
   const Json& settings = report.at("settings");
-  ASSERT_GE(settings.size(), 2u);  // with fp16, where the device has it, 4
+  ASSERT_GE(settings.size(), 2u);  // 4 where the device has fp16
   EXPECT_EQ(report.at("measurements").size(), 2 * settings.size());
   std::string row;
   size_t rows = 0;
@@ -106,7 +107,7 @@ TEST_F(CliTrade, WritesWhatFuseGives) {
   expect_front(
       report.at("renders"),
       [](const Json& p) { return p.at("render_s").get<double>() + p.at("fuse_s").get<double>(); }, "front");
-  // Of each view and setting, fuse gives the same image.
+  // Fuses each view by each setting, which must give the measured image.
   for (const Json& measured : report.at("measurements")) {
     const Json& setting = settings.at(measured.at("setting").get<size_t>());
     const std::string view = "set/" + measured.at("view").get<std::string>() + "/";
@@ -136,7 +137,6 @@ TEST_F(CliTrade, WritesWhatFuseGives) {
   }
 }
 
-// The times of the renders lie on the line 0.5 + spp.
 TEST_F(CliTrade, GoesOnWhereItWasStopped) {
   write_view("set", 3);
   const fs::path journal = folder_ / "report/measured.jsonl";
@@ -151,7 +151,7 @@ TEST_F(CliTrade, GoesOnWhereItWasStopped) {
     EXPECT_FALSE(fs::exists(folder_ / "report/trade.json"));
   };
   stop();
-  // All settings of the one view are measured by then. A line that was being written is none.
+  // All settings of the one view are measured by then. A line that was cut off in writing does not count.
   std::map<std::string, Json> measured;
   std::string line;
   for (std::ifstream lines(journal); std::getline(lines, line);) {
@@ -162,7 +162,7 @@ TEST_F(CliTrade, GoesOnWhereItWasStopped) {
   std::ofstream(journal, std::ios::app) << R"(["set: 1 spp", [)";
   const ProcessResult result = trade();
   ASSERT_EQ(result.exit_status, 0) << result.err;
-  EXPECT_NE(result.err.find(fmt::format("going on after {} measurements", measured.size())),
+  EXPECT_NE(result.err.find(fmt::format("continuing after {} measurements", measured.size())),
             std::string::npos)
       << result.err;
   EXPECT_FALSE(fs::exists(journal));
@@ -176,13 +176,13 @@ TEST_F(CliTrade, GoesOnWhereItWasStopped) {
   EXPECT_EQ(times, expected);
   EXPECT_EQ(report.at("renders").size(), 6u);
 
-  // What was measured of other renders is of no use.
+  // Measurements of other renders are not used.
   fs::remove_all(folder_ / "report");
   stop();
   fs::last_write_time(folder_ / "set/0002.exr", fs::file_time_type::clock::now() + std::chrono::seconds(9));
   const ProcessResult anew = trade();
   EXPECT_EQ(anew.exit_status, 0);
-  EXPECT_EQ(anew.err.find("going on"), std::string::npos) << anew.err;
+  EXPECT_EQ(anew.err.find("continuing"), std::string::npos) << anew.err;
 }
 
 TEST_F(CliTrade, RendersCostWhatTheLineThroughTheirTimesSays) {
@@ -195,7 +195,8 @@ TEST_F(CliTrade, RendersCostWhatTheLineThroughTheirTimesSays) {
                         render.at("hrls_spp").get<int>())] = render.at("render_s");
     EXPECT_EQ(render.at("fuse_s") == 0, render.at("model") == "");
   }
-  // LRHS of 16 and 32 samples have as many in all as HRLS of 1 and 2, or half or twice as many.
+  // LRHS of 16 and 32 samples per pixel have as many samples in all as HRLS of 1 and 2; the other pairs have
+  // half or twice as many.
   ASSERT_EQ(seconds.size(), 6u);
   EXPECT_NEAR(seconds.at(" 0-1"), 1.5, 1e-3);
   EXPECT_NEAR(seconds.at(" 0-2"), 2.5, 1e-3);
@@ -219,7 +220,7 @@ TEST_F(CliTrade, ThePageHoldsTheMeasurementsAndNothingFromElsewhere) {
   EXPECT_EQ(strips[0].at("images"), Json({"LRHS, bicubic", "HRLS", "x4-tiny", "reference"}));
   EXPECT_EQ(strips[0].at("width"), 4 * 32 + 3 * 4);
   EXPECT_EQ(strips[0].at("height"), 2 * 24);
-  EXPECT_TRUE(strips[0].at("png").get<std::string>().starts_with("iVBORw0KGgo"));  // a PNG's first bytes
+  EXPECT_TRUE(strips[0].at("png").get<std::string>().starts_with("iVBORw0KGgo"));  // the first bytes of a PNG
 }
 
 TEST_F(CliTrade, CurveIsWrittenForFuseToChooseBy) {
@@ -244,7 +245,7 @@ TEST_F(CliTrade, BadSetsAreErrorsThatNameThem) {
   };
   expect_error({}, "test set 'set': there is no view.json in it");
   write_view("set", 3);
-  expect_error({"--curve", "curve.json"}, "--curve takes 8 views at least, and test set 'set' has 1");
+  expect_error({"--curve", "curve.json"}, "--curve needs at least 8 views, and test set 'set' has 1");
   write_file(folder_ / "set/view.json", "{");
   expect_error({}, "test set 'set/view.json': ");
   write_file(folder_ / "set/view.json", R"({"files": {"0003.exr": {"spp": 3}}})");

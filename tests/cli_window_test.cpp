@@ -1,4 +1,4 @@
-// Parts of frames: `fuse --window`, and data windows smaller than the display window.
+// Tests parts of frames: `fuse --window`, and data windows smaller than the display window.
 #include <fmt/format.h>
 
 #include "cli_fixture.h"
@@ -14,9 +14,9 @@ std::string text_of(const Box2i& part) {
   return fmt::format("{},{},{},{}", part.min.x, part.min.y, width_of(part), height_of(part));
 }
 
-// An x4 pair of 64 x 48 and 256 x 192, whose data windows start at (3, -5) and (-7, 9). Left and right differ
-// in light, in whether both renders agree, and in whether the albedo is constant: exposure, what needs no
-// network and constant layers must be the frame's.
+// Writes an x4 pair of 64 x 48 and 256 x 192 pixels whose data windows start at (3, -5) and (-7, 9). Left and
+// right differ in brightness and in whether the albedo is constant: exposure and constant layers must be
+// those of the whole frame.
 class CliWindow : public Cli {
  protected:
   void SetUp() override {
@@ -50,7 +50,7 @@ class CliWindow : public Cli {
   }
 
   const Box2i data_ = window(-7, 9, 256, 192);
-  // In the middle and off the cells' grid; at the corners; one pixel; everything.
+  // The parts lie in the middle, off the grid of 4 x 4 blocks, and at corners; then one pixel and everything.
   const std::vector<Box2i> parts_ = {window(116, 98, 13, 9),
                                      window(-7, 9, 20, 5),
                                      window(236, 191, 13, 10),
@@ -108,7 +108,7 @@ TEST_F(CliWindow, MeasuresAndShowsThePart) {
     const Json quality = run_json({"compare", image, "part.exr", "--json"});
     EXPECT_NEAR(json.at("metrics").at(row).at("psnr_db"), quality.at("psnr_db"), 1e-9) << row;
   }
-  // The bicubic LRHS too is that of the whole frame.
+  // The bicubic LRHS too is measured over the part alone.
   const Json whole = run_json(fuse({"--reference", "truth.exr", "--json", "--window", text_of(data_)}));
   EXPECT_NE(json.at("metrics").at("bicubic_lrhs"), whole.at("metrics").at("bicubic_lrhs"));
   for (const char* name : {"fused.png", "all.png", "layers"}) EXPECT_TRUE(files().contains(name)) << name;
@@ -122,7 +122,7 @@ TEST_F(CliWindow, CostsWhatItsPixelsCost) {
   };
   const Json whole = plan({});
   const double halo = whole.at("halo"), gflop = whole.at("gflop");
-  // Cells 30 to 33 and 22 to 24 from the data window's corner.
+  // The part touches columns 30 to 33 and rows 22 to 24 of LRHS, counted from the data window's corner.
   const Json part = plan({"--window", text_of(parts_[0])});
   EXPECT_EQ(part.at("tile_width"), 4 + 2 * halo);
   EXPECT_EQ(part.at("tile_height"), 3 + 2 * halo);
@@ -145,7 +145,7 @@ TEST_F(CliWindow, TilesGiveTheSameBits) {
   EXPECT_EQ(read("out.exr").data, whole.data);
 }
 
-// Of a border render only the cells that its data window touches.
+// Only the LRHS pixels that the data window of a border render touches cost work.
 TEST_F(CliWindow, ADataWindowCostsWhatItsPixelsCost) {
   const Image border = random_image(kLayeredNames, 15, 14, 4);
   write_image(folder_ / "border.exr", kLayeredNames, border, window(5, 3, 15, 14), window(0, 0, 160, 96));
@@ -161,7 +161,7 @@ TEST_F(CliWindow, ADataWindowCostsWhatItsPixelsCost) {
   const double expected = gflop("cells.exr", "full.exr");
   EXPECT_GT(expected, 0);
   EXPECT_EQ(gflop("low.exr", "border.exr"), expected);
-  // And a window of it what is there.
+  // A window of the border render takes a halo that covers all of the data window.
   EXPECT_EQ(run_json({"fuse", "--lrhs", "low.exr", "--hrls", "border.exr", "--model", model_.string(),
                       "--dry-run", "--json", "--window", "6,4,2,2"})
                 .at("gflop"),

@@ -53,11 +53,12 @@ INSTANTIATE_TEST_SUITE_P(Suites, ConformTest,
 
 class CollectorTest : public GpuTest {
  protected:
-  // What comes of a case.
-  Finding finding(const std::function<void(Check&)>& body, const conform::Way& way = {.name = "direct"}) {
+  // Runs one case and returns its finding.
+  Finding finding(const std::function<void(Check&)>& body,
+                  const conform::Method& method = {.name = "direct"}) {
     std::vector<Finding> findings;
     const conform::Options options{.on_finding = [&](const Finding& f) { findings.push_back(f); }};
-    Collector(target(), options).run("layer", way, Precision::kFp32, "shape", body);
+    Collector(target(), options).run("layer", method, Precision::kFp32, "shape", body);
     EXPECT_EQ(findings.size(), 1u);
     return findings.at(0);
   }
@@ -85,7 +86,7 @@ TEST_F(CollectorTest, FailsWhereAValueIsBeyondItsBound) {
 }
 
 TEST_F(CollectorTest, FailsWhereTheRmsErrorIsBeyondWhatIsAllowed) {
-  const Planes device(1, 1, 4, {1, 2, 3, 5}), truth(1, 1, 4, {1, 2, 3, 4});  // an RMS error of 0.5
+  const Planes device(1, 1, 4, {1, 2, 3, 5}), truth(1, 1, 4, {1, 2, 3, 4});  // the RMS error is 0.5
   EXPECT_EQ(finding([&](Check& check) { check.rms(device, truth, 0.51, "it"); }).outcome, Outcome::kPassed);
   const Finding failed = finding([&](Check& check) { check.rms(device, truth, 0.25, "it"); });
   EXPECT_EQ(failed.outcome, Outcome::kFailed);
@@ -113,13 +114,13 @@ TEST_F(CollectorTest, AnExceptionOrNothingComparedIsAFailure) {
 }
 
 TEST_F(CollectorTest, WhatADeviceLacksIsNotTried) {
-  const conform::Way matrices{.name = "matrices", .kernel = {.matrix = MatrixTiles{}}};
+  const conform::Method matrices{.name = "matrices", .kernel = {.algorithm = Algorithm::kMatrix}};
   const Finding result = finding([](Check&) { FAIL() << "tried"; }, matrices);
   EXPECT_EQ(result.outcome, Outcome::kUnsupported);
   EXPECT_EQ(result.message, "cooperative matrix");
 }
 
-// A device of which nothing could be tried does not conform.
+// A device on which no case could be tried does not conform.
 TEST(Report, ComplainsOfFailuresAndWhereNothingPassed) {
   using conform::Report;
   const auto layer = [](const char* name) {
@@ -137,14 +138,14 @@ TEST(Report, ComplainsOfFailuresAndWhereNothingPassed) {
   EXPECT_EQ(report.complaint(), "1 of the device's cases failed");
 }
 
-// What the shader cannot use of a device's matrices is not asked of it.
+// Only tiles that the shader can make of a device's matrices are tried.
 TEST(Ways, AreOfPossibleTilesOfMatrices) {
   DeviceInfo device;
   const auto tiles = [&](std::optional<CooperativeMatrix> matrix, uint32_t kernel) {
     device.cooperative_matrix = matrix;
     std::vector<MatrixTiles> found;
-    for (const conform::Way& way : conform::conv2d_ways(device, kernel))
-      if (way.kernel.matrix) found.push_back(*way.kernel.matrix);
+    for (const conform::Method& method : conform::conv2d_methods(device, kernel))
+      if (method.kernel.algorithm == Algorithm::kMatrix) found.push_back(method.kernel.matrix);
     return found;
   };
   const CooperativeMatrix matrix{16, 16, 16, 32, 1024, 49152}, wide{16, 64, 16, 32, 1024, 49152},
@@ -158,14 +159,14 @@ TEST(Ways, AreOfPossibleTilesOfMatrices) {
   }
   EXPECT_EQ(tiles(deep, 1).size(), 2u);
   EXPECT_EQ(tiles(deep, 3), (std::vector{MatrixTiles{deep, 16, 1, 2, 32}}));  // the other takes 56 KiB
-  EXPECT_TRUE(is_possible(*conform::network_ways(device, 0).back().kernel.matrix, 3));
+  EXPECT_TRUE(is_possible(conform::network_methods(device, 0).back().kernel.matrix, 3));
   device.cooperative_matrix = wide;
-  EXPECT_FALSE(is_possible(*conform::network_ways(device, 0).back().kernel.matrix, 1));
+  EXPECT_FALSE(is_possible(conform::network_methods(device, 0).back().kernel.matrix, 1));
 }
 
 class AgreementTest : public GpuTest {
  protected:
-  // A network of a single pixel; the findings by layer.
+  // Runs a network on a single pixel and returns the findings by layer.
   std::map<std::string, Finding> run(const std::vector<conform::Values>& others,
                                      conform::Values* keep = nullptr) {
     std::map<std::string, Finding> findings;
@@ -180,12 +181,12 @@ class AgreementTest : public GpuTest {
                                                             .hrls_layers = {reference::LayerKind::kRadiance},
                                                             .clip = 100},
                                                            1, 1, 1);
-    conform::conform_one(Collector(target(), options), "net", subject, {.way = {.name = "direct"}});
+    conform::conform_one(Collector(target(), options), "net", subject, {.method = {.name = "direct"}});
     return findings;
   }
 };
 
-// A device agrees with itself; values that are not its own, or are not there, are no pass.
+// A device agrees with itself; other values fail, and missing values count as unsupported.
 TEST_F(AgreementTest, IsOfTheSameNetworksWithinBothBounds) {
   conform::Values own{.device = "itself"};
   EXPECT_FALSE(run({}, &own).contains("agreement with itself"));

@@ -1,4 +1,4 @@
-// Layers of HRLS that are constant: the same image as if they were fed, for less work.
+// Tests that constant layers of HRLS give the same image as if they were fed, for less work.
 #include "model/constant_layers.h"
 
 #include <gtest/gtest.h>
@@ -21,7 +21,7 @@ using reference::Outputs;
 using reference::Planes;
 using reference::Precision;
 
-// color, albedo, normal, diffuse, variance: everything that can be constant.
+// Adds diffuse and variance to color, albedo and normal: HRLS then has all layers that can be constant.
 Architecture with_all_kinds(Architecture a) {
   a.hrls_layers.insert(a.hrls_layers.end(), {LayerKind::kRadiance, LayerKind::kVariance});
   return a;
@@ -35,7 +35,7 @@ std::vector<Architecture> architectures() {
 const ConstantLayers kAbsent{{"albedo", {}}, {"diffuse", {}}};
 const ConstantLayers kConstant{{"albedo", {0.25f, 0.7f, 1}}, {"normal", {-0.3f, 0, 0.95f}}, {"variance", {}}};
 
-// `subject` with these layers as images of one value, and its HRLS without them.
+// Holds HRLS with the constant layers as images of one value, and HRLS without them.
 struct Constants {
   Planes fed, without;
 };
@@ -82,15 +82,16 @@ std::vector<float> fuse(const Model& model, const Planes& lrhs, const Planes& hr
   return fused.data;
 }
 
-Kernels kernels_of(const conform::Way& way) {
-  return {.addressed = way.addressed, .conv2d = [kernel = way.kernel](const Conv2dShape& shape) {
+Kernels kernels_of(const conform::Method& method) {
+  return {.addressed = method.addressed, .conv2d = [kernel = method.kernel](const Conv2dShape& shape) {
             Conv2dKernel result = kernel;
-            if (result.tile > 0 && shape.kernel == 1) result.tile = 1;
+            if (result.algorithm == Algorithm::kWinograd && shape.kernel == 1)
+              result.algorithm = Algorithm::kPointwise;
             return result;
           }};
 }
 
-// Each layer against the reference, which is fed what is constant.
+// Compares each layer with the reference, which is fed the constant layers.
 TEST_F(ConstantLayersTest, AreWithinTheBoundsOfFeedingThem) {
   uint64_t seed = 1;
   size_t combinations = 0;
@@ -100,34 +101,36 @@ TEST_F(ConstantLayersTest, AreWithinTheBoundsOfFeedingThem) {
     const Model model = model_of(subject);
     for (const ConstantLayers& constants : {kAbsent, kConstant}) {
       const auto [fed, without] = feed(a, subject.hrls, constants);
-      conform::Collector::for_each(conform::network_ways(gpu().info(), seed), [&](const conform::Way& way,
-                                                                                  Precision precision) {
-        if (way.kernel.matrix && !gpu().info().cooperative_matrix) return;
-        if (!is_tried(combinations++, 5)) return;
-        SCOPED_TRACE(
-            fmt::format("x{} {} {}, {} constant", a.scale, way.name, name_of(precision), constants.size()));
-        FuserOptions options = options_without(constants, storage_of(precision));
-        options.kernels = kernels_of(way);
-        options.exposure = 1.7f;
-        Subject pruned = subject;
-        pruned.hrls = without;
-        conform::NetworkRun run = conform::run_network(target(), model, pruned, options);
-        run.layers.erase("encode.hrls");  // has other channels
-        reference::Weights weights;
-        for (const auto& [name, conv] : subject.weights) weights[name] = round_to(conv, precision);
-        const Outputs expected = reference::network(a, weights, subject.lrhs, fed, 0, precision, run.layers,
-                                                    options.exposure, way.tile(), way.units());
-        for (const auto& [layer, values] : run.layers)
-          EXPECT_TRUE(within_bounds(layer, values, expected.at(layer)));
-        EXPECT_TRUE(within_bounds("output", run.output, expected.at("output")));
-      });
+      conform::Collector::for_each(
+          conform::network_methods(gpu().info(), seed),
+          [&](const conform::Method& method, Precision precision) {
+            if (method.kernel.algorithm == Algorithm::kMatrix && !gpu().info().cooperative_matrix) return;
+            if (!is_tried(combinations++, 5)) return;
+            SCOPED_TRACE(fmt::format("x{} {} {}, {} constant", a.scale, method.name, name_of(precision),
+                                     constants.size()));
+            FuserOptions options = options_without(constants, storage_of(precision));
+            options.kernels = kernels_of(method);
+            options.exposure = 1.7f;
+            Subject pruned = subject;
+            pruned.hrls = without;
+            conform::NetworkRun run = conform::run_network(target(), model, pruned, options);
+            run.layers.erase("encode.hrls");  // the reference has other channels
+            reference::Weights weights;
+            for (const auto& [name, conv] : subject.weights) weights[name] = round_to(conv, precision);
+            const Outputs expected =
+                reference::network(a, weights, subject.lrhs, fed, 0, precision, run.layers, options.exposure,
+                                   method.tile(), method.units());
+            for (const auto& [layer, values] : run.layers)
+              EXPECT_TRUE(within_bounds(layer, values, expected.at(layer)));
+            EXPECT_TRUE(within_bounds("output", run.output, expected.at("output")));
+          });
     }
   }
 }
 
 TEST_F(ConstantLayersTest, TiledAndUntiledGiveTheSameBits) {
   for (Architecture a : architectures()) {
-    const bool joint = a.base == reference::Base::kJoint;  // its halo is large
+    const bool joint = a.base == reference::Base::kJoint;  // a joint base has a large halo
     const Size size = joint ? Size{5, 130} : Size{27, 30};
     const Subject subject = make_subject(a, size.h, size.w, 4);
     const Model model = model_of(subject);
@@ -145,7 +148,7 @@ TEST_F(ConstantLayersTest, TiledAndUntiledGiveTheSameBits) {
   }
 }
 
-// Where 16 bits take exponents, these are the same, and the folded constants are scaled like all else.
+// The exponents of 16-bit storage stay the same, and the folded constants are scaled like all else.
 TEST_F(ConstantLayersTest, FollowTheExponentsOfStorage) {
   const Architecture a = with_all_kinds(guided_architecture(2));
   Subject subject = make_subject(a, 9, 5, 5);
@@ -161,7 +164,7 @@ TEST_F(ConstantLayersTest, FollowTheExponentsOfStorage) {
   for (size_t i = 0; i < expected.size(); ++i) ASSERT_NEAR(pruned[i], expected[i], most * 0x1p-8) << i;
 }
 
-// By the share of the weights that read them, counted by hand; and all else as it was.
+// The work of the weights that read constant layers, counted by hand here, goes. All else stays as it was.
 TEST_F(ConstantLayersTest, TakeNoWork) {
   for (const Architecture& a : architectures()) {
     const Model model = model_of(make_subject(a, 1, 1, 6));
@@ -169,7 +172,7 @@ TEST_F(ConstantLayersTest, TakeNoWork) {
     const FusePlan pruned = plan_fusion(model, 20, 30, gpu().info(), options_without(kConstant));
     const double s = a.scale, pixels = 20 * 30, full = s * s * pixels, dropped = 9;
     const int taps = a.hrls_kernel * a.hrls_kernel;
-    double expected = 2 * taps * dropped * a.features * full;  // hrls: at full size, or as many channels more
+    double expected = 2 * taps * dropped * a.features * full;  // hrls, at full size or unshuffled
     if (a.hrls_guide) expected += 2 * 9 * dropped * a.head_features * full;
     EXPECT_NEAR(whole.flop - pruned.flop, expected, 1e-9 * whole.flop);
     const auto bytes = [](const FusePlan& plan) {
@@ -177,7 +180,7 @@ TEST_F(ConstantLayersTest, TakeNoWork) {
       for (const Pass& pass : plan.graph.passes()) sum += pass.bytes;
       return sum;
     };
-    // Encoded no more, and read no more.
+    // The constant layers are neither encoded nor read.
     EXPECT_LT(bytes(pruned), bytes(whole) - 2 * 4 * (a.base == reference::Base::kJoint ? 3 : dropped) * full);
     EXPECT_EQ(whole.frame_bytes - pruned.frame_bytes, uint64_t(dropped * full * 4));
     EXPECT_LT(pruned.peak_bytes(), whole.peak_bytes());
@@ -186,7 +189,7 @@ TEST_F(ConstantLayersTest, TakeNoWork) {
         if (layer->name.starts_with("encode.hrls")) return layer->output()->shape.channels;
       return 0u;
     };
-    // What the joint base reads is encoded still.
+    // The joint base reads the albedo and the normal, which are still encoded.
     EXPECT_EQ(convolved(whole) - convolved(pruned), a.base == reference::Base::kJoint ? 3 : dropped);
     EXPECT_EQ(whole.graph.passes().size(), pruned.graph.passes().size());
   }
@@ -224,7 +227,7 @@ TEST_F(ConstantLayersTest, ImagesMustBeWithoutThem) {
                "HRLS is 8x6 with 15", "8x6 with 9");
 }
 
-// (3 layers, 2, 2)
+// Returns an image of shape (planes.size(), 2, 2).
 Image image_of_layers(const std::vector<std::array<float, 4>>& planes) {
   Image image(2, 2, int(planes.size()));
   for (size_t c = 0; c < planes.size(); ++c) std::ranges::copy(planes[c], image.plane(int(c)));
@@ -251,13 +254,13 @@ TEST(TakeConstantLayers, FindsWhatIsEncodedAsOneValue) {
   constexpr std::array<float, 4> zero{}, grey{0.5f, 0.5f, 0.5f, 0.5f}, some{0, 0, 0, 1};
   EXPECT_EQ(take({"color", "albedo"}, {zero, zero, zero, grey, grey, grey}).constants,
             (ConstantLayers{{"albedo", {0.5f, 0.5f, 0.5f}}}));
-  // Clamped as encode() does; NaN is 0.
+  // The constants are clamped as encode() does; NaN is 0.
   EXPECT_EQ(
       take({"color", "albedo"}, {some, some, some, {1, 2, 3, 1e30f}, {-1, 0, -2, kNaN}, grey}).constants,
       (ConstantLayers{{"albedo", {1, 0, 0.5f}}}));
   EXPECT_EQ(take({"color", "normal"}, {some, some, some, {-1, -2, -1, -9}, grey, {0, kNaN, 0, 0}}).constants,
             (ConstantLayers{{"normal", {-1, 0.5f, 0}}}));
-  // What the exposure changes is constant at 0 only.
+  // A layer that the exposure scales counts as constant only if it is 0.
   EXPECT_EQ(take({"color", "variance"}, {some, some, some, {0, -1, 0, -5}, zero, zero}).constants,
             (ConstantLayers{{"variance", {}}}));
   EXPECT_TRUE(take({"color", "diffuse"}, {some, some, some, grey, grey, grey}).constants.empty());
@@ -265,7 +268,7 @@ TEST(TakeConstantLayers, FindsWhatIsEncodedAsOneValue) {
 }
 
 TEST(TakeConstantLayers, KeepsTheOthersInOrder) {
-  // Within [0, 1], where nothing is clamped.
+  // The values lie within [0, 1], where nothing is clamped.
   const auto filled = [](int i) {
     const float value = float(i) / 16;
     return std::array<float, 4>{value, value, value, value + 0.03125f};

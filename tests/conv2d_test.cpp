@@ -3,18 +3,18 @@
 #include "error_of.h"
 #include "gpu.h"
 
-// What conv2d() computes is src/conform's to check; here, what it refuses.
+// Tests what conv2d() refuses; src/conform checks what it computes.
 namespace raymeld::test {
 namespace {
 
 class Conv2dTest : public GpuTest {};
 
-// Nothing of this needs a device that has them.
+// No device with cooperative matrices is needed here.
 TEST(MatrixTiles, MustBeWholeMatricesAndFitSharedMemory) {
   const CooperativeMatrix matrix{16, 8, 16, 32, 1024, 49152};
   EXPECT_TRUE(is_possible({matrix}, 3));
   EXPECT_TRUE(is_possible({.matrix = matrix, .channels = 32}, 1));
-  EXPECT_FALSE(is_possible({.matrix = matrix, .channels = 32}, 3));  // 64 KiB
+  EXPECT_FALSE(is_possible({.matrix = matrix, .channels = 32}, 3));  // takes 64 KiB of shared memory
   EXPECT_FALSE(is_possible({.matrix = matrix, .outputs = 24}, 3));
   EXPECT_FALSE(is_possible({.matrix = matrix, .channels = 8}, 3));
   EXPECT_FALSE(is_possible({.matrix = matrix, .rows = 0}, 3));
@@ -25,11 +25,12 @@ TEST(MatrixTiles, MustBeWholeMatricesAndFitSharedMemory) {
 }
 
 TEST_F(Conv2dTest, MatricesAreRefusedWhereTheyCannotBe) {
-  const MatrixTiles tiles{.matrix = {16, 16, 16, 32, 1024, 1u << 17}};  // no device has so much
+  const MatrixTiles tiles{.matrix = {16, 16, 16, 32, 1024, 1u << 17}};  // no device has so much shared memory
   const std::vector<float> weight(9, 1.0f), bias(1, 0.0f);
   const auto add = [&](Graph& graph, const MatrixTiles& with) {
     const Tensor in = graph.input("in", {4, 4, 1}), out = graph.tensor("out", {4, 4, 1});
-    conv2d(graph, "conv", in, out, {weight, bias}, {.how = {.matrix = with}});
+    conv2d(graph, "conv", in, out, {weight, bias},
+           {.how = {.algorithm = Algorithm::kMatrix, .matrix = with}});
     graph.plan();
   };
   Graph full(Storage::kFloat32), half(Storage::kFloat16), odd(Storage::kFloat16);

@@ -1,4 +1,4 @@
-// Which model the curve makes one choose.
+// Tests which model a curve chooses.
 #include "choice/curve.h"
 
 #include <gtest/gtest.h>
@@ -34,12 +34,12 @@ TEST(Curve, FrontHasWhatNoOtherBeats) {
 TEST(Curve, LevelsAreRatesOfExchange) {
   EXPECT_EQ(at_level(kFront, 0).point.model, "a");
   EXPECT_EQ(at_level(kFront, 100).point.model, "c");
-  // A doubling brings 0.2 dB, and must bring 0.1: yes; a quadrupling 0.01: no.
+  // A doubling of the time must bring 0.1 dB. The first brings 0.2, the quadrupling after it only 0.01.
   EXPECT_EQ(at_level(kFront, kBalanced).point.model, "b");
-  EXPECT_EQ(at_level(kFront, 34).point.model, "b");  // must bring 0.194
-  EXPECT_EQ(at_level(kFront, 33).point.model, "a");  // 0.203
-  EXPECT_EQ(at_level(kFront, 96).point.model, "c");  // 0.0042, and 0.005 it is
-  EXPECT_EQ(at_level(kFront, 95).point.model, "b");  // 0.0053
+  EXPECT_EQ(at_level(kFront, 34).point.model, "b");  // a doubling must bring 0.194
+  EXPECT_EQ(at_level(kFront, 33).point.model, "a");  // a doubling must bring 0.203
+  EXPECT_EQ(at_level(kFront, 96).point.model, "c");  // a doubling must bring 0.0042, and brings 0.005
+  EXPECT_EQ(at_level(kFront, 95).point.model, "b");  // a doubling must bring 0.0053
 }
 
 TEST(Curve, BudgetIsKept) {
@@ -52,7 +52,7 @@ TEST(Curve, BudgetIsKept) {
 TEST(Curve, TargetTakesTheFastestThatIsExpectedToReachIt) {
   std::vector<Candidate> front = kFront;
   for (Candidate& candidate : front) candidate.point.estimate = {candidate.point.psnr_db, 1, 0, 1};
-  const FrameTraits traits{2, 7};  // 2 dB above the mean
+  const FrameTraits traits{2, 7};  // raises each estimate by 2 dB
   EXPECT_EQ(for_target(front, traits, 31).point.model, "a");
   EXPECT_EQ(for_target(front, traits, 32.1).point.model, "b");
   for (const double beyond : {40, 99, 1000000}) EXPECT_EQ(for_target(front, traits, beyond).point.model, "c");
@@ -80,16 +80,17 @@ TEST(Curve, PsnrIsEstimatedByTraits) {
   EXPECT_NEAR(exact.per_detail, -0.25, 1e-7);
   EXPECT_NEAR(exact.error_db, 0, 1e-6);
   const double error = fit_psnr(observations(9, 0.5)).error_db;
-  EXPECT_GT(error, 0.5);  // scenes are left out of what they are judged by
+  EXPECT_GT(error, 0.5);  // each scene is judged by a fit to the others
   EXPECT_LT(error, 1.2);
 }
 
 TEST(Curve, PsnrNeedsScenesThatDiffer) {
   EXPECT_EQ(error_of([] { fit_psnr(observations(7, 0)); }),
-            "7 scenes, and it takes 8 to estimate a PSNR by them");
+            "7 scenes are too few to fit an estimate of the PSNR, expected at least 8");
   std::vector<Observation> same = observations(9, 0);
   for (Observation& observation : same) observation.traits = {20, -30};
-  EXPECT_EQ(error_of([&] { fit_psnr(same); }), "the scenes are too much alike to estimate a PSNR by them");
+  EXPECT_EQ(error_of([&] { fit_psnr(same); }),
+            "the scenes are too similar to fit an estimate of the PSNR to them");
 }
 
 TEST(Curve, TraitsOfFlatAndOfNoisyImages) {
@@ -99,14 +100,14 @@ TEST(Curve, TraitsOfFlatAndOfNoisyImages) {
   const FrameTraits flat = traits_of(lrhs, hrls, 0);
   EXPECT_EQ(flat.agreement_db, 60);
   EXPECT_EQ(flat.detail_db, -60);
-  // sRGB of 1 and 0 in turns: a difference of 1 in 3 of 4 rows.
+  // Rows of 0 and 1 in sRGB take turns: 3 of the 4 rows differ by 1 from the row above.
   for (int c = 0; c < 3; ++c)
     for (int y = 0; y < 4; ++y)
       for (int x = 0; x < 4; ++x) lrhs.at(c, y, x) = float(y % 2);
   const FrameTraits striped = traits_of(lrhs, hrls, 0);
   EXPECT_NEAR(striped.detail_db, 10 * std::log10(0.75), 1e-9);
   EXPECT_LT(striped.agreement_db, 10);
-  // Layers behind the color make no difference.
+  // Layers after the color make no difference.
   std::fill_n(hrls.plane(3), 3 * hrls.plane_size(), 9.0f);
   EXPECT_EQ(traits_of(lrhs, hrls, 0).agreement_db, striped.agreement_db);
 }

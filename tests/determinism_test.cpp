@@ -1,4 +1,4 @@
-// The same bits whatever may differ from run to run.
+// Tests that the output has the same bits, whatever differs from run to run.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -6,8 +6,8 @@
 #include "cli_fixture.h"
 #include "conform/model_file.h"
 #include "fusion/fuser.h"
-#include "subject.h"
 #include "fusion/tuner.h"
+#include "subject.h"
 
 namespace raymeld::test {
 namespace {
@@ -31,7 +31,7 @@ class DeterminismTest : public GpuTest {
     return result;
   }
 
-  // The frame in all the ways it is ever cut, from one tile to the smallest; `options` otherwise.
+  // Fuses the frame with each tiling that it is ever cut into, from one tile to the smallest.
   std::vector<Fused> in_all_tilings(FuserOptions options) const {
     std::vector<Fused> all;
     while (true) {
@@ -62,7 +62,7 @@ TEST_F(DeterminismTest, EveryTilingGivesTheSameBitsWithDirectKernels) {
   }
 }
 
-// Minimal filtering rounds a pixel by where it lies in its tile's blocks of 2x2 or 4x4.
+// Winograd rounds a pixel by its place in its tile's blocks of 2x2 or 4x4.
 TEST_F(DeterminismTest, EveryTilingOfFastKernelsRepeatsAndAgreesWithinRounding) {
   const Kernels kernels = default_kernels(gpu().info());
   if (!gpu().info().buffer_device_address) GTEST_SKIP() << "the device has direct kernels only";
@@ -98,7 +98,7 @@ TEST_F(DeterminismTest, EverySplitOfTheWorkGivesTheSameBits) {
   }
 }
 
-// Dispatches begin at any workgroup, those of vectors of pixels among them.
+// Dispatches may begin at any workgroup, also those of kernels that compute vectors of pixels.
 TEST_F(DeterminismTest, EverySplitOfAJointFilterGivesTheSameBits) {
   const Subject subject = make_subject(joint_architecture(2), 20, 70, 1);
   const Model model(conform::model_file(subject.architecture, subject.weights), "joint");
@@ -111,7 +111,7 @@ TEST_F(DeterminismTest, EverySplitOfAJointFilterGivesTheSameBits) {
   }
 }
 
-// As many as a driver for CPUs is told to take; others do not listen.
+// Sets the number of threads of Mesa's driver for CPUs; other drivers ignore it.
 class DriverThreadsTest : public Cli {};
 
 TEST_F(DriverThreadsTest, EveryNumberOfThreadsGivesTheSameFile) {

@@ -84,7 +84,7 @@ TEST(ChooseMatrix, TakesTheWidestOf16BitFactorsAnd32BitSums) {
   EXPECT_EQ(choose_matrix(listed), &listed[3]);
   listed.push_back(matrix(16, 16, 16, kHalf, kFloat));
   EXPECT_EQ(choose_matrix(listed), &listed[4]);
-  listed[4].scope = VkScopeKHR(2);  // of a workgroup
+  listed[4].scope = VkScopeKHR(2);  // workgroup scope
   EXPECT_EQ(choose_matrix(listed), &listed[3]);
 }
 
@@ -100,7 +100,7 @@ TEST_F(DeviceTest, TheListHasTheDeviceInUse) {
     EXPECT_EQ(devices[i].uuid.size(), 36u);
     EXPECT_GE(devices[i].api_version, VK_API_VERSION_1_1);
     EXPECT_GT(devices[i].memory_bytes, 0u);
-    EXPECT_GE(devices[i].max_storage_range_bytes, uint64_t{1} << 27);  // what Vulkan guarantees
+    EXPECT_GE(devices[i].max_storage_range_bytes, uint64_t{1} << 27);  // the least that Vulkan allows
     EXPECT_LE(devices[i].storage_alignment_bytes, 256u);
   }
   const DeviceInfo& used = gpu().info();
@@ -114,11 +114,11 @@ TEST_F(DeviceTest, CreatedBySelector) {
                "no such device", gpu().info().name);
 }
 
-// The tests rest on this: a misuse is heard, synchronization included.
+// Tests that validation reports any misuse, synchronization included, as all tests rely on it.
 class Validated : public testing::Test {
  protected:
   std::unique_ptr<Device> make_device(Validation validation = Validation::kSynchronization) {
-    // What a layer says of its own settings is no misuse.
+    // A layer's message about its own settings reports no misuse.
     const auto keep = [this](const std::string& message) {
       if (!contains(message, "adjusting settings")) messages_.push_back(message);
     };
@@ -148,7 +148,7 @@ TEST_F(Validated, MisuseIsReported) {
   expect_one_with("SYNC-HAZARD");
 }
 
-// A graph places no barrier between what it takes for different images; here they are one.
+// A graph places no barrier between accesses to different images; here both slots hold one image.
 TEST_F(Validated, AMissingBarrierBetweenDispatchesIsReported) {
   const std::unique_ptr<Device> device = make_device();
   Graph graph(Storage::kFloat32, false, true);
@@ -171,7 +171,7 @@ TEST_F(Validated, AMissingBarrierBetweenDispatchesIsReported) {
   expect_one_with("READ_AFTER_WRITE");
 }
 
-// A pass over small tensors with the sizes of large ones.
+// Records a pass over small tensors with the sizes of large ones.
 TEST_F(Validated, AccessesBeyondABindingAreReported) {
   const std::unique_ptr<Device> device = make_device(Validation::kGpuAssisted);
   Graph large(Storage::kFloat32), small(Storage::kFloat32);
@@ -192,7 +192,7 @@ TEST_F(Validated, AccessesBeyondABindingAreReported) {
   expect_one_with("out of bounds");
 }
 
-// What a test leaves behind is heard when the shared device goes.
+// Objects that a test does not destroy are reported when the shared device is destroyed.
 TEST_F(Validated, WhatIsLeftBehindIsReportedAtTheDevicesEnd) {
   std::unique_ptr<Device> device = make_device();
   auto info = vk_struct<VkBufferCreateInfo>(VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO);

@@ -1,5 +1,5 @@
-// Full disks, read-only folders and inputs that change, as a user meets them. Disks of a few KiB and
-// read-only mounts are made in a mount namespace of the program's own.
+// Tests full disks, read-only folders and inputs that change, as a user meets them. The program gets a mount
+// namespace of its own for disks of a few KiB and read-only mounts.
 #include <unistd.h>
 
 #include "cli_fixture.h"
@@ -23,8 +23,8 @@ class DiskTest : public Cli {
     return run_process({"unshare", "-rm", "mount", "-t", "tmpfs", "none", "/mnt"}).exit_status == 0;
   }
 
-  // raymeld in a namespace where `mount` was done first. Then stdout tells what is in `place`, and what
-  // out.exr there says.
+  // Runs raymeld in a mount namespace after `mount`. Its stdout then lists the files in `place` and the first
+  // bytes of out.exr there.
   ProcessResult run_mounted(const std::string& mount, const std::vector<std::string>& arguments) const {
     const std::string script = mount + R"( || exit 99
       "$@" || status=$?
@@ -66,8 +66,8 @@ TEST_F(DiskTest, FullWhereOutputsGo) {
   EXPECT_EQ(files(), before);
 }
 
-// The pipeline cache is not worth a frame. A driver that has kept its kernels itself leaves little to write,
-// for which there is no room all the same.
+// A pipeline cache that cannot be written does not fail the frame. A driver that caches its kernels itself
+// leaves little to write, but there is no room even for that.
 TEST_F(DiskTest, FullWhereTheCacheGoes) {
   if (!can_mount()) GTEST_SKIP() << "mount namespaces are not permitted here";
   ASSERT_EQ(run(fuse_to("out.exr")).exit_status, 0);
@@ -84,7 +84,7 @@ TEST_F(DiskTest, FullWhereTheCacheGoes) {
   }
 }
 
-// Before the frame is computed, not after.
+// A place that cannot be written is an error before the frame is computed.
 TEST_F(DiskTest, ReadOnlyMounts) {
   if (!can_mount()) GTEST_SKIP() << "mount namespaces are not permitted here";
   write_file(folder_ / "place/out.exr", "older");
@@ -103,7 +103,7 @@ TEST_F(DiskTest, ReadOnlyMounts) {
   EXPECT_EQ(files(), before);
 }
 
-// Root may write everywhere, so it becomes someone else.
+// Root may write everywhere, so the program is run as another user.
 TEST_F(DiskTest, FoldersOfOtherUsers) {
   const bool is_root = geteuid() == 0;
   const auto as_user = [&](std::vector<std::string> argv) {
@@ -124,7 +124,7 @@ TEST_F(DiskTest, FoldersOfOtherUsers) {
   fs::permissions(folder_ / "place", fs::perms(0755));
 }
 
-// Once a frame is being computed, its inputs may go: also the alpha channel has been read.
+// The inputs may change while a frame is computed, as also the alpha channel has been read by then.
 TEST_F(DiskTest, InputsMayChangeWhileFusing) {
   fs::copy_file(tiny_model(), folder_ / "m.safetensors");
   const std::vector<std::string> command = {"fuse",    "--lrhs",          "low.exr", "--hrls", "high.exr",
@@ -143,10 +143,10 @@ TEST_F(DiskTest, InputsMayChangeWhileFusing) {
   EXPECT_EQ(read_file(folder_ / "out.exr"), expected);
 }
 
-// A power cut leaves no file that is not whole: the disk has it before it has its name, and the name before
-// the program ends.
+// A power cut leaves only whole files: a file is on the disk before it has its name, and the name is there
+// before the program ends.
 TEST_F(DiskTest, WhatHasANameIsOnTheDisk) {
-  ASSERT_EQ(run(fuse_to("out.exr")).exit_status, 0);  // keeps the kernels, which are in no need of the disk
+  ASSERT_EQ(run(fuse_to("out.exr")).exit_status, 0);  // caches the kernels, which need not reach the disk
   add_sync_log();
   ASSERT_EQ(run(fuse_to("place/out.exr", {"--preview", "p.png"})).exit_status, 0);
   const std::set<std::string> names = names_on_disk(sync_log());

@@ -1,4 +1,4 @@
-// Frames of sizes that change while a program runs: in the memory of the largest, with its pipelines.
+// Tests frames whose size changes while a program runs, with the memory and the pipelines of the largest.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -31,7 +31,7 @@ class DynamicSizeTest : public testing::Test {
   reference::Weights weights_;
 };
 
-// A frame on the device, and what a fusion of its size makes of it.
+// Holds a frame on the device and records its fusion.
 struct Recorded {
   Subject subject;
   FrameImage lrhs, hrls, fused;
@@ -89,10 +89,10 @@ TEST_F(DynamicSizeTest, EverySizeHasTheBitsOfAFusionMadeForIt) {
     EXPECT_EQ(made.contains("vkCreateComputePipelines"), false);
     EXPECT_EQ(made.contains("vkAllocateMemory"), false);
     EXPECT_TRUE(made.contains("vkAllocateDescriptorSets"));
-    // Rows of odd widths cannot be read by pairs.
+    // Rows of odd widths cannot be read in pairs.
     fusion.prepare_size(9, 13);
 
-    // More frames than may be in flight, whose sizes change from each to the next.
+    // There are more frames than may be in flight, and the size changes from each to the next.
     std::vector<Recorded> frames;
     for (uint64_t i = 0; i < 2 * sizes.size() + 1; ++i) {
       const TileSize size = i == 2 * sizes.size() ? TileSize{9, 13} : sizes[i % sizes.size()];
@@ -177,7 +177,7 @@ TEST_F(DynamicSizeTest, OtherSizesAreRefused) {
   EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, tiled.prepare_size(8, 9), "tiles");
 }
 
-// Whatever the sizes: bands, the rows that are kept of tensors and their lifetimes depend on them.
+// Bands, the rows of tensors that are stored and the lifetimes of tensors depend on the size. Any must fit.
 TEST_F(DynamicSizeTest, AnySizeFitsInTheMemoryOfALargerOne) {
   DeviceInfo device;
   device.memory_bytes = device.max_allocation_bytes = device.max_storage_range_bytes = uint64_t{1} << 40;
@@ -189,8 +189,9 @@ TEST_F(DynamicSizeTest, AnySizeFitsInTheMemoryOfALargerOne) {
       use(architecture);
       const Model model(file_);
       const Conv2dChoice choose = [&](const Conv2dShape& shape) {
-        return shape.kernel == 1 ? Conv2dKernel{.tile = 1, .band = band}
-                                 : Conv2dKernel{.tile = shape.most_tile, .band = band};
+        return shape.kernel == 1
+                   ? Conv2dKernel{.algorithm = Algorithm::kPointwise, .band = band}
+                   : Conv2dKernel{.algorithm = Algorithm::kWinograd, .tile = shape.most_tile, .band = band};
       };
       FuserOptions options;
       options.kernels = {.addressed = true, .vector = 8, .conv2d = choose};

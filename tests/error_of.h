@@ -9,7 +9,7 @@
 
 namespace raymeld::test {
 
-// What the raymeld::Error says that `work` must throw; any other end fails the test.
+// Returns the message of the raymeld::Error that `work` must throw; any other end fails the test.
 template <typename Work>
 std::string error_of(Work&& work) {
   try {
@@ -30,7 +30,7 @@ inline bool contains(const std::string& text, const std::string& part) {
 
 }  // namespace raymeld::test
 
-// Every given part must stand in the message of the Error that `statement` throws.
+// Expects `statement` to throw an Error whose message holds every given part.
 #define EXPECT_ERROR(statement, ...)                                                        \
   do {                                                                                      \
     const std::string message = raymeld::test::error_of([&] { statement; });                \

@@ -1,4 +1,4 @@
-// The exposure that the device finds of LRHS while a frame is recorded: that of the host but for roundings.
+// Tests that the device computes the host's exposure from a recorded frame's LRHS, but for rounding.
 #include "fusion/exposure.h"
 
 #include <gtest/gtest.h>
@@ -30,7 +30,7 @@ Planes times(Planes image, double factor) {
   return image;
 }
 
-// A frame in buffers of the caller's.
+// Holds a frame in the caller's buffers.
 struct Frame {
   Planes lrhs_planes;
   FrameImage lrhs, hrls, fused;
@@ -59,7 +59,7 @@ class ExposureTest : public testing::Test {
   }
   void wait() { check(device_->vk().DeviceWaitIdle(device_->handle()), "waiting"); }
 
-  // By a Fuser; the exposure that it recorded with.
+  // Records and submits a frame with a Fuser and returns the exposure that was used.
   Exposure run(Fuser& fuser, const Frame& frame, float exposure) {
     const uint32_t set = fuser.next_frame();
     Commands pool(*device_);
@@ -79,7 +79,7 @@ class ExposureTest : public testing::Test {
     return frame;
   }
 
-  // By the library.
+  // Records and submits a frame with the library and returns the fused image.
   std::vector<float> run(Fusion& fusion, const Frame& frame, float exposure = 0, TileSize size = {0, 0}) {
     const std::array images{image_at(frame.lrhs), image_at(frame.hrls), image_at(frame.fused)};
     raymeld_frame asked = frame_of(images, exposure);
@@ -100,7 +100,8 @@ class ExposureTest : public testing::Test {
   Subject subject_ = make_subject(small_architecture(2), 6, 9, 1);
 };
 
-// Images of all brightnesses, one of special values, black ones, and one of several pixels to an invocation.
+// Returns images of four brightnesses, one of special values, and images of one value: black, negative, tiny
+// or not finite.
 std::vector<Planes> lrhs_images() {
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
   std::vector<Planes> images;
@@ -144,7 +145,7 @@ TEST_F(ExposureTest, IsThatOfTheHostButForRoundings) {
       EXPECT_NEAR(found.factor, host, expected.bound.data[0] + 2e-7 * host);
       EXPECT_NEAR(found.inverse, 1 / host, expected.bound.data[1] + 2e-7 / host);
       EXPECT_LT(expected.bound.data[0], 1e-5 * host);
-      // It is what the frame is multiplied by and divided by, always the same.
+      // The frame is multiplied and divided by this exposure, which is the same each time.
       const std::vector<float> computed = frame.output();
       EXPECT_EQ(run(fuser, frame, 0).factor, found.factor);
       EXPECT_TRUE(same_bits(frame.output(), computed));
@@ -159,7 +160,7 @@ TEST_F(ExposureTest, EachRecordingInFlightHasItsOwn) {
   use(subject_);
   const Model model(file_);
   Fuser fuser(*device_, model, 6, 9, {.compute_exposure = true}, folder_.path());
-  for (const float given : {0.0f, 2.0f, 0.0f}) {  // in the same slots
+  for (const float given : {0.0f, 2.0f, 0.0f}) {  // each round uses the same slots
     std::vector<Frame> frames;
     Commands pool(*device_);
     for (uint32_t i = 0; i < kFramesInFlight; ++i) {
@@ -179,7 +180,7 @@ TEST_F(ExposureTest, EachRecordingInFlightHasItsOwn) {
   }
 }
 
-// 0 is one thing everywhere: what the description says, else what suits the model.
+// An exposure of 0 means the description's in each call, or else the one that suits the model.
 TEST_F(ExposureTest, ZeroIsTheDescriptionsElseTheModels) {
   use(subject_);
   const Context context(context_desc(caller_.external()));
@@ -207,7 +208,7 @@ TEST_F(ExposureTest, ZeroIsTheDescriptionsElseTheModels) {
   EXPECT_EQ(as_it_is.exposure(lrhs.data()), 1);
 }
 
-// A tile has the exposure of the whole frame, which no recording of it sees.
+// A tile needs the exposure of the whole frame, which the recording of a tile cannot compute.
 TEST_F(ExposureTest, IsToBeGivenForTiles) {
   const Subject large = make_subject(subject_.architecture, 40, 48, 2);
   use(large);
@@ -255,7 +256,7 @@ TEST_F(ExposureTest, OfImagesOfVulkan) {
   raymeld_fusion_desc desc = fusion_desc(subject_);
   desc.input_images = VK_TRUE;
   Fusion fusion(context, model, desc);
-  // Texels of three planes each, LRHS halved, which the view doubles; its first texel is at (2, 1).
+  // Each image holds three planes. LRHS is halved, which its view doubles, and its first texel is at (2, 1).
   std::vector<std::unique_ptr<CallerImage>> images;
   const auto image_of_planes = [&](const Planes& planes, int first, double scale, uint32_t x, uint32_t y) {
     const uint32_t width = uint32_t(planes.w) + x, height = uint32_t(planes.h) + y;

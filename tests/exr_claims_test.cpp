@@ -1,4 +1,4 @@
-// OpenEXR files, written byte by byte, whose headers claim what the file cannot hold.
+// Tests OpenEXR files, written byte by byte, whose headers claim more than the file can hold.
 #include "io/exr_claims.h"
 
 #include <gtest/gtest.h>
@@ -20,7 +20,7 @@ std::string attribute(const std::string& name, const std::string& type, const st
   return named(name, type) + bytes_of(uint32_t(value.size())) + value;
 }
 
-// A channel of halfs.
+// Returns the entry of a channel of halfs in a channel list.
 std::string channel(const std::string& name) {
   return name + '\0' + bytes_of(std::array<int32_t, 4>{1, 0, 1, 1});
 }
@@ -33,7 +33,7 @@ struct Parts {
 };
 
 const std::string kMark = "\x76\x2f\x31\x01";
-const std::string kPixels = {"\x00\x3c\x00\x3c", 4};  // two, 1 and 1
+const std::string kPixels = {"\x00\x3c\x00\x3c", 4};  // two pixels, 1 and 1
 
 std::string header_of(const Parts& parts) {
   std::string header = parts.others;
@@ -52,7 +52,7 @@ std::string file_of(const Parts& parts) {
   return file + bytes_of(uint64_t{file.size() + 8}) + bytes_of(std::array<int32_t, 2>{0, 4}) + kPixels;
 }
 
-// Of parts a and b; the latter claims `window`.
+// Returns a file of parts a and b, of which b claims `window`.
 std::string file_of_two(const Window& window) {
   const auto part = [](const std::string& name, const Window& claimed) {
     return header_of({.window = claimed,
@@ -60,7 +60,7 @@ std::string file_of_two(const Window& window) {
                                 attribute("type", "string", "scanlineimage") +
                                 attribute("chunkCount", "int", bytes_of(int32_t{1}))});
   };
-  constexpr uint32_t kVersion = 2 | 1 << 12;  // with several parts
+  constexpr uint32_t kVersion = 2 | 1 << 12;  // version 2, with the flag of a file of several parts
   std::string file = kMark + bytes_of(kVersion) + part("a", {}) + part("b", window) + '\0';
   const uint64_t first = file.size() + 16;
   file += bytes_of(std::array<uint64_t, 2>{first, first + 16});
@@ -100,13 +100,13 @@ TEST_F(ExrClaims, AttributesBeyondTheFile) {
   for (const char* type : {"string", "stringvector", "floatvector", "preview", "chlist", "int", "unknown"}) {
     const std::string error =
         error_with({.others = named("note", type) + bytes_of(uint32_t{0x7fffffff}) + "text"});
-    EXPECT_TRUE(contains(error, "its attribute 'note' should have 2147483647 bytes, more than the file"))
+    EXPECT_TRUE(
+        contains(error, "its attribute 'note' claims 2147483647 bytes, which is more than the file has"))
         << error;
   }
 }
 
-// After a value that is shorter or longer than it says, OpenEXR would take its rest or what follows for a
-// size.
+// OpenEXR would take the rest of a value longer than its type, or the data after a shorter one, for a size.
 TEST_F(ExrClaims, AttributesOfAnotherSizeThanTheirType) {
   const std::string text_list = bytes_of(uint32_t{0x7fffffff}) + "abc";
   for (const std::string& wrong :

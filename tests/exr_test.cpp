@@ -32,7 +32,7 @@ using Imath::V2i;
 using test::TemporaryDirectory;
 using Names = std::vector<std::string>;
 
-// At pixel (x, y) of channel c; whole and small, so that half and uint hold it too.
+// Returns the value at pixel (x, y) of channel c: a small whole number, so that half and uint hold it too.
 float truth(int c, int x, int y) { return float(100 * c + 3 * (x + 20) + (y + 20)); }
 
 struct TestPart {
@@ -41,7 +41,7 @@ struct TestPart {
   std::vector<Imf::PixelType> types;
 };
 
-// The channels' values are truth(c, x, y), x and y in the coordinates of the data window.
+// Writes channels whose values are truth(c, x, y), with x and y in the coordinates of the data window.
 void write_part(Imf::MultiPartOutputFile& file, int index, const TestPart& part) {
   const Box2i window = part.header.dataWindow();
   const int width = window.max.x - window.min.x + 1, height = window.max.y - window.min.y + 1;
@@ -142,7 +142,7 @@ INSTANTIATE_TEST_SUITE_P(Exr, EveryStorage, testing::ValuesIn(every_storage()), 
 
 TEST(Exr, WindowsThatDiffer) {
   TemporaryDirectory directory;
-  // Overscan on the left and above, a crop on the right and below.
+  // The data window adds overscan on the left and above, and crops on the right and below.
   const Imf::Header header(Box2i({0, 0}, {15, 11}), Box2i({-7, -4}, {8, 5}));
   write_parts(directory / "a.exr", {{header, {"G", "R"}, {Imf::FLOAT, Imf::HALF}}});
   ExrFile file(directory / "a.exr");
@@ -220,7 +220,7 @@ TEST(Exr, PartsNameTheirChannels) {
   EXPECT_EQ(file.read_raw("other.R").type, Imf::FLOAT);
 }
 
-// The two eyes of a stereo file, say; a part that is named after its layer needs no second name.
+// The parts may be the two eyes of a stereo file. A part that is named after its layer needs no second name.
 TEST(Exr, PartsThatHoldTheSameChannels) {
   TemporaryDirectory directory;
   std::vector<TestPart> parts = {{header_of(6, 5), {"V.Combined.R", "V.Emit.R"}, {Imf::HALF, Imf::HALF}},
@@ -322,7 +322,7 @@ TEST(Exr, UnfinishedFilesAreRefused) {
   header.compression() = Imf::NO_COMPRESSION;
   write_parts(directory / "a.exr", {{header, {"R"}, {Imf::HALF}}});
   std::string bytes = test::read_file(directory / "a.exr");
-  // 16 lines of 8 bytes of chunk head and 32 of pixels, and before them the table.
+  // The file ends with a table of 16 offsets of 8 bytes, and 16 lines of 8 bytes of head and 32 of pixels.
   const size_t table = bytes.size() - 16 * (8 + 32) - 16 * 8;
   ASSERT_NE(bytes[table + 15 * 8], 0);
   std::memset(bytes.data() + table + 15 * 8, 0, 8);
@@ -368,13 +368,13 @@ TEST(Exr, FilesThatMayNotBeRead) {
   write_parts(directory / "a.exr", {{header_of(3, 2), {"R"}, {Imf::HALF}}});
   ASSERT_EQ(chmod((directory / "a.exr").c_str(), 0), 0);
   ASSERT_EQ(chmod(directory.path().c_str(), 0755), 0);
-  const bool is_root = geteuid() == 0;  // who may read everything
+  const bool is_root = geteuid() == 0;  // root may read everything
   ASSERT_EQ(is_root ? seteuid(65534) : 0, 0);
   EXPECT_ERROR(ExrFile(directory / "a.exr"), "a.exr", "Permission denied");
   ASSERT_EQ(is_root ? seteuid(0) : 0, 0);
 }
 
-// The files of another writer: OpenImageIO's.
+// Reads the files of another writer, OpenImageIO.
 class Oiiotool : public testing::Test {
  protected:
   void run(std::vector<std::string> arguments) {
@@ -387,7 +387,7 @@ class Oiiotool : public testing::Test {
   TemporaryDirectory directory_;
 };
 
-// OpenImageIO's ramp: its corners are given, and between them it is linear.
+// OpenImageIO draws a ramp that is linear between the given corners.
 const std::string kRamp = "fill:topleft=0,64,1:topright=16,64,1:bottomleft=8,0,1:bottomright=24,0,1";
 
 void expect_ramp(const Image& image, float tolerance) {
@@ -486,7 +486,7 @@ TEST_F(Oiiotool, DeepImagesAreRefused) {
   EXPECT_ERROR(ExrFile(directory_ / "a.exr"), "a.exr", "deep");
 }
 
-// Blender's own file: every pass of a small room, by Cycles.
+// Reads a file of Blender's with every Cycles pass of a small room.
 class Blender : public testing::Test {
  protected:
   const std::filesystem::path path_ = test::source_path("tests/golden/blender-3.4.exr");
@@ -528,7 +528,7 @@ TEST_F(Blender, TheMapIsCycles) {
   EXPECT_EQ(map.alpha, "ViewLayer.Combined.A");
 }
 
-// Hou et al. 2021, Eq. 1: the passes add up to the beauty.
+// The passes add up to the beauty (Hou et al. 2021, Eq. 1).
 TEST_F(Blender, LayersAddUp) {
   const Names wanted = {"color", "diffuse", "specular"};
   const Image layers = load_layers(file_, map_layers(file_), wanted);
@@ -556,7 +556,7 @@ void write_constant(const std::filesystem::path& path, float value) {
   write_exr(path, output);
 }
 
-// In place, as a renderer may write its next frame: no mixture of both is ever an image.
+// A renderer may write its next frame in place; a mixture of both frames is never returned as an image.
 TEST(ExrFile, WrittenToWhileItIsRead) {
   TemporaryDirectory directory;
   const std::filesystem::path path = directory / "a.exr", other = directory / "other.exr";
@@ -567,7 +567,7 @@ TEST(ExrFile, WrittenToWhileItIsRead) {
     SCOPED_TRACE(content.size());
     write_constant(path, 1);
     ExrFile file(path);
-    std::this_thread::sleep_for(std::chrono::milliseconds(20));  // files' times are counted in ticks
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));  // file times advance in ticks
     test::write_file(path, content);
     EXPECT_ERROR(file.read(Names{"R"}), "a.exr", "written to while it was being read");
     EXPECT_ERROR(file.read_raw("R"), "a.exr", "written to while it was being read");
@@ -581,7 +581,7 @@ TEST(ExrFile, ReplacedOrRemovedWhileItIsRead) {
     write_constant(path, 1);
     ExrFile file(path);
     if (replaced) {
-      write_constant(path, 2);  // under its name when it is whole
+      write_constant(path, 2);  // takes the name once it is whole
     } else {
       std::filesystem::remove(path);
     }

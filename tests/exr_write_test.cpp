@@ -30,7 +30,7 @@ namespace fs = std::filesystem;
 
 constexpr float kInf = std::numeric_limits<float>::infinity();
 
-// Files of a whole fail from here on when they grow beyond `size_bytes`, as on a full disk.
+// Makes writes fail that would grow a file beyond `size_bytes`, as on a full disk, for as long as it exists.
 class FileSizeLimit {
  public:
   explicit FileSizeLimit(size_t size_bytes) : handler_(std::signal(SIGXFSZ, SIG_IGN)) {
@@ -235,20 +235,20 @@ TEST(WriteExr, RefusesWhatWouldAlterOrConfuseChannels) {
   for (const auto compression : {Imf::PXR24_COMPRESSION, Imf::B44_COMPRESSION, Imf::B44A_COMPRESSION,
                                  Imf::DWAA_COMPRESSION, Imf::DWAB_COMPRESSION}) {
     output.compression = compression;
-    EXPECT_ERROR(write_exr(directory / "a.exr", output), "a.exr", "'id'", "lossy");
+    EXPECT_ERROR(write_exr(directory / "a.exr", output), "a.exr", "'id'", "lossless");
   }
   output.compression = Imf::ZIP_COMPRESSION;
   output.pass_through[0].name = "R";
   EXPECT_ERROR(write_exr(directory / "a.exr", output), "a.exr", "two channels 'R'");
   output.pass_through = {raw_channel("id", Imf::UINT, Box2i({1, 1}, {2, 2}), std::vector<uint32_t>(4))};
-  EXPECT_ERROR(write_exr(directory / "a.exr", output), "'id'", "another data window");
+  EXPECT_ERROR(write_exr(directory / "a.exr", output), "'id'", "needs the data window of the output");
   output.pass_through.clear();
   output.planes[0].type = Imf::UINT;
   EXPECT_ERROR(write_exr(directory / "a.exr", output), "'R'", "uint");
   EXPECT_EQ(files_in(directory.path()), Names{});
 }
 
-// Wherever the disk fills up, in the header, the pixels or the buffer's last bytes.
+// The disk fills up in the header, in the pixels or in the buffer's last bytes.
 TEST(WriteExr, AFullDiskLeavesTheOldFileAndNothingElse) {
   TemporaryDirectory directory;
   const std::vector<float> pixels = noise(200 * 100);
@@ -281,7 +281,7 @@ TEST(WriteExr, TargetsThatCannotBeWritten) {
   EXPECT_ERROR(write_exr("/dev/null", output), "/dev/null", "not a regular file");
   EXPECT_EQ(files_in(directory.path()), Names{});
   ASSERT_EQ(chmod(directory.path().c_str(), 0555), 0);
-  const bool is_root = geteuid() == 0;  // who may write everywhere
+  const bool is_root = geteuid() == 0;  // root may write everywhere
   ASSERT_EQ(is_root ? seteuid(65534) : 0, 0);
   EXPECT_ERROR(write_exr(directory / "a.exr", output), "a.exr", "Permission denied");
   ASSERT_EQ(is_root ? seteuid(0) : 0, 0);

@@ -1,4 +1,4 @@
-// What renders may hold and weights may do at their worst: nothing is silently wrong, and nothing spreads.
+// Tests the worst that renders may hold and weights may do: nothing is silently wrong, and nothing spreads.
 #include <gtest/gtest.h>
 
 #include <cfloat>
@@ -7,9 +7,9 @@
 
 #include "error_of.h"
 #include "fusion/fuser.h"
+#include "fusion/tuner.h"
 #include "model/network.h"
 #include "subject.h"
-#include "fusion/tuner.h"
 #include "within_bounds.h"
 
 namespace raymeld::test {
@@ -56,13 +56,13 @@ Fused fuse_once(const Model& model, const Planes& lrhs, const Planes& hrls, cons
   return fuse(fuser, lrhs, hrls);
 }
 
-// Of its minimal filtering; 0: there is none.
+// Returns the size of the Winograd tile that the kernels choose for a 3x3 convolution, or 0.
 int most_tile(const Kernels& kernels) {
-  const uint32_t tile = kernels.conv2d({8, 8, 4, 4, 3}).tile;
+  const uint32_t tile = kernels.conv2d({8, 8, 4, 4, 3}).winograd_tile();
   return tile > 1 ? int(tile) : 0;
 }
 
-// Every storage and choice of kernels that differs on this device.
+// Returns every storage and choice of kernels that differs on this device.
 std::vector<FuserOptions> all_options() {
   std::vector<FuserOptions> all;
   const Kernels defaults = default_kernels(gpu().info());
@@ -78,7 +78,7 @@ std::string describe(const FuserOptions& options) {
                      most_tile(options.kernels) > 0 ? "default kernels" : "direct");
 }
 
-// --- What renders may hold
+// --- Values of renders
 
 using Change = std::function<void(Planes& lrhs, Planes& hrls)>;
 
@@ -125,7 +125,7 @@ const std::vector<std::pair<std::string, Change>>& input_classes() {
   return classes;
 }
 
-// Not only finite: as near to the truth as rounding leaves it.
+// The output is not only finite, but as near to the exact one as rounding leaves it.
 TEST_F(ExtremesTest, WhateverTheImagesHoldTheOutputKeepsTheBounds) {
   for (const Architecture& architecture : {joint_architecture(2), small_architecture(2)}) {
     const Subject subject = make_subject(architecture, 4, 5, 21);
@@ -150,7 +150,7 @@ TEST_F(ExtremesTest, WhateverTheImagesHoldTheOutputKeepsTheBounds) {
   }
 }
 
-// A model that asks for an exposure sees the same picture, and powers of two round nothing.
+// A model with an exposure key sees the same picture at any brightness. Powers of two do not round.
 TEST_F(ExtremesTest, AnyBrightnessGivesTheSamePicture) {
   const Subject subject = make_subject(joint_architecture(4), 6, 5, 22);
   const Model model = model_of(subject, "0.18");
@@ -182,7 +182,7 @@ struct Scene {
   Planes lrhs, hrls, truth;
 };
 
-// All six layers of the stock models. HRLS has the noise of few samples.
+// Returns a scene with all six layers of the stock models. HRLS has the noise of few samples.
 Scene make_scene(int scale, int height, int width, double brightness) {
   Planes full(18, height * scale, width * scale);
   const Planes noise = random_planes(1, full.h, full.w, Fill::kUniform, 31);
@@ -208,7 +208,7 @@ Scene make_scene(int scale, int height, int width, double brightness) {
 
 Model stock_model(const std::string& name) { return Model(source_path("models/" + name + ".safetensors")); }
 
-// Of an 8-bit sRGB display that shows the scene's white, in its steps.
+// Returns the difference in steps of an 8-bit sRGB display whose white is `white`.
 double display_difference(double a, double b, double white) {
   const auto shown = [white](double v) {
     const double x = std::clamp(v / white, 0.0, 1.0);
@@ -218,17 +218,17 @@ double display_difference(double a, double b, double white) {
 }
 
 struct Difference {
-  double largest = 0;  // in steps of the display
-  double darkest = 1;  // the least of bad / clean
-  size_t too_far = 0;  // values that differ although they do not depend on the pixel
-  size_t values = 0;   // that do not depend on it
+  double largest = 0;  // the largest difference in steps of the display
+  double darkest = 1;  // the least ratio of bad to clean
+  size_t too_far = 0;  // the number of values that differ although they do not depend on the pixel
+  size_t values = 0;   // the number of values that do not depend on the pixel
 };
 
-// Which pixels of the output, in one direction, depend on the input at a coordinate.
+// Tells which pixels of the output depend on the input at a coordinate, in one direction.
 using DependsOn = std::function<bool(int output, int input)>;
 
-// A network of direct sums reaches as far as its taps. With tiles of Winograd convolutions each 3x3 reaches a
-// tile instead of a pixel, at its own resolution: a value changes how all of its tile is rounded.
+// A network of direct kernels reaches as far as its taps. Each 3x3 of Winograd reaches a tile instead of a
+// pixel, at its own resolution: a value changes how all of its tile is rounded.
 DependsOn within_reach(const Model& model, int lrhs_width, int tile) {
   const int scale = int(model.architecture().scale);
   int reach = scale * (int(receptive_halo(model.architecture())) + 1);
@@ -255,8 +255,8 @@ Difference compare(const Planes& bad, const Planes& clean, int y, int x, const D
   return result;
 }
 
-// One bad pixel of HRLS is a matter of one pixel: what counts as 0 is not seen, fireflies are dimmed to less
-// than 12 steps of 255, and neither leaves a black hole.
+// A bad pixel of HRLS changes only its surroundings: values that count as 0 are not seen, fireflies are
+// dimmed to less than 12 steps of 255, and neither leaves a black hole.
 TEST_F(ExtremesTest, ABadPixelOfHrlsIsDimmedAndStaysWhereItIs) {
   const Model model = stock_model("x4-fast");
   size_t combinations = 0;
@@ -281,7 +281,7 @@ TEST_F(ExtremesTest, ABadPixelOfHrlsIsDimmedAndStaysWhereItIs) {
   }
 }
 
-// The bits of what does not depend on a bad pixel are those of a clean render, by tiles of fast kernels too.
+// Pixels that do not depend on a bad pixel have the bits of a clean render, with Winograd's tiles too.
 TEST_F(ExtremesTest, ABadPixelReachesAsFarAsItsKernelsSay) {
   const Subject subject = make_subject(joint_architecture(2), 10, 96, 28);
   const Model model = model_of(subject);
@@ -302,7 +302,7 @@ TEST_F(ExtremesTest, ABadPixelReachesAsFarAsItsKernelsSay) {
   }
 }
 
-// --- Highlights
+// --- Radiance above the clip
 
 double sum_of(const Planes& image, int c) {
   double sum = 0;
@@ -311,8 +311,8 @@ double sum_of(const Planes& image, int c) {
   return sum;
 }
 
-// The stock models see radiance up to 100 times the exposure. A lamp of 10,000 keeps its light all the same,
-// in a picture whose edges are those of HRLS.
+// The stock models see radiance up to 100 times the exposure. A lamp of 10,000 still keeps its light, and the
+// picture has the edges of HRLS.
 TEST_F(ExtremesTest, ALampBeyondTheClipKeepsItsLight) {
   const std::array lamp{1e4, 6e3, 3e3};
   size_t combinations = 0;
@@ -337,7 +337,7 @@ TEST_F(ExtremesTest, ALampBeyondTheClipKeepsItsLight) {
       for (int c = 0; c < 3; ++c) {
         EXPECT_NEAR(sum_of(fused, c), sum_of(scene.truth, c), 0.06 * sum_of(scene.truth, c));
         EXPECT_NEAR(fused.at(c, 44, 44), lamp[size_t(c)], 0.07 * lamp[size_t(c)]);
-        // Three pixels off, nothing of it is left.
+        // The lamp's light ends within three pixels of its edges.
         EXPECT_LT(fused.at(c, 44, last + 3), 2);
         EXPECT_LT(fused.at(c, first - 4, 44), 2);
       }
@@ -345,10 +345,9 @@ TEST_F(ExtremesTest, ALampBeyondTheClipKeepsItsLight) {
   }
 }
 
-// --- Minimal filtering beside fireflies
+// --- Winograd beside fireflies
 
-// What F(4, 3) spreads of a firefly over its tile stays under a quarter of a step of a display, or it is not
-// used.
+// Winograd F(4, 3) may spread a firefly over its tile by less than a quarter of a step of a display.
 TEST_F(ExtremesTest, FirefliesDoNotSpreadThroughMinimalFiltering) {
   if (most_tile(default_kernels(gpu().info())) == 0) GTEST_SKIP() << "no minimal filtering by default here";
   const double brightness = 1e-2;
@@ -373,7 +372,8 @@ TEST_F(ExtremesTest, FirefliesDoNotSpreadThroughMinimalFiltering) {
 
 // --- Weights
 
-// Weights of He et al. 2015 let the paper's residual sums grow by half in each block.
+// Returns a network with the weights of He et al. 2015 times `gain`, which let the paper's residual sums grow
+// by half in each block.
 Subject he_scaled(int blocks, double gain) {
   Architecture a = small_architecture(2);
   a.features = a.growth = 8;
@@ -391,7 +391,7 @@ Subject he_scaled(int blocks, double gain) {
   return subject;
 }
 
-// The largest value of every layer of the last frame.
+// Returns the largest magnitude in all layers of the last frame.
 double largest_activation(Fuser& fuser) {
   double largest = 0;
   for (const Pass* layer : fuser.graph().layers()) {
@@ -411,11 +411,10 @@ double relative_difference(const Planes& a, const Planes& b) {
   return std::sqrt(squares / total);
 }
 
-// Activations of 1e5 and, through fireflies, of many times that are stored in 16 bits as what they are over a
-// power of two.
+// Activations of 1e5, and fireflies' of many times that, are stored in 16 bits over a power of two.
 TEST_F(ExtremesTest, ActivationsBeyondHalfAreScaled) {
   Subject subject = he_scaled(5, 1.1);
-  // The last layer brings them back, so that the output's own limit is no part of this.
+  // The last layer scales them down, so that the output's own limit plays no part.
   for (double& w : subject.weights.at("rec").weight) w = float(w * 0x1p-10);
   const Model model = model_of(subject);
   for (const double firefly : {0.0, 1e8}) {
@@ -434,14 +433,14 @@ TEST_F(ExtremesTest, ActivationsBeyondHalfAreScaled) {
   }
 }
 
-// The estimate says how large activations become, no matter how many layers there are.
+// The estimate bounds how large activations become, whatever the number of layers.
 TEST_F(ExtremesTest, EstimatesHoldAndAreNotFarOff) {
   for (const int blocks : {1, 3, 5}) {
     const Subject subject = he_scaled(blocks, 1.0);
     const Model model = model_of(subject);
     Fuser fuser = make_fuser(model, subject.lrhs, {.keep_activations = true});
     Planes bright = subject.hrls, low = subject.lrhs;
-    for (double& v : bright.data) v *= 100;  // the clip
+    for (double& v : bright.data) v *= 100;  // 100 is the clip
     for (double& v : low.data) v *= 100;
     fuse(fuser, low, bright);
     const ActivationEstimate estimate = estimate_activations(model);
@@ -456,7 +455,7 @@ TEST_F(ExtremesTest, EstimatesHoldAndAreNotFarOff) {
       EXPECT_LT(largest, expected) << layer->name;
       EXPECT_GT(largest, expected / 100) << layer->name;
     }
-    EXPECT_GT(compared, 3u * 5u * size_t(blocks));  // all layers of the trunk, and more
+    EXPECT_GT(compared, 3u * 5u * size_t(blocks));  // more than all layers of the trunk
   }
 }
 
@@ -475,11 +474,10 @@ TEST_F(ExtremesTest, TheStockModelsNeedNoScaling) {
   }
 }
 
-// Some of a frame's tiles overflow. They are what fp32 makes of them, bit by bit, and the others what fp16
-// does.
+// Some tiles of the frame overflow. They have the bits of fp32, and the other tiles have those of fp16.
 TEST_F(ExtremesTest, OnlyTilesThatOverflowAreDoneAgain) {
   Subject subject = make_subject(small_architecture(2), 20, 96, 24);
-  // Bright on the left, where the residual is enormous.
+  // The left is bright and has an enormous residual.
   for (Planes* image : {&subject.lrhs, &subject.hrls}) {
     for (int c = 0; c < image->c; ++c)
       for (int y = 0; y < image->h; ++y)
@@ -535,12 +533,12 @@ TEST_F(ExtremesTest, WeightsBeyondHalfTakeFp32) {
   device.storage_16bit = true;
   EXPECT_EQ(storage_for(raymeld::Precision::kAuto, device, model_of(subject)), Storage::kFloat32);
   subject.weights.at("fuse").weight[3] = 1;
-  subject.weights.at("fuse").bias[0] = 7e4;  // these have 32 bits
+  subject.weights.at("fuse").bias[0] = 7e4;  // biases have 32 bits
   EXPECT_EQ(storage_for(raymeld::Precision::kAuto, device, model_of(subject)), Storage::kFloat16);
   EXPECT_EQ(storage_for(raymeld::Precision::kAuto, device, model_of(he_scaled(5, 2.0))), Storage::kFloat32);
 }
 
-// Sums below -FLT_MAX are not nothing, though a ReLU would make it of them.
+// Sums below -FLT_MAX are reported, though a ReLU would make them 0.
 TEST_F(ExtremesTest, OverflowBelowZeroIsNotHiddenByReLU) {
   for (const char* layer : {"hrls", "fuse", "up.0"}) {
     Subject subject = make_subject(small_architecture(2), 3, 4, 26);

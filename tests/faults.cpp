@@ -12,7 +12,7 @@
 namespace raymeld::test {
 namespace {
 
-// What makes something, and what destroys it.
+// Each row names a function that makes an object and the function that destroys it.
 #define MAKING_FUNCTIONS(X)                                \
   X(CreateInstance, DestroyInstance)                       \
   X(CreateDevice, DestroyDevice)                           \
@@ -28,7 +28,7 @@ namespace {
   X(CreateFence, DestroyFence)                             \
   X(CreateQueryPool, DestroyQueryPool)
 
-// What else may fail; what AllocateX() makes goes with its pool.
+// These functions may fail too; objects of AllocateX() go with their pool.
 #define OTHER_FUNCTIONS(X)                           \
   X(EnumeratePhysicalDevices)                        \
   X(EnumerateDeviceExtensionProperties)              \
@@ -60,10 +60,10 @@ constexpr bool may_lose_the_device(std::string_view function) {
   return false;
 }
 
-// Held while calls are counted, not while they are made.
+// This mutex is held while calls are counted, not while they are made.
 std::mutex counting;
 
-// Whether this call is to fail; counts it.
+// Counts this call and returns whether it is to fail.
 bool fails(const char* function) {
   const std::lock_guard lock(counting);
   Interposed& state = interposed();
@@ -105,7 +105,7 @@ bool is_beyond_the_limit(const VkMemoryAllocateInfo* info) {
   return info->allocationSize > interposed().most_allocation_bytes;
 }
 
-// One for each function: its Name gives it a `real` of its own.
+// Stands in for a function; each Name has its own `real`.
 template <typename Name, typename Function>
 struct Shim;
 
@@ -116,7 +116,7 @@ struct Shim<Name, Result(VKAPI_PTR*)(Arguments...)> {
   static Result VKAPI_CALL call(Arguments... arguments) {
     [[maybe_unused]] const auto all = std::tie(arguments...);
     if constexpr (std::is_void_v<Result>) {
-      // The handle comes before the allocator.
+      // The handle is the argument before the allocator.
       const bool exists = std::get<sizeof...(Arguments) - 2>(all) != VK_NULL_HANDLE;
       if (exists) count_destroyed(Name::made_by);
       real.load()(arguments...);

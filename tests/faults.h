@@ -1,5 +1,5 @@
-// What stands between raymeld and a driver in tests: counts calls, keeps count of what was made and is not
-// gone, and makes calls fail. Of a process; used in it by CallerDevice and, in a program's, by fault_layer/.
+// Stands between raymeld and a driver in tests: counts calls and live objects, and makes calls fail. There is
+// one per process; CallerDevice uses it in the tests' process, fault_layer/ in a program's.
 #pragma once
 
 #include <vulkan/vulkan_core.h>
@@ -10,17 +10,18 @@
 
 namespace raymeld::test {
 
-// The `call`-th call, from 1, of `function`, or of any that may return `code`, returns that and does nothing.
+// Makes the `call`-th call, counted from 1, of `function`, or of any function that may return `code`, return
+// `code` and do nothing.
 struct Fault {
   std::string function = {};  // such as "vkAllocateMemory"; empty: any
   int call = 0;               // 0: none
   VkResult code = VK_SUCCESS;
-  // Later calls fail as well. A lost device always stays lost; what it was doing is done first, as if the
-  // rest had been dropped.
+  // Later calls fail too. Calls to a lost device always do; its earlier work is finished first, and later
+  // work is dropped.
   bool lasting = false;
 };
 
-// The `call`-th vkQueueSubmit, from 1, waits until the file exists: until then a frame is being computed.
+// Makes the `call`-th vkQueueSubmit, counted from 1, wait until the file exists: a frame is then in progress.
 struct Hold {
   int call = 0;  // 0: none
   std::string file = {};
@@ -29,19 +30,19 @@ struct Hold {
 struct Interposed {
   Fault fault;
   Hold hold;
-  uint64_t most_allocation_bytes = UINT64_MAX;  // what is beyond fails for want of device memory
-  VkDevice device = VK_NULL_HANDLE;             // whose functions were asked for last
+  uint64_t most_allocation_bytes = UINT64_MAX;  // larger allocations fail for want of device memory
+  VkDevice device = VK_NULL_HANDLE;             // the device whose functions were asked for last
 
-  std::map<std::string, int> calls;  // by function, of those that may fail
-  std::map<std::string, int> alive;  // by the function that made them; none of count 0
+  std::map<std::string, int> calls;  // the number of calls of each function that may fail
+  std::map<std::string, int> alive;  // the number of live objects by the function that made them; never 0
   int failures = 0;
-  std::string failed;  // the function of the first failure
+  std::string failed;  // the function whose call failed first
 };
 
 Interposed& interposed();
 void interpose_device(VkDevice device);
 
-// Instead of `real`, where `name` is a function that may fail or destroys what such a one made; else `real`.
+// Returns a stand-in for `real` if `name` may fail or destroys an object; otherwise returns `real`.
 PFN_vkVoidFunction interpose(const char* name, PFN_vkVoidFunction real);
 
 }  // namespace raymeld::test

@@ -1,4 +1,4 @@
-// Any call of Vulkan may fail: then an error says what was being done, nothing is left behind, and the next
+// Tests that any Vulkan call may fail: an error says what was being done, no object is left, and the next
 // frame is right.
 #include "faults.h"
 
@@ -7,22 +7,22 @@
 #include "caller_device.h"
 #include "error_of.h"
 #include "fusion/fuser.h"
-#include "subject.h"
 #include "fusion/tuner.h"
+#include "subject.h"
 
 namespace raymeld::test {
 namespace {
 
 using Calls = std::map<std::string, int>;
 
-// What comes of a frame: an error, or values.
+// Holds the result of a frame: an error, or values.
 struct Outcome {
   std::string error, shortage;
   std::vector<float> values;
   uint32_t tiles = 0;
 };
 
-// Of few kernels: drivers take their time with each.
+// Returns a network of few kernels, as drivers take their time with each.
 reference::Architecture least_architecture() {
   return {.scale = 2,
           .features = 2,
@@ -48,7 +48,7 @@ class FaultsTest : public testing::Test {
     return fused.data;
   }
 
-  // All of a frame, from wrapping the device to letting everything go.
+  // Runs a whole frame, from wrapping the device to destroying all objects.
   Outcome run(const CallerDevice& caller, const FuserOptions& options) const {
     Outcome outcome;
     try {
@@ -70,18 +70,18 @@ class FaultsTest : public testing::Test {
   TemporaryDirectory folder_;
   Subject subject_ = make_subject(least_architecture(), 12, 40, 1);
   Model model_ = model_of(subject_);
-  // Several submits, and every kind of call.
+  // These options make several submits and every kind of call.
   const FuserOptions all_{.profile = true, .work_limits = WorkLimits{1e5, 3e5}};
 };
 
-// Before there is a tile that could be smaller.
+// Returns whether the function is called before there is a tile that could be made smaller.
 bool comes_before_tiles(const std::string& function) {
   return function == "vkEnumerateDeviceExtensionProperties" || function == "vkCreateFence" ||
          function == "vkCreatePipelineCache" ||
          function == "vkGetPhysicalDeviceCooperativeMatrixPropertiesKHR";
 }
 
-// A frame for which less memory may do is made again; a cache on disk is not needed.
+// Returns whether a frame survives the fault: it is made again in less memory, or needs no cache on disk.
 bool is_survived(const std::string& function, VkResult code) {
   if (function == "vkGetPipelineCacheData") return true;
   const bool out_of_memory = code == VK_ERROR_OUT_OF_DEVICE_MEMORY ||
@@ -89,15 +89,15 @@ bool is_survived(const std::string& function, VkResult code) {
   return out_of_memory && !comes_before_tiles(function);
 }
 
-// "allocating memory: VK_ERROR_OUT_OF_DEVICE_MEMORY", and what may follow.
+// Returns whether the error starts like "allocating memory: VK_ERROR_OUT_OF_DEVICE_MEMORY".
 bool says_what_was_done(const std::string& error, VkResult code) {
   const size_t colon = error.find(": ");
   return error.substr(0, error.find(' ')).ends_with("ing") && colon != std::string::npos &&
          error.substr(colon + 2).starts_with(result_name(code));
 }
 
-// Fails the calls that may return `code`, from `first` on every `step`th, and at quick extent every fifth of
-// these. Returns how many of them there are.
+// Fails the calls that may return `code`, one in each run: every `step`th from `first` on, and at quick
+// extent every fifth of these. Returns the number of such calls.
 int FaultsTest::check_every_call(VkResult code, const FuserOptions& options, int first, int step) {
   const bool lost = code == VK_ERROR_DEVICE_LOST;
   auto caller = std::make_unique<CallerDevice>();
@@ -145,7 +145,7 @@ TEST_F(FaultsTest, OutOfDeviceMemoryInEvenCalls) {
 
 TEST_F(FaultsTest, DeviceLost) { EXPECT_GT(check_every_call(VK_ERROR_DEVICE_LOST, all_), 6); }
 
-// A frame that makes a second Fuser on its way, for what 16 bits cannot hold.
+// The frame makes a second Fuser on its way, for tiles that fp16 cannot hold.
 TEST_F(FaultsTest, WhileTilesAreDoneAgain) {
   for (double& w : subject_.weights.at("rec").weight) w = w < 0 ? -6e4 : 6e4;
   model_ = model_of(subject_);
@@ -163,7 +163,7 @@ TEST_F(FaultsTest, WhileTilesAreDoneAgain) {
   EXPECT_GT(check_every_call(VK_ERROR_DEVICE_LOST, options), 6);
 }
 
-// Fails each call of `work` in turn; it must throw, and then do as if nothing had been.
+// Fails each call of `work` in turn: `work` must throw, and then succeed. Returns the number of calls.
 template <typename Work>
 int check_that_it_can_be_repeated(VkResult code, const Work& work) {
   work();
@@ -229,7 +229,7 @@ TEST_F(FaultsTest, ALostDeviceEndsATuning) {
   EXPECT_GT(interposed().failures, 0);
 }
 
-// How a device is that has less memory than it says.
+// The device has less memory than it says.
 TEST_F(FaultsTest, TilesBecomeAsSmallAsTheMemory) {
   CallerDevice caller;
   const std::unique_ptr<Device> device = Device::wrap(caller.external());
@@ -264,7 +264,7 @@ TEST_F(FaultsTest, TilesBecomeSmallerInAFrame) {
   interposed().most_allocation_bytes = UINT64_MAX;
   EXPECT_TRUE(same_bits(values, run(caller, {}).values));
 
-  // Not under a recording that may be pending.
+  // The tiles stay while a recording may be pending.
   const FrameImage lrhs(*device, subject_.lrhs), hrls(*device, subject_.hrls);
   const FrameImage fused(*device, Shape{24, 80, 3});
   Fuser recorded(*device, model_, 12, 40, {}, cache());
@@ -275,7 +275,7 @@ TEST_F(FaultsTest, TilesBecomeSmallerInAFrame) {
   EXPECT_EQ(recorded.plan().tiling.count(), 1u);
 }
 
-// By minimal filtering, what other tiles gave has other bits.
+// Winograd gives other bits with other tiles, so that no pixel of the last frame may be reused.
 TEST_F(FaultsTest, SmallerTilesTakeNothingOfTheLastFrame) {
   CallerDevice caller;
   const std::unique_ptr<Device> device = Device::wrap(caller.external());

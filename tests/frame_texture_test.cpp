@@ -1,4 +1,4 @@
-// Frames whose images are images of Vulkan: the same bits as of buffers.
+// Tests that frames of Vulkan images give the same bits as frames of buffers.
 #include <Imath/half.h>
 #include <gtest/gtest.h>
 
@@ -17,7 +17,7 @@ using reference::Planes;
 
 constexpr VkImageLayout kReadOnly = VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL;
 
-// Texels as a device holds them, and the floats (3, h, w) that they stand for.
+// Holds texels as a device does, and the floats (3, h, w) that they stand for.
 struct Texels {
   VkFormat format;
   std::vector<std::byte> bytes;
@@ -29,12 +29,12 @@ void append(std::vector<std::byte>& bytes, const auto& value) {
   bytes.insert(bytes.end(), begin, begin + sizeof(value));
 }
 
-// Of 5 bits of exponent and, without a sign, so many of mantissa.
+// Decodes an unsigned float of 5 bits of exponent and `mantissa_bits` of mantissa.
 float small_float(uint32_t bits, uint32_t mantissa_bits) {
   return Imath::half(Imath::half::FromBits, uint16_t(bits << (10 - mantissa_bits)));
 }
 
-// One random texel of a format; `values` are its first three channels, of what the host can say.
+// Appends a random texel of a format; `values` gets its first three channels as the host computes them.
 void append_texel(VkFormat format, std::mt19937& random, std::vector<std::byte>& bytes,
                   std::array<float, 3>& values) {
   const auto bits = [&](uint32_t count) { return uint32_t(random()) >> (32 - count); };
@@ -45,7 +45,7 @@ void append_texel(VkFormat format, std::mt19937& random, std::vector<std::byte>&
         append(bytes, half.bits());
         value = half;
       }
-      return append(bytes, uint16_t{0x7e00});  // NaN, as nothing reads it
+      return append(bytes, uint16_t{0x7e00});  // alpha is NaN, as nothing may read it
     case VK_FORMAT_B10G11R11_UFLOAT_PACK32: {
       const auto small = [&](uint32_t mantissa) { return (bits(3) + 10) << mantissa | bits(mantissa); };
       const std::array<uint32_t, 3> packed{small(6), small(6), small(5)};
@@ -84,7 +84,7 @@ Texels random_texels(VkFormat format, uint32_t width, uint32_t height, uint32_t 
   return texels;
 }
 
-// Three of the planes as floats, with `border` texels of something else on the left and at the top.
+// Returns three of the planes as float texels, with `border` other texels on the left and at the top.
 std::vector<std::byte> float_texels(const Planes& image, int first, uint32_t border) {
   const std::vector<float> values = floats(image);
   const auto plane = size_t(image.h) * size_t(image.w);
@@ -107,7 +107,7 @@ class FrameTextureTest : public testing::Test {
     if (!caller_.external().image_writes) GTEST_SKIP() << "the device writes no images of any format";
   }
 
-  // From buffers.
+  // Returns the image that is fused from buffers.
   std::vector<float> expected(raymeld_fusion_desc desc, const std::vector<float>& lrhs,
                               const std::vector<float>& hrls) {
     desc.input_images = desc.output_image = VK_FALSE;
@@ -129,7 +129,7 @@ class FrameTextureTest : public testing::Test {
     return *inputs_.emplace_back(std::move(image));
   }
 
-  // An output whose texels are all 0xff.
+  // Returns an output image whose texels are all 0xff.
   std::unique_ptr<CallerImage> output(VkFormat format, uint32_t width, uint32_t height) {
     auto image = std::make_unique<CallerImage>(*device_, format, width, height, VK_IMAGE_USAGE_STORAGE_BIT);
     image->write(std::vector<std::byte>(size_t{16} * width * height, std::byte{0xff}),
@@ -175,7 +175,7 @@ raymeld_fusion_desc image_desc(const Subject& subject) {
   return desc;
 }
 
-// Interleaved texels of four floats to planes, without a border; what is not of the image must be untouched.
+// Returns the planes of interleaved texels of four floats, without the border, which must be untouched.
 std::vector<float> planes_of_texels(const std::vector<std::byte>& bytes, uint32_t width, uint32_t height,
                                     uint32_t border) {
   const auto* floats = reinterpret_cast<const float*>(bytes.data());
@@ -264,7 +264,7 @@ TEST_F(FrameTextureTest, FormatsAreWhatTheyStandFor) {
   const auto fused = output(VK_FORMAT_R32G32B32A32_SFLOAT, 20, 16);
   run(fusion, lrhs, hrls, view_of(*fused));
   const std::vector<float> wide = planes_of_texels(fused->read(), 20, 16, 0);
-  // A driver may make k / 255 in another way.
+  // A driver may compute k / 255 in another way.
   for (size_t i = 0; i < exact.size(); ++i) EXPECT_NEAR(wide[i], exact[i], 1e-5f * (1 + exact[i])) << i;
 
   const auto half = output(VK_FORMAT_R16G16B16A16_SFLOAT, 20, 16);

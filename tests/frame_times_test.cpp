@@ -1,4 +1,4 @@
-// How long frames take is measured once.
+// Tests that the time of a frame is measured once and kept.
 #include "choice/frame_times.h"
 
 #include <gtest/gtest.h>
@@ -7,9 +7,9 @@
 #include <fstream>
 #include <thread>
 
+#include "fusion/tuner.h"
 #include "golden.h"
 #include "gpu.h"
-#include "fusion/tuner.h"
 
 namespace raymeld::test {
 namespace {
@@ -43,14 +43,14 @@ TEST_F(FrameTimesTest, AreKeptByWhatTheyDependOn) {
   EXPECT_FALSE(times.known(model_, 6, 8, other));
   other = options;
   other.kernels = default_kernels(gpu().info());
-  const bool differ = other.kernels.conv2d({64, 64, 32, 32, 3}).tile > 0;
+  const bool differ = other.kernels.conv2d({64, 64, 32, 32, 3}).algorithm != Algorithm::kDirect;
   EXPECT_EQ(times.known(model_, 6, 8, other).has_value(), !differ);
   other = options;
   other.constants = {{"albedo", {}}};
   EXPECT_FALSE(times.known(model_, 6, 8, other));
 }
 
-// A clock of the test decides how long every frame takes.
+// The test's clock decides how long every frame takes.
 TEST_F(FrameTimesTest, AreTheFirstAndTheMedianOfTheFurther) {
   const std::vector<double> frames_ms{50, 9, 2, 7};
   size_t asked = 0;
@@ -60,7 +60,7 @@ TEST_F(FrameTimesTest, AreTheFirstAndTheMedianOfTheFurther) {
   EXPECT_EQ(asked, 2 * frames_ms.size());
 }
 
-// 75x75 pixels of LRHS are 90,000 fused ones, of which 45x45 of LRHS are computed.
+// 75x75 pixels of LRHS make 90,000 fused ones; only 45x45 pixels of LRHS are computed.
 TEST_F(FrameTimesTest, LargeFramesAreMeasuredAsPartsOfThem) {
   double now_ms = 0;
   FrameTimes times(
@@ -88,7 +88,7 @@ TEST_F(FrameTimesTest, AreForgotten) {
   ASSERT_FALSE(only_file().empty());
   FrameTimes::forget(gpu(), folder_.path());
   EXPECT_TRUE(only_file().empty());
-  FrameTimes::forget(gpu(), folder_.path());  // once more is no error
+  FrameTimes::forget(gpu(), folder_.path());  // forgetting twice is no error
 }
 
 TEST_F(FrameTimesTest, WhatIsNoFileHoldsNoTimes) {

@@ -46,7 +46,7 @@ std::vector<float> fuse_once(const Model& model, const Subject& subject, const F
   return fuse(fuser, subject.lrhs, subject.hrls);
 }
 
-// Options under which a frame takes several tiles: half the room that one tile needs.
+// Returns options under which a frame takes several tiles: half the memory that one tile needs.
 FuserOptions tiled(const Model& model, const Subject& subject, FuserOptions options) {
   const FusePlan whole =
       plan_fusion(model, uint32_t(subject.lrhs.h), uint32_t(subject.lrhs.w), gpu().info(), options);
@@ -85,7 +85,7 @@ TEST_F(FuserTest, TiledAndUntiledGiveTheSameBits) {
   all.push_back(cells_architecture(4));
   for (const Architecture& a : all) {
     const int scale = a.scale;
-    const bool joint = a.base == reference::Base::kJoint;  // its halo is large
+    const bool joint = a.base == reference::Base::kJoint;  // a joint base has a large halo
     const Size size = joint ? Size{5, 20 + 220 / scale} : Size{27, 30};
     const Subject subject = make_subject(a, size.h, size.w, uint64_t(scale));
     const Model model = model_of(subject);
@@ -106,10 +106,10 @@ TEST_F(FuserTest, TiledAndUntiledGiveTheSameBits) {
   }
 }
 
-// The output's response to one lit pixel of HRLS or LRHS when all weights are positive and all biases zero:
-// exactly the pixels that can depend on it are above zero.
+// Holds how far the output responds to one lit pixel of HRLS or LRHS. All weights are positive and all biases
+// zero, so that exactly the pixels that can depend on it are above zero.
 struct Reach {
-  int least, most;  // over the rows or columns of output cells, relative to the lit cell
+  int least, most;  // the rows or columns of blocks of s x s output pixels, relative to the lit block
 };
 
 Reach reach_of(const Fuser& fuser, const Planes& fused, int scale, int lit_cell, bool rows) {
@@ -151,7 +151,7 @@ TEST_F(FuserTest, TheHaloIsNeededAndEnough) {
         const Reach reach = reach_of(fuser, fused, scale, lit, rows);
         widest = {std::min(widest.least, reach.least), std::max(widest.most, reach.most)};
       }
-      if (a.hrls_kernel > 1) {  // with a 1x1, LRHS may reach further
+      if (a.hrls_kernel > 1) {  // LRHS may reach further than HRLS by a 1x1
         EXPECT_EQ(widest.least, -halo);
         EXPECT_EQ(widest.most, halo);
       }
@@ -168,7 +168,7 @@ TEST_F(FuserTest, TheHaloIsNeededAndEnough) {
   }
 }
 
-// Powers of two scale without rounding: what is exposed is then the same to the bit, and so is the output.
+// Powers of two scale without rounding: the exposed values are the same to the bit, and so is the output.
 TEST_F(FuserTest, AKeyMakesTheOutputFollowTheBrightness) {
   Architecture a = guided_architecture(4);
   a.hrls_layers.push_back(reference::LayerKind::kVariance);
@@ -185,7 +185,7 @@ TEST_F(FuserTest, AKeyMakesTheOutputFollowTheBrightness) {
       SCOPED_TRACE(fmt::format("{}, {}", name_of(precision), scale));
       Planes lrhs = subject.lrhs, hrls = subject.hrls;
       for (double& v : lrhs.data) v *= scale;
-      const size_t layer = hrls.data.size() / 4;  // color, albedo, normal, variance
+      const size_t layer = hrls.data.size() / 4;  // the layers are color, albedo, normal and variance
       for (size_t i = 0; i < layer; ++i) {
         hrls.data[i] *= scale;
         hrls.data[3 * layer + i] *= scale * scale;
@@ -331,7 +331,7 @@ TEST_F(FuserTest, PlansKeepTheLimitsOfTheDevice) {
   EXPECT_LE(small.peak_bytes(), device.memory_bytes);
 
   device.memory_bytes = uint64_t{64} << 30;
-  device.max_groups = {65535, 100, 65535};  // along y, a workgroup of the shuffles covers two rows
+  device.max_groups = {65535, 100, 65535};  // a workgroup of the shuffles covers two rows along y
   const FusePlan grouped = plan_fusion(model, 540, 960, device, {});
   EXPECT_GT(grouped.tiling.count(), 1u);
   EXPECT_LE(2 * grouped.tiling.tile.height, 200u);

@@ -1,4 +1,4 @@
-// The library on a device of its own.
+// Tests the library on a device of its own.
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -34,7 +34,7 @@ TEST_F(FusionTest, SamplesLieWhereTheModelOrTheCallerSays) {
     return fuse(fusion, subject_).values;
   };
   const std::vector<float> nearest = fused_with(RAYMELD_SAMPLING_NEAREST);
-  EXPECT_EQ(fused_with(RAYMELD_SAMPLING_MODEL), nearest);  // what the file's lrhs_sampling says
+  EXPECT_EQ(fused_with(RAYMELD_SAMPLING_MODEL), nearest);  // the file's lrhs_sampling decides
   EXPECT_NE(fused_with(RAYMELD_SAMPLING_CENTERED), nearest);
 }
 
@@ -50,7 +50,7 @@ TEST_F(FusionTest, LayersThatMayBeZeroAndTheExposureAreTold) {
   EXPECT_EQ(Fusion(context_, model, desc_).exposure(grey.data()), 3);
 }
 
-// Zeros are what a model was trained with for want of a layer.
+// The model was trained with zeros in place of an absent layer.
 TEST_F(FusionTest, AbsentLayersAreNotRead) {
   const SharedModel model = model_of(subject_, {{"optional_layers", "normal"}});
   Subject zero = subject_;
@@ -69,7 +69,7 @@ TEST_F(FusionTest, AbsentLayersAreNotRead) {
   for (size_t i = 0; i < fused.size(); ++i) EXPECT_NEAR(fused[i], expected[i], 1e-4);
   absent[0] = "albedo";
   EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, Fusion(context_, model, desc_),
-                 "cannot do without layer 'albedo', but without normal");
+                 "cannot do without layer 'albedo'; the layers that may be absent are normal");
 }
 
 TEST_F(FusionTest, WhatDidNotChangeIsKept) {

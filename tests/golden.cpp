@@ -21,10 +21,10 @@ Planes take_planes(std::map<std::string, TensorData>& tensors, const std::string
   return planes(int(shape[0]), int(shape[1]), int(shape[2]), node.mapped().values);
 }
 
-// Layers without weights.
-constexpr const char* kJointLayers[] = {"irradiance", "light",     "joint.0", "joint.1",
-                                        "joint.2",    "joint.3",   "joint.4", "relight.1",
-                                        "relight.3",  "relight.5", "mix"};
+// These layers have outputs but no weights.
+constexpr const char* kJointLayers[] = {"irradiance",   "demodulate",   "joint.0", "joint.1",
+                                        "joint.2",      "joint.3",      "joint.4", "remodulate.1",
+                                        "remodulate.3", "remodulate.5", "mix"};
 
 }  // namespace
 

@@ -6,25 +6,25 @@
 
 namespace raymeld::test {
 
-// A tiny network with random weights, its raw inputs, and every layer's output as PyTorch computed it in
-// float64: tests/golden/tiny-x2 and so on, guided-x2 with the other choices of the network, joint-x2 with a
-// joint base.
+// Holds a tiny network with random weights, its raw inputs, and every layer's output as PyTorch computed it
+// in float64. The files are tests/golden/tiny-x2 and so on; guided-x2 makes the other choices of the network,
+// and joint-x2 has a joint base.
 struct Golden {
   reference::Architecture architecture;
   reference::Weights weights;
   reference::Planes lrhs, hrls;
-  std::map<std::string, reference::Planes> outputs;  // by the names of reference::network
-  double phase = 0;                                  // of the LRHS samples
+  std::map<std::string, reference::Planes> outputs;  // keyed by the names of reference::network()
+  double phase = 0;                                  // phase of the LRHS samples
   double exposure = 1;
 };
 
-// Throws when a file is missing or holds other layers than its weights and "output".
+// Throws when a file or an expected layer is missing, or when a layer is unknown.
 Golden load_golden(const std::string& name);
 std::filesystem::path golden_model_path(const std::string& name);
 inline std::filesystem::path golden_model_path(int scale) {
   return golden_model_path("tiny-x" + std::to_string(scale));
 }
-// The names there are.
+// Returns the names of all golden networks.
 const std::vector<std::string>& golden_names();
 
 }  // namespace raymeld::test

@@ -17,8 +17,8 @@ namespace raymeld::test {
 
 namespace {
 
-// RAYMELD_TEST_VALIDATION=0 is for machines that have a device but no layers, gpu-assisted for accesses of
-// shaders.
+// RAYMELD_TEST_VALIDATION=0 is for machines that have a device but no validation layers. The value
+// gpu-assisted checks the accesses of shaders.
 Validation wished_validation() {
   const char* value = std::getenv("RAYMELD_TEST_VALIDATION");
   const std::string wish = value ? value : "";
@@ -28,8 +28,8 @@ Validation wished_validation() {
   return Validation::kSynchronization;
 }
 
-// What the tests of a process share, made when it is first asked for. It goes when they are over, and
-// whatever the validation layers say of that fails them too.
+// Holds the objects that the tests of a process share, each made at its first use. All are destroyed after
+// the tests, and messages of the validation layers about that fail the run too.
 class SharedDevice : public testing::Environment {
  public:
   const Device& device() {

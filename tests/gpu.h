@@ -12,7 +12,7 @@
 #include "conform/layer_run.h"
 #include "support.h"
 
-// What the tests on a device share: the device, its pipelines, model files.
+// Shares a device, its pipelines and a writer of model files among the tests that run on a device.
 namespace raymeld::test {
 
 using conform::frame_layouts;
@@ -22,26 +22,27 @@ using conform::name_of;
 using conform::run_passes;
 using conform::storage_of;
 
-// One device for all tests of a process, with validation and synchronization validation.
+// Returns the device that all tests of a process share, with validation and synchronization validation.
 const Device& gpu();
 
-// Fails a test during which the validation layers had something to say.
+// Fails a test during which the validation layers reported anything.
 class GpuTest : public testing::Test {
  protected:
   void SetUp() override { gpu(); }
   void TearDown() override;
 };
 
-// The same bits, or NaN for NaN.
+// Returns success when all values have the same bits or are NaN on both sides.
 testing::AssertionResult same_bits(std::span<const float> actual, std::span<const float> expected);
 
-// For conform::Options: a failed case is a failure, and one that is unsupported without reason.
+// Serves as conform::Options::on_finding. Fails the test on a failed case, or an unsupported one without
+// reason.
 void expect_passed(const conform::Finding& finding);
 
-// One cache of compiled pipelines for the tests of a process, in a folder that goes with it.
+// Returns the cache of compiled pipelines that the tests of a process share, in a temporary folder.
 PipelineCache& shared_cache();
 std::filesystem::path shared_cache_folder();
-// The device and these.
+// Returns the shared device with this cache and its folder.
 const conform::Target& target();
 
 // See conform::model_file().

@@ -101,7 +101,7 @@ TEST(Barriers, SlicesOfOneTensorAreApart) {
   EXPECT_EQ(hand.barriers(), (Barriers{false, false, true}));
 }
 
-// d takes c's place as soon as c is no longer read: a hazard that only aliasing makes.
+// The output of e takes c's memory once d has read c, a hazard that only aliasing makes.
 TEST(Barriers, ReusedMemory) {
   const auto build = [](bool keep) {
     Hand hand(keep);
@@ -117,7 +117,7 @@ TEST(Barriers, ReusedMemory) {
   EXPECT_EQ(aliased.graph.unaliased_bytes() + 2 * Graph::kGuardBytes, plain.graph.activation_bytes());
 }
 
-// Vectors of pixels may begin in front of a tensor and end behind it.
+// Vectors of pixels may begin before a tensor and end after it.
 TEST(Graph, GuardsAreInFrontOfAndBehindAllTensors) {
   const TemporaryDirectory folder;
   const Subject subject = make_subject(joint_architecture(4), 24, 16, 1);
@@ -190,8 +190,8 @@ TEST_F(LayerShapes, Conv2d) {
        {wrong(x, y, {.kernel = 2}), wrong(x, y, {.kernel = 1}), wrong(x, out({4, 5, 3}), {.kernel = 3}),
         wrong(in({5, 4, 3}), y, {.kernel = 3}), wrong(x, out({5, 4, 4}), {.kernel = 3}),
         wrong(x, y, {.kernel = 3, .residuals = four}), wrong(x, y, {.kernel = 3, .residuals = other}),
-        wrong(x, y, {.kernel = 3, .behind = x}),
-        wrong(in({5, 4, 1}), y, {.kernel = 3, .behind = in({4, 5, 1})})}) {
+        wrong(x, y, {.kernel = 3, .second_input = x}),
+        wrong(in({5, 4, 1}), y, {.kernel = 3, .second_input = in({4, 5, 1})})}) {
     EXPECT_TRUE(contains(message, "layer my layer")) << message;
   }
   EXPECT_ERROR(conv2d(graph_, "my layer", x, y, {weight_, std::span(bias_).first(2)}, {.kernel = 3}),
@@ -213,14 +213,14 @@ TEST_F(LayerShapes, Shuffles) {
 
 TEST_F(LayerShapes, EncodeAndDecode) {
   const std::vector<EncodedChannel> two(2), many(9, {.value = 0.5f}), far{{.channel = 56}};
-  EXPECT_ERROR(encode(graph_, "enc", kLrhsSlot, out({4, 4, 3}), two, Transfer::kLinear, 1),
-               "layer enc", "2 channels to encode, expected 3");
-  EXPECT_ERROR(encode(graph_, "enc", kLrhsSlot, out({4, 4, 9}), many, Transfer::kLinear, 1),
-               "layer enc", "channel 8");
-  EXPECT_ERROR(encode(graph_, "enc", kLrhsSlot, out({4, 4, 1}), far, Transfer::kLinear, 1),
-               "layer enc", "channel 0");
-  EXPECT_ERROR(encode(graph_, "enc", kLrhsSlot, out({4, 4, 2}), two, Transfer::kLinear, 0),
-               "layer enc", "clip");
+  EXPECT_ERROR(encode(graph_, "enc", kLrhsSlot, out({4, 4, 3}), two, Transfer::kLinear, 1), "layer enc",
+               "2 channels to encode, expected 3");
+  EXPECT_ERROR(encode(graph_, "enc", kLrhsSlot, out({4, 4, 9}), many, Transfer::kLinear, 1), "layer enc",
+               "channel 8");
+  EXPECT_ERROR(encode(graph_, "enc", kLrhsSlot, out({4, 4, 1}), far, Transfer::kLinear, 1), "layer enc",
+               "channel 0");
+  EXPECT_ERROR(encode(graph_, "enc", kLrhsSlot, out({4, 4, 2}), two, Transfer::kLinear, 0), "layer enc",
+               "clip");
   const Tensor rec = in({8, 8, 3}), base = in({4, 4, 3}), other = in({4, 4, 2});
   decode(graph_, "right", rec, {.base = &base, .scale = 2});
   EXPECT_ERROR(decode(graph_, "dec", rec, {.base = &base, .scale = 4}), "layer dec", "scale 4");
@@ -249,21 +249,25 @@ TEST(Graph, KeepsSomeRowsOfATensor) {
   EXPECT_EQ(graph.size_bytes(tall), uint64_t{graph.plane(tall)} * 3 * 4);
   EXPECT_EQ(graph.tensors()[tall.id].size_bytes, graph.size_bytes(tall));
   EXPECT_EQ(graph.offset_bytes(tall.slice(2, 1)), uint64_t{graph.plane(tall)} * 2 * 4);
-  graph.keep_rows(whole, 16);  // all
+  graph.keep_rows(whole, 16);  // all rows
   EXPECT_EQ(graph.rows_mask(whole), ~0u);
   EXPECT_ERROR(graph.keep_rows(whole, 3), "whole", "3 rows");
   graph.add(pass("writer", {}, {whole}));
   EXPECT_ERROR(graph.keep_rows(whole, 4), "whole", "4 rows");
 }
 
-// By minimal filtering, in small bands.
+// Chooses Winograd for 3x3 layers, and small bands for all layers.
 Conv2dKernel banded(const Conv2dShape& shape) {
   const uint32_t tile = shape.channels_out % 2 ? 2 : 4;  // tiles of both sizes read each other's rows
-  return {.tile = shape.kernel == 1 ? 1 : tile, .outputs = 8, .channels = 8, .band = 8};
+  return {.algorithm = shape.kernel == 1 ? Algorithm::kPointwise : Algorithm::kWinograd,
+          .tile = tile,
+          .outputs = 8,
+          .channels = 8,
+          .band = 8};
 }
 
-// The whole network, where almost every tensor takes another's place and, banded, some are kept by a few
-// rows.
+// Runs the whole network, where almost every tensor takes another's memory. Banded kernels keep only a few
+// rows of some tensors.
 TEST_F(GraphTest, KeepingAllActivationsMakesTheSameBits) {
   const TemporaryDirectory folder;
   const std::vector<Kernels> direct{{}}, all{{}, {.conv2d = banded}, {.addressed = true, .conv2d = banded}};
@@ -283,7 +287,7 @@ TEST_F(GraphTest, KeepingAllActivationsMakesTheSameBits) {
           const auto tensors = graph.tensors();
           const bool cut = std::any_of(tensors.begin(), tensors.end(),
                                        [](const TensorRecord& t) { return t.rows < t.shape.height; });
-          const bool is_banded = kernels.conv2d(Conv2dShape{1, 1, 1, 1, 3}).tile > 1;
+          const bool is_banded = kernels.conv2d(Conv2dShape{1, 1, 1, 1, 3}).winograd_tile() > 0;
           EXPECT_EQ(cut, is_banded && !keep);
           if (!keep && !is_banded) {
             EXPECT_LT(graph.activation_bytes(), graph.unaliased_bytes() / 4 * 3);
@@ -301,7 +305,7 @@ TEST_F(GraphTest, KeepingAllActivationsMakesTheSameBits) {
   }
 }
 
-// What a pass reads and writes of activations, whatever way it finds them.
+// Returns each pass's reads and writes of activations, whether it finds them by address or by buffer.
 std::vector<std::vector<std::tuple<std::string, uint32_t, Access>>> accesses_of(const Graph& graph) {
   std::vector<std::vector<std::tuple<std::string, uint32_t, Access>>> all;
   for (const Pass& pass : graph.passes()) {
@@ -314,8 +318,8 @@ std::vector<std::vector<std::tuple<std::string, uint32_t, Access>>> accesses_of(
   return all;
 }
 
-// Validation does not see accesses by address: barriers rest on what passes say they read. With buffers it
-// sees them, and both say the same.
+// Validation does not see accesses by address, so these barriers rest on what the passes declare. It does see
+// accesses to buffers, and both kinds of passes must declare the same.
 TEST(Graph, PassesByAddressHaveTheAccessesAndBarriersOfThoseWithBuffers) {
   const TemporaryDirectory folder;
   for (const auto& shape :

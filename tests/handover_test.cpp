@@ -9,7 +9,7 @@
 namespace raymeld::cli {
 namespace {
 
-using Value = std::unique_ptr<int>;  // can be moved only
+using Value = std::unique_ptr<int>;  // a type that can only be moved
 
 TEST(Handover, GivesEveryValueInOrderAndNoneBeforeTheLastWasTaken) {
   constexpr int kValues = 1000;
@@ -30,7 +30,7 @@ TEST(Handover, ClosingEndsThoseWhoWait) {
   Handover<Value> full, empty;
   std::jthread giver([&] { EXPECT_FALSE(full.put(std::make_unique<int>(1))); });
   std::jthread taker([&] { EXPECT_FALSE(empty.take()); });
-  std::this_thread::sleep_for(std::chrono::milliseconds(20));  // in most runs they wait by then
+  std::this_thread::sleep_for(std::chrono::milliseconds(20));  // both wait by then in most runs
   full.close();
   empty.close();
   giver.join();

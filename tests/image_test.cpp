@@ -61,7 +61,7 @@ TEST(Image, BicubicOfAnImpulse) {
   Image low(9, 1, 1);
   low.at(0, 0, 4) = 1;
   const Image high = upsample_bicubic(low, 2, 0);
-  // The kernel at distances 0, 1/2, 1, 3/2, 2: 1, 0.5625, 0, -0.0625, 0.
+  // The kernel is 1, 0.5625, 0, -0.0625, 0 at distances 0, 1/2, 1, 3/2, 2.
   EXPECT_FLOAT_EQ(high.at(0, 0, 8), 1);
   EXPECT_FLOAT_EQ(high.at(0, 1, 9), 0.5625f);
   EXPECT_FLOAT_EQ(high.at(0, 0, 10), 0);
@@ -108,7 +108,8 @@ TEST(Image, VarianceOfAStep) {
     for (int x = 2; x < 4; ++x) image.at(0, y, x) = 3;
   const Image variance = variance_3x3(image);
   for (int y = 0; y < 3; ++y) {
-    // 3 of 9 are 3: mean 1, (6 * 1 + 3 * 4) / 9 = 2; 6 of 9: mean 2, (3 * 4 + 6 * 1) / 9 = 2.
+    // If 3 of 9 values are 3, the mean is 1 and the variance (6 * 1 + 3 * 4) / 9 = 2. If 6 of 9 are, the mean
+    // is 2 and the variance (3 * 4 + 6 * 1) / 9 = 2.
     EXPECT_FLOAT_EQ(variance.at(0, y, 0), 0);
     EXPECT_FLOAT_EQ(variance.at(0, y, 1), 2);
     EXPECT_FLOAT_EQ(variance.at(0, y, 2), 2);
@@ -120,7 +121,7 @@ TEST(Image, VarianceOfAStep) {
 TEST(Image, VarianceReplicatesEdges) {
   Image image(1, 2, 1);
   image.data = {9, 0};
-  // Row above repeats: six 9s and three 0s; mean 6, (6 * 9 + 3 * 36) / 9 = 18.
+  // The row above repeats, so there are six 9s and three 0s: the mean is 6, and (6 * 9 + 3 * 36) / 9 = 18.
   EXPECT_FLOAT_EQ(variance_3x3(image).at(0, 0, 0), 18);
   EXPECT_FLOAT_EQ(variance_3x3(image).at(0, 1, 0), 18);
 }

@@ -1,4 +1,4 @@
-// Memory that another device or process exported, as images of a frame.
+// Fuses frames whose images are memory that another device or process exported.
 #include <fcntl.h>
 #include <sys/mman.h>
 #include <sys/socket.h>
@@ -18,7 +18,7 @@ namespace {
 
 constexpr VkExternalMemoryHandleTypeFlagBits kOpaque = VK_EXTERNAL_MEMORY_HANDLE_TYPE_OPAQUE_FD_BIT;
 
-// A device that exports; not one that raymeld knows.
+// Exports memory from a device that raymeld does not know.
 class Exporter {
  public:
   const CallerDevice& caller() const { return caller_; }
@@ -38,7 +38,7 @@ class Exporter {
   CallerDevice caller_;
 };
 
-// Mapped memory, exported anew with each fd().
+// Holds mapped memory, which each call of desc() exports anew.
 class Exported {
  public:
   Exported(const CallerDevice& caller, size_t floats, uint64_t offset_bytes = 0)
@@ -119,7 +119,7 @@ raymeld_image image_of(const ImportedBuffer& buffer) {
   return image;
 }
 
-// Through a submit of raymeld's own.
+// Fuses the imported images twice, through raymeld's own submits.
 void fuse_imported(const Context& context, Fusion& fusion, const raymeld_import_desc (&descs)[3]) {
   const ImportedBuffer lrhs(context, descs[0]), hrls(context, descs[1]), fused(context, descs[2]);
   const raymeld_image images[] = {image_of(lrhs), image_of(hrls), image_of(fused)};
@@ -138,7 +138,7 @@ class ImportTest : public testing::Test {
     write_model(file_, subject_.architecture, subject_.weights);
   }
 
-  // A device of raymeld's own: the one that the exporter has.
+  // Returns a context with a device of raymeld's own, on the physical device that the exporter has.
   static Context own_context(const CallerDevice& exporter) {
     const std::string uuid = describe(exporter.vk(), exporter.external().physical_device, 0).uuid;
     raymeld_context_desc desc;
@@ -175,7 +175,7 @@ TEST_F(ImportTest, FusesWhatAnotherDeviceExported) {
   }
 }
 
-// What a process tells another one of an export; its descriptor goes beside it.
+// Sends the description of an export to another process, and its file descriptor beside it.
 void send_export(int socket, raymeld_import_desc desc) {
   alignas(cmsghdr) char control[CMSG_SPACE(sizeof(int))] = {};
   iovec content{&desc, sizeof(desc)};
@@ -211,7 +211,7 @@ TEST_F(ImportTest, FusesWhatAnotherProcessExported) {
   int sockets[2];
   ASSERT_EQ(socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, sockets), 0);
   enum : char { kCannot, kReady, kDone };
-  const pid_t child = fork();  // before this process has a device
+  const pid_t child = fork();  // the process has no device yet
   ASSERT_GE(child, 0);
   if (child == 0) {
     try {
@@ -304,7 +304,7 @@ TEST_F(ImportTest, TheDescriptorIsTakenOverOnSuccessOnly) {
   EXPECT_EQ(imported.info().size_bytes, 4000u);
 }
 
-// Drivers for CPUs map what they are given, so that any file in memory will do.
+// Drivers for CPUs map any file descriptor, so a file in memory will do.
 TEST_F(ImportTest, DmaBufs) {
   const CallerDevice importer;
   const DeviceInfo info = describe(importer.vk(), importer.external().physical_device, 0);

@@ -5,13 +5,13 @@
 #include "error_of.h"
 #include "layers/layers.h"
 
-// What the layers of the joint base compute is src/conform's to check; here, what they refuse.
+// Checks what the layers of the joint base refuse. Their results are checked by src/conform.
 namespace raymeld::test {
 namespace {
 
 using AddLayer = std::function<void(Graph&, const std::vector<Tensor>&)>;
 
-// `add` takes tensors of these shapes, and none that is a row, a column or a channel larger.
+// Expects `add` to take these shapes, and to refuse any that is a row, a column or a channel larger.
 void expect_only(const std::vector<Shape>& shapes, const AddLayer& add) {
   const auto try_shapes = [&](const std::vector<Shape>& tried) {
     Graph graph(Storage::kFloat32);
@@ -40,13 +40,13 @@ TEST(Joint, WrongShapesAreErrors) {
     irradiance(graph, name, t[0], t[1], t[2], t[3], options);
   });
   expect_only({full, full, low_6, full_5}, [&](Graph& graph, const std::vector<Tensor>& t) {
-    light(graph, name, t[0], t[1], t[2], t[3], options);
+    demodulate(graph, name, t[0], t[1], t[2], t[3], options);
   });
   expect_only({full_4, full, full, full_1, full_4}, [&](Graph& graph, const std::vector<Tensor>& t) {
     joint_filter(graph, name, t[0], t[1], t[2], t[3], t[4], 2);
   });
   expect_only({full, full, full}, [&](Graph& graph, const std::vector<Tensor>& t) {
-    relight(graph, name, t[0], t[1], t[2], Transfer::kLog);
+    remodulate(graph, name, t[0], t[1], t[2], Transfer::kLog);
   });
   expect_only({{8, 12, 8}, low_6, full, {8, 12, 9}, full}, [&](Graph& graph, const std::vector<Tensor>& t) {
     mix(graph, name, t[0], t[1], t[2], t[3], t[4], options);

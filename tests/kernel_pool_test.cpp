@@ -8,17 +8,17 @@
 
 #include "engine/pipeline_cache.h"
 #include "engine/program.h"
-#include "gpu.h"
 #include "fusion/plan.h"
-#include "model/stock_models.h"
 #include "fusion/tuner.h"
+#include "gpu.h"
+#include "model/stock_models.h"
 
 namespace raymeld::test {
 namespace {
 
 class KernelPoolTest : public GpuTest {
  protected:
-  // Of a stock model as it runs on the device by default.
+  // Returns the recipes of a stock model as it runs on the device by default.
   std::vector<KernelRecipe> recipes_of(const std::string& name) {
     model_.emplace(find_stock_model(name));
     plan_ =
@@ -74,7 +74,7 @@ TEST_F(KernelPoolTest, ThreadsShareKernels) {
   EXPECT_EQ(pool_.get(gpu(), cache_.handle(), recipes).size(), recipes.size());
 }
 
-// A kernel that takes longer than all others together holds a start back, however many threads there are.
+// A kernel that takes longer than all others together delays the start, however many threads compile.
 TEST_F(KernelPoolTest, NoKernelOfAStockModelTakesLongerToMakeThanAllOthers) {
   size_t combinations = 0;
   for (const char* name : {"x4-faster", "x4-fast", "x4-balanced"}) {

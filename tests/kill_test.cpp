@@ -1,4 +1,4 @@
-// kill -9 at random moments: an output is there whole, as it was before, or not at all.
+// Kills runs with kill -9 at random moments. Each output is then whole, as it was before, or absent.
 #include <fmt/format.h>
 
 #include <csignal>
@@ -32,7 +32,7 @@ class Kill : public Cli {
                                    .signal_delay = delay});
   }
 
-  // What there is beside the inputs, the folder's content as "layers/...".
+  // Returns all files but the inputs, with those in the folder of layers as "layers/...".
   Contents outputs() const {
     Contents result;
     for (const std::string& name : files()) {
@@ -55,8 +55,7 @@ class Kill : public Cli {
   std::set<std::string> inputs_;
 };
 
-// RAYMELD_TEST_KILLS says how many there are at least. There are more until one is in time and an image
-// appears.
+// RAYMELD_TEST_KILLS is the least number of runs. More follow until one was killed and an image appeared.
 TEST_F(Kill, LeavesTheWholeOutputOrNone) {
   const char* wish = std::getenv("RAYMELD_TEST_KILLS");
   const int kills = wish ? std::atoi(wish) : full_extent() ? 25 : 6;
@@ -68,8 +67,8 @@ TEST_F(Kill, LeavesTheWholeOutputOrNone) {
   const auto start = std::chrono::steady_clock::now();
   ASSERT_EQ(run(fuse(kOutputs)).exit_status, 0);
   const std::chrono::duration<double, std::milli> typical = std::chrono::steady_clock::now() - start;
-  // By when a run has ended, from its start and from "fusing", as far as those before tell: a machine is not
-  // always as busy.
+  // Estimates when a run ends, counted from its start and from "fusing". Each run corrects the estimate, as a
+  // machine is not always as busy.
   std::array<double, 2> end_ms = {typical.count(), 0.5 * typical.count()};
   std::mt19937 random(kSeed);
   int killed = 0, appeared = 0, partly = 0, left_behind = 0;
@@ -82,7 +81,7 @@ TEST_F(Kill, LeavesTheWholeOutputOrNone) {
       fs::create_directory(folder_ / "layers");
       for (const auto& [name, content] : expected) write_file(folder_ / name, "older " + name);
     }
-    // Half of them anywhere in a run, half of them about where it writes.
+    // Half of the kills come anywhere in a run, and half about when it writes.
     const bool late = i % 4 >= 2;
     double& end = end_ms[late];
     const double delay_ms = std::uniform_real_distribution(late ? 0.6 * end : 0.0, 1.2 * end)(random);
@@ -113,7 +112,7 @@ TEST_F(Kill, LeavesTheWholeOutputOrNone) {
     EXPECT_TRUE(has_image || result.signal == SIGKILL);
     appeared += has_image, partly += !has_image && whole > 0;
   }
-  ASSERT_EQ(run(fuse(kOutputs)).exit_status, 0);  // over whatever the last kill left
+  ASSERT_EQ(run(fuse(kOutputs)).exit_status, 0);  // starts from the files that the last kill left
   for (const auto& [name, content] : expected) EXPECT_EQ(outputs()[name], content) << name;
   EXPECT_GT(killed, 0);
   EXPECT_GT(appeared, 0);

@@ -11,7 +11,7 @@ Picture grey(int width, int height) {
   return {width, height, std::vector<uint8_t>(size_t(width) * size_t(height) * 3, 128)};
 }
 
-// The box of a label as text: # for white, . for black, blank for what is left of the picture.
+// Returns the top left of the picture as text: # for white, . for black, and a blank for anything else.
 std::string drawn(const Picture& picture, int width, int height) {
   std::string text;
   for (int y = 0; y < height; ++y) {

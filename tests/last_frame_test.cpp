@@ -1,4 +1,4 @@
-// Which pixels and tiles of a frame changed, without a device.
+// Tests which pixels and tiles of a frame changed, without a device.
 #include "fusion/last_frame.h"
 
 #include <gtest/gtest.h>
@@ -24,13 +24,13 @@ class LastFrameTest : public testing::Test {
   }
 
   void begin(float exposure = 1) { last_.begin(lrhs_.data(), hrls_.data(), exposure); }
-  // After a frame that changed nothing.
+  // Completes a frame, so that the next one sees only later changes.
   void change_nothing() {
     begin();
     last_.end();
   }
 
-  // The columns of changed pixels in a row.
+  // Returns the columns of the changed pixels in row `y`.
   std::vector<uint32_t> changed(uint32_t y) const {
     std::vector<uint32_t> columns;
     for (uint32_t x = 0; x < kFrame.width; ++x)
@@ -58,7 +58,7 @@ TEST_F(LastFrameTest, AllChangesUntilAFrameIsWhole) {
   last_.end();
   begin();
   EXPECT_FALSE(any());
-  begin();  // the one before was given up
+  begin();  // the frame before was not completed
   EXPECT_TRUE(all());
 }
 

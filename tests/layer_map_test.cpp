@@ -29,7 +29,7 @@ ChannelTriple triple(const std::string& prefix, const std::string& channels = "R
   return {prefix + "." + channels[0], prefix + "." + channels[1], prefix + "." + channels[2]};
 }
 
-// The single term of a layer that is read as it is.
+// Returns the single term of a layer that is read as it is.
 ChannelTriple read_from(const LayerMap& map, const std::string& layer) {
   const auto found = map.layers.find(layer);
   if (found == map.layers.end() || found->second.rule != LayerRule::kRead || found->second.terms.size() != 1)
@@ -37,7 +37,7 @@ ChannelTriple read_from(const LayerMap& map, const std::string& layer) {
   return found->second.terms[0];
 }
 
-// All that Blender 3.4 writes for the passes that count here.
+// Returns all channels that Blender 3.4 writes for the passes that count here.
 Names blender_old(const std::string& layer, const std::string& view = "") {
   const std::string end = view.empty() ? "" : "." + view;
   Names names = rgba(layer + ".Combined" + end) + Names{layer + ".Denoising Depth" + end + ".Z"} +
@@ -120,7 +120,7 @@ TEST(LayerMap, Views) {
 }
 
 TEST(LayerMap, SeveralViewLayersAreNeverMixed) {
-  // The compositor's layer sorts first but has no passes; of the full ones the first is taken.
+  // The compositor's layer sorts first but has no passes. The first layer that has passes is taken.
   const Names names = rgba("Composite.Combined") + blender_old("Main") + blender_old("Second");
   EXPECT_EQ(map_layers(names).view_layer, "Main");
   EXPECT_EQ(map_layers(names).others, (Names{"--map viewlayer=Composite", "--map viewlayer=Second"}));
@@ -333,7 +333,7 @@ TEST(LayerMap, DescribesTheWholeMapping) {
     EXPECT_TRUE(contains(text, part)) << text << "\nlacks " << part;
 }
 
-// A file of 2 x 2 pixels; every channel has the value that stands by its name.
+// Writes a file of 2 x 2 pixels whose channels each have the value that stands by their name.
 void write_constant(const std::filesystem::path& path, const std::map<std::string, float>& values) {
   std::vector<std::vector<float>> planes;
   ExrOutput output;
@@ -361,7 +361,7 @@ TEST(LoadLayers, ComputesDerivedLayersInTheOrderAskedFor) {
   const Names wanted = {"specular", "color", "diffuse", "variance"};
   const Image image = load_layers(file, map_layers(file), wanted);
   ASSERT_EQ(image.channels, 12);
-  // specular 0.25 * 24 and 1.25 * 26; colour; diffuse 0.5 * 6 and 1.5 * 8; the variance of a constant.
+  // The values are specular 0.25 * 24 and 1.25 * 26, color, diffuse 0.5 * 6 and 1.5 * 8, and no variance.
   const std::vector<float> expected = {6, 32.5f, 6, 1, 2, 3, 3, 12, 3, 0, 0, 0};
   for (int c = 0; c < 12; ++c)
     for (int i = 0; i < 4; ++i) EXPECT_FLOAT_EQ(image.plane(c)[i], expected[size_t(c)]) << "channel " << c;
@@ -390,7 +390,7 @@ TEST(LoadLayers, VarianceIsOfTheColorAndReadWhereTheFileHasOne) {
   ExrFile grey(directory / "grey.exr");
   const Names wanted = {"variance"};
   const Image estimated = load_layers(grey, map_layers(grey), wanted);
-  // Edges repeat: six 9s and three 0s, mean 6, (6 * 9 + 3 * 36) / 9.
+  // Edges repeat, so there are six 9s and three 0s: the mean is 6, and the variance (6 * 9 + 3 * 36) / 9.
   for (int c = 0; c < 3; ++c) EXPECT_FLOAT_EQ(estimated.at(c, 0, 0), 18);
   write_constant(directory / "pbrt.exr",
                  {{"R", 1}, {"G", 1}, {"B", 1}, {"Variance.R", 7}, {"Variance.G", 7}, {"Variance.B", 7}});

@@ -1,4 +1,4 @@
-// The layout of src/ and shaders/: which room may include which, and how large rooms are.
+// Checks the layout of src/: which folder may include which, and how large folders are.
 #include <gtest/gtest.h>
 
 #include <fstream>
@@ -13,7 +13,7 @@ namespace fs = std::filesystem;
 
 const fs::path kSource = source_path("src");
 
-// Each room of src/ with those that its sources may include beside itself; what is in src/ itself is for all.
+// Maps each folder of src/ to the others that its sources may include. Files in src/ itself are for all.
 const std::map<std::string, std::set<std::string>> kBelow = {
     {"platform", {}},
     {"engine", {}},
@@ -51,7 +51,7 @@ TEST(Layout, IncludesRunDown) {
     ASSERT_TRUE(room == "." || kBelow.contains(room)) << room << " is no room";
     for (std::sregex_iterator at(content.begin(), content.end(), include), end; at != end; ++at) {
       const fs::path included = kSource / (*at)[1].str();
-      if (!fs::exists(included)) continue;  // of shaders/ or include/
+      if (!fs::exists(included)) continue;  // it lies in shaders/ or include/
       const std::string other = room_of(included);
       ++seen;
       if (other == room || other == ".") continue;

@@ -1,4 +1,4 @@
-// Renders of a made-up scene, for tests of what a pair of them shows.
+// Makes renders of a made-up scene, for tests of what a pair of renders shows.
 #pragma once
 
 #include <cmath>
@@ -9,7 +9,7 @@
 
 namespace raymeld::test {
 
-// The light of a made-up scene: tiles of many brightnesses under a gradient, without any symmetry.
+// Returns the light of a made-up scene: tiles of many brightnesses under a gradient, without any symmetry.
 inline float scene(float x, float y) {
   const int tile = int(std::floor(x / 31)) * 37 + int(std::floor(y / 23)) * 101;
   return (0.1f + float(tile * tile % 89) / 89) * (1 + 0.5f * std::sin(0.02f * x + 0.0001f * y * y));
@@ -27,7 +27,8 @@ struct Pair {
   Image lrhs, hrls;
 };
 
-// A noisy HRLS of 384 x 256 and a clean LRHS, the mean of each cell or its top-left pixel.
+// Returns a noisy HRLS of 384 x 256 and a clean LRHS, which has the mean of each block of scale x scale
+// pixels or its top-left pixel.
 inline Pair make_pair(int scale, bool centered) {
   std::mt19937 random(7);
   std::exponential_distribution<float> noise(1);
@@ -43,8 +44,8 @@ inline Pair make_pair(int scale, bool centered) {
           })};
 }
 
-// Returns an LRHS as wide and high as that of a pair at x4, mixed with what another camera sees of the scene:
-// from `share` 0, the pair's own, to 1.
+// Mixes the LRHS of a pair at x4 with what another camera sees of the scene. A `share` of 0 leaves the LRHS
+// alone, and 1 leaves only the other camera.
 inline Image mixed_with_another_camera(const Image& lrhs, float share) {
   return image_of(lrhs.width, lrhs.height, [&](int x, int y) {
     return (1 - share) * lrhs.at(0, y, x) + share * scene(float(4 * x + 700), float(4 * y + 450));

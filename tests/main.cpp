@@ -1,5 +1,5 @@
-// Runs the tests of a unit. Where RAYMELD_ALLOWED_SKIPS names a file of tests that may skip, a line of a name
-// and a reason each, any other test that skips fails.
+// Runs the tests of a unit. RAYMELD_ALLOWED_SKIPS may name a file of tests that may skip, a name and a reason
+// on each line. The run then fails if any other test skips.
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -51,7 +51,7 @@ int main(int argc, char** argv) {
   };
   const char* path = std::getenv("RAYMELD_ALLOWED_SKIPS");
   if (!path) return run();
-  auto* skips = new SkipListener(path);  // which GoogleTest deletes
+  auto* skips = new SkipListener(path);  // GoogleTest deletes it
   testing::UnitTest::GetInstance()->listeners().Append(skips);
   const int status = run();
   return skips->any() ? 1 : status;

@@ -17,7 +17,7 @@ Image constant(int width, int height, float value) {
 }
 
 TEST(Metrics, PsnrClampOfAConstantDifference) {
-  // mse = 0.01, so 10 log10(1 / 0.01) = 20 dB.
+  // The mse is 0.01, so 10 log10(1 / 0.01) = 20 dB.
   EXPECT_NEAR(psnr_clamp(constant(4, 3, 0.6f), constant(4, 3, 0.5f)), 20.0, 1e-5);
 }
 
@@ -29,22 +29,22 @@ TEST(Metrics, PsnrClampSeesNothingBeyondTheClamp) {
 TEST(Metrics, PsnrSrgbComparesAfterEquation3) {
   // Linear 0.001 is sRGB 0.01292; its square is 1.6692640e-4, which is 37.774748 dB.
   EXPECT_NEAR(psnr_srgb(constant(5, 2, 0.001f), constant(5, 2, 0.0f)), 37.774748, 1e-4);
-  // Linear 0.5 is sRGB 0.735357; 1 - 0.735357 = 0.264643, squared 0.0700359: 11.546793 dB.
+  // Linear 0.5 is sRGB 0.735357; 1 - 0.735357 = 0.264643 has the square 0.0700359, which is 11.546793 dB.
   EXPECT_NEAR(psnr_srgb(constant(5, 2, 0.5f), constant(5, 2, 1.0f)), 11.5468, 1e-3);
 }
 
 TEST(Metrics, PsnrAveragesOverAllChannels) {
   Image image = constant(1, 1, 0.0f);
   image.at(1, 0, 0) = 1.0f;
-  // One of three values off by 1: mse = 1/3, 4.771213 dB.
+  // One of three values is off by 1, so the mse is 1/3, which is 4.771213 dB.
   EXPECT_NEAR(psnr_clamp(image, constant(1, 1, 0.0f)), 4.771213, 1e-5);
 }
 
 TEST(Metrics, RelMseInBothConventions) {
-  // (2 - 1)^2 = 1 over 1^2 + lambda2.
+  // The relative error is (2 - 1)^2 = 1 over 1^2 + lambda2.
   EXPECT_NEAR(relmse(constant(3, 3, 2), constant(3, 3, 1), kRelMseBcr), 0.5 / 1.01, 1e-9);
   EXPECT_NEAR(relmse(constant(3, 3, 2), constant(3, 3, 1), kRelMseGharbi), 1 / 1.0001, 1e-9);
-  // Over a black reference: 0.5 * 0.25 / 0.01 and 0.25 / 1e-4.
+  // A black reference leaves 0.5 * 0.25 / 0.01 and 0.25 / 1e-4.
   EXPECT_NEAR(relmse(constant(3, 3, 0.5f), constant(3, 3, 0)), 12.5, 1e-9);
   EXPECT_NEAR(relmse(constant(3, 3, 0.5f), constant(3, 3, 0), kRelMseGharbi), 2500, 1e-6);
 }

@@ -14,7 +14,7 @@ namespace {
 
 class ModelTest : public testing::Test {
  protected:
-  // What loading the tiny x4 model says after `change`.
+  // Returns the error of loading the tiny x4 model after `change`.
   template <typename Change>
   std::string error_after(Change&& change) {
     SafeTensors content = read_safetensors(golden_model_path(4));
@@ -149,7 +149,7 @@ TEST_F(ModelTest, WrongEntriesAreNamed) {
       {"base", {"", "bicubic"}},
       {"lrhs_sampling", {"", "centre", "nearest,", "nearest,nearest", "nearest, centered"}},
       {"hrls_encoder", {"", "half", "unshuffled "}},
-      {"hrls_kernel", {"", "2", "5", "3 ", "1"}},  // 1: as HRLS is not unshuffled
+      {"hrls_kernel", {"", "2", "5", "3 ", "1"}},  // 1 is refused as HRLS is not unshuffled
       {"upscale", {"", "stage", "Direct"}},
       {"upscaled_features", {"", "0", "-5", "4", "1025"}},
       {"guide", {"", "lrhs", "color"}},

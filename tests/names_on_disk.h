@@ -5,8 +5,8 @@
 
 namespace raymeld::test {
 
-// The names of files in a log of sync_log/. Fails the test unless the disk had each file before it got its
-// name, and its folder afterwards: then a power cut leaves whole files.
+// Returns the names of files in a log of sync_log/. Fails the test unless each file was synced to disk before
+// it got its name, and its folder afterwards. A power cut then leaves whole files.
 std::set<std::string> names_on_disk(const std::string& log);
 
 }  // namespace raymeld::test

@@ -25,7 +25,7 @@ Subject subject_of(const Golden& golden) {
   return {golden.architecture, golden.weights, golden.lrhs, golden.hrls};
 }
 
-// Each layer and the whole against the reference.
+// Compares each layer and the whole network with the reference.
 TEST_F(NetworkTest, GoldenNetworksByAllKernels) {
   conform::Options options{.on_finding = expect_passed};
   const conform::Collector collector(target(), options);
@@ -33,19 +33,20 @@ TEST_F(NetworkTest, GoldenNetworksByAllKernels) {
   for (const std::string& name : golden_names()) {
     const Golden golden = load_golden(name);
     conform::Collector::for_each(
-        conform::network_ways(gpu().info(), index++), [&](const conform::Way& way, Precision precision) {
+        conform::network_methods(gpu().info(), index++),
+        [&](const conform::Method& method, Precision precision) {
           for (const float phase : {0.0f, (float(golden.architecture.scale) - 1) / 2}) {
-            if (phase > 0 && way.name != "direct") continue;
+            if (phase > 0 && method.name != "direct") continue;
             if (!is_tried(combinations++, 3)) continue;
             conform::conform_one(collector, fmt::format("{}, phase {}", name, phase), subject_of(golden),
-                                 {way, precision, phase, float(golden.exposure)});
+                                 {method, precision, phase, float(golden.exposure)});
           }
         });
   }
 }
 
-// Against PyTorch's float64, which the file stores as floats: the carried bound and that rounding. The
-// weights of the golden models are halves, so that both precisions compute the same network.
+// Compares with PyTorch's float64, which the file stores as floats: the bound is the carried one and that
+// rounding. The golden models' weights are halves, so that both precisions compute the same network.
 TEST_F(NetworkTest, GoldenOutputs) {
   for (const std::string& name : golden_names()) {
     const Golden golden = load_golden(name);
@@ -82,7 +83,7 @@ TEST(Network, HasTheLayersOfThePaper) {
   for (const Pass& pass : graph.passes()) names.push_back(pass.name);
   EXPECT_EQ(names, (std::vector<std::string>{"encode.lrhs",
                                              "encode.hrls",
-                                             "highlights",
+                                             "above_clip",
                                              "hrls",
                                              "down.0.space_to_depth",
                                              "down.0",
@@ -106,7 +107,8 @@ TEST(Network, HasTheLayersOfThePaper) {
                                              "decode"}));
   double flop = 0;
   for (const Pass& pass : graph.passes()) flop += pass.flop;
-  // C 5, R 3, D 3, K 9, two multiplies and adds a weight; full-size layers count 16 times, x2 ones 4 times.
+  // C is 5, R 3, D 3 and K 9, and each weight is a multiply and an add. Full-size layers count 16 times, and
+  // x2 ones 4 times.
   const double hrls = 16 * 9 * 5 * 9, down = (4 + 1) * 9 * 20 * 5, low = 9 * 3 * 5 + 10 * 5;
   const double trunk = 2 * (9 * 3 * (5 + 8 + 11) + 14 * 5), up = (1 + 4) * 9 * 5 * 20, rec = 16 * 9 * 5 * 3;
   EXPECT_EQ(flop, 2 * 60 * (hrls + down + low + trunk + up + rec));

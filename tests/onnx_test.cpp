@@ -1,4 +1,4 @@
-// Vectors that no one here wrote, through the layers and through the scalar reference: ONNX's own tests.
+// Runs ONNX's own test vectors, which nobody wrote for raymeld, through the layers and the scalar reference.
 #include <fmt/ranges.h>
 
 #include "conform/conv2d_trials.h"
@@ -9,7 +9,7 @@
 namespace raymeld::test {
 namespace {
 
-using conform::Way;
+using conform::Method;
 using reference::Bounded;
 using reference::Conv;
 using reference::exact;
@@ -22,7 +22,7 @@ const std::map<std::string, OnnxVector>& all_vectors() {
   return vectors;
 }
 
-// What keeps a vector from being a layer of raymeld, or nothing.
+// Returns the feature that keeps a vector from being a layer of raymeld, or an empty string.
 std::string missing_feature(const OnnxVector& vector) {
   const std::vector<int>& dims = vector.inputs[0].dims;
   if (!vector.output.is_float32) return "elements that are not float32";
@@ -34,22 +34,23 @@ std::string missing_feature(const OnnxVector& vector) {
   return std::ranges::max(std::span(vector.inputs[1].dims).last(2)) > 3 ? "kernels larger than 3" : "";
 }
 
-// Every kernel that the device can in 32 bits.
-std::vector<Way> ways(int kernel) {
-  std::vector<Way> result = conform::conv2d_ways(gpu().info(), uint32_t(kernel));
-  std::erase_if(result, [](const Way& way) {
-    return way.kernel.matrix || (way.kernel.tile > 0 && !gpu().info().buffer_device_address);
+// Returns every kernel that the device can compute in 32 bits.
+std::vector<Method> methods(int kernel) {
+  std::vector<Method> result = conform::conv2d_methods(gpu().info(), uint32_t(kernel));
+  std::erase_if(result, [](const Method& method) {
+    return method.kernel.algorithm == Algorithm::kMatrix ||
+           (method.kernel.needs_addresses() && !gpu().info().buffer_device_address);
   });
   return result;
 }
 
-// The first image of a batch is computed in every way, the others directly and in one more, in turn.
-std::vector<Way> ways_of_image(size_t image, int kernel) {
-  const std::vector<Way> all = ways(kernel);
+// The first image of a batch is computed in every way, the others directly and in one more way, in turn.
+std::vector<Method> methods_of_image(size_t image, int kernel) {
+  const std::vector<Method> all = methods(kernel);
   return image == 0 || all.size() == 1 ? all : std::vector{all[0], all[1 + image % (all.size() - 1)]};
 }
 
-// Copies channels: out of any kernel but minimal filtering come the same bits.
+// Returns a convolution that copies channels. All kernels but Winograd give the same bits.
 Conv identity(int channels, int kernel) {
   Conv conv{channels, channels, kernel, {}, {}};
   conv.weight.resize(size_t(channels) * channels * kernel * kernel);
@@ -64,16 +65,16 @@ struct Operands {
   const Conv& conv;
   bool relu = false;
   const Planes* residual = nullptr;
-  const Planes* behind = nullptr;
+  const Planes* second_input = nullptr;
 };
 
-Planes run_conv2d(const Operands& operands, const Way& way) {
-  const auto& [x, conv, relu, residual, behind] = operands;
-  conform::LayerRun run(target(), Precision::kFp32, way.addressed);
+Planes run_conv2d(const Operands& operands, const Method& method) {
+  const auto& [x, conv, relu, residual, second] = operands;
+  conform::LayerRun run(target(), Precision::kFp32, method.addressed);
   const Tensor in = run.input("in", x), out = run.tensor("out", conv.out, x.h, x.w);
-  Conv2dOptions options{.kernel = uint32_t(conv.kernel), .relu = relu, .how = way.kernel};
+  Conv2dOptions options{.kernel = uint32_t(conv.kernel), .relu = relu, .how = method.kernel};
   if (residual) options.residuals = {run.input("residual", *residual)};
-  if (behind) options.behind = run.input("behind", *behind);
+  if (second) options.second_input = run.input("second", *second);
   conv2d(run.graph(), "conv", in, out, run.weights(conv), options);
   run.run();
   return run.read(out);
@@ -109,8 +110,8 @@ Conv square_conv(const OnnxVector& vector) {
   return conv;
 }
 
-// Where ONNX's outputs lie among those of a convolution of stride 1 that keeps the size, which is what
-// raymeld has: sums over the same inputs. With less padding they are its inner part, with strides some of it.
+// Says where ONNX's outputs lie among those of raymeld's convolution, which has stride 1, keeps the size and
+// sums over the same inputs. Less padding gives its inner part, and strides give some of its outputs.
 struct Places {
   int stride_y, stride_x, first_y, first_x;
 
@@ -141,7 +142,7 @@ Places places(const OnnxVector& vector, int kernel) {
   return found;
 }
 
-// What ONNX's value and one of ours may differ by: each errs by its own bound against the exact sum.
+// Bounds the difference of ONNX's value and raymeld's: each errs by its own bound against the exact sum.
 Bounded published(const Planes& values, const Planes& own_bound, const Planes& our_bound) {
   Bounded result{values, own_bound};
   std::ranges::transform(own_bound.data, our_bound.data, result.bound.data.begin(), std::plus{});
@@ -155,23 +156,24 @@ void check_conv(const OnnxVector& vector) {
   for (size_t i = 0; i < inputs.size(); ++i) {
     SCOPED_TRACE(fmt::format("image {}", i));
     std::map<int, Bounded> sums;
-    for (const Way& way : ways_of_image(i, conv.kernel)) {
-      if (!sums.contains(way.tile()))
-        sums[way.tile()] = reference::conv2d(exact(inputs[i]), conv, false, Precision::kFp32, {}, way.tile());
+    for (const Method& method : methods_of_image(i, conv.kernel)) {
+      if (!sums.contains(method.tile()))
+        sums[method.tile()] =
+            reference::conv2d(exact(inputs[i]), conv, false, Precision::kFp32, {}, method.tile());
       const Planes direct_bound = at.pick(sums.at(0).bound, outputs[i]);
-      if (way.tile() == 0) {
+      if (method.kernel.algorithm == Algorithm::kDirect) {
         const Bounded onnx{outputs[i], direct_bound};
         EXPECT_TRUE(within_bounds("reference", at.pick(sums.at(0).value, outputs[i]), onnx));
       }
       const Bounded expected =
-          published(outputs[i], direct_bound, at.pick(sums.at(way.tile()).bound, outputs[i]));
-      const Planes device = at.pick(run_conv2d({inputs[i], conv}, way), outputs[i]);
-      EXPECT_TRUE(within_bounds("conv2d " + way.name, device, expected));
+          published(outputs[i], direct_bound, at.pick(sums.at(method.tile()).bound, outputs[i]));
+      const Planes device = at.pick(run_conv2d({inputs[i], conv}, method), outputs[i]);
+      EXPECT_TRUE(within_bounds("conv2d " + method.name, device, expected));
     }
   }
 }
 
-// ReLU and the residual are the last steps of a convolution: here of one that copies.
+// ReLU and the residual are the last steps of a convolution, here of one that copies its input.
 void check_copied(const OnnxVector& vector) {
   const int axis = std::max(0, int(vector.output.dims.size()) - 3);
   const std::vector<Planes> x = to_images(vector.inputs[0], axis), expected = to_images(vector.output, axis);
@@ -187,17 +189,18 @@ void check_copied(const OnnxVector& vector) {
         return reference::conv2d(exact(x[i]), copy, relu, Precision::kFp32, bounded, tile);
       };
       EXPECT_TRUE(equal(sum_of(0).value, expected[i])) << "the reference, rounded once";
-      for (const Way& way : ways(kernel)) {
-        SCOPED_TRACE(fmt::format("kernel {}, {}", kernel, way.name));
-        const Planes device = run_conv2d({x[i], copy, relu, relu ? nullptr : &residuals[i]}, way);
-        EXPECT_TRUE(way.tile() > 1 || equal(device, expected[i]));
-        EXPECT_TRUE(within_bounds(vector.op, device, {expected[i], sum_of(way.tile()).bound}));
+      for (const Method& method : methods(kernel)) {
+        SCOPED_TRACE(fmt::format("kernel {}, {}", kernel, method.name));
+        const Planes device = run_conv2d({x[i], copy, relu, relu ? nullptr : &residuals[i]}, method);
+        EXPECT_TRUE(method.tile() > 0 || equal(device, expected[i]));
+        EXPECT_TRUE(within_bounds(vector.op, device, {expected[i], sum_of(method.tile()).bound}));
       }
     }
   }
 }
 
-// As the second tensor that a convolution reads, and as slices of one that two convolutions wrote.
+// Concatenates in two ways: one convolution reads a second input, and two convolutions write slices of one
+// tensor.
 void check_concat(const OnnxVector& vector) {
   const int rank = int(vector.output.dims.size()), said = onnx_int(vector.node, "axis", 1);
   const int axis = said < 0 ? said + rank : said;
@@ -206,13 +209,13 @@ void check_concat(const OnnxVector& vector) {
   for (size_t i = 0; i < a.size(); ++i) {
     EXPECT_TRUE(equal(reference::concat(exact(a[i]), exact(b[i])).value, expected[i]));
     const Conv both = identity(expected[i].c, 1), first = identity(a[i].c, 1), second = identity(b[i].c, 1);
-    for (const Way& way : ways(1)) {
-      SCOPED_TRACE(fmt::format("image {}, {}", i, way.name));
-      EXPECT_TRUE(equal(run_conv2d({.x = a[i], .conv = both, .behind = &b[i]}, way), expected[i]));
-      conform::LayerRun run(target(), Precision::kFp32, way.addressed);
+    for (const Method& method : methods(1)) {
+      SCOPED_TRACE(fmt::format("image {}, {}", i, method.name));
+      EXPECT_TRUE(equal(run_conv2d({.x = a[i], .conv = both, .second_input = &b[i]}, method), expected[i]));
+      conform::LayerRun run(target(), Precision::kFp32, method.addressed);
       const Tensor in_a = run.input("a", a[i]), in_b = run.input("b", b[i]);
       const Tensor out = run.tensor("out", expected[i].c, a[i].h, a[i].w);
-      const Conv2dOptions options{.kernel = 1, .how = way.kernel};
+      const Conv2dOptions options{.kernel = 1, .how = method.kernel};
       conv2d(run.graph(), "first", in_a, out.slice(0, uint32_t(a[i].c)), run.weights(first), options);
       conv2d(run.graph(), "second", in_b, out.slice(uint32_t(a[i].c), uint32_t(b[i].c)), run.weights(second),
              options);
@@ -222,7 +225,8 @@ void check_concat(const OnnxVector& vector) {
   }
 }
 
-// ONNX's order DCR has channel (r dy + dx) C + c where ours, its CRD, has c r r + r dy + dx.
+// Moves channel (r dy + dx) C + c of ONNX's order DCR to channel c r r + r dy + dx of raymeld's, which is
+// ONNX's CRD.
 Planes in_our_order(const Planes& dcr, int r) {
   Planes ours(dcr.c, dcr.h, dcr.w);
   const int channels = dcr.c / (r * r), plane = dcr.h * dcr.w;
@@ -274,7 +278,7 @@ TEST_P(OnnxTest, GivesWhatIsPublished) {
   check_pixel_shuffle(vector);
 }
 
-GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(OnnxTest);  // where there are none, AreAllThere skips
+GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(OnnxTest);  // AreAllThere skips where there are none
 INSTANTIATE_TEST_SUITE_P(Vectors, OnnxTest, testing::ValuesIn(layers_among_vectors()), [](const auto& info) {
   std::string name = info.param;
   std::ranges::replace_if(
@@ -282,7 +286,7 @@ INSTANTIATE_TEST_SUITE_P(Vectors, OnnxTest, testing::ValuesIn(layers_among_vecto
   return name;
 });
 
-// Counts of version 1.12 of the package; a newer one may have more.
+// The counts are those of version 1.12 of the package; a newer version may have more.
 TEST(OnnxVectors, AreAllThere) {
   if (all_vectors().empty()) GTEST_SKIP() << "the package libonnx-testdata is not installed";
   std::map<std::string, int> layers;

@@ -1,5 +1,6 @@
-// ONNX's published tests of single operators, as Debian's libonnx-testdata has them: model.onnx, which names
-// the operator, and its inputs and outputs as tensors. https://github.com/onnx/onnx, onnx/backend/test/data.
+// Reads ONNX's published tests of single operators, as Debian's libonnx-testdata has them: model.onnx, which
+// names the operator, and its inputs and outputs as tensors. They come from https://github.com/onnx/onnx,
+// onnx/backend/test/data.
 #pragma once
 
 #include <onnx/onnx_pb.h>
@@ -22,14 +23,14 @@ namespace raymeld::test {
 struct OnnxArray {
   std::vector<int> dims;
   std::vector<float> values;
-  bool is_float32 = false;  // else there are no values
+  bool is_float32 = false;  // `values` is empty if false
 };
 
 struct OnnxVector {
-  std::string name;  // of its folders: "node/test_relu"
-  std::string op;    // "PixelShuffle" where the model says it in several operators
+  std::string name;  // its folder in kOnnxData, such as "node/test_relu"
+  std::string op;    // "PixelShuffle" also where the model composes it of several operators
   onnx::NodeProto node;
-  std::vector<OnnxArray> inputs;  // weights among them
+  std::vector<OnnxArray> inputs;  // the weights are among them
   OnnxArray output;
 };
 
@@ -54,7 +55,7 @@ inline OnnxArray to_array(const onnx::TensorProto& tensor) {
   return array;
 }
 
-// The operator that a model tests, or nothing.
+// Returns the operator that a model tests, or an empty string.
 inline std::string tested_operator(const std::filesystem::path& folder, const onnx::GraphProto& graph) {
   if (folder.filename() == "test_PixelShuffle") return "PixelShuffle";
   return graph.node_size() == 1 ? graph.node(0).op_type() : "";
@@ -81,7 +82,7 @@ inline OnnxVector read_onnx_vector(const std::filesystem::path& folder, const st
   return vector;
 }
 
-// All that test one of the operators, by name; none where the package is not installed.
+// Returns all vectors that test one of the operators, by name, or none if the package is not installed.
 inline std::map<std::string, OnnxVector> onnx_vectors(const std::set<std::string>& operators) {
   std::map<std::string, OnnxVector> vectors;
   if (!std::filesystem::exists(kOnnxData)) return vectors;
@@ -114,7 +115,8 @@ inline std::vector<int> onnx_ints(const onnx::NodeProto& node, const std::string
   return absent;
 }
 
-// The array as images: the dimensions before `axis` count images, `axis` channels, those behind it pixels.
+// Returns the array as images: the dimensions before `axis` count images, `axis` counts channels, and those
+// after it count pixels.
 inline std::vector<reference::Planes> to_images(const OnnxArray& array, int axis) {
   const auto product = [](std::span<const int> dims) {
     int result = 1;

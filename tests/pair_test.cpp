@@ -42,7 +42,7 @@ TEST_P(PairTest, BrightnessOfEitherChangesNoOtherFinding) {
   }
 }
 
-// At a sample a pixel colors are mostly noise, and only a clean guide shows which of both it is.
+// Colors at one sample per pixel are mostly noise, and only a clean guide shows which phase the LRHS has.
 TEST_P(PairTest, AGuideShowsThePhaseOfNoisyColors) {
   for (const bool centered : {false, true}) {
     const Pair pair = make_pair(GetParam(), centered);
@@ -87,7 +87,7 @@ TEST(PairRelationTest, NoiseIsForeign) {
             Relation::kForeign);
 }
 
-// A camera that looked elsewhere, and one whose render is mixed with the right one's.
+// The LRHS is the render of a camera that looked elsewhere, or a mix of such a render and the right one.
 TEST(PairRelationTest, AnotherCameraIsForeignAndPartOfItDoubtful) {
   const Pair pair = make_pair(4, true);
   const auto mixed = [&](float share) { return mixed_with_another_camera(pair.lrhs, share); };

@@ -23,7 +23,7 @@ class PipelineCacheTest : public GpuTest {
     Program program(gpu(), graph, cache, 1);
   }
 
-  // The file that compiling and saving leaves behind.
+  // Returns the file that compiling and saving leaves behind.
   std::filesystem::path save_one() {
     PipelineCache cache(gpu(), folder_.path());
     EXPECT_FALSE(cache.loaded());
@@ -42,7 +42,7 @@ class PipelineCacheTest : public GpuTest {
 TEST_F(PipelineCacheTest, SavedAndLoaded) {
   const std::filesystem::path file = save_one();
   EXPECT_EQ(file.parent_path(), folder_.path());
-  EXPECT_EQ(files(), 1u);  // no temporary one is left
+  EXPECT_EQ(files(), 1u);  // no temporary file is left
   const std::string content = read_file(file);
   PipelineCache again(gpu(), folder_.path());
   EXPECT_TRUE(again.loaded());
@@ -85,7 +85,7 @@ TEST_F(PipelineCacheTest, DamagedFilesAreIgnoredAndReplaced) {
   }
 }
 
-// Sealed as this device's would be.
+// The foreign data is sealed as this device's would be.
 TEST_F(PipelineCacheTest, ForeignCachesAreIgnored) {
   const std::filesystem::path file = PipelineCache(gpu(), folder_.path()).file();
   VkPhysicalDeviceProperties properties = gpu().properties();
@@ -105,10 +105,10 @@ TEST_F(PipelineCacheTest, ForeignCachesAreIgnored) {
   const std::string foreign = sealed_cache(cache_header(properties));
   EXPECT_FALSE(loaded_from(foreign));
   properties.pipelineCacheUUID[15] ^= 1;
-  EXPECT_FALSE(loaded_from(foreign.substr(0, 24) + cache_header(properties)));  // the checksum is the other's
+  EXPECT_FALSE(loaded_from(foreign.substr(0, 24) + cache_header(properties)));  // the other data's checksum
 }
 
-// Nor is memory for it allocated: the file takes no room on the disk.
+// The file is sparse and takes no room on the disk. No memory is allocated for it either.
 TEST_F(PipelineCacheTest, FilesOfATerabyteAreIgnored) {
   const std::filesystem::path file = PipelineCache(gpu(), folder_.path()).file();
   constexpr uint64_t kTerabyte = 1ull << 40;
@@ -173,7 +173,7 @@ TEST(PipelineCacheFolder, FollowsXdg) {
   setenv("XDG_CACHE_HOME", "/x/cache", 1);
   setenv("HOME", "/x/home", 1);
   EXPECT_EQ(PipelineCache::default_folder(), "/x/cache/raymeld");
-  setenv("XDG_CACHE_HOME", "relative", 1);  // invalid by the XDG specification
+  setenv("XDG_CACHE_HOME", "relative", 1);  // a relative path is invalid by the XDG specification
   EXPECT_EQ(PipelineCache::default_folder(), "/x/home/.cache/raymeld");
   unsetenv("XDG_CACHE_HOME");
   EXPECT_EQ(PipelineCache::default_folder(), "/x/home/.cache/raymeld");

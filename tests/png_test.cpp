@@ -19,7 +19,7 @@ struct Decoded {
   std::vector<uint8_t> rgb;
 };
 
-// By libpng's other interface than the one that writes.
+// Decodes by another of libpng's interfaces than the one that writes.
 Decoded decode(const std::filesystem::path& path) {
   Decoded result;
   std::FILE* file = std::fopen(path.c_str(), "rb");
@@ -52,7 +52,8 @@ TEST(Png, SrgbByEquation3) {
   const float nan = std::numeric_limits<float>::quiet_NaN();
   const Picture picture =
       to_srgb(rgb_pixels({{0.18f, 0, 1}, {-2, 70000, 0.5f}, {nan, 0.0031308f, 0.214041f}}));
-  // 255 * 0.461356 = 117.6, * 0.735357 = 187.5, * 0.04045 = 10.3, * 0.5 = 127.5 (0.214041 is sRGB 0.5).
+  // Times 255, the sRGB values 0.461356, 0.735357, 0.04045 and 0.5 are 117.6, 187.5, 10.3 and 127.5. The
+  // linear value of sRGB 0.5 is 0.214041.
   EXPECT_EQ(picture.rgb[0], 118);
   EXPECT_EQ(picture.rgb[1], 0);
   EXPECT_EQ(picture.rgb[2], 255);

@@ -22,7 +22,7 @@ void check(int error, const std::string& doing) {
   if (error != 0) throw std::system_error(error, std::generic_category(), doing);
 }
 
-// Both ends close on exec: only what the child is given as stdout or stderr survives there.
+// Both ends close on exec. Only the copies that become the child's stdout and stderr stay open there.
 struct Pipe {
   int read_end = -1, write_end = -1;
 
@@ -82,7 +82,7 @@ pid_t spawn(std::vector<std::string> argv, const ProcessOptions& options, const 
   return pid;
 }
 
-// Appends what is there; false at the end of the stream.
+// Appends the output that is there. Returns false at the end of the stream.
 bool read_some(int descriptor, std::string& text) {
   std::array<char, 4096> buffer;
   const ssize_t count = read(descriptor, buffer.data(), buffer.size());
@@ -92,13 +92,13 @@ bool read_some(int descriptor, std::string& text) {
   return count > 0;
 }
 
-// The signal that a process is to be sent.
+// Sends a process the signal that its options ask for, once.
 class DueSignal {
  public:
   DueSignal(pid_t pid, const ProcessOptions& options)
       : pid_(pid), options_(options), pending_(options.signal != 0 || options.then) {}
 
-  // To be called whenever stderr has grown and when the time to wait is over.
+  // Must be called whenever stderr has grown and when the time to wait is over.
   void send_if_due(const std::string& err) {
     if (!pending_) return;
     if (!at_ && err.find(options_.signal_after) != std::string::npos)
@@ -109,7 +109,7 @@ class DueSignal {
     pending_ = false;
   }
 
-  // Null: there is nothing to wait for.
+  // Returns null while there is no moment to wait for.
   const timespec* time_to_wait() {
     if (!pending_ || !at_) return nullptr;
     const auto left = std::max(*at_ - Clock::now(), Clock::duration(0));

@@ -1,4 +1,4 @@
-// raymeld inside a program that has its own Vulkan device.
+// Tests raymeld inside a program that has its own Vulkan device.
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -143,7 +143,7 @@ TEST_F(RecordTest, EachRecordingHasItsExposure) {
   }
   check(device->vk().DeviceWaitIdle(device->handle()), "waiting");
   for (size_t i = 0; i < images.size(); ++i) {
-    // 0: what the model asks for, which is what was found.
+    // An exposure of 0 takes the one that the model asks for, which is `found`.
     raymeld_fusion_desc desc = fusion_desc(subject_);
     desc.exposure = i == 1 ? 0 : exposures[i];
     Fusion same(context, model, desc);

@@ -22,7 +22,7 @@ Planes uniform(int c, int h, int w, double value) {
   return image;
 }
 
-// In [low, high], as floats.
+// Returns values in [low, high], rounded to floats.
 Planes random(int c, int h, int w, double low, double high, uint64_t seed) {
   Planes image = random_planes(c, h, w, Fill::kUniform, seed);
   for (double& v : image.data) v = float(low + (high - low) * (0.5 + v / 2));
@@ -36,7 +36,7 @@ void expect_near(const Planes& actual, const std::vector<double>& expected) {
   for (size_t i = 0; i < expected.size(); ++i) EXPECT_NEAR(actual.data[i], expected[i], 1e-12) << i;
 }
 
-// Normals so far apart, 60 widths, that no neighbour counts.
+// Returns normals so far apart, 60 widths, that no neighbour counts.
 Planes apart(int h, int w, int scale) {
   Planes normal(3, scale * h, scale * w);
   for (int y = 0; y < normal.h; ++y) {
@@ -63,7 +63,7 @@ TEST(Irradiance, OfCenteredSamplesByTheMeanOfTheCell) {
 
 TEST(Irradiance, IsTheMeanOfLikeNeighbours) {
   const Planes lrhs(3, 1, 3, {0.4, 0.8, 1.6, 0, 0, 0, 0, 0, 0});
-  // The third cell bends away; in the corners of cells, or on average over them.
+  // The third block's normal differs by 0.6 at its corner, and by a quarter of that on average.
   Planes normal(3, 2, 6);
   normal.at(1, 0, 4) = 0.6;
   const double like = std::exp(-0.25), hardly = std::exp(-1.0 / 64);
@@ -78,10 +78,11 @@ TEST(Irradiance, IsTheMeanOfLikeNeighbours) {
   }
 }
 
-// Of one pixel of LRHS with that color and irradiance, and a certainty of 3.
+// Demodulates the color with one pixel of LRHS: `lrhs` is its color and irradiance, and its certainty is 3.
 Planes lit(const Planes& color, const Planes& albedo, const std::vector<double>& lrhs, double phase,
            Transfer transfer) {
-  return light(exact(color), exact(albedo), exact(Planes(6, 1, 1, lrhs)), 3, transfer, 2, phase, kFp32).value;
+  return demodulate(exact(color), exact(albedo), exact(Planes(6, 1, 1, lrhs)), 3, transfer, 2, phase, kFp32)
+      .value;
 }
 
 double compressed(double light) { return std::log(1 + 0.2 * light) / 0.2; }
@@ -126,18 +127,18 @@ TEST(Light, FirefliesAreLimitedByTheSecondBrightestNeighbour) {
   const auto limited = [](const Planes& color, int y, int x) {
     const Bounded black = exact(Planes(6, 2, 2));
     const Planes albedo = uniform(3, 4, 4, 0.6);
-    const Planes light_of = light(exact(color), exact(albedo), black, 0, kLinear, 2, 0, kFp32).value;
+    const Planes light_of = demodulate(exact(color), exact(albedo), black, 0, kLinear, 2, 0, kFp32).value;
     return std::array{light_of.at(0, y, x), light_of.at(1, y, x)};
   };
   Planes color = uniform(3, 4, 4, 0.5);
   for (int c : {0, 1, 2}) color.at(c, 1, 1) = 40;
   EXPECT_NEAR(limited(color, 1, 1)[0], compressed(20 * 0.5 + 1e-3), 1e-9);
-  // One bright neighbour may be another firefly; two are a lamp.
+  // One bright neighbour may be another firefly, but two are a lamp.
   for (int c : {0, 1, 2}) color.at(c, 1, 2) = 30;
   EXPECT_NEAR(limited(color, 1, 1)[0], compressed(20 * 0.5 + 1e-3), 1e-9);
   for (int c : {0, 1, 2}) color.at(c, 2, 2) = 3;
   EXPECT_NEAR(limited(color, 1, 1)[0], compressed(40), 1e-9);
-  // The color is kept, and outside of the image it is dark.
+  // The ratio of the channels is kept, and pixels outside the image count as black.
   Planes corner(3, 4, 4);
   corner.at(0, 3, 3) = 10, corner.at(1, 3, 3) = 5;
   const double factor = 1e-3 / (0.2126 * 10 + 0.7152 * 5);
@@ -150,7 +151,7 @@ TEST(Light, BrightnessIsUpsampledWithThePhase) {
   lrhs.at(4, 0, 1) = 1 / 0.7152;
   const Bounded dark = exact(Planes(3, 2, 4));
   const auto brightness = [&](double phase) {
-    return slice(light(dark, dark, exact(lrhs), 1, kLinear, 2, phase, kFp32), 4, 1).value;
+    return slice(demodulate(dark, dark, exact(lrhs), 1, kLinear, 2, phase, kFp32), 4, 1).value;
   };
   expect_near(brightness(0), {0, 0.5, 1, 1, 0, 0.5, 1, 1});
   expect_near(brightness(0.5), {0, 0.25, 0.75, 1, 0, 0.25, 0.75, 1});
@@ -164,7 +165,7 @@ Guides flat(int h, int w) {
   return {exact(uniform(3, h, w, 0.5)), exact(uniform(3, h, w, -0.25)), exact(uniform(1, h, w, 2))};
 }
 
-// Three channels have the same certainty everywhere.
+// An image of three channels gets the same certainty everywhere.
 Bounded filtered(const Planes& x, const Guides& guides, int step, Precision precision = kFp32) {
   const Bounded certain = x.c == 4 ? exact(x) : concat(exact(x), exact(uniform(1, x.h, x.w, 2)));
   const Bounded y = joint_filter(certain, guides.albedo, guides.normal, guides.brightness, step, precision);
@@ -204,7 +205,7 @@ TEST(JointFilter, EdgesAreReplicated) {
   const Planes x(3, 1, 3, {16, 0, 0, 0, 0, 16, 1, 1, 1});
   for (const int step : {2, 16}) {
     const Planes y = filtered(x, flat(1, 3), step).value;
-    // A column of three is one pixel three times: only 1/4, 1/2, 1/4 along the row are left.
+    // A column has one pixel, which it repeats three times, so only 1/4, 1/2, 1/4 along the row are left.
     expect_near(y, {12, 4, 4, 4, 4, 12, 1, 1, 1});
   }
 }
@@ -229,16 +230,17 @@ TEST(JointFilter, EveryGuideHasItsWidth) {
   EXPECT_NEAR(first(2, 0, 20), 0, 1e-12);
 }
 
-TEST(Relight, UndoesLight) {
+TEST(Remodulate, UndoesLight) {
   const Planes color = random(3, 4, 6, 0, 2, 1), albedo = random(3, 4, 6, 0, 1, 2);
   for (const Transfer transfer : {kLinear, kLog}) {
-    const Bounded lit = light(exact(color), exact(albedo), exact(Planes(6, 2, 3)), 0, transfer, 2, 0, kFp32);
-    expect_near(relight(exact(slice(lit, 0, 3).value), exact(albedo), transfer, kFp32).value, color.data);
+    const Bounded lit =
+        demodulate(exact(color), exact(albedo), exact(Planes(6, 2, 3)), 0, transfer, 2, 0, kFp32);
+    expect_near(remodulate(exact(slice(lit, 0, 3).value), exact(albedo), transfer, kFp32).value, color.data);
   }
 }
 
-// One pixel: LRHS 0.1, 0.2, 0.3 and irradiance 1, 2, 3 for the channels, albedo 0.6, candidates 11, 12, 13
-// and so on.
+// Mixes for one LRHS pixel: color 0.1, 0.2, 0.3, irradiance 1, 2, 3, albedo 0.6, and further candidates 11,
+// 12 and 13 in all channels.
 Planes mixed(const std::vector<double>& residual_and_logits, Transfer transfer) {
   std::vector<double> lrhs, rec;
   for (const double value : {0.1, 0.2, 0.3}) lrhs.push_back(value);
@@ -280,7 +282,7 @@ TEST(Mix, UpsamplesWithThePhase) {
   expect_near(slice(y, 0, 1).value, {0, 1, 3, 4, 0, 1, 3, 4});
 }
 
-// A device that computes in float, and what it must not be mistaken for.
+// The bounds must admit a device that computes in floats, and reject wrong results that come close.
 class JointBounds : public testing::TestWithParam<Precision> {
  protected:
   Planes stored(int c, double low, double high, uint64_t seed) const {
@@ -332,10 +334,10 @@ TEST_P(JointBounds, FloatFilterStaysWithinAndOthersDoNot) {
     EXPECT_FALSE(within(step, 0.067f));
     const Planes bounds = slice(expected, 0, 3).bound;
     const double largest = *std::ranges::max_element(bounds.data);
-    EXPECT_LT(largest, GetParam() == kFp32 ? 2e-4 : 6e-3);  // of values from 0 to 10
+    EXPECT_LT(largest, GetParam() == kFp32 ? 2e-4 : 6e-3);  // the values are from 0 to 10
     const Planes certainty = slice(expected, 3, 1).bound;
     const double largest_certainty = *std::ranges::max_element(certainty.data);
-    EXPECT_LT(largest_certainty, GetParam() == kFp32 ? 8e-4 : 2.4e-2);  // of values from 1 to 40
+    EXPECT_LT(largest_certainty, GetParam() == kFp32 ? 8e-4 : 2.4e-2);  // the values are from 1 to 40
   }
 }
 
@@ -411,9 +413,9 @@ INSTANTIATE_TEST_SUITE_P(Precisions, JointBounds, testing::Values(kFp32, Precisi
 TEST(JointBase, OtherShapesAreRefused) {
   const Bounded low = exact(Planes(3, 1, 1)), full = exact(Planes(3, 2, 2)), one = exact(Planes(1, 2, 2));
   EXPECT_THROW(irradiance(low, low, low, kLog, 2, 0, kFp32), std::invalid_argument);
-  EXPECT_THROW(light(full, full, full, 1, kLog, 2, 0, kFp32), std::invalid_argument);
+  EXPECT_THROW(demodulate(full, full, full, 1, kLog, 2, 0, kFp32), std::invalid_argument);
   EXPECT_THROW(joint_filter(full, full, full, full, 1, kFp32), std::invalid_argument);
-  EXPECT_THROW(relight(one, full, kLog, kFp32), std::invalid_argument);
+  EXPECT_THROW(remodulate(one, full, kLog, kFp32), std::invalid_argument);
   EXPECT_THROW(mix(full, low, full, full, kLog, 2, 0, kFp32), std::invalid_argument);
 }
 

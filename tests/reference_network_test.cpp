@@ -60,10 +60,10 @@ TEST(Network, LayersAndShapes) {
   std::string names;
   for (const auto& [name, output] : y) names += name + ' ';
   EXPECT_EQ(names,
-            "down.0 down.1 encode.hrls encode.lrhs fuse "
+            "above_clip down.0 down.1 encode.hrls encode.lrhs fuse "
             "groups.0 groups.0.blocks.0.dense.0 groups.0.blocks.0.dense.1 groups.0.blocks.0.merge "
             "groups.1 groups.1.blocks.0.dense.0 groups.1.blocks.0.dense.1 groups.1.blocks.0.merge "
-            "highlights hrls lrhs output rec trunk up.0 up.1 ");
+            "hrls lrhs output rec trunk up.0 up.1 ");
   expect_planes(y.at("lrhs").value, 4, 3, 5);
   expect_planes(y.at("hrls").value, 4, 12, 20);
   expect_planes(y.at("down.0").value, 4, 6, 10);
@@ -73,7 +73,7 @@ TEST(Network, LayersAndShapes) {
   expect_planes(y.at("output").value, 3, 12, 20);
 }
 
-// With a trunk of zero weights a block returns its input, and a group twice its input.
+// If the trunk's weights are zero, a block returns its input, and a group twice its input.
 TEST(Network, SkipsAddUp) {
   for (const bool long_skip_fused : {false, true}) {
     Architecture a = small(2);
@@ -105,8 +105,8 @@ TEST(Network, MergeReluActsBeforeTheAdd) {
   }
 }
 
-// A device that rounds every layer's output to half: each pass gives one layer more what the device would
-// have.
+// Returns the outputs of a device that rounds every layer's output to half. Each pass gives one more layer
+// the values that the device would have.
 std::map<std::string, Planes> half_device(const Case& c) {
   std::map<std::string, Planes> stored;
   for (bool changed = true; changed;) {
@@ -128,8 +128,7 @@ TEST(Network, HalfStorageStaysWithinTheCarriedBounds) {
   for (const auto& [name, planes] : stored) EXPECT_TRUE(within_bounds(name, planes, expected.at(name)));
   const Planes output = c.run(Precision::kFp16, stored).at("output").value;
   EXPECT_TRUE(within_bounds("output", output, expected.at("output")));
-  EXPECT_GT(worst(output, expected.at("output")).ratio,
-            1e-4);  // so the bound still says something at the end
+  EXPECT_GT(worst(output, expected.at("output")).ratio, 1e-4);  // the bound is still of use at the end
 }
 
 TEST(Network, GivenOutputsBlameOnlyTheLayerThatIsWrong) {
@@ -142,13 +141,13 @@ TEST(Network, GivenOutputsBlameOnlyTheLayerThatIsWrong) {
   };
   EXPECT_TRUE(fits("groups.0.blocks.0.dense.1"));
   EXPECT_FALSE(fits("groups.0.blocks.0.merge"));
-  EXPECT_FALSE(fits("groups.0.blocks.1.dense.0"));  // the right input leads it elsewhere
+  EXPECT_FALSE(fits("groups.0.blocks.1.dense.0"));  // its output was computed from the right input
   EXPECT_TRUE(fits("trunk"));
 }
 
 class NetworkGolden : public testing::TestWithParam<std::string> {};
 
-// Both sides count in float64; the goldens were then rounded to fp32.
+// Both sides compute in float64, and the golden outputs are then rounded to fp32.
 TEST_P(NetworkGolden, EveryLayerIsPyTorchs) {
   const test::Golden golden = test::load_golden(GetParam());
   const Outputs y = network(golden.architecture, golden.weights, golden.lrhs, golden.hrls, golden.phase,

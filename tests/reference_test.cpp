@@ -34,7 +34,7 @@ TEST(Conv2d, OnesCountTheNeighbours) {
 
 TEST(Conv2d, IsACorrelation) {
   Conv above{1, 1, 3, std::vector<double>(9), {0}};
-  above.weight[0 * 3 + 1] = 1;  // ky 0, kx 1: the pixel above
+  above.weight[0 * 3 + 1] = 1;  // ky 0 and kx 1 are the pixel above
   Conv right{1, 1, 3, std::vector<double>(9), {0}};
   right.weight[1 * 3 + 2] = 1;
   const Bounded x = exact(Planes(1, 2, 2, {1, 2, 3, 4}));
@@ -103,7 +103,7 @@ TEST(Conv2d, RefusesOtherShapes) {
   EXPECT_THROW(conv2d(exact(row({1})), single(1, 0), false, kFp32, {&residual}), std::invalid_argument);
 }
 
-// What a device might do: fp32, products summed backwards onto the bias, one column at a time.
+// Computes as a device might: in fp32, with products summed backwards onto the bias, one column at a time.
 Planes float_conv(const Planes& x, const Conv& conv, Precision store) {
   Planes y(conv.out, x.h, x.w);
   for (int column = 0; column < x.w; ++column) {
@@ -217,7 +217,7 @@ TEST(Encode, OnlyTheLogAndTheHalfStoreRound) {
                    7.0 / 2048 + std::ldexp(1, -24));
 }
 
-// Even where they are multiplied by 1.
+// A device may flush subnormals even where they are multiplied by 1.
 TEST(Encode, SubnormalsMayBeFlushed) {
   const Planes image = row({0x1p-127, 0x1p-126, -0x1p-130});
   const auto bounds = [&](double exposure) {
@@ -296,7 +296,7 @@ TEST(Decode, FloatExpStaysWithinTheBound) {
   EXPECT_TRUE(within_bounds("decode", actual, decode(exact(rec), &base, Transfer::kLog, kFp32)));
 }
 
-// An error of the input moves the output by no more than its bound says, at the clamp's edges too.
+// An error of the input moves the output by no more than the output's bound, at the clamp's edges too.
 TEST(Decode, CarriesTheInputsBound) {
   for (const Transfer transfer : {Transfer::kLinear, Transfer::kLog}) {
     for (const double y : {-0.3, -0.1, 0.0, 0.1, 2.0, 4.39, 4.5, 300.0}) {

@@ -1,4 +1,4 @@
-// The reference's own F(2, 3) and F(4, 3), its computation in floats, and the bound of tensor cores.
+// Tests the reference's own F(2, 3) and F(4, 3), its computation in floats, and the bound of tensor cores.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -32,7 +32,8 @@ TEST(Winograd, IsTheConvolution) {
     EXPECT_LT(largest_difference(winograd(trial.x, trial.conv, tile), trial.direct), 1e-14);
 }
 
-// In floats it errs, by more the larger its tiles, and stays far within what flows through the transforms.
+// Winograd in floats errs by more with larger tiles, and stays within the bound of its transforms'
+// magnitudes.
 TEST(Winograd, InFloatsErrsWithinItsBound) {
   const Trial trial;
   double before = 1e-8;
@@ -88,7 +89,7 @@ double truncated(double value, int exponent) {
   return std::trunc(value / step) * step;
 }
 
-// The sum of a tensor core that truncates wherever it may.
+// Returns the sum of a tensor core that truncates wherever it may.
 double truncating_sum(double sum, const std::vector<double>& products, size_t block) {
   for (size_t first = 0; first < products.size(); first += block) {
     int exponent = std::ilogb(sum);
@@ -100,7 +101,7 @@ double truncating_sum(double sum, const std::vector<double>& products, size_t bl
   return sum;
 }
 
-// Products that truncation drops one and all: several times more than roundings to nearest could.
+// Truncation drops every one of these products, so it errs by more than roundings to nearest could.
 TEST(MatrixUnits, HoldForACoreThatTruncatesAndAreNoneTooMany) {
   constexpr int kProducts = 576;
   const std::vector<double> products(kProducts, 2 * kUnit * (1 - 0x1p-10));

@@ -27,7 +27,7 @@ SafeTensors parse(const std::string& header, const std::string& data = "") {
   return parse_safetensors(file(header, data), "m.safetensors");
 }
 
-// 1.0f, -2.5f and, as half, 0.5, 65504 and the smallest subnormal 2^-24.
+// The data are 1.0f, -2.5f and, as halves, 0.5, 65504 and the smallest subnormal 2^-24.
 const std::string kData("\x00\x00\x80\x3f\x00\x00\x20\xc0\x00\x38\xff\x7b\x01\x00", 14);
 const std::string kHeader = R"({"__metadata__":{"format":"raymeld.model","scale":"4"},)"
                             R"("a.weight":{"dtype":"F32","shape":[2,1],"data_offsets":[0,8]},)"
@@ -100,7 +100,7 @@ TEST(SafeTensors, RefusesDuplicateKeys) {
                      R"("a":{"dtype":"F32","shape":[0],"data_offsets":[0,0]}})"),
                "'a' twice");
   EXPECT_ERROR(parse(R"({"__metadata__":{"k":"1","k":"2"}})"), "'k' twice");
-  // Equal keys of different tensors are none.
+  // Equal keys of different tensors are not duplicates.
   parse(
       R"({"a":{"dtype":"F32","shape":[0],"data_offsets":[0,0]},"b":{"dtype":"F32","shape":[0],"data_offsets":[0,0]}})");
 }

@@ -36,7 +36,7 @@ void write_safetensors(const std::filesystem::path& path, const SafeTensors& con
                     {"data_offsets", {begin, data.size()}}};
   }
   std::string text = header.dump();
-  text.resize((text.size() + 7) / 8 * 8, ' ');  // so that the data is aligned
+  text.resize((text.size() + 7) / 8 * 8, ' ');  // aligns the data
   const uint64_t length = text.size();
   write_file(path, std::string(reinterpret_cast<const char*>(&length), sizeof(length)) + text + data);
 }

@@ -1,4 +1,4 @@
-// Sequences of which only what changed is computed: every frame comes out as it would without that.
+// Fuses sequences with --changed-only: every frame comes out as it would without the option.
 #include "sequence_fixture.h"
 
 namespace raymeld::test {
@@ -9,8 +9,7 @@ using Json = nlohmann::json;
 class SequenceChanged : public SequenceTest {
  protected:
   static constexpr int kWidth = 72, kHeight = 24;
-  inline static const std::vector<std::string> kTiled{"--max-memory",
-                                                      "3"};  // in MiB: frames take several tiles
+  inline static const std::vector<std::string> kTiled{"--max-memory", "3"};  // 3 MiB: several tiles
 
   void write(int frame) const {
     write_image(folder_ / low(frame), kColorNames, low_);
@@ -33,7 +32,7 @@ TEST_F(SequenceChanged, FramesAreWhatTheyWouldBeWithout) {
   high_ = layers;
   high_.at(4, 90, 280) = -1;
   write(5);
-  write_frame(6);  // of another size
+  write_frame(6);  // the frame has another size
   write(7);
   low_.at(0, kHeight - 1, kWidth - 1) = 2;
   write(9);  // there is no frame 8
@@ -58,7 +57,8 @@ TEST_F(SequenceChanged, ItIsSaidAndMustFitTheOtherOptions) {
   for (const int frame : {1, 2}) write(frame);
   const ProcessResult result = run(fuse_frames("1-2", {"--changed-only"}));
   EXPECT_EQ(result.exit_status, 0) << result.err;
-  const size_t said = result.err.find("100 % of the frame is the last one's, as nothing changed there\n");
+  const size_t said =
+      result.err.find("100 % of the frame is copied from the last one, as nothing changed there\n");
   ASSERT_NE(said, std::string::npos) << result.err;
   EXPECT_GT(said, result.err.find("frame 2: wrote ")) << result.err;
   EXPECT_EQ(result.err.find("100 % of the frame", said + 1), std::string::npos) << result.err;

@@ -1,4 +1,4 @@
-// Sequences of small frames, for the program to fuse.
+// Writes sequences of small frames, for the program to fuse.
 #pragma once
 
 #include <fmt/format.h>
@@ -13,7 +13,7 @@ class SequenceTest : public Cli {
   static std::string high(int frame) { return fmt::format("high.{:04}.exr", frame); }
   static std::string out(int frame) { return fmt::format("out.{:04}.exr", frame); }
 
-  // An x4 pair of (height, width) LRHS pixels, unlike that of any other frame.
+  // Writes an x4 pair of (height, width) LRHS pixels that is unlike any other frame's.
   void write_frame(int frame, int width = 8, int height = 6) const {
     const auto seed = uint64_t(frame);
     write_image(folder_ / low(frame), kColorNames, random_image(kColorNames, width, height, 2 * seed));
@@ -24,7 +24,7 @@ class SequenceTest : public Cli {
     for (int frame = first; frame <= last; ++frame) write_frame(frame);
   }
 
-  // `fuse` of the frames to out.####.exr with the tiny model of scale 4.
+  // Returns the arguments that fuse the frames to out.####.exr with the tiny model of scale 4.
   static std::vector<std::string> fuse_frames(const std::string& frames,
                                               const std::vector<std::string>& more = {}) {
     std::vector<std::string> arguments = {"fuse",          "--lrhs",   "low.####.exr", "--hrls",
@@ -34,7 +34,7 @@ class SequenceTest : public Cli {
     return arguments;
   }
 
-  // The image that the frame gives alone.
+  // Returns the image file that the frame gives alone.
   std::string fused_alone(int frame) const {
     const ProcessResult result = run(
         {"fuse", "--lrhs", low(frame), "--hrls", high(frame), "-o", "alone.exr", "--model", tiny_model()});

@@ -1,4 +1,4 @@
-// kill -9 in the middle of a sequence, and the same command again.
+// Stops a sequence in its middle with kill -9, and runs the same command again.
 #include <csignal>
 #include <random>
 

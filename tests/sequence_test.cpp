@@ -1,4 +1,4 @@
-// Sequences: every frame comes out as it would alone, and a bad one is nobody else's trouble.
+// Tests sequences: every frame comes out as it would alone, and a bad frame affects no other.
 #include <csignal>
 #include <fstream>
 
@@ -13,13 +13,13 @@ using Json = nlohmann::json;
 
 class Sequence : public SequenceTest {
  protected:
-  // Which frames a run would fuse.
+  // Returns the frames that a run would fuse.
   Json planned(const std::string& frames, std::vector<std::string> more = {}) const {
     more.insert(more.end(), {"--dry-run", "--json"});
     return run_json(fuse_frames(frames, more)).at("frames");
   }
 
-  // Of a run that is over before it has fused anything.
+  // Expects a run to end with an error before it has fused anything.
   void expect_error(const std::vector<std::string>& arguments, const std::vector<std::string>& texts) const {
     const ProcessResult result = Cli::expect_error(arguments, texts);
     EXPECT_EQ(result.err.find("frame 1: "), std::string::npos) << result.err;
@@ -35,7 +35,7 @@ class Sequence : public SequenceTest {
   }
 };
 
-// All kinds of outputs, of frames of two sizes.
+// Writes all kinds of outputs, for frames of two sizes.
 TEST_F(Sequence, FramesAreWhatEachWouldBeAlone) {
   write_frames(1, 4);
   write_frame(3, 16, 12);
@@ -113,7 +113,7 @@ TEST_F(Sequence, FramesComeOnceAndInTheOrderInWhichTheyAreNamed) {
   EXPECT_EQ(planned("8,999999999"), Json({8, 999999999}));
   for (const char* bad :
        {"", " 1", "a", "1-", "1x2", "1-2x", "1-2-3", "1,,2", "1,", "1-1000000000", "0x10", "+1"})
-    expect_error(fuse_frames(bad), {"--frames", fmt::format("'{}'", bad), "no range"});
+    expect_error(fuse_frames(bad), {"--frames", fmt::format("'{}'", bad), "nor a range"});
   expect_error(fuse_frames("1,5-3"), {"--frames", "'5-3' ends before it begins"});
   expect_error(fuse_frames("1-3x0"), {"--frames", "'1-3x0' has a step of 0"});
   expect_error(fuse_frames("0-1000000"), {"--frames", "more than 1000000"});
@@ -151,7 +151,7 @@ TEST_F(Sequence, PatternsAndFramesBelongTogether) {
   expect_error(fuse_frames("1-2", {"--preview", "a.png"}), {"--preview 'a.png'", "all frames"});
   expect_error(fuse_frames("1-2", {"--dump", "####/layers"}), {"--dump '####/layers'", "all frames"});
   expect_error(fuse_frames("1-2", {"--preview", "./a.####.png", "--preview-before-after", "a.####.png"}),
-               {"a.0001.png", "output twice"});
+               {"a.0001.png", "two outputs"});
   const auto written = [&](const std::string& frames, const std::string& output) {
     std::vector<std::string> arguments = fuse_frames(frames);
     arguments[6] = output;
@@ -159,9 +159,9 @@ TEST_F(Sequence, PatternsAndFramesBelongTogether) {
   };
   expect_error(written("1-2", "../" + folder_.path().filename().string() + "/high.####.exr"),
                {"high.0001.exr", "input"});
-  // What another frame reads.
+  // An output may not be the input of another frame.
   expect_error(written("1-20001x10000", "low.1####.exr"), {"low.10001.exr", "input"});
-  // With one LRHS for all.
+  // One LRHS may serve all frames.
   const ProcessResult result = run({"fuse", "--lrhs", low(1), "--hrls", "high.####.exr", "-o", "out.####.exr",
                                     "--model", tiny_model(), "--frames", "1-2"});
   EXPECT_EQ(result.exit_status, 0) << result.err;
@@ -231,7 +231,7 @@ TEST_F(Sequence, JsonIsReadableWhateverFilesAreCalled) {
   EXPECT_EQ(Json::parse(result.out).at("failed"), Json({1}));
 }
 
-// With weights that are infinities to any light of LRHS; the first and the last frame have none.
+// The weights turn any radiance of LRHS into infinities. The LRHS of the first and the last frame is black.
 TEST_F(Sequence, AFrameThatFailsOnTheDeviceFailsAlone) {
   write_frames(1, 3);
   for (int frame : {1, 3}) write_image(folder_ / low(frame), kColorNames, Image(8, 6, 3));
@@ -271,10 +271,10 @@ TEST_F(Sequence, ResumeLeavesOutWhatIsDone) {
     set_older(older, high(3), milliseconds(1));
     EXPECT_EQ(fused(), Json({3})) << older;
   }
-  // Nothing to do takes no device.
+  // A run that has nothing to do takes no device.
   environment_["VK_DRIVER_FILES"] = environment_["VK_ICD_FILENAMES"] = "/nonexistent.json";
   EXPECT_EQ(run_json(arguments).at("skipped"), Json({1, 2, 3, 4}));
-  // An input that is gone cannot be said to be older.
+  // A missing input is not known to be older than the outputs, so its frame is not skipped.
   fs::remove(folder_ / low(1));
   EXPECT_EQ(run(arguments).exit_status, 2);
 }
@@ -298,7 +298,7 @@ TEST_F(Sequence, ShardsTakeEveryFrameOnce) {
   EXPECT_EQ(planned("1-7", {"--shard", "1/1"}), Json({1, 2, 3, 4, 5, 6, 7}));
   EXPECT_EQ(planned("1-2", {"--shard", "3/3"}), Json::array());
   EXPECT_EQ(run_json(fuse_frames("1-2", {"--shard", "3/3", "--json"})).at("frames"), Json::array());
-  // A frame that is done stays in its shard.
+  // Frames that are done still count when frames are dealt to shards.
   EXPECT_EQ(run_json(fuse_frames("1-7", {"--shard", "1/3", "--json"})).at("fused"), Json({1, 4, 7}));
   fs::remove(folder_ / out(4));
   const Json again = run_json(fuse_frames("1-7", {"--shard", "1/3", "--resume", "--json"}));
@@ -334,7 +334,7 @@ TEST_F(Sequence, NotesAreOfTheFrameAndFewWhereNothingChanges) {
   };
   EXPECT_EQ(count("frame 1: fusing on "), 1u) << err;
   EXPECT_EQ(count("fusing on "), 1u) << err;
-  EXPECT_EQ(count("found LRHS is an ordinary small render"), 1u) << err;
+  EXPECT_EQ(count("found: LRHS is an ordinary small render"), 1u) << err;
   EXPECT_EQ(count("read low.####.exr, 8 x 6, and high.####.exr, 32 x 24: scale 4"), 2u) << err;
   EXPECT_EQ(count("frame 3: read low.####.exr, 16 x 12, and high.####.exr, 64 x 48: scale 4"), 1u) << err;
   for (int frame = 1; frame <= 4; ++frame)
@@ -378,7 +378,7 @@ TEST_F(Sequence, TheNextFrameIsReadWhileOneIsFused) {
 
 TEST_F(Sequence, TheLastFrameIsWrittenWhileOneIsFused) {
   write_frame(1);
-  write_frame(2, 16, 12);  // whose size is said as it is fused
+  write_frame(2, 16, 12);  // its new size is logged when it is fused
   std::filesystem::create_directory(folder_ / "fused");
   add_sync_log();
   std::vector<std::string> command = fuse_frames("1-2");

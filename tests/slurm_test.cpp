@@ -1,4 +1,4 @@
-// The array job of scripts/fuse-array.slurm, on a Slurm of one node.
+// Tests the array job of scripts/fuse-array.slurm on a Slurm of one node.
 #include <fstream>
 
 #include "sequence_fixture.h"
@@ -20,7 +20,7 @@ class Slurm : public SequenceTest {
 
   static std::string script() { return source_path("scripts/fuse-array.slurm").string(); }
 
-  // What the script does as the task `id` of --array=min-max with `count` tasks.
+  // Runs the script as task `id` of --array=min-max with `count` tasks.
   ProcessResult run_task(int id, int min, int max, int count) {
     environment_["SLURM_ARRAY_TASK_ID"] = fmt::to_string(id);
     environment_["SLURM_ARRAY_TASK_MIN"] = fmt::to_string(min);
@@ -47,7 +47,7 @@ TEST_F(Slurm, TasksShareTheFrames) {
   EXPECT_NE(no_array.err.find("--array"), std::string::npos) << no_array.err;
 }
 
-// Seven frames for three tasks, of which one frame is not there at first.
+// Three tasks fuse seven frames, one of which is not there at first.
 TEST_F(Slurm, AnArrayJobFusesAllFramesAndTheSameAgainTheRest) {
   write_frames(1, 7);
   fs::rename(folder_ / low(5), folder_ / "late.exr");

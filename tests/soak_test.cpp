@@ -1,4 +1,4 @@
-// Many frames of one process: memory does not grow, bits do not drift.
+// Fuses many frames in one process: memory does not grow, and bits do not drift.
 #include <gtest/gtest.h>
 #include <malloc.h>
 
@@ -17,8 +17,8 @@ namespace {
 
 constexpr int kFrames = 200, kWarmUp = 50;
 
-// What malloc() has handed out and not got back, to raymeld and the driver. Unlike resident memory it depends
-// on no other process.
+// Returns the bytes that malloc() has handed out to raymeld and the driver and not got back. Unlike resident
+// memory, they depend on no other process.
 uint64_t heap_bytes() {
   const struct mallinfo2 info = mallinfo2();
   return info.uordblks + info.hblkhd;
@@ -28,7 +28,7 @@ struct Input {
   Image lrhs, hrls;
 };
 
-// The top-left pixels of `image`, which has at least as many.
+// Returns the top-left pixels of `image`, which has at least as many.
 Image cropped(const Image& image, int width, int height) {
   Image result(width, height, image.channels);
   for (int c = 0; c < image.channels; ++c)
@@ -37,7 +37,7 @@ Image cropped(const Image& image, int width, int height) {
   return result;
 }
 
-// RAYMELD_SOAK_MODEL=FILE takes a model at 256x256 pixels of data/ in the place of a tiny one and noise.
+// RAYMELD_SOAK_MODEL=FILE takes that model and 256x256 pixels of data/ in place of a tiny model and noise.
 struct Workload {
   Workload() {
     const char* file = std::getenv("RAYMELD_SOAK_MODEL");
@@ -62,8 +62,8 @@ struct Workload {
   std::array<Input, 2> inputs;
 };
 
-// Without validation, whose own memory grows, unless the device has it. record() reads what is in mapped
-// buffers.
+// Fuses without validation, whose own memory grows, unless the given device has it. record() passes its
+// images in mapped buffers.
 class Soak {
  public:
   explicit Soak(const Workload& work, std::unique_ptr<Device> device = Device::create())
@@ -133,9 +133,9 @@ TEST(Soak, FramesNeitherGrowNorDrift) {
   }
   const uint64_t end_bytes = heap_bytes();
   fmt::print("heap: {} bytes after {} frames, {} after {}\n", settled_bytes, kWarmUp, end_bytes, kFrames);
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // whose malloc() does not tell
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // their malloc() reports no sizes
   ASSERT_GT(settled_bytes, 0u);
-  constexpr uint64_t kJitterBytes = 1024;  // of the driver's; 8 bytes left by each frame are more
+  constexpr uint64_t kJitterBytes = 1024;  // the driver's own; a leak of 8 bytes a frame is more
   EXPECT_LE(end_bytes, settled_bytes + kJitterBytes);
 #endif
 }

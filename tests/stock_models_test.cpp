@@ -1,10 +1,10 @@
-// What the shipped models make of a part of a real pair of renders, data/.
+// Tests the shipped models on a part of a real pair of renders, data/.
 #include "cli_fixture.h"
 
 namespace raymeld::test {
 namespace {
 
-// Every scale divides it.
+// Every scale divides these sizes.
 constexpr int kLeft = 160, kTop = 160, kSize = 192;
 
 std::vector<std::string> stock_models() {
@@ -15,7 +15,7 @@ std::vector<std::string> stock_models() {
   return names;
 }
 
-// What each makes of that part, in dB: another model's weights under its name would give another's.
+// Holds each model's PSNR on that part, in dB. Another model under its name would give another figure.
 const std::map<std::string, double> kPsnr = {{"x2-fast", 34.156},     {"x4-balanced", 33.221},
                                              {"x4-fast", 33.177},     {"x4-faster", 32.971},
                                              {"x8-balanced", 31.509}, {"x8-fast", 31.612}};
@@ -28,7 +28,7 @@ TEST(StockModels, AreAllKnownHere) {
 
 class StockModelTest : public Cli, public testing::WithParamInterface<std::string> {
  protected:
-  // The part of the scene out of data/NAME, which has 1/scale of the full size.
+  // Cuts the part of the scene out of data/NAME, which has 1/scale of the full size.
   void cut(const std::string& name, int scale) const {
     ExrFile file(source_path("data/" + name));
     const std::vector<std::string> channels = file.channel_names();

@@ -1,4 +1,4 @@
-// Frames that raymeld submits itself, among those of the caller.
+// Tests frames that raymeld submits itself, among the caller's own submits.
 #include <cstdlib>
 #include <thread>
 
@@ -35,7 +35,7 @@ class Semaphore {
 
   VkSemaphore get() const { return semaphore_; }
 
-  // By the host, of a timeline.
+  // The host reads, signals and waits for a timeline semaphore.
   uint64_t value() const {
     uint64_t value = 0;
     check(device_function<PFN_vkGetSemaphoreCounterValue>(device_, "vkGetSemaphoreCounterValueKHR")(
@@ -65,7 +65,7 @@ class Semaphore {
   VkSemaphore semaphore_ = VK_NULL_HANDLE;
 };
 
-// One that is waited for or signalled, as raymeld_semaphores has it.
+// Holds a semaphore that is waited for or signalled, and its value, as raymeld_semaphores does.
 struct Point {
   VkSemaphore semaphore;
   uint64_t value;
@@ -102,7 +102,7 @@ class SubmitTest : public testing::Test {
 
   Fusion make_fusion() const { return Fusion(*context_, *model_, fusion_desc(subject_)); }
 
-  // The images of a frame of their own.
+  // Holds a frame and its own images.
   struct Frame {
     Subject subject;
     FrameImage lrhs, hrls, fused;
@@ -132,7 +132,7 @@ class SubmitTest : public testing::Test {
     EXPECT_EQ(frame.fused.touched_outside(), 0u);
   }
 
-  // As the caller submits: at `wait` and up to `signal` of a timeline.
+  // Submits as the caller does: waits for the value `wait` of a timeline, and signals `signal`.
   void submit(VkCommandBuffer commands, const Semaphore& timeline, uint64_t wait, uint64_t signal) const {
     auto values = vk_struct<VkTimelineSemaphoreSubmitInfo>(VK_STRUCTURE_TYPE_TIMELINE_SEMAPHORE_SUBMIT_INFO);
     values.waitSemaphoreValueCount = values.signalSemaphoreValueCount = 1;
@@ -170,7 +170,7 @@ void barrier(const Device& device, VkCommandBuffer commands, VkPipelineStageFlag
   device.vk().CmdPipelineBarrier(commands, from, to, 0, 1, &memory, 0, nullptr, 0, nullptr);
 }
 
-// The host's inputs come last of all: each step before them waits for the one before it.
+// The host writes the inputs after all submits, each of which waits for the step before it.
 TEST_F(SubmitTest, BetweenTheCallersOwnSubmits) {
   Fusion fusion = make_fusion();
   const std::vector<float> lrhs = floats(subject_.lrhs), hrls = floats(subject_.hrls);
@@ -178,7 +178,7 @@ TEST_F(SubmitTest, BetweenTheCallersOwnSubmits) {
   const Buffer lrhs_host(*device_, lrhs.size() * 4, Memory::kUpload, "lrhs of the host"),
       hrls_host(*device_, hrls.size() * 4, Memory::kUpload, "hrls of the host"),
       fused_host(*device_, fused_size * 4, Memory::kReadback, "fused of the host");
-  const auto frame = make_frame(2);  // whose inputs are not those to come
+  const auto frame = make_frame(2);  // holds other inputs than those that the host writes
   const Semaphore timeline(*device_, VK_SEMAPHORE_TYPE_TIMELINE);
   Commands pool(*device_);
   const VkCommandBuffer before = pool.begin("before");
@@ -215,14 +215,14 @@ TEST_F(SubmitTest, MoreFramesThanMayBeInFlight) {
   caller_.take_calls();
   for (uint64_t i = 0; i < frames.size(); ++i) {
     if (i == in_flight) {
-      // None of these is done, and none was waited for.
+      // None of these frames is done, and none was waited for.
       EXPECT_FALSE(caller_.take_calls().contains("vkWaitForFences"));
       EXPECT_EQ(timeline.value(), 0u);
       start.signal(1);
     }
     fusion.submit(frames[i]->frame, semaphores(Point{start.get(), 1}, Point{timeline.get(), i + 1}));
     if (i < in_flight) continue;
-    // It waits for one of them, and nothing is made.
+    // The submit waits for one of these frames, and makes no objects.
     EXPECT_EQ(caller_.take_calls(), (std::map<std::string, int>{{"vkWaitForFences", 1},
                                                                 {"vkResetFences", 1},
                                                                 {"vkResetCommandBuffer", 1},
@@ -242,7 +242,7 @@ TEST_F(SubmitTest, AmongRecordings) {
   uint64_t done = 0;
   for (const bool recorded : {true, false, false, false, true, false}) {
     frames.push_back(make_frame(20 + done));
-    // The caller waits for those of its recordings that this one takes the place of.
+    // The caller waits for the earlier frame whose place this one takes, as it must for a recording.
     if (done >= fusion.info().frames_in_flight) timeline.wait(done + 1 - fusion.info().frames_in_flight);
     if (recorded) {
       const VkCommandBuffer commands = pool.begin("the caller's");
@@ -289,7 +289,7 @@ TEST_F(SubmitTest, BinarySemaphores) {
   signals.signal_count = 1;
   signals.signal = &one;
   fusion.submit(first->frame, signals);
-  // Beside one of the other kind.
+  // The second frame waits for a semaphore of each kind.
   const VkSemaphore waits[] = {one, timeline.get()}, done = timeline.get();
   const uint64_t values[] = {0, 1}, two = 2;
   raymeld_semaphores both;
@@ -316,7 +316,7 @@ TEST_F(SubmitTest, WhatAsksForResultsWaits) {
   EXPECT_EQ(fuse(fusion, subject_).values, expected(subject_));
   expect_fused(*second);
   fusion.submit(first->frame);
-  fusion = make_fusion();  // destroys what may be pending, which validation watches
+  fusion = make_fusion();  // destroys a fusion that may have a pending frame, which validation watches
 }
 
 TEST_F(SubmitTest, WhatIsWrongIsNamed) {
@@ -361,7 +361,7 @@ TEST_F(SubmitTest, WhatIsWrongIsNamed) {
                  own.submit(frame->frame, semaphores({}, Point{timeline.get(), 5})), "raymeld's own");
 }
 
-// What a recording writes over may still be read.
+// A pending frame may still read the data that a recording would write over.
 TEST_F(SubmitTest, ARecordingIsRefusedInPlaceOfAPendingFrame) {
   Fusion fusion = make_fusion();
   const Semaphore start(*device_, VK_SEMAPHORE_TYPE_TIMELINE);

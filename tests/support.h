@@ -27,7 +27,7 @@ using reference::round_to;
 using reference::Size;
 using reference::special_values;
 
-// Gone, with all that it holds, when this goes.
+// Makes a folder, and removes it with all its content when destroyed.
 class TemporaryDirectory {
  public:
   TemporaryDirectory();
@@ -41,10 +41,10 @@ class TemporaryDirectory {
   std::filesystem::path path_;
 };
 
-// Values are rounded to the tensor's type.
+// Rounds values to their tensor's type.
 void write_safetensors(const std::filesystem::path& path, const SafeTensors& content);
 
-// As it lies in memory.
+// Returns the bytes of a value as they lie in memory.
 template <typename Value>
 std::string bytes_of(const Value& value) {
   std::string bytes(sizeof(value), '\0');
@@ -54,32 +54,32 @@ std::string bytes_of(const Value& value) {
 
 std::string read_file(const std::filesystem::path& path);
 void write_file(const std::filesystem::path& path, std::string_view content);
-std::filesystem::path source_path(const std::filesystem::path& relative);  // within the repository
+std::filesystem::path source_path(const std::filesystem::path& relative);  // a path in the repository
 
 // Returns whether RAYMELD_TEST_EXTENT=full asks for every combination of what a test tries.
 bool full_extent();
 
 // Returns whether a combination is to be tried: all of them at full extent, else the first of each `step`. A
-// step that shares no divisor with the number of values of a factor leaves none of these values out.
+// step that shares no divisor with the number of values of a factor tries every one of these values.
 bool is_tried(size_t index, size_t step);
 
 struct ProcessOptions {
-  std::filesystem::path directory = {};                                // where it runs; empty: here
-  std::map<std::string, std::optional<std::string>> environment = {};  // set, or unset where nullopt
-  int signal = 0;                             // sent once, as soon as stderr holds ...
-  std::string signal_after = {};              // ... this text, and then ...
-  std::chrono::microseconds signal_delay{0};  // ... so much time has passed
-  std::function<void()> then = {};            // called once, after that, also without a signal
+  std::filesystem::path directory = {};  // working directory, or empty for the current one
+  std::map<std::string, std::optional<std::string>> environment = {};  // nullopt unsets a variable
+  int signal = 0;  // sent once, `signal_delay` after stderr holds `signal_after`
+  std::string signal_after = {};
+  std::chrono::microseconds signal_delay{0};
+  std::function<void()> then = {};  // called once at that moment, also without a signal
 };
 
 struct ProcessResult {
   int exit_status = -1;  // -1 when a signal ended it
-  int signal = 0;        // the one that did
+  int signal = 0;        // the signal that ended it, if any
   std::string out, err;
 };
 
-// Waits for its end. argv[0] is looked up in PATH; stdin is empty, signals act by default. Throws
-// std::system_error when it cannot start.
+// Runs a process and waits for its end. argv[0] is looked up in PATH, stdin is empty, and signals have their
+// default actions. Throws std::system_error when the process cannot start.
 ProcessResult run_process(const std::vector<std::string>& argv, const ProcessOptions& options = {});
 
 }  // namespace raymeld::test

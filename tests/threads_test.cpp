@@ -1,4 +1,4 @@
-// Several threads on one device, and several processes with one cache: everyone gets the bits of one alone.
+// Runs threads on one device, and processes with one cache: each gets the bits that it would get alone.
 #include <atomic>
 #include <functional>
 #include <thread>
@@ -45,7 +45,8 @@ class ThreadsTest : public GpuTest {
     return fuse(fusion, subjects_[size_t(i)]).values;
   }
 
-  // make(i) is made, and used for some frames, by one thread after the other and then by all at once.
+  // Calls make(i) and fuses with the result, first one after the other in one thread and then in all threads
+  // at once, and expects the same bits.
   template <typename Make>
   void expect_the_same(Make&& make) {
     std::vector<std::vector<float>> alone(kThreads), together(size_t{kThreads} * kFrames);
@@ -91,7 +92,7 @@ TEST_F(ThreadsTest, FusionsOfACallersDevice) {
 
 class ProcessesTest : public Cli {
  protected:
-  // Runs all at once; each must succeed.
+  // Runs all commands at once, each of which must succeed.
   void run_together(const std::vector<std::vector<std::string>>& commands) const {
     std::vector<ProcessResult> results(commands.size());
     std::vector<std::thread> threads;
@@ -114,10 +115,10 @@ TEST_F(ProcessesTest, FusingWithOneCache) {
   for (const char* name : {"a.exr", "b.exr", "same.exr"})
     EXPECT_EQ(read_file(folder_ / name), read_file(folder_ / "alone.exr")) << name;
   EXPECT_TRUE(PipelineCache(gpu(), cache).loaded());
-  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(cache), {}), 1);  // nothing half written
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(cache), {}), 1);  // no half-written file
 }
 
-// Two save, two load: what is loaded was saved by one of the two, all of it.
+// Two threads save and two load. A loaded tuning must be, as a whole, one that a single thread saved.
 TEST(Tunings, SavedAndLoadedAtOnce) {
   const TemporaryDirectory folder;
   const std::filesystem::path file = folder / "cache" / "tuning.json";

@@ -7,8 +7,7 @@
 namespace raymeld {
 namespace {
 
-// What a fusion relies on: the cores tile the frame, every tile lies in the frame and has its halo or the
-// edge.
+// Checks that the cores tile the frame, and that every tile lies in the frame and has its halo or the edge.
 void check_tiling(const Tiling& tiling) {
   const TileSize frame = tiling.frame;
   std::vector<int> kept(size_t{frame.height} * frame.width);
@@ -60,7 +59,7 @@ TEST(Tiling, OneTileIsTheFrame) {
 }
 
 TEST(Tiling, ByHand) {
-  const Tiling tiling = make_tiling({10, 12}, 2, 3, 1);  // cores of 5 x 4, tiles of 7 x 6
+  const Tiling tiling = make_tiling({10, 12}, 2, 3, 1);  // the cores are 5 x 4, the tiles 7 x 6
   EXPECT_EQ(tiling.count(), 6u);
   EXPECT_EQ(tiling.tile.height, 7u);
   EXPECT_EQ(tiling.tile.width, 6u);

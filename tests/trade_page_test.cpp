@@ -1,4 +1,4 @@
-// The page that `raymeld trade` fills, src/cli/trade/trade.html, in a browser: Debian's Chromium, headless.
+// Tests the page that `raymeld trade` fills, src/cli/trade/trade.html, in Debian's headless Chromium.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -46,7 +46,7 @@ Json render(int scale, const char* model, int lrhs_spp, int hrls_spp, double psn
           {"front", front}};
 }
 
-// Two models of two scales, of which 0 and 3 are defaults, and two views.
+// Returns a report of two views and four settings of two models of two scales. Settings 0 and 3 are defaults.
 Json small_report() {
   Json report{
       {"raymeld", "0.1.0"},
@@ -80,7 +80,7 @@ Json small_report() {
   return report;
 }
 
-// Numbers, texts and switches become null.
+// Returns the same structure with null for every number, text and switch.
 Json without_values(const Json& json) {
   if (!json.is_structured()) return nullptr;
   Json result = json;
@@ -94,7 +94,7 @@ size_t count(std::string_view text, std::string_view what) {
   return found;
 }
 
-// From `<name id="id"` to its end; empty where there is none.
+// Returns the page's text from `<name id="id"` to the element's end, or an empty string where there is none.
 std::string element(const std::string& page, const std::string& name, const std::string& id) {
   const size_t begin = page.find("<" + name + " id=\"" + id + "\""),
                end = page.find("</" + name + ">", begin);
@@ -113,7 +113,7 @@ class TradePage : public testing::Test {
     }
   }
 
-  // What a browser makes of a file. Root cannot have the sandbox, and needs none for files of ours.
+  // Returns what a browser makes of a file. Root cannot have the sandbox, and these files need none.
   std::string browse(const std::string& name, const std::string& content) const {
     write_file(folder_ / name, content);
     const std::string home = folder_.path().string();
@@ -125,7 +125,8 @@ class TradePage : public testing::Test {
     return result.out;
   }
 
-  // The page with the report in its place, as the program fills it, and `more` behind it.
+  // Returns what a browser makes of the page, with the report where the program puts it, and `more` at its
+  // end.
   std::string show(const Json& report, const std::string& more = "") const {
     const std::string place = "<script type=\"application/json\" id=\"data\">{}</script>\n";
     std::string page = read_file(source_path("src/cli/trade/trade.html"));
@@ -231,7 +232,7 @@ TEST_F(TradePage, TablesAreSortedByAClick) {
   EXPECT_EQ(order("ms.click(); ms.click();"), "3214") << "what is not known comes last";
 }
 
-// As scripts/trade writes them to docs/.
+// The plots are tested as scripts/trade writes them to docs/.
 TEST_F(TradePage, PlotsAreFilesOfTheirOwn) {
   const std::string page = show(small_report());
   for (const char* name : kPlots) {

@@ -22,11 +22,15 @@ constexpr Conv2dShape kSmall1x1{16, 16, 5, 7, 1};
 
 Tuning example() {
   Tuning tuning;
-  tuning.entries[{128, 128, 64, 64, 3}] = {{.tile = 4, .outputs = 24, .band = 512}, 1.5, 30};
-  tuning.entries[{128, 128, 64, 64, 3, 2}] = {{.tile = 2, .order = 0}, 2.5, 30};
+  tuning.entries[{128, 128, 64, 64, 3}] = {
+      {.algorithm = Algorithm::kWinograd, .outputs = 24, .band = 512}, 1.5, 30};
+  tuning.entries[{128, 128, 64, 64, 3, 2}] = {
+      {.algorithm = Algorithm::kWinograd, .tile = 2, .order = 0}, 2.5, 30};
   tuning.entries[{512, 512, 16, 8, 3}] = {{}, 3, 3};
-  tuning.entries[{64, 64, 64, 64, 3}] = {{.matrix = MatrixTiles{.matrix = kMatrix, .rows = 1}}, 0.5, 8};
-  tuning.entries[{128, 128, 320, 64, 1}] = {{.tile = 1, .band = 4096, .vector = 8}, 4, 20};
+  tuning.entries[{64, 64, 64, 64, 3}] = {
+      {.algorithm = Algorithm::kMatrix, .matrix = {.matrix = kMatrix, .rows = 1}}, 0.5, 8};
+  tuning.entries[{128, 128, 320, 64, 1}] = {
+      {.algorithm = Algorithm::kPointwise, .band = 4096, .vector = 8}, 4, 20};
   return tuning;
 }
 
@@ -79,10 +83,12 @@ TEST(Tuning, ADamagedFileIsNoTuning) {
   EXPECT_EQ(entries_of(good), 5u);
   for (size_t length = 0; length + 2 < good.size(); length += 7)
     EXPECT_EQ(entries_of(good.substr(0, length)), 0u);
-  EXPECT_EQ(changed("\"format_version\": 3", "\"format_version\": 2"), 0u);
+  EXPECT_EQ(changed("\"format_version\": 4", "\"format_version\": 3"), 0u);
+  EXPECT_EQ(changed("\"winograd\"", "\"fourier\""), 0u);
+  EXPECT_EQ(changed("\"pointwise\"", "\"winograd\""), 0u);
   EXPECT_EQ(changed("\"tile\": 4", "\"tile\": 3"), 0u);
   EXPECT_EQ(changed("\"tile\": 4", "\"tile\": \"4\""), 0u);
-  EXPECT_EQ(changed("\"tile\": 2", "\"tile\": 4"), 0u);  // where it was refused
+  EXPECT_EQ(changed("\"tile\": 2", "\"tile\": 4"), 0u);  // F(4, 3) is refused for that shape
   EXPECT_EQ(changed("\"outputs\": 24", "\"outputs\": 0"), 0u);
   EXPECT_EQ(changed("\"band\": 512", "\"band\": 4000000000"), 0u);
   EXPECT_EQ(changed("\"band\": 4096", "\"band\": 511"), 0u);
@@ -100,8 +106,9 @@ TEST(Tuning, ChoosesWhatWasMeasuredOrTheMostAlike) {
   const Conv2dChoice choose = example().kernels(device_with_addresses()).conv2d;
   EXPECT_EQ(choose({128, 128, 64, 64, 3}).band, 512u);
   EXPECT_EQ(choose({120, 160, 60, 64, 3}).outputs, 24u);
-  EXPECT_EQ(choose({128, 128, 60, 64, 3, 2}), (Conv2dKernel{.tile = 2, .order = 0}));
-  EXPECT_EQ(choose({500, 500, 16, 6, 3}).tile, 0u);
+  EXPECT_EQ(choose({128, 128, 60, 64, 3, 2}),
+            (Conv2dKernel{.algorithm = Algorithm::kWinograd, .tile = 2, .order = 0}));
+  EXPECT_EQ(choose({500, 500, 16, 6, 3}).algorithm, Algorithm::kDirect);
   EXPECT_EQ(choose({128, 128, 3, 3, 1}).band, 4096u);
 }
 
@@ -117,12 +124,12 @@ TEST(Tuning, NeverAsksADeviceForWhatItCannot) {
 
   constexpr Conv2dShape kByMatrices{64, 64, 64, 64, 3};
   DeviceInfo device = device_with_addresses();
-  EXPECT_EQ(tuning.kernels(device).conv2d(kByMatrices).tile, 4u);
+  EXPECT_EQ(tuning.kernels(device).conv2d(kByMatrices).winograd_tile(), 4u);
   device.cooperative_matrix = CooperativeMatrix{8, 8, 8, 8, 1024, 32768};
-  EXPECT_EQ(tuning.kernels(device).conv2d(kByMatrices).tile, 4u);
+  EXPECT_EQ(tuning.kernels(device).conv2d(kByMatrices).winograd_tile(), 4u);
   device.cooperative_matrix = kMatrix;
-  EXPECT_EQ(tuning.kernels(device).conv2d(kByMatrices).matrix->rows, 1u);
-  EXPECT_FALSE(default_kernels(device).conv2d(kByMatrices).matrix);
+  EXPECT_EQ(tuning.kernels(device).conv2d(kByMatrices).matrix.rows, 1u);
+  EXPECT_NE(default_kernels(device).conv2d(kByMatrices).algorithm, Algorithm::kMatrix);
 }
 
 TEST(Tuning, ReadsByVectorsOfTheDevicesOwnOnly) {
@@ -142,11 +149,11 @@ TEST(Tuning, ReadsByVectorsOfTheDevicesOwnOnly) {
 }
 
 TEST(Tuning, StartsTheSearchWithWhatFitsSharedMemory) {
-  EXPECT_EQ(first_matrix_guess(kMatrix, {128, 128, 64, 64, 3}).matrix->outputs, 64u);
-  EXPECT_EQ(first_matrix_guess(kMatrix, {128, 128, 64, 18, 3}).matrix->outputs, 32u);
+  EXPECT_EQ(first_matrix_guess(kMatrix, {128, 128, 64, 64, 3}).matrix.outputs, 64u);
+  EXPECT_EQ(first_matrix_guess(kMatrix, {128, 128, 64, 18, 3}).matrix.outputs, 32u);
   const CooperativeMatrix small{8, 8, 8, 8, 1024, 32768};
   for (const uint32_t kernel : {1u, 3u})
-    EXPECT_TRUE(is_possible(*first_matrix_guess(small, {128, 128, 64, 256, kernel}).matrix, kernel));
+    EXPECT_TRUE(is_possible(first_matrix_guess(small, {128, 128, 64, 256, kernel}).matrix, kernel));
 }
 
 DeviceInfo device_with_everything() {
@@ -157,7 +164,7 @@ DeviceInfo device_with_everything() {
 
 constexpr Conv2dShape kShape3x3{64, 64, 32, 32, 3};
 
-// What tune() finds for one shape of 16-bit storage where `time` says how long a kernel takes.
+// Returns what tune() finds for one shape of 16-bit storage where `time` says how long a kernel takes.
 Tuning::Entry tuned(const Conv2dShape& shape, const std::function<double(const Conv2dKernel&)>& time) {
   Tuning tuning;
   const Conv2dTimer timer = [&](bool, const Conv2dShape&, const Conv2dKernel& kernel) {
@@ -168,17 +175,27 @@ Tuning::Entry tuned(const Conv2dShape& shape, const std::function<double(const C
 }
 
 std::string kind_of(const Conv2dKernel& kernel) {
-  return kernel.matrix ? "matrices" : fmt::format("tile {}", kernel.tile);
+  switch (kernel.algorithm) {
+    case Algorithm::kDirect:
+      return "direct";
+    case Algorithm::kPointwise:
+      return "pointwise";
+    case Algorithm::kWinograd:
+      return fmt::format("tile {}", kernel.tile);
+    case Algorithm::kMatrix:
+      return "matrices";
+  }
+  return "";
 }
 
 TEST(Tuner, TakesTheKindOfKernelThatIsFastest) {
-  for (const std::string fastest : {"tile 0", "tile 2", "tile 4", "matrices"}) {
+  for (const std::string fastest : {"direct", "tile 2", "tile 4", "matrices"}) {
     const auto entry = tuned(kShape3x3, [&](const Conv2dKernel& k) { return kind_of(k) == fastest ? 2 : 5; });
     EXPECT_EQ(kind_of(entry.kernel), fastest);
     EXPECT_EQ(entry.time_ms, 2);
-    EXPECT_EQ(entry.direct_ms, fastest == "tile 0" ? 2 : 5);
+    EXPECT_EQ(entry.direct_ms, fastest == "direct" ? 2 : 5);
   }
-  for (const std::string fastest : {"tile 0", "tile 1", "matrices"}) {
+  for (const std::string fastest : {"direct", "pointwise", "matrices"}) {
     const auto entry = tuned(kSmall1x1, [&](const Conv2dKernel& k) { return kind_of(k) == fastest ? 2 : 5; });
     EXPECT_EQ(kind_of(entry.kernel), fastest);
   }
@@ -186,38 +203,38 @@ TEST(Tuner, TakesTheKindOfKernelThatIsFastest) {
 
 TEST(Tuner, KeepsTheBestOfEachParameter) {
   const auto winograd = tuned(kShape3x3, [](const Conv2dKernel& k) {
-    return 9.0 - (k.tile == 4) - (k.outputs == 24) - (k.band == 1u << 18);
+    return 9.0 - (k.winograd_tile() == 4) - (k.outputs == 24) - (k.band == 1u << 18);
   });
   EXPECT_EQ(winograd.time_ms, 6);
-  EXPECT_EQ(winograd.kernel.tile, 4u);
+  EXPECT_EQ(winograd.kernel.winograd_tile(), 4u);
   EXPECT_EQ(winograd.kernel.outputs, 24u);
   EXPECT_EQ(winograd.kernel.band, 1u << 18);
   const auto matrices = tuned(kShape3x3, [](const Conv2dKernel& k) {
-    if (!k.matrix) return 9.0;
-    return 8.0 - (k.matrix->rows == 1) - (k.matrix->outputs == 16) - (k.matrix->subgroups == 8);
+    if (k.algorithm != Algorithm::kMatrix) return 9.0;
+    return 8.0 - (k.matrix.rows == 1) - (k.matrix.outputs == 16) - (k.matrix.subgroups == 8);
   });
   EXPECT_EQ(matrices.time_ms, 5);
 }
 
 TEST(Tuner, LeavesOutWhatTheDeviceCannotComputeButNotALostDevice) {
   const auto entry = tuned(kShape3x3, [](const Conv2dKernel& k) -> double {
-    if (k.tile == 4) throw Error("no room");
-    return k.tile == 2 ? 1 : 2;
+    if (k.winograd_tile() == 4) throw Error("no room");
+    return k.winograd_tile() == 2 ? 1 : 2;
   });
-  EXPECT_EQ(entry.kernel.tile, 2u);
+  EXPECT_EQ(entry.kernel.winograd_tile(), 2u);
   EXPECT_THROW(tuned(kShape3x3,
                      [](const Conv2dKernel& k) -> double {
-                       if (k.tile == 4) throw DeviceLost("gone");
+                       if (k.winograd_tile() == 4) throw DeviceLost("gone");
                        return 1;
                      }),
                DeviceLost);
 }
 
-// The device computes every candidate, as what it could not would never be chosen.
+// The device must compute every candidate: tune() silently passes over those that fail.
 TEST_F(TunerTest, MeasuresEachShapeOnceByEveryKernel) {
   Tuning tuning;
   std::vector<Conv2dShape> measured;
-  std::map<std::string, double> least_ms;  // by shape and kind
+  std::map<std::string, double> least_ms;  // keyed by shape and kind
   const Conv2dTimer time = [&](bool addressed, const Conv2dShape& shape, const Conv2dKernel& kernel) {
     double time_ms = 0;
     EXPECT_NO_THROW(time_ms =
@@ -239,7 +256,7 @@ TEST_F(TunerTest, MeasuresEachShapeOnceByEveryKernel) {
     const auto& [kernel, time_ms, direct_ms] = tuning.entries.at(shape);
     const std::string size = fmt::format("{}x{}, ", shape.kernel, shape.kernel);
     EXPECT_LE(least_ms.at(size + kind_of(kernel)), time_ms);
-    EXPECT_EQ(least_ms.at(size + "tile 0"), direct_ms);
+    EXPECT_EQ(least_ms.at(size + "direct"), direct_ms);
   }
 }
 
@@ -253,7 +270,7 @@ TEST_F(TunerTest, MeasuresBothStorages) {
   }
 }
 
-// Of 3x3 ones and of a single one, by the formula evaluated by hand: 149.38 and 128.44 (18496 / 144).
+// The formula, evaluated by hand, gives 149.38 for 3x3 ones and 128.44 (18496 / 144) for a single one.
 TEST(WinogradAmplification, IsWhatTheTransformsAbsoluteValuesLetThrough) {
   const float bias[] = {0};
   const std::vector<float> ones(9, 1.0f), one{0, 0, 0, 0, 1, 0, 0, 0, 0}, two(18, -2.0f);
@@ -263,7 +280,7 @@ TEST(WinogradAmplification, IsWhatTheTransformsAbsoluteValuesLetThrough) {
   EXPECT_EQ(winograd_amplification({std::vector<float>(9, 0.0f), bias}, 1), 0);
 }
 
-// A logarithm leaves no radiance that drowns its neighbours; scene linear radiance of up to 1000 does.
+// A log transfer leaves no radiance that drowns its neighbours. Linear radiance of up to 1000 drowns them.
 TEST_F(TunerTest, F43IsRefusedWhereItIsNotAccurateEnough) {
   for (const auto transfer : {reference::Transfer::kLog, reference::Transfer::kLinear}) {
     Subject subject = make_subject(small_architecture(4), 5, 7, 1);

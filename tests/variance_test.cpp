@@ -1,4 +1,5 @@
-// The variance of HRLS that the device computes: what feeding it gives, in tiles, in parts and in blocks.
+// Tests the variance of HRLS that the device computes: it acts as a variance that is fed, also in tiles and
+// where only parts of the frame changed.
 #include <gtest/gtest.h>
 
 #include "fusion/fuser.h"
@@ -32,7 +33,7 @@ double difference(const std::vector<float>& a, const std::vector<float>& b) {
 
 class VarianceTest : public GpuTest {
  protected:
-  // Inputs of a model that reads variance, last, and HRLS without it, with it and with none.
+  // Holds a model whose last HRLS layer is variance, and HRLS without it, with it, and with zeros for it.
   struct Inputs {
     Model model;
     Image lrhs, without, with, with_none;
@@ -56,8 +57,7 @@ class VarianceTest : public GpuTest {
   TemporaryDirectory folder_;
 };
 
-// The host computes it in 64 bits: what the network makes of the difference is little beside what it makes of
-// the variance.
+// The host computes the variance in 64 bits. This moves the output far less than the variance itself does.
 TEST_F(VarianceTest, IsWhatFeedingItGives) {
   for (const auto& architecture : {small_architecture(2), guided_architecture(4), joint_architecture(2)}) {
     const Inputs in = inputs(architecture, 6, 9);
@@ -82,7 +82,7 @@ TEST_F(VarianceTest, TiledAndUntiledGiveTheSameBits) {
   }
 }
 
-// A tile also depends on the pixels that its border's variance is of.
+// A tile also depends on the pixels outside it that the variance at its border reads.
 TEST_F(VarianceTest, WhatChangedHasTheBitsOfAWholeFrame) {
   const reference::Architecture architecture = small_architecture(2);
   Inputs in = inputs(architecture, 40, 40);

@@ -8,8 +8,8 @@
 
 namespace raymeld::test {
 
-// For EXPECT_TRUE; both outcomes name the worst place, and the test's XML records the largest ratio of each
-// layer.
+// Returns whether all values lie within their bounds. Both outcomes name the worst place, and the test's XML
+// records the largest ratio of each layer.
 testing::AssertionResult within_bounds(std::string_view layer, const reference::Planes& actual,
                                        const reference::Bounded& expected);
 

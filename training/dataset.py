@@ -1,4 +1,4 @@
-"""Rendered views, and random training pairs out of them."""
+"""Reads rendered views and makes random training pairs out of them."""
 
 import json
 import pathlib
@@ -10,21 +10,21 @@ import model
 import safetensors
 
 HRLS_SPP = (1, 2, 4, 8)
-# Channels of a view's layers that carry radiance; the normal has 6, 7 and 8.
+# These channels of LAYERS carry radiance; albedo has 3 to 5, the normal 6 to 8.
 RADIANCE = [0, 1, 2, 9, 10, 11, 12, 13, 14]
 LAYERS = ("color", "albedo", "normal", "diffuse", "specular")
 LAYER_CHANNELS = 3 * len(LAYERS)
-REFERENCE = ("reference-a", "reference-b")  # independent parts, of 16 and 48 samples
-TARGET_CLIP = 100.0  # at the view's exposure; as in section 3.2 of Hou et al. 2021
-CENTERED_SHARE = 0.75  # of the crops have an ordinary small render, the others every s-th pixel
-GUIDES_SHARE = 0.25  # of the crops have albedo and normal of a render of their own
-NO_LRHS_LAYERS_SHARE = 0.2  # of the crops have no layers of LRHS but color
+REFERENCE = ("reference-a", "reference-b")  # independent parts of 16 and 48 samples, of held-out seeds 64 and 192
+TARGET_CLIP = 100.0  # limit at the view's exposure, section 3.2 of Hou et al. 2021
+CENTERED_SHARE = 0.75  # share of crops with an ordinary small render; the others have every s-th pixel
+GUIDES_SHARE = 0.25  # share of crops whose albedo and normal are a render of their own
+NO_LRHS_LAYERS_SHARE = 0.2  # share of crops whose LRHS has no layers but color
 
 
 class View:
-    """A packed view (pack.py), of which each sample reads the renders that it takes.
+    """Holds a packed view (pack.py), and reads a render only when a sample takes it.
 
-    A render is [C, H, W], float16, with the channels of pack.CHANNELS: LAYERS first.
+    A render is float16 [C, H, W] with the channels of pack.CHANNELS, LAYERS first.
     """
 
     def __init__(self, path):
@@ -37,19 +37,19 @@ class View:
         return torch.from_numpy(self.file.read(name))
 
     def full_size(self):
-        """Names of the renders that HRLS can be."""
+        """Returns the names of the renders that HRLS can be."""
         return [f"{spp:04}" for spp in HRLS_SPP]
 
     def small(self, scale):
-        """Names of the ordinary small renders."""
+        """Returns the names of the ordinary small renders."""
         return [name for name in self.spp if name.startswith(f"lowres-x{scale}-")]
 
     def guides(self):
-        """Names of the renders of albedo and normal alone."""
+        """Returns the names of the renders of albedo and normal alone."""
         return [name for name in self.spp if name.startswith("guides-")]
 
     def reference(self, parts=REFERENCE, here=...):
-        """[LAYERS, H, W] or a window of it, float32: the mean of the parts by their samples."""
+        """Returns the mean of the parts by their samples, float32 [LAYERS, H, W] or the window `here` of it."""
         total = sum(self.spp[part] for part in parts)
         return sum(self.spp[part] / total * self.read(part)[:LAYER_CHANNELS][here].float() for part in parts)
 
@@ -59,26 +59,26 @@ class View:
         return self._mean_sqrt
 
     def exposure(self, config):
-        """As model.exposure of a clean LRHS."""
+        """Returns the model.exposure() of a clean LRHS."""
         return config.exposure_key / max(self.mean_sqrt(), 1e-3) ** 2 if config.exposure_key else 1.0
 
 
 def load(folder):
-    """(training views, validation views): every tenth seed is held out."""
+    """Returns (training views, validation views); every tenth seed is held out for validation."""
     paths = sorted(pathlib.Path(folder).glob("view-*.safetensors"))
     held_out = [path for path in paths if int(path.stem.split("-")[1]) % 10 == 0]
     return [View(path) for path in paths if path not in set(held_out)], [View(path) for path in held_out]
 
 
 def with_variance(layers):
-    """[15, H, W] -> [18, H, W]."""
+    """Appends the variance of color: [15, H, W] becomes [18, H, W]."""
     return torch.cat([layers, model.variance(layers[None, :3])[0]])
 
 
 def reweigh(images, rng):
-    """Multiplies what is reflected diffusely and specularly by random colours, alike in all images, in half of the crops.
+    """Multiplies diffuse and specular by random colours, the same in all images, in half of the crops.
 
-    `images` are [LAYERS, H, W]; color is the sum of both and of the rest.
+    `images` are [LAYERS, H, W]; color is the sum of diffuse, specular and a rest that stays.
     """
     if rng.random() < 0.5:
         return
@@ -90,7 +90,7 @@ def reweigh(images, rng):
 
 
 def augment(images, rng):
-    """The same random mirroring, transposition and permutation of the color channels for all images, [LAYERS, H, W].
+    """Mirrors, transposes and permutes the color channels of all images [LAYERS, H, W] in one random way.
 
     Normals are in camera space (x right, y up), so they follow the mirroring.
     """
@@ -139,12 +139,12 @@ def window(y, x, size):
 
 
 def lrhs_layers(lrhs, config):
-    """The channels of LAYERS, in the order of the config."""
+    """Returns the layers that the config lists, in its order; `lrhs` has all of LAYERS."""
     return torch.cat([lrhs[3 * LAYERS.index(name) :][:3] for name in config.lrhs_layers])
 
 
 def pick_lrhs(view, scale, high, is_centered, rng):
-    """(name of the render that LRHS is made of, names of the parts of the target, which shares no noise with it)."""
+    """Returns (name of the render that LRHS is made of, names of the target's parts, which share no noise with it)."""
     if is_centered:
         return rng.choice(view.small(scale)), REFERENCE
     low = rng.choice([*REFERENCE, *REFERENCE, *(name for name in view.full_size()[1:] if name != high)])
@@ -152,7 +152,11 @@ def pick_lrhs(view, scale, high, is_centered, rng):
 
 
 def sample(views, config, size, rng):
-    """One random crop: lrhs [L, size/s, size/s], hrls [K, size, size], reference [3, size, size], centered or not, spp."""
+    """Makes one random crop.
+
+    Returns lrhs [L, size/s, size/s], hrls [K, size, size], reference [3, size, size], whether LRHS is centered, and the
+    samples a pixel of LRHS and HRLS.
+    """
     scale, view = config.scale, rng.choice(views)
     is_centered = config.lrhs_sampling == ("centered",)
     if len(config.lrhs_sampling) == 2:
@@ -189,9 +193,10 @@ def batch(views, config, size, count, seed):
 
 
 def pair(view, config, low, high, guides=None):
-    """A whole view with its ordinary small render, batch of one: lrhs, hrls, reference, exposure of all three, spp.
+    """Returns a whole view with its ordinary small render: lrhs, hrls, reference, exposure of all three, spp.
 
-    `guides`: samples of the render that albedo and normal of HRLS are of, if it is one of its own.
+    The images are a batch of one. `guides`, if given, is the sample count of the separate render that albedo and normal
+    of HRLS are taken from.
     """
     exposure = view.exposure(config)
     hrls = view.read(f"{high:04}")[:LAYER_CHANNELS].float()

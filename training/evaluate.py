@@ -1,8 +1,8 @@
 #!/usr/bin/python3
-"""Measures the raymeld program on the test set: tables as CSV, and docs/quality.md.
+"""Measures the raymeld program on the test set; writes the tables as CSV and into docs/quality.md.
 
-What was measured before is not measured again, so that a stop, a new model or a new view costs only what is missing;
-after a change to the program that may change images, remove results.csv.
+Earlier measurements are kept, so that after a stop, or with a new model or view, only the missing ones are made. Remove
+results.csv after a change to the program that may change images.
 """
 
 import argparse
@@ -16,7 +16,7 @@ from evaluation.jobs import Model, Store
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 TABLES = ("main", "grid", "ablations", "losses", "robustness", "equal-time")
-SHOWN = "x4-balanced"  # in the pictures
+SHOWN = "x4-balanced"  # the model in the pictures
 
 
 def parse():
@@ -30,8 +30,8 @@ def parse():
     only = parser.add_argument_group("only")
     only.add_argument("--tables", nargs="+", choices=TABLES, default=TABLES)
     only.add_argument("--scales", type=int, nargs="+", default=(2, 4, 8))
-    only.add_argument("--first", type=int, help="that many views")
-    only.add_argument("--measured", action="store_true", help="measure nothing, write the tables of what there is")
+    only.add_argument("--first", type=int, help="number of views to measure, from the first")
+    only.add_argument("--measured", action="store_true", help="write the tables of earlier measurements alone")
     parser.add_argument("--no-check", action="store_true", help="do not compare the program with PyTorch")
     parser.add_argument("--write-docs", action="store_true", help="put the tables into docs/quality.md, with pictures")
     return parser.parse_args()
@@ -53,7 +53,7 @@ def measure(plans, views, store):
 
 
 def check(models, view, program):
-    """Whether all agree."""
+    """Prints how far the program is from PyTorch; returns whether all models agree."""
     good = True
     for model in models:
         results = agreement.check(model, view, program)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Writes a model file from a checkpoint, or one of fresh random weights for trying out a shape."""
+"""Writes a model file from a checkpoint, or one with random weights for trying out a shape."""
 
 import argparse
 import json
@@ -27,7 +27,7 @@ def write(path, name, config, state, provenance, half=False):
 
 
 def untrained_config(shape, choices):
-    """A stock model's, or of "scale,features,growth,dense_layers,blocks,groups", with metadata entries changed."""
+    """Returns the Config of a stock model or of --untrained's numbers, with metadata entries changed."""
     if shape in stock.names():
         return stock.config(shape, choices)
     config = model.Config(*map(int, shape.split(",")))
@@ -35,9 +35,9 @@ def untrained_config(shape, choices):
 
 
 def blended(state, path, share):
-    """`share` of `state`, the rest of the model it started from (Wortsman et al., Robust fine-tuning, 2022).
+    """Mixes `share` of `state` with 1 - `share` of the model it started from; returns the state and its provenance.
 
-    Fine-tuning on few views forgets some of what was learnt from more.
+    Fine-tuning on few views forgets some of what more views taught (Wortsman et al., Robust fine-tuning, 2022).
     """
     tensors, metadata = safetensors.load(path)
     start = {key: grow.overlaid(state[key], torch.tensor(value).float()) for key, value in tensors.items()}
@@ -53,9 +53,11 @@ def parse():
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("--checkpoint")
     source.add_argument("--untrained", metavar="SHAPE", help="a stock model's name, or scale,features,growth,dense_layers,blocks,groups")
-    parser.add_argument("--blend", metavar="FILE", help="a share of the weights from this model, which it started from")
-    parser.add_argument("--share", type=float, default=0.7, help="with --blend: of the checkpoint's own weights")
-    parser.add_argument("--choice", nargs="*", default=[], metavar="ENTRY=VALUE", help="with --untrained: metadata entries")
+    parser.add_argument("--blend", metavar="FILE", help="mix in weights of this model, which --checkpoint began as")
+    parser.add_argument("--share", type=float, default=0.7, help="share of the checkpoint's own weights with --blend")
+    parser.add_argument(
+        "--choice", nargs="*", default=[], metavar="ENTRY=VALUE", help="metadata entries to change with --untrained"
+    )
     return parser.parse_args()
 
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tiny networks, inputs and every layer's output in float64, for the engine's tests: goldens.py FOLDER."""
+"""Writes tiny networks, inputs and every layer's output in float64 for the engine's tests: goldens.py FOLDER."""
 
 import contextlib
 import pathlib
@@ -104,11 +104,11 @@ CASES = {
         ),
     ),
 }
-CENTERED = ("guided-x4", "joint-x2")  # read as centered; the others as nearest samples
+CENTERED = ("guided-x4", "joint-x2")  # LRHS is read as centered here, as nearest samples elsewhere
 
 
 def random_network(config, generator):
-    """Weights of 8 significant bits, so that bfloat16 and half hold them exactly."""
+    """Returns a network whose weights have 8 significant bits, so that bfloat16 and half hold them exactly."""
     network = model.Network(config)
     for name, value in network.state_dict().items():
         fan_in = value[0].numel() if value.dim() == 4 else 1
@@ -123,7 +123,7 @@ def random_inputs(shape, config, generator):
     k, s = 3 * len(config.hrls_layers), config.scale
     lrhs = torch.rand(1, 3, h, w, generator=generator) ** 3 * 4
     hrls = torch.rand(1, k, h * s, w * s, generator=generator) ** 3 * 4
-    if config.base == "joint":  # brightness that varies little, so that the filter averages
+    if config.base == "joint":  # brightness varies little, so that the filter averages
         lrhs, hrls[:, 3:] = 1 + lrhs / 64, hrls[:, 3:] / 8
     lrhs[0, :, 1, 2] = torch.tensor([5000.0, 20.0, 60000.0])
     hrls[0, :, 3, 4] = 300.0
@@ -136,7 +136,7 @@ def random_inputs(shape, config, generator):
 
 @contextlib.contextmanager
 def parts_of_joint_base(seen):
-    """Adds to `seen` what the parts of the joint base give."""
+    """Adds the outputs of the joint base's parts to `seen`."""
     parts = model.irradiance, model.joint_filter, model.joint_candidates
 
     def irradiance(*inputs):
@@ -144,14 +144,14 @@ def parts_of_joint_base(seen):
 
     def joint_filter(light, guides, levels, *steering):
         filtered = parts[1](light, guides, levels, *steering)
-        if levels > 1:  # of the irradiance there is one
-            seen["light"] = torch.cat([light, guides[:, -1:] * model.JOINT_IRRADIANCE], dim=1)
+        if levels > 1:  # the irradiance is filtered once
+            seen["demodulate"] = torch.cat([light, guides[:, -1:] * model.JOINT_IRRADIANCE], dim=1)
             seen.update({f"joint.{level}": image for level, image in enumerate(filtered)})
         return filtered
 
     def joint_candidates(*inputs):
         candidates = parts[2](*inputs)
-        seen.update({f"relight.{level}": image for level, image in zip(model.JOINT_LEVELS, candidates[2:])})
+        seen.update({f"remodulate.{level}": image for level, image in zip(model.JOINT_LEVELS, candidates[2:])})
         return candidates
 
     replaced = {"irradiance": irradiance, "joint_filter": joint_filter, "joint_candidates": joint_candidates}
@@ -160,7 +160,7 @@ def parts_of_joint_base(seen):
 
 
 def layer_outputs(network, run):
-    """Output of each layer by name, after its activation, shuffle or addition."""
+    """Returns the output of each layer by name, after its activation, shuffle or addition."""
     seen = {}
     factor = 2 if network.config.upscale == "stages" else network.config.scale
     after = {
@@ -186,7 +186,7 @@ def layer_outputs(network, run):
 
 
 def exposed(hrls, config, exposure):
-    """HRLS as a network with an exposure_key reads it."""
+    """Exposes the layers of HRLS as a network with an exposure_key reads them."""
     power = {"albedo": 0, "normal": 0, "variance": 2}
     layers = zip(hrls.split(3, dim=1), config.hrls_layers, strict=True)
     return torch.cat([layer * exposure ** power.get(name, 1) for layer, name in layers], dim=1)

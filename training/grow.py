@@ -1,7 +1,7 @@
-"""A larger network that starts as a smaller one: the same image to the last bit or so, with room to learn more.
+"""Makes a larger network that starts as a smaller one: the same image to the last bit or so, with room to learn more.
 
-What the larger one has beyond the smaller (features, dense layers, blocks, groups) keeps its random weights, and
-whatever reads it starts at zero, after Chen et al., Net2Net: Accelerating Learning via Knowledge Transfer, 2016.
+The larger network's additional parts (features, dense layers, blocks, groups) keep their random weights. The weights
+that read them start at zero, after Chen et al., Net2Net: Accelerating Learning via Knowledge Transfer, 2016.
 """
 
 import re
@@ -10,7 +10,7 @@ import torch
 
 
 def input_widths(key, config):
-    """Widths of the features that a tensor of the trunk reads, one after another; None if it reads anything else."""
+    """Returns the widths of the features that a trunk tensor reads, in order, or None if it reads anything else."""
     c, r = config.features, config.growth
     if key == "fuse.weight":
         return [c, c]
@@ -22,7 +22,7 @@ def input_widths(key, config):
 
 
 def is_smaller(small, large):
-    """Whether a network of `small` can become one of `large`: Configs that differ in the trunk's size at most."""
+    """Says whether a network of `small` can become one of `large`: the Configs differ in the trunk's size at most."""
     sizes = ("features", "growth", "dense_layers", "blocks", "groups")
     return all(
         mine <= larger if name in sizes else mine == larger
@@ -35,9 +35,10 @@ def offsets(widths):
 
 
 def overlaid(own, value):
-    """`own` with the corner that `value` fills; what else reads the inputs of it starts at zero.
+    """Returns `own` with its corner replaced by `value`; the same outputs' weights for other inputs become zero.
 
-    A 1x1 convolution takes the sum of a 3x3's taps, what that makes of an even image; a 3x3 has a 1x1 in its middle.
+    A 1x1 convolution takes the sum of a 3x3's taps, which gives the same for an even image; a 3x3 takes a 1x1 as its
+    middle tap.
     """
     kernels = tuple(own.shape[2:]), tuple(value.shape[2:])
     if kernels == ((1, 1), (3, 3)):
@@ -52,7 +53,10 @@ def overlaid(own, value):
 
 
 def grow(tensors, small, large, own):
-    """The state of a network of `large`, `own` before, that computes what `tensors`, one of `small`, do."""
+    """Returns the state of a `large` network that computes the same as `tensors`, the state of a `small` one.
+
+    `own` is the state of the large network before.
+    """
     extra = large.groups - small.groups
     state = {key: value.clone() for key, value in own.items()}
     for key, value in state.items():
@@ -63,7 +67,7 @@ def grow(tensors, small, large, own):
         name = re.sub(r"^groups\.(\d+)", lambda match: f"groups.{int(match[1]) + extra}", key)
         value = value.clone()
         if key.startswith("fuse."):
-            # The added groups come first; each, of blocks that hand on, doubles.
+            # The added groups come first. Their blocks hand the input on, so each group doubles it.
             value *= 0.5**extra
         target = state[name]
         rows = slice(0, value.shape[0])

@@ -1,4 +1,4 @@
-// One level of the joint filter of joint_filter.py, and its gradient, at the speed of a training step.
+// Computes one level of joint_filter.py's filter, and its gradient, at the speed that training needs.
 
 #include <algorithm>
 #include <cmath>
@@ -7,19 +7,23 @@
 
 namespace {
 
-// Colors, and the certainty of each pixel.
+// A pixel has three colors and, as its last channel, a certainty.
 constexpr int kColors = 3, kChannels = 4, kTaps = 9;
 
-// Planes with `pad` replicated pixels on each side.
+// Holds planes with `pad` replicated pixels on each side.
 struct Padded {
   int h, w, pad, stride, plane;
   std::vector<float> values;
 
   Padded(int count, int height, int width, int pad_pixels)
-      : h(height), w(width), pad(pad_pixels), stride(w + 2 * pad), plane(stride * (h + 2 * pad)),
+      : h(height),
+        w(width),
+        pad(pad_pixels),
+        stride(w + 2 * pad),
+        plane(stride * (h + 2 * pad)),
         values(static_cast<size_t>(plane) * count) {}
 
-  // The first pixel of row y in plane c.
+  // Returns the first pixel of row y in plane c.
   float* row(int c, int y) { return values.data() + c * plane + (y + pad) * stride + pad; }
 
   void fill(int c, const float* from) {
@@ -32,7 +36,7 @@ struct Padded {
     }
   }
 
-  // Adds what lies in the padding, too, to the pixels that it replicates: the transpose of fill().
+  // Adds the planes, and their padding to the pixels that it replicates; this is the transpose of fill().
   void fold(int c, float* to) {
     for (int y = -pad; y < h + pad; ++y) {
       const float* from = row(c, y);
@@ -43,14 +47,19 @@ struct Padded {
   }
 };
 
-// What a level reads: x, 4 channels, and the guides, as planes that reach `step` pixels beyond the image.
+// Holds the inputs of a level, the four channels of x and the guides, padded by `step` pixels.
 struct Level {
   int h, w, step, guides;
   const float* taps;
   Padded planes;
 
-  Level(const float* x, const float* guide, const float* kernel, int guide_count, int height, int width, int step_pixels)
-      : h(height), w(width), step(step_pixels), guides(guide_count), taps(kernel),
+  Level(const float* x, const float* guide, const float* kernel, int guide_count, int height, int width,
+        int step_pixels)
+      : h(height),
+        w(width),
+        step(step_pixels),
+        guides(guide_count),
+        taps(kernel),
         planes(kChannels + guide_count, height, width, step_pixels) {
     for (int c = 0; c < kChannels; ++c) planes.fill(c, x + c * h * w);
     for (int g = 0; g < guides; ++g) planes.fill(kChannels + g, guide + g * h * w);
@@ -58,7 +67,7 @@ struct Level {
 
   int offset(int tap) const { return step * ((tap / 3 - 1) * planes.stride + tap % 3 - 1); }
 
-  // The weights of a row's pixels for one tap.
+  // Computes the weights of a row's pixels for one tap.
   void weigh(int y, int tap, float* weight) {
     std::fill(weight, weight + w, 0.f);
     for (int c = kChannels; c < kChannels + guides; ++c) {
@@ -95,9 +104,10 @@ void forward(Level& level, float* out) {
   }
 }
 
-// Pixel j has the weight w for pixel i and the certainty c; W is the sum of weights, C that of w c. A level is
-// y = sum of w c x / C and C / W. `out` is what forward() gave; the gradients are added to.
-void backward(Level& level, const float* out, const float* grad_out, float* grad_x, float* grad_guides, float* grad_taps) {
+// Adds to the gradients; `out` is the output of forward(). Pixel j has the weight w for pixel i and the
+// certainty c. W is the sum of w, and C is the sum of w c. A level is y = (sum of w c x) / C and C / W.
+void backward(Level& level, const float* out, const float* grad_out, float* grad_x, float* grad_guides,
+              float* grad_taps) {
   const int h = level.h, w = level.w, plane = h * w;
   Padded grads(kChannels + level.guides, h, w, level.step);
   std::vector<float> weights(kTaps * w), total(w), per_color(kColors * w), per_count(w), of_weight(w);
@@ -119,7 +129,7 @@ void backward(Level& level, const float* out, const float* grad_out, float* grad
       const int offset = level.offset(tap);
       const float* counts = level.planes.row(kColors, y) + offset;
       float* grad_counts = grads.row(kColors, y) + offset;
-      // First the derivative by w c, which both w and c share.
+      // The derivative by w c comes first, as w and c share it.
       for (int i = 0; i < w; ++i) of_weight[i] = per_count[i];
       for (int c = 0; c < kColors; ++c) {
         const float *x = level.planes.row(c, y) + offset, *by = per_color.data() + c * w;
@@ -128,7 +138,8 @@ void backward(Level& level, const float* out, const float* grad_out, float* grad
         for (int i = 0; i < w; ++i) to[i] += by[i] * weight[i] * counts[i];
       }
       for (int i = 0; i < w; ++i) grad_counts[i] += weight[i] * of_weight[i];
-      for (int i = 0; i < w; ++i) of_weight[i] = of_weight[i] * counts[i] - per_count[i] * result[kColors * plane + i];
+      for (int i = 0; i < w; ++i)
+        of_weight[i] = of_weight[i] * counts[i] - per_count[i] * result[kColors * plane + i];
       float by_tap = 0;
       for (int i = 0; i < w; ++i) by_tap += of_weight[i] * weight[i];
       grad_taps[tap] += by_tap / level.taps[tap];
@@ -148,23 +159,26 @@ void backward(Level& level, const float* out, const float* grad_out, float* grad
 
 }  // namespace
 
-// x [n, 4, h, w], guides [n, guide_count, h, w], taps [9] -> out [n, 4, h, w].
-extern "C" void level_forward(const float* x, const float* guides, const float* taps, int n, int guide_count, int h,
-                              int w, int step, float* out) {
-  const size_t image = static_cast<size_t>(kChannels) * h * w, guide = static_cast<size_t>(guide_count) * h * w;
+// Filters x [n, 4, h, w] by guides [n, guide_count, h, w] and taps [9] into out [n, 4, h, w].
+extern "C" void level_forward(const float* x, const float* guides, const float* taps, int n, int guide_count,
+                              int h, int w, int step, float* out) {
+  const size_t image = static_cast<size_t>(kChannels) * h * w,
+               guide = static_cast<size_t>(guide_count) * h * w;
   for (int i = 0; i < n; ++i) {
     Level level(x + i * image, guides + i * guide, taps, guide_count, h, w, step);
     forward(level, out + i * image);
   }
 }
 
-// `grad_x`, `grad_guides` and `grad_taps`, of the shapes of what they are the gradients by, are added to.
+// Adds to `grad_x`, `grad_guides` and `grad_taps`, which have the shapes of x, guides and taps.
 extern "C" void level_backward(const float* x, const float* guides, const float* taps, const float* out,
-                               const float* grad_out, int n, int guide_count, int h, int w, int step, float* grad_x,
-                               float* grad_guides, float* grad_taps) {
-  const size_t image = static_cast<size_t>(kChannels) * h * w, guide = static_cast<size_t>(guide_count) * h * w;
+                               const float* grad_out, int n, int guide_count, int h, int w, int step,
+                               float* grad_x, float* grad_guides, float* grad_taps) {
+  const size_t image = static_cast<size_t>(kChannels) * h * w,
+               guide = static_cast<size_t>(guide_count) * h * w;
   for (int i = 0; i < n; ++i) {
     Level level(x + i * image, guides + i * guide, taps, guide_count, h, w, step);
-    backward(level, out + i * image, grad_out + i * image, grad_x + i * image, grad_guides + i * guide, grad_taps);
+    backward(level, out + i * image, grad_out + i * image, grad_x + i * image, grad_guides + i * guide,
+             grad_taps);
   }
 }

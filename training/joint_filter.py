@@ -1,4 +1,4 @@
-"""An a-trous filter of HRLS that the smooth LRHS guides, as an input of the network and a part of its output."""
+"""Filters HRLS, guided by the smooth LRHS; the levels are an input of the network and candidates of its output."""
 
 import ctypes
 import functools
@@ -16,7 +16,7 @@ TAPS = torch.tensor([a * b for a in BINOMIAL for b in BINOMIAL])
 
 
 def slow_level(x, guides, taps, step):
-    """As level(), of any precision, by operations that PyTorch knows the gradients of."""
+    """Does the same as level() in any precision, by operations whose gradients PyTorch knows."""
     height, width = x.shape[-2:]
     padded_x, padded_guides = (F.pad(image, [step] * 4, mode="replicate") for image in (x, guides))
     total = certainty = weights = 0
@@ -38,7 +38,7 @@ def library():
         compiled, built = (pathlib.Path(folder) / f"joint_filter.{ending}" for ending in ("o", "so"))
         options = ["-O3", "-march=native", "-ffast-math", "-fPIC"]
         subprocess.run(["g++", *options, "-c", source, "-o", compiled], check=True)
-        # Linked with -ffast-math, it would flush subnormals for the whole process.
+        # A library linked with -ffast-math would flush subnormals for the whole process.
         subprocess.run(["g++", "-shared", compiled, "-o", built], check=True)
         return ctypes.CDLL(str(built))
 
@@ -68,17 +68,17 @@ class Level(torch.autograd.Function):
 
 
 def level(x, guides, taps, step):
-    """x [N, 4, H, W], guides [N, G, H, W], taps [9] -> [N, 4, H, W].
+    """Filters x [N, 4, H, W] by guides [N, G, H, W] and taps [9]; returns [N, 4, H, W].
 
-    The mean of a pixel's 3x3 neighbours at distances of `step`, edges replicated, weighted by the taps, row by row, and by
-    exp(-|difference of guides|^2); Dammertz et al. 2010. The last channel, the mean of which is kept, says how much
-    each pixel counts in the mean of the others; Knutsson and Westin 1993.
+    A pixel becomes the mean of its 3x3 neighbours at distances of `step`, edges replicated. The weights are the taps,
+    row by row, times exp(-|difference of guides|^2); Dammertz et al. 2010. The last channel is the certainty, which
+    weights the mean of the other channels and is averaged itself; Knutsson and Westin 1993.
     """
     return slow_level(x, guides, taps, step) if x.dtype == torch.float64 else Level.apply(x, guides, taps, step)
 
 
 def joint_filter(x, guides, levels, widths=None, taps=None):
-    """[levels, N, 4, H, W]: levels at steps of 1, 2, 4 ..., each made of the one before it.
+    """Returns [levels, N, 4, H, W]: levels at steps of 1, 2, 4 ..., each computed from the one before it.
 
     `widths` [levels, N or 1, G] multiply the guides; `taps` [levels, 9] are binomial by default.
     """

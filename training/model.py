@@ -1,4 +1,4 @@
-"""The fusion network and the encoding of its inputs; names are those of the model file."""
+"""Defines the fusion network and the encoding of its inputs; names are those of the model file."""
 
 import dataclasses
 import functools
@@ -13,14 +13,15 @@ from joint_filter import joint_filter
 LAYERS = ("color", "albedo", "normal", "diffuse", "specular", "variance")
 HALF_MAX = 65504.0
 ALBEDO_FLOOR = 0.4
-# The joint filter: it filters log(1 + JOINT_COMPRESS x) / JOINT_COMPRESS; the widths of its guides; the levels kept.
+# The joint filter averages log(1 + JOINT_COMPRESS x) / JOINT_COMPRESS. JOINT_ALBEDO, JOINT_NORMAL and JOINT_IRRADIANCE
+# are the widths of its guides, JOINT_LEVELS the levels that become candidates.
 JOINT_COMPRESS = 0.2
 JOINT_ALBEDO, JOINT_NORMAL, JOINT_IRRADIANCE = 1.5, 1.2, 0.0667
 JOINT_LEVELS = (1, 3, 5)
-TAP_KINDS = [2, 1, 2, 1, 0, 1, 2, 1, 2]  # of the filter's 3x3 taps, row by row: centre, side or corner
-STEERING_MOST = 4.0  # the largest logarithm of what a network makes a render count in the filter
-SPP_MOST = (256.0, 16.0)  # samples of LRHS and HRLS beyond which a network knows of no more
-# A pixel may be as many times as bright as the second brightest of its neighbours, and a little; else it is a firefly.
+TAP_KINDS = [2, 1, 2, 1, 0, 1, 2, 1, 2]  # each 3x3 tap, row by row: 0 centre, 1 side, 2 corner
+STEERING_MOST = 4.0  # limit of the logarithms by which a network scales the renders' certainties
+SPP_MOST = (256.0, 16.0)  # counts of LRHS and HRLS samples a pixel are clamped to these
+# A pixel brighter than FIREFLY times the second brightest of its neighbours plus FIREFLY_FLOOR is a firefly.
 FIREFLY, FIREFLY_FLOOR = 20.0, 1e-3
 
 
@@ -38,7 +39,7 @@ class Config:
     hrls_encoder: str = "full"
     hrls_kernel: int = 3
     upscale: str = "stages"
-    upscaled_features: int = 0  # M; 0: as many as features
+    upscaled_features: int = 0  # M; 0 stands for the value of features
     guide: str = "none"
     head_features: int = 0
     head_layers: int = 0
@@ -49,10 +50,10 @@ class Config:
     lrhs_sampling: tuple = ("nearest",)
     optional_layers: tuple = ()
     exposure_key: float = 0.0
-    lrhs_layers: tuple = ("color",)  # beyond color optional
+    lrhs_layers: tuple = ("color",)  # all but color are optional
     knows_spp: bool = False
-    guide_features: int = 0  # N; 0: the joint filter has fixed guides
-    guide_source: str = "encoder"  # or trunk: the guides are made of what the encoders, or the trunk, make
+    guide_features: int = 0  # N; 0 gives the joint filter its fixed guides
+    guide_source: str = "encoder"  # encoder or trunk, the part whose output the guides are computed from
 
     def __post_init__(self):
         self.upscaled_features = self.upscaled_features or self.features
@@ -77,7 +78,7 @@ class Config:
 
     @classmethod
     def parse(cls, metadata):
-        """The inverse of metadata(); entries that are not the network's are left out, missing ones have the default."""
+        """Inverts metadata(); it ignores entries that are not the network's and gives missing ones their default."""
 
         def value(field):
             text = metadata[field.name]
@@ -98,12 +99,12 @@ def decode(y, kind):
 
 
 def linear(color, config):
-    """Radiance as the network takes it, [0, clip]."""
+    """Returns radiance as the network reads it, in [0, clip]."""
     return torch.nan_to_num(color, nan=0.0, posinf=config.clip, neginf=0.0).clamp(0, config.clip)
 
 
 def encode_layer(x, name, config):
-    """One layer [N, 3, H, W] as rendered -> what the network reads."""
+    """Encodes one rendered layer [N, 3, H, W] as the network reads it."""
     low, high = {"albedo": (0, 1), "normal": (-1, 1)}.get(name, (0, config.clip))
     x = torch.nan_to_num(x, nan=0.0, posinf=high, neginf=low).clamp(low, high)
     return x if name in ("albedo", "normal") else transfer(x, config.transfer)
@@ -115,7 +116,7 @@ def encode(x, names, config):
 
 
 def variance(color):
-    """Population variance over 3x3 pixels, a channel at a time, edges replicated."""
+    """Computes the population variance of each channel over 3x3 pixels; edges are replicated."""
     color = torch.nan_to_num(color, nan=0.0, posinf=0.0, neginf=0.0)
     height, width = color.shape[-2:]
     padded = F.pad(color, (1, 1, 1, 1), mode="replicate")
@@ -125,7 +126,7 @@ def variance(color):
 
 
 def bilinear(x, scale, phase=0.0):
-    """[N, C, h, w] -> [N, C, s*h, s*w]; LR sample i sits at HR coordinate s*i + phase; edges replicated."""
+    """Upsamples [N, C, h, w] to [N, C, s*h, s*w]; sample i sits at pixel s*i + phase, edges are replicated."""
     for axis in (-2, -1):
         size = x.shape[axis]
         u = ((torch.arange(size * scale, dtype=x.dtype) - phase) / scale).clamp(0, size - 1)
@@ -165,9 +166,10 @@ class Group(nn.Module):
 
 
 class Network(nn.Module):
-    """Encoded lrhs [N, L, h, w] and hrls [N, K, s*h, s*w] -> encoded image [N, 3, s*h, s*w].
+    """Maps encoded lrhs [N, L, h, w] and hrls [N, K, s*h, s*w] to the encoded image [N, 3, s*h, s*w].
 
-    With a joint base: a residual and the logarithm of a weight for each candidate, and K counts those of the filter.
+    A network with a joint base returns a residual and the logarithm of a weight for each candidate instead, and K
+    includes the channels of the filter's levels.
     """
 
     def __init__(self, config):
@@ -198,7 +200,7 @@ class Network(nn.Module):
         last = m + (k if config.guide == "hrls" else 0)
         widths = [last] + [config.head_features] * config.head_layers
         self.head = nn.ModuleList(nn.Conv2d(a, b, 3, padding=1) for a, b in zip(widths, widths[1:]))
-        for conv in self.head[1:]:  # at first, it adds little
+        for conv in self.head[1:]:  # these layers add to their input, at first only little
             conv.weight.data.mul_(0.1)
             nn.init.zeros_(conv.bias)
         last = widths[-1]
@@ -209,7 +211,7 @@ class Network(nn.Module):
             self.rec.weight.data.mul_(0.1)
 
     def unshuffled(self, hrls, first=0):
-        """What the channels of `hrls`, of all that the encoder reads those from `first` on, add to its features."""
+        """Unshuffles and convolves `hrls`, the encoder's input channels from `first` on, without the bias."""
         planes = self.config.scale**2
         weight = self.hrls.weight[:, first * planes : (first + hrls.shape[1]) * planes]
         return F.conv2d(F.pixel_unshuffle(hrls, self.config.scale), weight, padding=self.config.hrls_kernel // 2)
@@ -230,11 +232,11 @@ class Network(nn.Module):
         return F.relu(y)
 
     def told(self, y, conv, spp, which):
-        """With the samples of LRHS (0) or HRLS (1) in the bias."""
+        """Adds to `y` the bias by the samples of LRHS (`which` 0) or HRLS (1), if the network knows them."""
         return y + (conv.by_spp[:, None, None] * log_spp(spp)[:, which, None]).to(y.dtype) if self.config.knows_spp else y
 
     def prepared(self, x):
-        """Left to the layers, the conversions take a third of a training step."""
+        """Converts an input once; left to the layers, the conversions take a third of a training step."""
         dtype = torch.bfloat16 if torch.is_autocast_cpu_enabled() else x.dtype
         return x.to(dtype, memory_format=torch.channels_last)
 
@@ -246,7 +248,7 @@ class Network(nn.Module):
         return y + (f_lrhs if self.config.long_skip == "lrhs" else fused)
 
     def reconstruct(self, y, hrls):
-        """What the trunk made, and what is read at full size -> the image."""
+        """Computes the image from the trunk's output `y` and from `hrls`, which the head reads at full size."""
         config = self.config
         for conv in self.up:
             y = F.pixel_shuffle(F.relu(conv(y)), 2 if config.upscale == "stages" else config.scale)
@@ -258,9 +260,10 @@ class Network(nn.Module):
         return y.float() if y.dtype == torch.bfloat16 else y
 
     def forward(self, lrhs, hrls, centered=torch.tensor(False), spp=None):
-        """`centered`, boolean: whether LRHS samples lie in the centre of their cell; one, or [N, 1, 1, 1].
+        """Computes the output from encoded inputs.
 
-        `spp`: samples a pixel of LRHS and HRLS, [1 or N, 2, 1, 1].
+        `centered`, one boolean or [N, 1, 1, 1], says that a sample of LRHS lies in the centre of the s x s pixels of
+        HRLS that it covers. `spp` [1 or N, 2, 1, 1] holds the samples a pixel of LRHS and HRLS.
         """
         lrhs, hrls = self.prepared(lrhs), self.prepared(hrls)
         y = self.trunk(self.encode_lrhs(lrhs, centered, spp), self.encode_hrls(hrls, spp))
@@ -268,8 +271,11 @@ class Network(nn.Module):
 
 
 class Steering(nn.Module):
-    """What the network makes of the joint filter: N guides of each pixel, how much each render counts there, and by
-    level the widths of the guides and the taps. It starts as the filter with fixed guides."""
+    """Computes the joint filter's guides, certainties, widths and taps.
+
+    Each pixel has N guides and a factor for the certainty of each render; each level has widths of the guides and taps.
+    It starts as the filter with fixed guides.
+    """
 
     def __init__(self, config, read):
         super().__init__()
@@ -286,7 +292,7 @@ class Steering(nn.Module):
         self.start_fixed()
 
     def start_fixed(self):
-        """The first guides are those of joint_guides() and brightness; what is beyond them begins small."""
+        """Sets the first seven guides to those of joint_guides() and brightness; the others begin small."""
         weight, layers = self.own.weight.data[..., 0, 0], self.config.hrls_layers
         weight.mul_(0.05)
         weight[:7] = 0
@@ -296,7 +302,10 @@ class Steering(nn.Module):
         weight[6, -3:] = luminance(torch.eye(3)[..., None, None])[:, 0, 0] / JOINT_IRRADIANCE
 
     def forward(self, read, layers, low, spp):
-        """(guides, logarithms of how much LRHS and HRLS count, both [N, C, H, W], widths, taps)."""
+        """Returns (guides, logarithms of certainty factors, widths, taps).
+
+        The first two are [N, C, H, W]; the factors are LRHS's and HRLS's.
+        """
         n = self.config.guide_features
         more = F.pixel_shuffle(self.features(read), self.config.scale).to(layers.dtype)
         with torch.autocast("cpu", enabled=False):
@@ -316,10 +325,10 @@ def joint_guides(albedo, normal):
 
 
 def irradiance(lrhs, albedo, normal, config, centered):
-    """LRHS over its albedo, encoded, and the mean of 3x3 such pixels as far as they are alike.
+    """Demodulates LRHS by its albedo, encodes it and averages like pixels over 3x3.
 
-    Albedo and normal are LRHS's own, channels 3 to 9, where it has any; else those of HRLS, of the same pixel, or where
-    LRHS is centered the mean of the cell.
+    Albedo and normal are LRHS's own, channels 3 to 8, if it has any. Otherwise they are HRLS's: of the same pixel or,
+    where LRHS is centered, the mean of the s x s pixels that a pixel of LRHS covers.
     """
 
     def own(layer):
@@ -336,7 +345,7 @@ def irradiance(lrhs, albedo, normal, config, centered):
 
 
 def without_fireflies(color):
-    """Radiance [N, 3, H, W], each pixel darkened until it is FIREFLY times as bright as the second of its neighbours."""
+    """Darkens the fireflies of radiance [N, 3, H, W] to the limit that FIREFLY and FIREFLY_FLOOR set."""
     bright = luminance(color)[:, None]
     height, width = bright.shape[-2:]
     padded = F.pad(bright, [1] * 4)
@@ -346,10 +355,10 @@ def without_fireflies(color):
 
 
 def joint_light(low, hrls, albedo, config, centered, counts=(1, 1)):
-    """What the joint filter filters, [N, 4, H, W]: compressed light of HRLS and LRHS together, and its certainty.
+    """Returns the joint filter's input [N, 4, H, W]: both renders' demodulated radiance, compressed, and its certainty.
 
-    A pixel of LRHS has the certainty lrhs_certainty where it was rendered, one of HRLS 1; centered, it is spread over
-    the cell. `counts` multiply the certainties of LRHS and HRLS. `low` as in joint_candidates().
+    HRLS has the certainty 1. LRHS has lrhs_certainty at the pixels that it renders; where LRHS is centered, this is
+    spread evenly over all pixels. `counts` multiply the certainties of LRHS and HRLS. `low` is joint_candidates()'s.
     """
     light = without_fireflies(linear(hrls, config)) / (albedo + ALBEDO_FLOOR)
     nearest = torch.zeros_like(light[:, :1])
@@ -363,10 +372,10 @@ def joint_light(low, hrls, albedo, config, centered, counts=(1, 1)):
 
 
 def joint_candidates(low, hrls, albedo, normal, config, centered, spp=None, steering=None):
-    """What the output is mixed of, encoded: LRHS, LRHS with the albedo of HRLS, three levels of a filter of both.
+    """Returns the encoded candidates: LRHS, LRHS remodulated by HRLS's albedo, and three levels of the filter.
 
-    `low` [N, 6, H, W] is the encoded LRHS and its irradiance, both upsampled; the others are full-size layers;
-    `steering` is what Steering gives, None for fixed guides.
+    `low` [N, 6, H, W] is the encoded LRHS and its irradiance, both upsampled; the others are full-size layers.
+    `steering` is the output of Steering, or None for fixed guides.
     """
     if steering:
         guides, counts, widths, taps = steering
@@ -385,9 +394,10 @@ def joint_candidates(low, hrls, albedo, normal, config, centered, spp=None, stee
 
 
 def steer(network, low, high, up, filtered, centered, spp):
-    """(candidates of a filter that the network steers, what the network makes of them).
+    """Returns (candidates of a filter that the network steers, the network's output).
 
-    `low` and `high` are what the network reads, `up` LRHS and its irradiance at full size; `filtered` gives the candidates.
+    `low` and `high` are the network's inputs, `up` is LRHS and its irradiance at full size; `filtered` computes the
+    candidates.
     """
     config, layers = network.config, network.prepared(high)
     f_lrhs = network.encode_lrhs(network.prepared(low), centered, spp)
@@ -405,7 +415,7 @@ def steer(network, low, high, up, filtered, centered, spp):
 
 
 def joint_predict(network, lrhs, hrls, upsampled, centered, spp):
-    """predict() up to the encoded image."""
+    """Computes the encoded image of predict() for a network with a joint base."""
     config = network.config
     layers = dict(zip(config.hrls_layers, hrls.split(3, dim=1)))
     albedo, normal = (encode_layer(layers[name], name, config) for name in ("albedo", "normal"))
@@ -425,10 +435,11 @@ def joint_predict(network, lrhs, hrls, upsampled, centered, spp):
 
 
 def predict(network, lrhs, hrls, centered=torch.tensor(False), exposure=1.0, spp=None):
-    """As rendered, lrhs [N, L, h, w] and hrls [N, K, s*h, s*w] -> (encoded, scene linear) image [N, 3, s*h, s*w].
+    """Fuses lrhs [N, L, h, w] and hrls [N, K, s*h, s*w], as rendered, to (encoded, scene linear) [N, 3, s*h, s*w].
 
-    `centered` and `spp` as in Network.forward, as many samples of LRHS as of a cell of HRLS by default; `exposure`: what
-    the inputs were multiplied by. The linear image has, where it is near the clip, what LRHS has beyond it.
+    `centered` and `spp` are those of Network.forward; by default a pixel of LRHS has as many samples as the s x s
+    pixels of HRLS that it covers. `exposure` is the factor by which the inputs were multiplied. The linear image
+    includes LRHS's radiance above the clip where it is near the clip itself.
     """
     config = network.config
     if spp is None:
@@ -449,23 +460,23 @@ def predict(network, lrhs, hrls, centered=torch.tensor(False), exposure=1.0, spp
             y = y + upsampled(low)
     fused = decode(y, config.transfer)
     beyond = torch.nan_to_num(lrhs[:, :3] - config.clip).clamp(0, HALF_MAX * exposure)
-    return y, fused + (8 * fused / config.clip - 1).clamp(0, 1) * highlights(beyond, upsampled)
+    return y, fused + (8 * fused / config.clip - 1).clamp(0, 1) * above_clip(beyond, upsampled)
 
 
-def highlights(beyond, upsampled):
-    """What LRHS has beyond the clip -> full size: the mean of four samples, each weighted by itself as well."""
+def above_clip(beyond, upsampled):
+    """Upsamples LRHS's radiance above the clip by the mean of four samples, each weighted by itself as well."""
     total = upsampled(beyond)
     return torch.where(total > 0, upsampled(beyond**2) / total, 0)
 
 
 def luminance(color):
-    """[..., 3, H, W] -> [..., H, W], Rec. 709."""
+    """Computes the Rec. 709 luminance [..., H, W] of [..., 3, H, W]."""
     red, green, blue = color.unbind(-3)
     return 0.2126 * red + 0.7152 * green + 0.0722 * blue
 
 
 def exposure(lrhs, config):
-    """What radiance is multiplied by for the network: brings the power mean of LRHS's luminance to exposure_key."""
+    """Returns the factor of radiance that brings the power mean of LRHS's luminance to exposure_key."""
     if not config.exposure_key:
         return 1.0
     color = torch.nan_to_num(lrhs, nan=0.0, posinf=HALF_MAX, neginf=0.0).clamp(0, HALF_MAX)

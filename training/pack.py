@@ -1,8 +1,8 @@
-"""A view's renders in one file of half floats, as training reads them: no EXR, a tenth of the time, half of the size.
+"""Packs a view's renders into one file of half floats, half the size of EXR, which is read in a tenth of the time.
 
-A view is a safetensors file. Each tensor is a render, [C, H, W], named as its file was: "0001", "reference-a",
-"lowres-x4-0016", "guides-0004". `__metadata__.view` is its view.json. CHANNELS are those of a render with layers;
-guides have GUIDES alone.
+A view is a safetensors file. Each tensor is a render [C, H, W] with the name of its file: "0001", "reference-a",
+"lowres-x4-0016", "guides-0004". `__metadata__.view` is its view.json. A render with layers has CHANNELS, the renders
+named guides have only GUIDES.
 """
 
 import json
@@ -13,12 +13,12 @@ import OpenImageIO as oiio
 import safetensors
 
 HALF_MAX = 65504.0
-CHANNELS = ("color", "albedo", "normal", "diffuse", "specular", "emission", "depth")  # 3 each, depth 1
+CHANNELS = ("color", "albedo", "normal", "diffuse", "specular", "emission", "depth")  # three channels each, depth one
 GUIDES = ("albedo", "normal", "depth")
 
 
 def read_layers(path, layers):
-    """[C, H, W], float32, of a Blender multilayer file with one view layer."""
+    """Reads layers of a Blender multilayer file with one view layer, as float32 [C, H, W]."""
     image = oiio.ImageBuf(str(path))
     pixels = image.get_pixels(oiio.FLOAT)
     if image.has_error:
@@ -60,6 +60,6 @@ def pack(folder, path):
 
 
 def unpack(path):
-    """({name: [C, H, W], float16}, the view's record)."""
+    """Returns ({name: float16 [C, H, W]}, the view's record)."""
     tensors, metadata = safetensors.load(path)
     return tensors, json.loads(metadata["view"])

@@ -24,7 +24,7 @@ def save(path, tensors, metadata):
 
 
 class Lazy:
-    """A file of which tensors are read one by one."""
+    """Reads the tensors of a file one by one."""
 
     def __init__(self, path):
         self.path = path
@@ -34,7 +34,7 @@ class Lazy:
         self.metadata, self.entries, self.start = header.pop("__metadata__", {}), header, 8 + size
 
     def read(self, name):
-        """The tensor, of which no more is read than what is looked at."""
+        """Returns the tensor as a memory map, which reads only the parts that are used."""
         entry = self.entries[name]
         kind = numpy.dtype(next(long for long, short in TYPES.items() if short == entry["dtype"]))
         offset, shape = self.start + entry["data_offsets"][0], tuple(entry["shape"])
@@ -42,6 +42,6 @@ class Lazy:
 
 
 def load(path):
-    """(tensors by name, metadata)."""
+    """Returns (tensors by name, metadata)."""
     file = Lazy(path)
     return {name: file.read(name) for name in file.entries}, file.metadata

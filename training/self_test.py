@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tests of the network's choices and of the making of training pairs."""
+"""Tests the network's choices and the making of training pairs."""
 
 import dataclasses
 import json
@@ -23,7 +23,7 @@ import train
 
 
 class Lookalike(dataset.View):
-    """A view whose images are smooth ramps, so that every crop tells where it comes from."""
+    """Stands for a view; its images are smooth ramps, so that every crop shows where it comes from."""
 
     def __init__(self, size=96):
         y, x = torch.meshgrid(torch.arange(size) / size, torch.arange(size) / size, indexing="ij")
@@ -79,7 +79,7 @@ class Grow(unittest.TestCase):
         lrhs, hrls = torch.rand(2, 3, 6, 5), torch.rand(2, 18, 24, 20)
         a, b = (network(lrhs, hrls) for network in networks)
         torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-5)
-        # All that is new learns, at once or a step later.
+        # All new weights learn, at once or a step later.
         b.sum().backward()
         self.assertGreater(float(networks[1].groups[0].blocks[0].merge.weight.grad.abs().sum()), 0)
 
@@ -94,7 +94,7 @@ class Grow(unittest.TestCase):
 
 class JointFilter(unittest.TestCase):
     def inputs(self, *shape):
-        """Random x, guides and taps; no pixel has a certainty near zero."""
+        """Returns random x, guides and taps; no pixel has a certainty near zero."""
         return torch.rand(2, 4, *shape) + 0.1, 2 * torch.rand(2, 7, *shape), torch.rand(9) + 0.1
 
     def test_compiled_computes_the_same(self):
@@ -121,7 +121,7 @@ class JointFilter(unittest.TestCase):
         torch.testing.assert_close(joint_filter.joint_filter(x, guides, 1)[..., :3], alone[..., :3])
 
     def test_counts_by_certainty(self):
-        """A column of certainty 0 is not seen; what is uniform stays so whatever the certainty."""
+        """A column of certainty 0 has no effect, and a uniform image stays uniform whatever the certainty."""
         x = torch.rand(1, 4, 4, 8)
         blind, clear = x.clone(), x.clone()
         blind[:, 3, :, 5] = clear[:, 3, :, 5] = 0
@@ -137,7 +137,7 @@ STEERED = ("guide_features=8", "knows_spp=true", "lrhs_layers=color,albedo,norma
 
 
 class Steered(unittest.TestCase):
-    """A network that steers the filter."""
+    """Tests a network that steers the filter."""
 
     def inputs(self, kind=torch.float32, layers=9):
         generator = torch.Generator().manual_seed(1)
@@ -149,7 +149,7 @@ class Steered(unittest.TestCase):
         return model.Network(stock.config("x4-fast", (*STEERED, f"guide_source={source}")))
 
     def test_starts_as_the_fixed_filter(self):
-        """Until widths, taps and features have learned."""
+        """The steered filter is the fixed one until widths, taps and features have learned."""
         fixed, steered = stock.config("x4-fast"), stock.config("x4-fast", STEERED)
         network, hrls = self.network(), self.inputs()[1]
         up, spp = hrls[:, :6], torch.tensor([16.0, 1.0])[None, :, None, None]
@@ -178,7 +178,7 @@ class Steered(unittest.TestCase):
                 self.compare_slopes(self.network(source).double())
 
     def compare_slopes(self, network):
-        """Gradients and finite differences, in double precision."""
+        """Compares gradients with finite differences, in double precision."""
         lrhs, hrls = self.inputs(torch.float64)
         with torch.no_grad():
             for tensor in network.steering.parameters():
@@ -208,7 +208,7 @@ class Steered(unittest.TestCase):
         self.assertFalse(torch.equal(*images))
 
     def test_layers_of_lrhs_may_be_absent(self):
-        """Then irradiance is made with those of HRLS."""
+        """Irradiance is computed with the layers of HRLS if LRHS has none."""
         config, (lrhs, hrls) = stock.config("x4-fast"), self.inputs()
         layers = hrls[:, 3:6], hrls[:, 6:9]
         bare = torch.cat([lrhs[:, :3], 0 * lrhs[:, 3:]], dim=1)
@@ -274,7 +274,7 @@ class Pairs(unittest.TestCase):
             return dataset.sample([Lookalike()], config, 32, random.Random(seed))
 
     def test_nearest_samples_lie_on_the_reference(self):
-        """Whatever the mirroring, transposition, weights of light, exposure and channels, all images show one scene."""
+        """All images show one scene, whatever the mirroring, transposition, layer weights, exposure and channels."""
         for seed in range(20):
             lrhs, hrls, reference, centered, _ = self.sample(seed)
             self.assertFalse(centered.any())
@@ -323,7 +323,7 @@ class Pairs(unittest.TestCase):
             torch.testing.assert_close(image[:3], image[9:12] + image[12:15] + other)
 
     def test_normals_turn_with_the_image(self):
-        """The surface bends to the right and downwards; so it must in every augmented image."""
+        """The surface bends to the right and downwards, and must do so in every augmented image."""
         for seed in range(20):
             normal = dataset.augment([Lookalike().image], random.Random(seed))[0][6:9]
             self.assertGreater(float((normal[0, :, 1:] - normal[0, :, :-1]).min()), 0)

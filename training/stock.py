@@ -1,4 +1,4 @@
-"""The stock models: x{2,4,8}-{full,balanced,fast,faster}."""
+"""Defines the stock models x{2,4,8}-{full,balanced,fast,faster}."""
 
 from model import Config
 
@@ -10,7 +10,7 @@ CHOICES = dict(
     guide="hrls",
     hrls_kernel=3,
     head_layers=2,
-    # What users feed.
+    # These describe the inputs that users have.
     lrhs_sampling=("centered", "nearest"),
     optional_layers=("albedo", "normal", "diffuse", "specular"),
     exposure_key=0.18,
@@ -18,16 +18,17 @@ CHOICES = dict(
     clip=100.0,
 )
 FASTER = dict(hrls_kernel=1, head_layers=1)
-# features, growth, dense_layers, blocks, groups, head_features; full has the trunk of Hou et al. 2021.
+# A size is features, growth, dense_layers, blocks, groups, head_features; full has the trunk of Hou et al. 2021.
 FAST = (24, 16, 3, 2, 1, 16)
 SIZES = {"full": (64, 64, 4, 5, 3, 48), "balanced": (48, 32, 4, 3, 2, 32), "fast": FAST, "faster": FAST}
 
 
 def config(name, changes=()):
-    """The Config of a stock model's name, with metadata entries changed, ENTRY=VALUE each."""
+    """Returns the Config of a stock model by its name, with metadata entries changed, ENTRY=VALUE each."""
     scale, size = name.removeprefix("x").split("-")
     scale, (*trunk, head_features) = int(scale), SIZES[size]
-    # A pixel of LRHS has the samples that HRLS spends on a cell; in x8's wide ones fewer hold for the pixels around.
+    # A pixel of LRHS has as many samples as the s x s pixels of HRLS that it covers. At x8 it covers so wide an area
+    # that fewer of its samples hold for the pixels around.
     certainty = float(min(scale**2, 32))
     choices = CHOICES | (FASTER if size == "faster" else {})
     stock = Config(scale, *trunk, **choices, head_features=head_features, lrhs_certainty=certainty)

@@ -19,7 +19,7 @@ import safetensors
 import stock
 import validate
 
-STEERING_RATE = 4  # times the rate of the network
+STEERING_RATE = 4  # times the rate of the rest of the network
 LOGGED = ("step", "minutes", "loss", "psnr", "relmse", "psnr_2", "relmse_2", "psnr_4", "relmse_4", "views", "held_out")
 ENCODED_LOSSES = {"rms": loss.rms, "l1": loss.l1}
 WITHOUT = ("none", "hrls", "lrhs", "layers")
@@ -30,17 +30,19 @@ def parse():
     parser.add_argument("--views", required=True, help="folder of packed views, by scenes/pairs.py")
     parser.add_argument("--run", required=True, type=pathlib.Path, help="folder for checkpoint.pt and log.csv")
     parser.add_argument("--model", required=True, choices=stock.names(), help="which stock model")
-    parser.add_argument("--choice", nargs="*", default=[], metavar="ENTRY=VALUE", help="metadata entries unlike the stock model's")
-    parser.add_argument("--without", choices=WITHOUT, default="none", help="ablation: an input blank, or all but RGB")
-    parser.add_argument("--init", help="model file to start from: a smaller model, or what fits of another's tensors")
+    parser.add_argument(
+        "--choice", nargs="*", default=[], metavar="ENTRY=VALUE", help="metadata entries unlike the stock model's"
+    )
+    parser.add_argument("--without", choices=WITHOUT, default="none", help="ablation: blank an input, or all but RGB")
+    parser.add_argument("--init", help="model to start from: a smaller one, or one whose fitting tensors are taken")
     parser.add_argument("--loss", choices=(*ENCODED_LOSSES, "robust"), default="rms")
-    parser.add_argument("--beta", type=float, default=0.1, help="of the robust loss")
-    parser.add_argument("--minutes", type=float, required=True, help="training time; ends the cosine decay of the rate")
+    parser.add_argument("--beta", type=float, default=0.1, help="beta of the robust loss")
+    parser.add_argument("--minutes", type=float, required=True, help="training time and length of the cosine decay")
     parser.add_argument("--batch", type=int, default=8)
     parser.add_argument("--size", type=int, default=96, help="crop of the full-size image, pixels")
     parser.add_argument("--rate", type=float, default=2e-3)
-    parser.add_argument("--validate-every", type=float, default=3, help="minutes of training")
-    parser.add_argument("--fp32", action="store_true", help="no bfloat16 autocast")
+    parser.add_argument("--validate-every", type=float, default=3, help="minutes of training between validations")
+    parser.add_argument("--fp32", action="store_true", help="train without bfloat16 autocast")
     parser.add_argument("--threads", type=int, default=1)
     return parser.parse_args()
 
@@ -65,13 +67,13 @@ class Run:
             self.average, self.step, self.seconds = saved["average"], saved["step"], saved["seconds"]
 
     def rates(self):
-        """Groups of parameters, and how many times the rate they learn at."""
+        """Returns groups of parameters with the factors of their learning rates."""
         named = list(self.network.named_parameters())
         steering, rest = ([p for name, p in named if name.startswith("steering") == of] for of in (True, False))
         return [{"params": rest, "factor": 1}, {"params": steering, "factor": STEERING_RATE}]
 
     def start_from(self, path):
-        """Becomes a model that is no larger, or takes what fits of another's tensors; returns how that was trained."""
+        """Starts as a model that is no larger, or with another's fitting tensors; returns how the model was trained."""
         tensors, metadata = safetensors.load(path)
         tensors = {key: torch.tensor(value).float() for key, value in tensors.items()}
         own, small = self.network.state_dict(), model.Config.parse(metadata)
@@ -81,7 +83,7 @@ class Run:
             same = {key: value for key, value in tensors.items() if key in own}
             if small.scale == self.config.scale:
                 same = {key: grow.overlaid(own[key], value) for key, value in same.items()}
-            else:  # channels that are shuffled mean something else
+            else:  # shuffled channels mean something else at another scale
                 same = {key: value for key, value in same.items() if own[key].shape == value.shape}
         self.network.load_state_dict(own | same)
         return {"started_from": {"name": metadata["name"], "training": json.loads(metadata["training"])}}
@@ -107,7 +109,7 @@ class Run:
         return min(1.0, self.seconds / 60 / self.args.minutes)
 
     def inputs(self, lrhs, hrls):
-        """With zeros in the place of what the network is trained without."""
+        """Replaces the inputs that the network is trained without by zeros."""
         if self.args.without == "lrhs":
             lrhs = torch.zeros_like(lrhs)
         if self.args.without == "hrls":
@@ -119,7 +121,7 @@ class Run:
         return lrhs, hrls
 
     def error(self, encoded, reference):
-        """By the loss that was chosen; of what the network drew, without the highlights beyond the clip."""
+        """Computes the chosen loss of the network's own output, to which radiance above the clip is not yet added."""
         if self.args.loss == "robust":
             linear = model.decode(encoded, self.config.transfer)
             return loss.robust(linear, reference.clamp(0, self.config.clip), self.args.beta)
@@ -145,7 +147,7 @@ class Run:
         return float(error.detach())
 
     def validate(self, views):
-        """(PSNR, RelMSE) of the averaged weights, means over whole views, at each of validate.SPP in turn, fp32."""
+        """Returns PSNR and RelMSE at each of validate.SPP in turn: averaged weights, means over whole views, fp32."""
         network = model.Network(self.config)
         network.load_state_dict(self.average)
         means = []
@@ -155,7 +157,7 @@ class Run:
         return means
 
     def log(self, error, views, held_out):
-        """`views`: how many it was trained on."""
+        """Validates and appends a row to log.csv; `views` is the number of training views."""
         path = self.args.run / "log.csv"
         fresh = not path.exists()
         with open(path, "a", newline="") as file:
@@ -183,7 +185,7 @@ def main():
             next_validation = run.seconds + 60 * args.validate_every
             run.log(mean_error, len(training), held_out)
             run.save(len(training))
-            training, held_out = dataset.load(args.views)  # rendering goes on meanwhile
+            training, held_out = dataset.load(args.views)  # more views may have been rendered
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """Measures models on the held-out views with ordinary small renders, beside the SVGF-like filter of a plain render.
 
-validate.py --views PAIRS MODEL.safetensors|checkpoint.pt...: sRGB PSNR and RelMSE, means over the views, and in how many
-views a model is ahead of the filter.
+validate.py --views PAIRS MODEL.safetensors|checkpoint.pt... prints sRGB PSNR and RelMSE, means over the views, and the
+share of views in which a model is ahead of the filter.
 """
 
 import argparse
@@ -16,7 +16,7 @@ import model
 import safetensors
 from evaluation import baselines
 
-# Two, four and eight samples a pixel together.
+# The pairs cost two, four and eight samples a pixel together.
 SPP = {2: ((4, 1), (8, 2), (16, 4)), 4: ((16, 1), (32, 2), (64, 4)), 8: ((64, 1), (128, 2), (256, 4))}
 
 
@@ -24,8 +24,8 @@ def parse():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--views", required=True, help="folder of packed views")
     parser.add_argument("models", nargs="*", type=pathlib.Path)
-    parser.add_argument("--guides", type=int, help="albedo and normal of HRLS are a render's of that many samples")
-    parser.add_argument("--bare", action="store_true", help="LRHS has no layers but color")
+    parser.add_argument("--guides", type=int, help="take albedo and normal of HRLS from a render of that many samples")
+    parser.add_argument("--bare", action="store_true", help="give LRHS no layers but color")
     return parser.parse_args()
 
 
@@ -43,13 +43,16 @@ def load(path):
 
 
 def measured(image, reference):
-    """(PSNR, RelMSE)."""
+    """Returns (PSNR, RelMSE)."""
     return loss.psnr(image, reference), loss.relmse(image, reference)
 
 
 @torch.no_grad()
 def score(network, view, counts, blank=lambda lrhs, hrls: (lrhs, hrls), guides=None):
-    """(PSNR, RelMSE) of a whole view; `blank` takes from the inputs; `guides`: samples of a render of albedo and normal."""
+    """Returns (PSNR, RelMSE) of a whole view.
+
+    `blank` may zero parts of the inputs; `guides` is the sample count of the render that gives albedo and normal.
+    """
     lrhs, hrls, reference, exposure, spp = dataset.pair(view, network.config, *counts, guides)
     centered = torch.tensor("centered" in network.config.lrhs_sampling)
     fused = model.predict(network, *blank(lrhs, hrls), centered, exposure, spp)[1]
@@ -57,14 +60,14 @@ def score(network, view, counts, blank=lambda lrhs, hrls: (lrhs, hrls), guides=N
 
 
 def filter_score(view, spp):
-    """(PSNR, RelMSE) of the SVGF-like filter of a plain render."""
+    """Returns (PSNR, RelMSE) of the SVGF-like filter of a plain render."""
     color, albedo, normal = (x.float().permute(1, 2, 0).numpy() for x in view.read(f"{spp:04}")[:9].split(3))
     image = baselines.svgf(color, albedo, normal, baselines.TUNED["svgf"][spp])
     return measured(torch.from_numpy(image).permute(2, 0, 1).float()[None], view.reference()[None, :3])
 
 
 def show(name, scores, rivals):
-    """`scores` and `rivals`: for each pair of sample counts, those of every view."""
+    """Prints a row; `scores` and `rivals` hold, for each pair of sample counts, the scores of every view."""
     cells = []
     for own, other in zip(scores, rivals):
         psnr, relmse = (sum(column) / len(own) for column in zip(*own))

@@ -7,8 +7,8 @@
 namespace postpass {
 
 struct Allocations {
-  uint64_t host = 0;    // operator new, of this program and of the libraries it loads
-  uint64_t vulkan = 0;  // of the driver, for objects made with counting_callbacks()
+  uint64_t host = 0;    // calls of operator new, by this program and the libraries that it loads
+  uint64_t vulkan = 0;  // allocations of the driver, for objects made with counting_callbacks()
 
   bool operator==(const Allocations&) const = default;
   Allocations operator-(const Allocations& other) const { return {host - other.host, vulkan - other.vulkan}; }
@@ -21,8 +21,8 @@ struct Allocations {
 
 Allocations allocations_so_far();
 
-// For all objects on the device, raymeld's too, but command pools: where a driver keeps what is recorded,
-// with the callbacks of the pool or of the device, is its own affair.
+// Returns the callbacks for all objects on the device, raymeld's too, except command pools: a driver may
+// allocate recorded commands with the callbacks of the pool or with those of the device.
 const vk::AllocationCallbacks& counting_callbacks();
 
 }  // namespace postpass

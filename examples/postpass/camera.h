@@ -4,7 +4,7 @@
 
 namespace postpass {
 
-// The camera's place on its way through the room, for an image of this width over height.
+// Returns the camera on its way through the room; `aspect` is the image's width over its height.
 Camera camera_at(double time_s, double aspect);
 
 }  // namespace postpass

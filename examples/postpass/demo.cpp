@@ -9,7 +9,7 @@
 namespace postpass {
 namespace {
 
-constexpr double kFrameSeconds = 1.0 / 30;  // from one headless frame to the next
+constexpr double kFrameSeconds = 1.0 / 30;  // the time between two headless frames
 
 constexpr const char* kViewNames[] = {"LRHS", "HRLS", "fused", "converged"};
 
@@ -51,7 +51,7 @@ void Demo::make_device() {
   say("device", device_->name());
 }
 
-// What the slots of frames in flight still hold is finished first.
+// Finishes the frames in flight first.
 void Demo::drop_renderer() {
   if (frames_) {
     for (size_t i = 0; i < frames_->size(); ++i)
@@ -73,7 +73,7 @@ void Demo::make_renderer() {
   say("renders", models_.name(model_) + ", " + text_of(options_.size));
 }
 
-// The size of the image stays where it can: what rounds to it, and a window without area.
+// Keeps the image's size where the window's new size rounds to it, or where the window has no area.
 void Demo::fit_window() {
   resized_ = false;
   device_->get().waitIdle();
@@ -83,7 +83,7 @@ void Demo::fit_window() {
   if (swapchain_ && divided(swapchain_->size(), options_.zoom) != options_.size) make_renderer();
 }
 
-// Frames to come may allocate, as something was made anew, which took its time.
+// The next frames may allocate, as something was made anew, and the time that this took is not counted.
 void Demo::settle() {
   settling_ = 2 * options_.in_flight;
   last_s_.reset();
@@ -100,7 +100,7 @@ void Demo::handle(const Event& event) {
       return handle_key(event.key);
     case Event::kResize:
       if (window_) {
-        resized_ = true;  // once, however often
+        resized_ = true;  // run() calls fit_window() once, however many events there are
         return;
       }
       options_.size = event.size;
@@ -163,7 +163,7 @@ void Demo::run() {
     for (; scripted < options_.script.size() && options_.script[scripted].frame <= frame_; ++scripted) {
       const Event& event = options_.script[scripted].event;
       if (window_ && event.kind == Event::kResize)
-        window_->resize(event.size);  // which will say that it has happened
+        window_->resize(event.size);  // the window then reports an event
       else
         handle(event);
     }
@@ -202,7 +202,7 @@ Frame Demo::describe_frame() {
   return frame;
 }
 
-// Whether there is one: not while the window takes none.
+// Returns whether it rendered a frame, which it does not while the window takes none.
 bool Demo::frame() {
   if (window_ && !swapchain_) return false;
   Slot& slot = frames_->next();
@@ -216,7 +216,7 @@ bool Demo::frame() {
 
   const double now = now_s();
   const double since_s = last_s_ ? now - *last_s_ : 0;
-  // The first frames in flight wait for none.
+  // The first frames in flight wait for no earlier ones, so their times are not counted.
   if (last_s_ && result) times_.add_frame(1e3 * since_s);
   last_s_ = now;
   if (!options_.still) camera_s_ += window_ ? since_s : kFrameSeconds;
@@ -237,7 +237,7 @@ void Demo::finish(const FrameResult& result) {
   if (y4m_ && result.image) y4m_->write(result.image, renderer_->shown().size);
 }
 
-// All slots are idle.
+// Copies the last frame to the host. All slots must be idle.
 void Demo::keep_last() {
   Slot& slot = frames_->next();
   renderer_->record_again(slot.begin(), last_->view, slot.queries());

@@ -1,4 +1,4 @@
-// The program's state and its loop of frames.
+// Holds the program's state and its loop of frames.
 #pragma once
 
 #include <filesystem>
@@ -21,12 +21,12 @@ struct DemoOptions {
   std::string model = "x4-fast";
   vk::Extent2D size{256, 256};
   bool headless = false;
-  uint32_t zoom = 2;    // a window's pixels to one of the image
+  uint32_t zoom = 2;    // window pixels for one pixel of the image, in each direction
   uint64_t frames = 0;  // 0: until the window is closed
   uint32_t in_flight = 2;
   uint32_t device = 0;
   bool history = false;
-  bool still = false;  // the camera
+  bool still = false;  // the camera does not move
   bool validate = false;
   bool overlay = true;
   std::vector<ScriptedEvent> script;
@@ -44,11 +44,12 @@ class Demo {
   explicit Demo(const DemoOptions& options);
   ~Demo();
 
-  // All frames.
+  // Renders all frames.
   void run();
 
   uint32_t validation_messages() const { return instance_->messages(); }
-  // Of the first frames after something was made anew, for which drivers compile; and of all others.
+  // Return the allocations in the first frames after something was made anew, for which drivers compile, and
+  // those in all other frames.
   const FrameAllocations& first_allocations() const { return first_; }
   const FrameAllocations& allocations() const { return settled_; }
   const Times& times() const { return times_; }
@@ -79,13 +80,13 @@ class Demo {
   std::unique_ptr<Frames> frames_;
   std::optional<Y4mFile> y4m_;
 
-  std::optional<Frame> last_;  // that was rendered, of this renderer
-  std::vector<float> kept_;    // what it looks like, for a PNG
+  std::optional<Frame> last_;  // the last frame that this renderer rendered
+  std::vector<float> kept_;    // the pixels of that frame, for a PNG
   vk::Extent2D kept_size_;
   uint32_t view_ = kViewFused;
   uint64_t frame_ = 0;
   bool minimised_ = false, quit_ = false, resized_ = false;
-  uint32_t settling_ = 0;  // frames to come that may allocate, as something was made anew
+  uint32_t settling_ = 0;  // coming frames that may allocate, as something was made anew
   double camera_s_ = 0;
   Times times_;
   char text_[kTextRows][kTextColumns];

@@ -51,7 +51,7 @@ Device::Device(const Instance& instance, uint32_t index, vk::SurfaceKHR surface)
   timestamp_period_ns_ = properties.limits.timestampPeriod;
   timestamp_mask_ = ~0ull >> (64 - physical_.getQueueFamilyProperties()[queue_family_].timestampValidBits);
 
-  // What makes raymeld faster.
+  // These features make raymeld faster.
   vk::PhysicalDeviceSubgroupSizeControlFeatures subgroups;
   vk::PhysicalDeviceShaderFloat16Int8Features float16{.pNext = &subgroups};
   vk::PhysicalDeviceVulkanMemoryModelFeatures model{.pNext = &float16};
@@ -61,7 +61,7 @@ Device::Device(const Instance& instance, uint32_t index, vk::SurfaceKHR surface)
   vk::PhysicalDeviceFeatures2 features{.pNext = &addresses};
   const raymeld_enabled_features enabled =
       raymeld::enable_features(vkGetInstanceProcAddr, instance.get(), physical_, features);
-  // Drivers that have none need not know the structures for cooperative matrices.
+  // A driver without cooperative matrices need not know their structure.
   if (!(enabled.bits & RAYMELD_FEATURE_COOPERATIVE_MATRIX)) half.pNext = nullptr;
   std::vector<const char*> extensions(enabled.extensions, enabled.extensions + enabled.extension_count);
   if (surface) extensions.push_back(VK_KHR_SWAPCHAIN_EXTENSION_NAME);

@@ -8,11 +8,11 @@
 
 namespace postpass {
 
-// A device with a queue for compute and copies, and raymeld on it. `surface`, which may be null, is what the
-// queue can present to.
+// Holds a device with a queue for graphics and compute, and raymeld on it. The queue can present to
+// `surface`, which may be null.
 class Device {
  public:
-  // `index` counts the devices that can do it, and starts again after the last.
+  // `index` counts the suitable devices, and starts again after the last.
   Device(const Instance& instance, uint32_t index, vk::SurfaceKHR surface);
   ~Device() { vkDeviceWaitIdle(*device_); }
   Device(const Device&) = delete;
@@ -24,12 +24,13 @@ class Device {
   uint32_t queue_family() const { return queue_family_; }
   const raymeld::Context& raymeld() const { return *context_; }
   const std::string& name() const { return name_; }
-  // Between two timestamps of its queue.
+  // Returns the time between two timestamps of the queue.
   double elapsed_ms(uint64_t from, uint64_t to) const {
     return 1e-6 * timestamp_period_ns_ * double((to - from) & timestamp_mask_);
   }
 
-  // Of a type that has all of `wanted`, and of `better` if there is one; throws if there is none.
+  // Returns a memory type of `bits` that has all of `wanted` and, if there is one, all of `better`. Throws if
+  // no type has all of `wanted`.
   uint32_t memory_type(uint32_t bits, vk::MemoryPropertyFlags wanted,
                        vk::MemoryPropertyFlags better = {}) const;
 

@@ -1,4 +1,4 @@
-// Frames in flight: each has a slot, whose objects it alone uses until the device is done with it.
+// Keeps frames in flight. Each has a slot, whose objects are its own until the device is done with the frame.
 #pragma once
 
 #include <optional>
@@ -8,11 +8,12 @@
 
 namespace postpass {
 
-// What a frame left behind.
+// Holds the times of a finished frame, and its image.
 struct FrameResult {
   std::array<double, kParts> part_ms{};
-  const float* image = nullptr;  // RGBA, sRGB, of the size of Renderer::shown(), if it was captured; until
-                                 // the slot is used again
+  // Points to RGBA in sRGB, of the size of Renderer::shown(), until the slot is used again. Null if the image
+  // was not captured.
+  const float* image = nullptr;
 };
 
 class Slot {
@@ -21,11 +22,11 @@ class Slot {
 
   // Begins the command buffer, for which the slot must be idle.
   vk::CommandBuffer begin();
-  // Copies the image that finish() will give; after Renderer::record().
+  // Records a copy of the image for finish() to return. Call it after Renderer::record().
   void record_copy();
-  // Ends and submits. `waits_for` and `signals`, of a window's image, may be null.
+  // Ends and submits the command buffer. `waits_for` and `signals` are those of a window's image, or null.
   void submit(vk::Semaphore waits_for, vk::Semaphore signals);
-  // Waits until the device is done with what was submitted; nothing if nothing was.
+  // Waits until the device is done with the submission and returns its result, or nothing if there was none.
   std::optional<FrameResult> finish();
 
   vk::QueryPool queries() const { return *queries_; }
@@ -46,7 +47,7 @@ class Frames {
  public:
   Frames(const Device& device, const Renderer& renderer, uint32_t in_flight);
 
-  Slot& next() { return slots_[next_++ % slots_.size()]; }  // the one that has been in flight for longest
+  Slot& next() { return slots_[next_++ % slots_.size()]; }  // the slot that has been in flight for longest
   size_t size() const { return slots_.size(); }
 
  private:

@@ -6,8 +6,8 @@
 
 namespace postpass {
 
-// A Vulkan instance; with `validate`, the Khronos layer prints its messages, of hazards between commands too,
-// to stderr, and they are counted.
+// Holds a Vulkan instance. With `validate`, the messages of the Khronos layer, including those about hazards
+// between commands, are printed to stderr and counted.
 class Instance {
  public:
   Instance(std::span<const char* const> extensions, bool validate);

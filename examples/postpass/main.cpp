@@ -34,39 +34,47 @@ int main(int argc, char** argv) {
   bool check_allocations = false;
   options.models = POSTPASS_MODELS;
   app.add_option("--models", options.models, "folder of models")->capture_default_str();
-  app.add_option("--model", options.model, "one of that folder, without .safetensors")->capture_default_str();
-  app.add_option("--size", size, "of the image")->capture_default_str();
+  app.add_option("--model", options.model, "model of that folder, without .safetensors")
+      ->capture_default_str();
+  app.add_option("--size", size, "size of the image")->capture_default_str();
   app.add_flag("--headless", options.headless, "no window");
-  app.add_option("--zoom", options.zoom, "a window's pixels to one of the image")
+  app.add_option("--zoom", options.zoom, "window pixels for one pixel of the image, in each direction")
       ->check(CLI::Range(1, 16))
       ->capture_default_str();
-  app.add_option("--frames", options.frames, "0: until the window is closed, headless 60")
+  app.add_option("--frames", options.frames,
+                 "number of frames; 0: until the window is closed, or 60 with --headless")
       ->capture_default_str();
-  app.add_option("--in-flight", options.in_flight, "frames")->check(CLI::Range(2, 3))->capture_default_str();
-  app.add_option("--device", options.device, "index")->capture_default_str();
+  app.add_option("--in-flight", options.in_flight, "frames in flight")
+      ->check(CLI::Range(2, 3))
+      ->capture_default_str();
+  app.add_option("--device", options.device, "index of the device")->capture_default_str();
   app.add_flag("--history", options.history, "blend with the frames before");
   app.add_flag("--still", options.still, "the camera does not move");
-  app.add_flag("--validate", options.validate,
-               "with the validation layer, any of whose messages is a failure");
+  app.add_flag("--validate", options.validate, "use the validation layer; any message of it is a failure");
   app.add_flag("!--no-overlay", options.overlay, "no text over the image");
-  app.add_option("--script", script, "as 60:key=h,120:resize=320x256,180:minimise,200:restore");
+  app.add_option("--script", script, "events such as 60:key=h,120:resize=320x256,180:minimise,200:restore");
   app.add_option("--png", options.png, "file for the last frame");
-  app.add_option("--y4m", options.y4m, "file for all frames, YUV4MPEG2 of one size");
-  app.add_option("--lrhs-samples", options.renderer.lrhs_samples, "a pixel; 0: the square of the scale")
+  app.add_option("--y4m", options.y4m, "file for all frames, which must have one size, as YUV4MPEG2");
+  app.add_option("--lrhs-samples", options.renderer.lrhs_samples,
+                 "samples a pixel of LRHS; 0: the square of the scale")
       ->check(CLI::Range(0, 4096));
-  app.add_option("--hrls-samples", options.renderer.hrls_samples, "a pixel")->check(CLI::Range(1, 1024));
+  app.add_option("--hrls-samples", options.renderer.hrls_samples, "samples a pixel of HRLS")
+      ->check(CLI::Range(1, 1024));
   app.add_flag("--check-allocations", check_allocations, "any allocation within a frame is a failure");
   MeasureOptions measure_options;
   bool measures = false;
   app.add_flag("--measure", measures,
-               "prints flicker and PSNR of a still and a moving camera, with and without history");
+               "print flicker and PSNR of a still and a moving camera, with and without history");
   app.add_option("--measure-frames", measure_options.frames)->capture_default_str();
-  app.add_option("--measure-samples", measure_options.converged_samples, "of a converged image")
+  app.add_option("--measure-samples", measure_options.converged_samples,
+                 "samples a pixel of a converged image")
       ->capture_default_str();
-  app.add_option("--reference-samples", measure_options.reference_samples, "of the truth for a moving frame")
+  app.add_option("--reference-samples", measure_options.reference_samples,
+                 "samples a pixel of the reference for a moving frame")
       ->capture_default_str();
-  app.add_option("--images", measure_options.images, "folder for what the last frame measured looks like");
-  app.add_option("--history-weight", options.renderer.history_weight, "of the newest frame")
+  app.add_option("--images", measure_options.images,
+                 "folder for pictures of the last frame that is measured");
+  app.add_option("--history-weight", options.renderer.history_weight, "weight of the newest frame")
       ->capture_default_str();
   app.add_option("--history-tolerance", options.renderer.history_tolerance)->capture_default_str();
   CLI11_PARSE(app, argc, argv);

@@ -9,7 +9,7 @@ namespace {
 
 using Pixels = std::vector<float>;  // RGBA, sRGB
 
-// Frames one at a time, each waited for.
+// Renders one frame at a time, and waits for each.
 class Studio {
  public:
   Studio(const Device& device, const raymeld::SharedModel& model, vk::Extent2D size,
@@ -22,13 +22,13 @@ class Studio {
   Pixels frame(double camera_s, uint32_t view) {
     return submit({.camera = camera_at(camera_s, aspect_), .view = view});
   }
-  // The same frame as another view.
+  // Returns the last frame as another view.
   Pixels again(uint32_t view) {
     Slot& slot = frames_.next();
     renderer_.record_again(slot.begin(), view, slot.queries());
     return submit(slot);
   }
-  // The mean of so many frames of HRLS.
+  // Returns the mean of `frames` frames of HRLS.
   Pixels converged(double camera_s, uint32_t frames) {
     Frame frame{.camera = camera_at(camera_s, aspect_), .view = kViewConverged};
     Pixels pixels;
@@ -59,7 +59,7 @@ class Studio {
   double aspect_;
 };
 
-// Mean and variance of each value over images.
+// Accumulates the mean and the variance of each value over images.
 class Moments {
  public:
   void add(const Pixels& image) {
@@ -99,7 +99,7 @@ double psnr(const Pixels& image, const Pixels& truth) {
 }
 
 constexpr double kStill_s = 1.7;
-constexpr uint32_t kTruthSamples = 16;  // of a frame of a converged image
+constexpr uint32_t kTruthSamples = 16;  // samples a pixel in each frame of a converged image
 
 void measure_still(Studio& studio, Studio& truths, const MeasureOptions& options) {
   Moments converged, fused, blended;

@@ -7,7 +7,8 @@
 
 namespace postpass {
 
-// The models of a folder: SCALE-QUALITY.safetensors, as x4-fast; by scale, then quality.
+// Holds the models of a folder, whose files are SCALE-QUALITY.safetensors, such as x4-fast.safetensors. They
+// are sorted by scale, then by name.
 class Models {
  public:
   explicit Models(const std::filesystem::path& folder);
@@ -16,10 +17,10 @@ class Models {
   const raymeld::SharedModel& operator[](size_t index) const { return all_[index].model; }
   const std::string& name(size_t index) const { return all_[index].name; }
 
-  // Where the keys lead to from one of them; itself if nowhere.
+  // Return the model that a key leads to from `index`, or `index` if there is no other.
   size_t next(size_t index) const { return (index + 1) % all_.size(); }
-  size_t next_scale(size_t index) const;    // of the same quality if there is one
-  size_t next_quality(size_t index) const;  // of the same scale
+  size_t next_scale(size_t index) const;    // a model of the same quality, if there is one
+  size_t next_quality(size_t index) const;  // a model of the same scale
 
  private:
   struct Entry {

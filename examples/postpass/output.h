@@ -1,4 +1,4 @@
-// Images as files: RGBA floats, sRGB, of which RGB is written.
+// Writes images to files. Pixels are RGBA floats, sRGB, of which RGB is written.
 #pragma once
 
 #include <cstdio>
@@ -9,11 +9,10 @@
 
 namespace postpass {
 
-// Whole, or not at all.
+// Writes a whole file or none.
 void write_png(const std::filesystem::path& path, const float* image, vk::Extent2D size);
 
-// YUV4MPEG2, 4:4:4, BT.709, of frames of one size. It has its name once it is whole: until close(), ".part"
-// follows.
+// Writes frames of one size as YUV4MPEG2, 4:4:4, BT.709. The file's name ends in ".part" until close().
 class Y4mFile {
  public:
   Y4mFile(const std::filesystem::path& path, vk::Extent2D size, double frames_per_second);
@@ -21,7 +20,7 @@ class Y4mFile {
   Y4mFile(const Y4mFile&) = delete;
   Y4mFile& operator=(const Y4mFile&) = delete;
 
-  void write(const float* image, vk::Extent2D size);  // throws if it is of another size
+  void write(const float* image, vk::Extent2D size);  // throws if the size is another one
   void close();
 
  private:

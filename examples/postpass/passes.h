@@ -1,5 +1,5 @@
-// The demo's own compute passes: one descriptor set, in which each binding of params.h is a whole buffer or
-// the shown image, and a pipeline for each pass.
+// Holds the demo's own compute passes: one descriptor set, in which each binding of params.h is a whole
+// buffer or the shown image, and a pipeline for each pass.
 #pragma once
 
 #include <array>
@@ -15,11 +15,11 @@ constexpr uint32_t kPasses = 7;
 
 class Passes {
  public:
-  // `buffers`: of the bindings 0 to kShown - 1.
+  // `buffers` holds those of the bindings 0 to kShown - 1.
   Passes(const Device& device, std::span<const Buffer, kShown> buffers, const Image& shown);
 
-  // An invocation for each pixel, or for each kStrip below each other, without barriers. `view` is what kShow
-  // shows.
+  // Records an invocation for each pixel, or for each strip of kStrip pixels below each other, without
+  // barriers. kShow shows `view`.
   void record(vk::CommandBuffer commands, Pass pass, vk::Extent2D pixels, uint32_t view = 0) const;
 
  private:

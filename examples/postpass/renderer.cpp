@@ -43,7 +43,7 @@ void barrier(vk::CommandBuffer commands, vk::PipelineStageFlags before, vk::Acce
                            vk::MemoryBarrier{.srcAccessMask = written, .dstAccessMask = used}, {}, {});
 }
 
-// Between passes, which read what those before wrote, or overwrite what they read.
+// Separates passes of which the later ones read what the earlier ones wrote, or overwrite what they read.
 void barrier(vk::CommandBuffer commands) {
   barrier(commands, Stage::eComputeShader, Access::eShaderWrite, Stage::eComputeShader,
           Access::eShaderRead | Access::eShaderWrite);
@@ -97,7 +97,7 @@ void Renderer::update_constants(vk::CommandBuffer commands, const Frame& frame) 
 
 void Renderer::record(vk::CommandBuffer commands, const Frame& frame, vk::QueryPool queries) {
   const auto stamp = [&](uint32_t index) { commands.writeTimestamp(Stage::eComputeShader, queries, index); };
-  // The frames before may be at work on the same buffers.
+  // Earlier frames may still use the same buffers.
   barrier(commands, Stage::eComputeShader | Stage::eTransfer, Access::eShaderWrite | Access::eTransferWrite,
           Stage::eTransfer | Stage::eComputeShader,
           Access::eTransferWrite | Access::eShaderRead | Access::eShaderWrite);
@@ -149,7 +149,7 @@ void Renderer::record_again(vk::CommandBuffer commands, uint32_t view, vk::Query
 }
 
 void Renderer::record_view(vk::CommandBuffer commands, uint32_t view) const {
-  // What the image held is written over.
+  // The old content of the image is discarded.
   commands.pipelineBarrier(
       Stage::eTransfer | Stage::eComputeShader, Stage::eComputeShader, {},
       vk::MemoryBarrier{.srcAccessMask = Access::eShaderWrite, .dstAccessMask = Access::eShaderRead}, {},

@@ -1,4 +1,4 @@
-// What a frame is made of: both renders, raymeld, the history, the image that is shown.
+// Records frames: both renders, the fusion, the history and the image that is shown.
 #pragma once
 
 #include <array>
@@ -11,14 +11,14 @@
 namespace postpass {
 
 struct RendererOptions {
-  uint32_t lrhs_samples = 0;  // a pixel; 0: the square of the scale
+  uint32_t lrhs_samples = 0;  // samples a pixel; 0: the square of the scale
   uint32_t hrls_samples = 1;
   float history_weight = 0.1f;
   float history_tolerance = 0.03f;
   raymeld_precision precision = RAYMELD_PRECISION_AUTO;
 };
 
-// The parts of a frame that are timed, in order.
+// Lists the parts of a frame that are timed, in order.
 enum class Part { kLrhs, kHrls, kFusion, kHistory, kShow };
 constexpr uint32_t kParts = 5;
 constexpr std::array<const char*, kParts> kPartNames = {"LRHS", "HRLS", "fusion", "history", "show"};
@@ -26,22 +26,22 @@ constexpr uint32_t kStamps = kParts + 1;
 
 struct Frame {
   Camera camera = {};
-  uint32_t view = kViewFused;  // of params.h; of kViewBlended the history is kept
-  bool restarts = false;       // of kViewConverged: nothing accumulated before counts
+  uint32_t view = kViewFused;  // one of params.h; all but kViewBlended discard the history
+  bool restarts = false;       // discards what kViewConverged has accumulated
   uint32_t text_rows = 0;
   const char (*text)[kTextColumns] = nullptr;
 };
 
 class Renderer {
  public:
-  // For images of this size; what is rendered is rounded up to a multiple of the model's scale.
+  // Shows images of `size`; the rendered size is rounded up to a multiple of the model's scale.
   Renderer(const Device& device, const raymeld::SharedModel& model, vk::Extent2D size,
            const RendererOptions& options);
 
-  // Writes shown(), which copies may then read, in the layout for them. Fills kStamps timestamps of
-  // `queries`, which are reset.
+  // Records a frame into shown(), which is then in the layout for copies from it. Resets `queries` and fills
+  // kStamps timestamps of it.
   void record(vk::CommandBuffer commands, const Frame& frame, vk::QueryPool queries);
-  // The same for another view of the last frame.
+  // Does the same for another view of the last frame, without times.
   void record_again(vk::CommandBuffer commands, uint32_t view, vk::QueryPool queries) const;
 
   const Image& shown() const { return shown_; }

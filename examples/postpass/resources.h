@@ -1,4 +1,4 @@
-// Buffers and images with memory of their own.
+// Makes buffers and images with memory of their own.
 #pragma once
 
 #include <vulkan/vulkan.hpp>
@@ -10,12 +10,12 @@ namespace postpass {
 struct Buffer {
   vk::UniqueDeviceMemory memory;
   vk::UniqueBuffer buffer;
-  const float* mapped = nullptr;  // of readback_buffer()
+  const float* mapped = nullptr;  // the values of a readback buffer
 };
 
-// On the device; storage, and both ends of copies.
+// Makes a buffer on the device, for storage and for copies in both directions.
 Buffer make_buffer(const Device& device, vk::DeviceSize size_bytes);
-// That the host reads what was copied to.
+// Makes a buffer for the device to copy to and the host to read.
 Buffer make_readback_buffer(const Device& device, vk::DeviceSize size_bytes);
 
 struct Image {
@@ -25,11 +25,11 @@ struct Image {
   vk::Extent2D size;
 };
 
-// Of a whole image.
+// Returns a barrier for a whole image.
 vk::ImageMemoryBarrier image_barrier(vk::Image image, vk::AccessFlags before, vk::AccessFlags after,
                                      vk::ImageLayout from, vk::ImageLayout to);
 
-// Four 32-bit floats a pixel; storage, and where copies are from.
+// Makes an image of four 32-bit floats a pixel, for storage and for copies from it.
 Image make_image(const Device& device, vk::Extent2D size);
 
 }  // namespace postpass

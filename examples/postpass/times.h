@@ -1,4 +1,4 @@
-// How long frames and their parts took.
+// Keeps the times that frames and their parts took.
 #pragma once
 
 #include <array>
@@ -15,16 +15,16 @@ class Times {
 
   void add_parts(const std::array<double, kParts>& part_ms);
   void add_frame(double frame_ms);
-  // Of the last frames, smoothed for display.
+  // Return the times of the last frames, smoothed for display.
   double part_ms(size_t part) const { return shown_[part]; }
   double frame_ms() const { return shown_[kParts]; }
-  // The percentiles of all parts, of the last frames.
+  // Prints the mean and percentiles of each part over the last frames.
   void print(std::FILE* file) const;
 
  private:
   void add(size_t row, double ms);
 
-  // The last of each part, and of whole frames, in a ring of fixed size.
+  // Rings of fixed size hold the last times of each part, and of whole frames.
   std::array<std::vector<float>, kParts + 1> rings_;
   std::array<size_t, kParts + 1> counts_{};
   std::array<double, kParts + 1> shown_{};

@@ -21,7 +21,7 @@ std::vector<Event>& events_of(GLFWwindow* window) {
   return *static_cast<std::vector<Event>*>(glfwGetWindowUserPointer(window));
 }
 
-// Values are sRGB already.
+// Chooses a format without conversion, as values are sRGB already.
 vk::SurfaceFormatKHR choose_format(const Device& device, vk::SurfaceKHR surface) {
   for (const vk::SurfaceFormatKHR& format : device.physical().getSurfaceFormatsKHR(surface))
     if (format.format == vk::Format::eB8G8R8A8Unorm || format.format == vk::Format::eR8G8B8A8Unorm)
@@ -29,7 +29,7 @@ vk::SurfaceFormatKHR choose_format(const Device& device, vk::SurfaceKHR surface)
   throw std::runtime_error("the window takes no 8-bit images");
 }
 
-// A suboptimal swapchain shows images; where its size is wrong, the window says so.
+// A suboptimal swapchain still shows images; where its size is wrong, the window reports a resize.
 Outcome outcome_of(vk::Result result, const char* what) {
   if (result == vk::Result::eErrorOutOfDateKHR) return Outcome::kStale;
   if (result == vk::Result::eTimeout) return Outcome::kNotNow;
@@ -90,7 +90,7 @@ std::span<const Event> Window::poll(bool wait) {
   else
     glfwPollEvents();
   if (glfwWindowShouldClose(window_)) events_.push_back({.kind = Event::kQuit});
-  // Those to come may come of what these lead to.
+  // Handling these events may cause new ones, which the next call returns.
   polled_.swap(events_);
   events_.clear();
   return polled_;
@@ -100,7 +100,7 @@ void Window::on_key(GLFWwindow* window, int key, int, int action, int) {
   if (action != GLFW_PRESS) return;
   if (key == GLFW_KEY_ESCAPE)
     events_of(window).push_back({.kind = Event::kQuit});
-  else if (key < 128)  // as in ASCII
+  else if (key < 128)  // these key codes are ASCII's
     events_of(window).push_back({.key = char(std::tolower(key))});
 }
 

@@ -1,4 +1,4 @@
-// A window through GLFW, and its swapchain.
+// Opens a window through GLFW, and makes its swapchain.
 #pragma once
 
 #include <memory>
@@ -14,7 +14,7 @@ struct GLFWwindow;
 
 namespace postpass {
 
-// What an instance needs for windows. Throws where there is no display.
+// Returns the extensions that an instance needs for windows. Throws where there is no display.
 std::span<const char* const> window_extensions();
 
 class Window {
@@ -25,9 +25,9 @@ class Window {
   Window& operator=(const Window&) = delete;
 
   vk::SurfaceKHR surface() const { return *surface_; }
-  vk::Extent2D size() const;  // in pixels; zero while it is minimised
+  vk::Extent2D size() const;  // the size in pixels; zero while the window is minimised
   void resize(vk::Extent2D size);
-  // What happened since the last call, for as long as there is no other. With `wait`, waits for something.
+  // Returns the events since the last call, valid until the next one. `wait` waits a while for an event.
   std::span<const Event> poll(bool wait);
 
  private:
@@ -40,24 +40,24 @@ class Window {
   std::vector<Event> events_, polled_;
 };
 
-// What an attempt to acquire or present an image came to.
+// Says how an attempt to acquire or present an image ended.
 enum class Outcome {
   kDone,
-  kNotNow,  // no image for some time, as of a window that is hidden
+  kNotNow,  // no image for some time, as when the window is hidden
   kStale,   // the window has changed: make another swapchain
 };
 
 class Swapchain {
  public:
-  // Null while the window has no area.
+  // Returns null while the window has no area.
   static std::unique_ptr<Swapchain> make(const Device& device, const Window& window);
 
   vk::Extent2D size() const { return size_; }
   // `acquired` is signalled when the image may be written to.
   Outcome acquire(vk::Semaphore acquired);
-  // Scales the image, which is in the layout for copies from it, to the window.
+  // Scales the image to the window. The image must be in the layout for copies from it.
   void record_blit(vk::CommandBuffer commands, const Image& image) const;
-  vk::Semaphore written() const { return *written_[index_]; }  // for the submission to signal
+  vk::Semaphore written() const { return *written_[index_]; }  // the submission signals it
   Outcome present();
 
  private:
@@ -67,7 +67,7 @@ class Swapchain {
   vk::Extent2D size_;
   vk::UniqueSwapchainKHR swapchain_;
   std::vector<vk::Image> images_;
-  std::vector<vk::UniqueSemaphore> written_;  // of each image
+  std::vector<vk::UniqueSemaphore> written_;  // one for each image
   uint32_t index_ = 0;
 };
 

@@ -1,17 +1,19 @@
-/* raymeld as a library: fuses a small render with many samples a pixel (LRHS) and a full-size one with few
- * (HRLS) into the image that full size and many samples would have given, on a Vulkan device.
+/* raymeld as a library. It fuses a small render with many samples a pixel (LRHS) and a full-size render with
+ * few (HRLS) into the image that a full-size render with many would have given, on a Vulkan device.
  *
- * Every function that may fail returns a raymeld_result; raymeld_error() then says what was being done, and
- * what was expected. Nothing is left behind by a function that failed, and out parameters are as they were.
+ * Every function that may fail returns a raymeld_result; raymeld_error() then says what raymeld was doing and
+ * what it expected. A function that fails leaves nothing behind, and leaves its out parameters as they were,
+ * unless its comment says otherwise. Any function may return RAYMELD_ERROR_INVALID_ARGUMENT,
+ * RAYMELD_ERROR_OUT_OF_MEMORY or RAYMELD_ERROR_INTERNAL. Its comment names the other results that it returns.
  *
- * Structures begin with their size, by which a library knows which version of them a program was compiled
- * with: struct_size = sizeof(the structure). All else may be zero, which asks for the default; in C++ all
- * members have initializers. Reserved members must be zero.
+ * Every structure begins with its size: struct_size = sizeof(the structure). The library sees from it with
+ * which version of the structure a program was compiled. Any other member may be zero, which asks for the
+ * default; in C++ all members have initializers. Reserved members must be zero.
  *
- * Handles may be destroyed in any order: what is made with another one keeps what it needs of it. What
- * belongs to the caller (Vulkan objects and memory) must outlive what is made with it, and destroying a
- * fusion is for when none of its recordings in the caller's command buffers is pending. Threads: a context
- * and a model may be used by several at once; a fusion by one at a time. */
+ * Handles may be destroyed in any order: an object keeps what it needs of the objects that it was made with.
+ * Vulkan objects and memory of the caller must outlive the objects that are made with them. A fusion must not
+ * be destroyed while one of its recordings in the caller's command buffers is pending. Several threads may
+ * use a context or a model at once, but only one thread at a time may use a fusion. */
 #ifndef RAYMELD_RAYMELD_H
 #define RAYMELD_RAYMELD_H
 
@@ -34,25 +36,25 @@ extern "C" {
 typedef enum raymeld_result {
   RAYMELD_SUCCESS = 0,
   RAYMELD_ERROR_INVALID_ARGUMENT = 1, /* an argument is not what its description says */
-  RAYMELD_ERROR_MODEL = 2,            /* a file or memory that is no model */
+  RAYMELD_ERROR_MODEL = 2,            /* the file or memory is not a model */
   RAYMELD_ERROR_DEVICE = 3,           /* the device cannot do it, or a call of Vulkan failed */
-  RAYMELD_ERROR_OUT_OF_MEMORY = 4,    /* of the device or the host */
-  RAYMELD_ERROR_DEVICE_LOST = 5,      /* all that was made on the device is of no more use */
-  RAYMELD_ERROR_NOT_FINITE = 6,       /* the network's output; the image is of no use */
-  RAYMELD_ERROR_INTERNAL = 7          /* a fault of raymeld's own */
+  RAYMELD_ERROR_OUT_OF_MEMORY = 4,    /* the device or the host has no memory left */
+  RAYMELD_ERROR_DEVICE_LOST = 5,      /* objects that were made on the device can no longer be used */
+  RAYMELD_ERROR_NOT_FINITE = 6,       /* the network's output is not finite; the image is of no use */
+  RAYMELD_ERROR_INTERNAL = 7          /* a fault in raymeld */
 } raymeld_result;
 
-/* What the last function of this thread that failed has to say, in English, UTF-8; "" before any did. The
- * text lives until the thread's next failure. */
+/* Returns the message of this thread's last failure, in English and UTF-8, or "" if no function has failed.
+ * The text lives until the thread's next failure. */
 RAYMELD_API const char* raymeld_error(void);
 
-/* That of the library: major << 16 | minor << 8 | patch. Libraries of one major and minor version serve all
- * programs that were compiled with an older patch of it. */
+/* Returns the library's version: major << 16 | minor << 8 | patch. A library serves all programs that were
+ * compiled with the same major and minor version and with the same or an older patch. */
 RAYMELD_API uint32_t raymeld_version(void);
 
 /* ---- Before a device is created ---- */
 
-/* What a device may have for raymeld beyond Vulkan 1.1. Nothing of it is required. */
+/* Names the features beyond Vulkan 1.1 that raymeld can use. None of them is required. */
 typedef enum raymeld_feature_bits {
   RAYMELD_FEATURE_STORAGE_16BIT = 1,
   RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS = 2,
@@ -62,41 +64,44 @@ typedef enum raymeld_feature_bits {
   RAYMELD_FEATURE_EXTERNAL_MEMORY_FD = 32
 } raymeld_feature_bits;
 
-/* All of a feature's extensions and members of feature structures are to be enabled, or none. The texts are
- * the library's, for ever. */
+/* Describes a feature. Its extensions and its members of feature structures must be enabled all together, or
+ * none of them. The texts belong to the library and live for ever. */
 typedef struct raymeld_feature {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_feature));
-  uint32_t bit RAYMELD_IS(0);              /* of raymeld_feature_bits */
-  VkBool32 supported RAYMELD_IS(VK_FALSE); /* by the device that was asked */
+  uint32_t bit RAYMELD_IS(0);              /* one of raymeld_feature_bits */
+  VkBool32 supported RAYMELD_IS(VK_FALSE); /* VK_TRUE: the physical device supports it */
   uint32_t extension_count RAYMELD_IS(0);
   uint32_t member_count RAYMELD_IS(0);
-  const char* const* extensions RAYMELD_IS(NULL); /* of the device */
-  const char* const* members RAYMELD_IS(NULL);    /* as "VkPhysicalDeviceFeatures::shaderInt64" */
-  const char* without RAYMELD_IS(NULL);           /* what happens where it is not enabled */
+  const char* const* extensions RAYMELD_IS(NULL); /* names of device extensions */
+  const char* const* members RAYMELD_IS(NULL);    /* such as "VkPhysicalDeviceFeatures::shaderInt64" */
+  const char* without RAYMELD_IS(NULL);           /* the effect of not enabling it, in English */
 } raymeld_feature;
 
-/* Lists them, of a physical device. `features` may be NULL; else it has room for *count, each of the size
- * that the first one says. *count becomes the number of features there are, of which those that there was
- * room for are written. */
+/* Lists the features for a physical device. `features` may be NULL; else it has room for *count elements,
+ * each of the size that the first one's struct_size gives. Writes as many features as there is room for, and
+ * sets *count to the number of features there are. Returns RAYMELD_ERROR_DEVICE if the instance lacks a
+ * function of Vulkan 1.1. */
 RAYMELD_API raymeld_result raymeld_list_features(PFN_vkGetInstanceProcAddr get_instance_proc_addr,
                                                  VkInstance instance, VkPhysicalDevice physical_device,
                                                  uint32_t* count, raymeld_feature* features);
 
-/* What a device is created with beside a chain of features. */
+/* Says what to create a device with, in addition to the chain of features. */
 typedef struct raymeld_enabled_features {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_enabled_features));
-  uint32_t bits RAYMELD_IS(0); /* raymeld_context_desc::enabled_features */
+  uint32_t bits RAYMELD_IS(0); /* the value for raymeld_context_desc::enabled_features */
   uint32_t extension_count RAYMELD_IS(0);
-  /* All that are to be named in VkDeviceCreateInfo, beside the caller's own; the library's, for ever. */
+  /* The extensions to name in VkDeviceCreateInfo, in addition to the caller's own. They belong to the library
+   * and live for ever. */
   const char* const* extensions RAYMELD_IS(NULL);
 } raymeld_enabled_features;
 
-/* Does what raymeld_list_features() lists: sets members of structures in the caller's own chain, with which
- * it then creates the device (VkDeviceCreateInfo::pNext). A feature is enabled where the device supports it
- * and the chain has a structure for each of its members: the one that is listed or
- * VkPhysicalDeviceVulkan11Features and the like. All else in the chain stays as it is. Speed needs
- * VkPhysicalDevice16BitStorageFeatures and VkPhysicalDeviceBufferDeviceAddressFeatures or, of Vulkan 1.2,
- * VkPhysicalDeviceVulkan11Features and VkPhysicalDeviceVulkan12Features. */
+/* Enables the features of raymeld_list_features(): sets members of structures in the caller's own chain, with
+ * which the caller then creates the device (VkDeviceCreateInfo::pNext). A feature is enabled if the device
+ * supports it and the chain has a structure for each of its members: the listed structure or one like
+ * VkPhysicalDeviceVulkan11Features. All else in the chain stays as it is. raymeld is slow without
+ * VkPhysicalDevice16BitStorageFeatures and VkPhysicalDeviceBufferDeviceAddressFeatures or, with Vulkan 1.2,
+ * VkPhysicalDeviceVulkan11Features and VkPhysicalDeviceVulkan12Features. Returns RAYMELD_ERROR_DEVICE as
+ * raymeld_list_features() does. */
 RAYMELD_API raymeld_result raymeld_enable_features(PFN_vkGetInstanceProcAddr get_instance_proc_addr,
                                                    VkInstance instance, VkPhysicalDevice physical_device,
                                                    VkPhysicalDeviceFeatures2* features,
@@ -108,365 +113,391 @@ typedef struct raymeld_context_t* raymeld_context;
 
 typedef struct raymeld_context_desc {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_context_desc));
-  /* The caller's device, of Vulkan 1.1 or newer: all of these. Or none: raymeld makes a device of its own. */
+  /* The caller's device, of Vulkan 1.1 or newer: give all of these and `queue`. If all are NULL, raymeld
+   * makes a device of its own. */
   PFN_vkGetInstanceProcAddr get_instance_proc_addr RAYMELD_IS(NULL);
   VkInstance instance RAYMELD_IS(VK_NULL_HANDLE);
   VkPhysicalDevice physical_device RAYMELD_IS(VK_NULL_HANDLE);
   VkDevice device RAYMELD_IS(VK_NULL_HANDLE);
-  /* Of queue_family, which does compute. Functions that submit, which say so, take turns in all threads; the
-   * caller's own use of it must not coincide with them. */
+  /* A queue of queue_family, which supports compute. Functions that submit, which say so, take turns in all
+   * threads; the caller must not use the queue at the same time as they do. */
   VkQueue queue RAYMELD_IS(VK_NULL_HANDLE);
   uint32_t queue_family RAYMELD_IS(0);
   uint32_t enabled_features RAYMELD_IS(0); /* raymeld_feature_bits that `device` was created with */
-  /* For all of raymeld's objects on the caller's device; copied. NULL: the driver's own. */
+  /* The allocator for all of raymeld's objects on the caller's device; the structure is copied. NULL: the
+   * driver's allocator. */
   const VkAllocationCallbacks* allocation_callbacks RAYMELD_IS(NULL);
-  /* Of the caller's device, for all pipelines; raymeld keeps none on the disk then. */
+  /* A cache on the caller's device for all pipelines. With it raymeld keeps none on the disk. */
   VkPipelineCache pipeline_cache RAYMELD_IS(VK_NULL_HANDLE);
-  /* Where pipelines, and what `raymeld tune` measured, are kept between runs. NULL: $XDG_CACHE_HOME/raymeld
-   * or $HOME/.cache/raymeld. "": nowhere. */
+  /* The folder that keeps pipelines and the results of `raymeld tune` between runs. NULL:
+   * $XDG_CACHE_HOME/raymeld or $HOME/.cache/raymeld. "": nothing is kept. */
   const char* cache_folder RAYMELD_IS(NULL);
-  /* Of a device of raymeld's own: an index, a UUID or part of the name. NULL: the first GPU, else a driver
-   * for CPUs. */
+  /* The choice of a device of raymeld's own: an index, a UUID or part of the name. NULL: the first GPU, else
+   * a driver for CPUs. */
   const char* selector RAYMELD_IS(NULL);
 } raymeld_context_desc;
 
 /* Lists the names of the system's devices in the order of the indices that raymeld_context_desc::selector
- * takes. `names` may be NULL; else it has room for *count. *count becomes the number of devices there are, of
- * which those that there was room for are written. The texts are the library's, for ever. */
+ * takes. `names` may be NULL; else it has room for *count names. Writes as many names as there is room for,
+ * and sets *count to the number of devices there are. The texts belong to the library and live for ever.
+ * Returns RAYMELD_ERROR_DEVICE if there is no device of Vulkan 1.1. */
 RAYMELD_API raymeld_result raymeld_list_devices(uint32_t* count, const char** names);
 
-/* `desc` may be NULL. */
+/* Makes a context; a NULL `desc` asks for the defaults. Returns RAYMELD_ERROR_DEVICE if there is no such
+ * device or it cannot be used. */
 RAYMELD_API raymeld_result raymeld_context_create(const raymeld_context_desc* desc, raymeld_context* context);
-RAYMELD_API void raymeld_context_destroy(raymeld_context context); /* NULL is none */
+RAYMELD_API void raymeld_context_destroy(raymeld_context context); /* ignores NULL */
 
 /* ---- Memory of other devices, APIs and processes ---- */
 
 typedef struct raymeld_buffer_t* raymeld_buffer;
 
-/* What was exported as a file descriptor, and where the buffer lies in it. */
+/* Describes memory that was exported as a file descriptor, and where the buffer lies in it. */
 typedef struct raymeld_import_desc {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_import_desc));
   int fd RAYMELD_IS(-1);
-  /* VK_EXTERNAL_MEMORY_HANDLE_TYPE_OPAQUE_FD_BIT, of the same device and driver (see deviceUUID and
-   * driverUUID of VkPhysicalDeviceIDProperties). Or VK_EXTERNAL_MEMORY_HANDLE_TYPE_DMA_BUF_BIT_EXT, for which
-   * the caller's device has VK_EXT_external_memory_dma_buf enabled. */
+  /* VK_EXTERNAL_MEMORY_HANDLE_TYPE_OPAQUE_FD_BIT for memory of the same device and driver (see deviceUUID and
+   * driverUUID of VkPhysicalDeviceIDProperties), or VK_EXTERNAL_MEMORY_HANDLE_TYPE_DMA_BUF_BIT_EXT, which
+   * needs VK_EXT_external_memory_dma_buf enabled on the caller's device. */
   uint32_t handle_type RAYMELD_IS(0);
-  VkDeviceSize memory_size_bytes RAYMELD_IS(0); /* what was allocated */
-  uint32_t memory_type_index RAYMELD_IS(0);     /* what it was allocated as; not of a dma_buf */
-  /* Whether with VkMemoryDedicatedAllocateInfo, of a buffer of size_bytes with the usages STORAGE_BUFFER,
-   * TRANSFER_SRC and TRANSFER_DST, all the memory being its. */
+  VkDeviceSize memory_size_bytes RAYMELD_IS(0); /* the size of the allocation */
+  uint32_t memory_type_index RAYMELD_IS(0);     /* the type of the allocation; not read for a dma_buf */
+  /* VK_TRUE: the memory was allocated with VkMemoryDedicatedAllocateInfo, for a buffer of size_bytes with the
+   * usages STORAGE_BUFFER, TRANSFER_SRC and TRANSFER_DST that takes all of it. */
   VkBool32 dedicated RAYMELD_IS(VK_FALSE);
-  VkDeviceSize offset_bytes RAYMELD_IS(0); /* of the buffer */
+  VkDeviceSize offset_bytes RAYMELD_IS(0); /* the buffer's place in the memory */
   VkDeviceSize size_bytes RAYMELD_IS(0);
 } raymeld_import_desc;
 
-/* A buffer for storage and transfer in that memory, on the context's device, which has
- * RAYMELD_FEATURE_EXTERNAL_MEMORY_FD enabled; one of raymeld's own has where there is such a feature. The
- * descriptor is raymeld's from then on, and stays the caller's when the import fails. raymeld_submit()
- * acquires such buffers from VK_QUEUE_FAMILY_EXTERNAL and releases them to it, which is for what the same
- * physical device exported; of others, and where raymeld_record() is used, that is for the caller to record.
- */
+/* Makes a buffer for storage and transfer in that memory, on the context's device. The device must have
+ * RAYMELD_FEATURE_EXTERNAL_MEMORY_FD enabled; a device of raymeld's own has it where it is supported. On
+ * success raymeld owns the descriptor; on failure it stays the caller's. raymeld_submit() acquires such
+ * buffers from VK_QUEUE_FAMILY_EXTERNAL and releases them to it, which suits memory that the same physical
+ * device exported. For memory of other devices, and with raymeld_record(), the caller records these
+ * transfers. Returns RAYMELD_ERROR_DEVICE if the device cannot import the memory. */
 RAYMELD_API raymeld_result raymeld_import_buffer(raymeld_context context, const raymeld_import_desc* desc,
                                                  raymeld_buffer* buffer);
-RAYMELD_API void raymeld_buffer_destroy(raymeld_buffer buffer); /* NULL is none; no frame may be pending */
+/* Ignores NULL. No frame that uses the buffer may be pending. */
+RAYMELD_API void raymeld_buffer_destroy(raymeld_buffer buffer);
 
 typedef struct raymeld_buffer_info {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_buffer_info));
-  VkBuffer buffer RAYMELD_IS(VK_NULL_HANDLE); /* for raymeld_image::buffer */
+  VkBuffer buffer RAYMELD_IS(VK_NULL_HANDLE); /* the value for raymeld_image::buffer */
   VkDeviceSize size_bytes RAYMELD_IS(0);
 } raymeld_buffer_info;
 
+/* Writes the buffer's Vulkan handle and its size. */
 RAYMELD_API raymeld_result raymeld_buffer_get_info(raymeld_buffer buffer, raymeld_buffer_info* info);
 
 /* ---- A model: a network and its weights ---- */
 
 typedef struct raymeld_model_t* raymeld_model;
 
-/* `file`: a safetensors file, or the name of a stock model, as "x4-fast". A text that has a '/', ends in
- * ".safetensors" or is the path of a file is no name. Stock models are looked for in the folder
- * $RAYMELD_MODELS, then where they are installed with the library, wherever both were moved to. */
+/* Loads a model. `file` is the path of a safetensors file or the name of a stock model, such as "x4-fast". A
+ * text that has a '/', ends in ".safetensors" or is the path of a file is not a name. Stock models are looked
+ * for in the folder $RAYMELD_MODELS, then where they are installed with the library, wherever both were moved
+ * to. Returns RAYMELD_ERROR_MODEL if there is no such model or the file is not a model. */
 RAYMELD_API raymeld_result raymeld_model_load(const char* file, raymeld_model* model);
 
-/* The names of the stock models, in alphabetical order. `names` may be NULL; else it has room for *count.
- * *count becomes the number of models there are, of which those that there was room for are written. The
- * texts are the library's, for ever. */
+/* Lists the names of the stock models, in alphabetical order. `names` may be NULL; else it has room for
+ * *count names. Writes as many names as there is room for, and sets *count to the number of models there are.
+ * The texts belong to the library and live for ever. */
 RAYMELD_API raymeld_result raymeld_list_models(uint32_t* count, const char** names);
 
-/* From what a safetensors file holds, which is copied; errors call it `name`. */
+/* Makes a model from the bytes of a safetensors file, which are copied. Messages call it `name`, or "model in
+ * memory" if `name` is NULL. Returns RAYMELD_ERROR_MODEL if the bytes are not a model. */
 RAYMELD_API raymeld_result raymeld_model_read(const void* bytes, size_t size_bytes, const char* name,
                                               raymeld_model* model);
-RAYMELD_API void raymeld_model_destroy(raymeld_model model); /* NULL is none */
+RAYMELD_API void raymeld_model_destroy(raymeld_model model); /* ignores NULL */
 
-/* Texts live as long as the model. */
+/* Describes a model. The texts live as long as the model. */
 typedef struct raymeld_model_info {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_model_info));
   const char* name RAYMELD_IS(NULL);
-  uint32_t scale RAYMELD_IS(0);       /* full-size pixels to one of LRHS, in each direction: 2, 4 or 8 */
-  uint32_t layer_count RAYMELD_IS(0); /* of HRLS, three channels each */
+  uint32_t scale RAYMELD_IS(0);       /* full-size pixels per LRHS pixel in each direction: 2, 4 or 8 */
+  uint32_t layer_count RAYMELD_IS(0); /* the number of HRLS layers, three channels each */
   uint32_t optional_layer_count RAYMELD_IS(0);
   uint32_t reserved RAYMELD_IS(0);
-  /* In order: color, albedo, normal, diffuse, specular, variance or some of them. */
+  /* The layers by channel: color first, then any of albedo, normal, diffuse, specular, variance. */
   const char* const* layers RAYMELD_IS(NULL);
-  const char* const* optional_layers RAYMELD_IS(NULL); /* that it was trained to do without */
-  uint64_t parameters RAYMELD_IS(0);
+  const char* const* optional_layers RAYMELD_IS(NULL); /* layers that the model was trained to do without */
+  uint64_t parameters RAYMELD_IS(0);                   /* the number of weights and biases */
 } raymeld_model_info;
 
+/* Writes the description of a model. */
 RAYMELD_API raymeld_result raymeld_model_get_info(raymeld_model model, raymeld_model_info* info);
 
 /* ---- A fusion: a model made ready for frames of one size on one device ---- */
 
 typedef struct raymeld_fusion_t* raymeld_fusion;
 
+/* Chooses how values within the network are stored. */
 typedef enum raymeld_precision {
-  /* fp16 on GPUs with 16-bit storage for models that fit it, else fp32; what fp16 cannot hold, raymeld_fuse()
-   * computes again in fp32. */
+  /* fp16 on GPUs with 16-bit storage for models that fit it, else fp32. raymeld_fuse() computes a tile again
+   * in fp32 if fp16 cannot hold its values. */
   RAYMELD_PRECISION_AUTO = 0,
   RAYMELD_PRECISION_FP32 = 1,
   RAYMELD_PRECISION_FP16 = 2 /* 16-bit storage, 32-bit sums; an error without RAYMELD_FEATURE_STORAGE_16BIT */
 } raymeld_precision;
 
-/* How convolutions are computed. */
+/* Chooses how convolutions are computed. */
 typedef enum raymeld_kernels {
-  /* What is fastest on the device: as `raymeld tune` measured, else by its kind. */
+  /* The fastest kernels on the device: those that `raymeld tune` measured, else those for its kind. */
   RAYMELD_KERNELS_AUTO = 0,
-  /* By the plain sums of their definition, slower: the same bits whatever the tiles. */
+  /* The plain sums of the definition, which are slower but give the same bits for all tile sizes. */
   RAYMELD_KERNELS_DIRECT = 1
 } raymeld_kernels;
 
-/* Where LRHS samples lie in the s x s full-size pixels they stand for. */
+/* Says where LRHS samples lie in the s x s full-size pixels that they stand for. */
 typedef enum raymeld_sampling {
-  RAYMELD_SAMPLING_MODEL = 0,   /* as in the images that the model was trained on */
+  RAYMELD_SAMPLING_MODEL = 0,   /* the place in the images that the model was trained on */
   RAYMELD_SAMPLING_NEAREST = 1, /* the top-left pixel: LRHS is every s-th pixel of a full-size render */
   RAYMELD_SAMPLING_CENTERED = 2 /* the centre: LRHS is a render at low resolution */
 } raymeld_sampling;
 
+/* Describes a fusion that is to be made. */
 typedef struct raymeld_fusion_desc {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_fusion_desc));
-  uint32_t height RAYMELD_IS(0); /* of LRHS, in pixels; from 1 to 65536 */
-  uint32_t width RAYMELD_IS(0);
+  uint32_t height RAYMELD_IS(0); /* the height of LRHS in pixels, from 1 to 65536 */
+  uint32_t width RAYMELD_IS(0);  /* the width of LRHS in pixels, from 1 to 65536 */
   raymeld_precision precision RAYMELD_IS(RAYMELD_PRECISION_AUTO);
   raymeld_kernels kernels RAYMELD_IS(RAYMELD_KERNELS_AUTO);
   raymeld_sampling lrhs_sampling RAYMELD_IS(RAYMELD_SAMPLING_MODEL);
-  /* HRLS does not hold "variance": the device computes that layer of the color, where the model reads it. */
+  /* VK_TRUE: HRLS does not hold "variance"; the device computes it from the color if the model reads it. */
   VkBool32 compute_variance RAYMELD_IS(VK_FALSE);
-  /* Of all that is made on the device, and of the activations in `memory` as well; 0: what it has to give. */
+  /* The most memory that the fusion may take on the device, with the activations in `memory`. 0: as much as
+   * the device has. */
   uint64_t max_memory_bytes RAYMELD_IS(0);
-  /* What radiance is multiplied by for the network, from 2^-24 to 2^24, and the output divided by. 0: what
-   * suits the model, found of each frame's LRHS: by raymeld_fuse() on the host, see raymeld_exposure(), by
-   * raymeld_record() and raymeld_submit() on the device. */
+  /* The factor by which radiance is multiplied for the network and the output is divided, from 2^-24 to 2^24.
+   * 0: the factor that suits the model, computed from each frame's LRHS. raymeld_fuse() computes it on the
+   * host (see raymeld_exposure()), raymeld_record() and raymeld_submit() on the device. */
   float exposure RAYMELD_IS(0);
-  /* Which of a frame's images are images of Vulkan, LRHS and HRLS as well as the fused one; the others are
-   * buffers. Either leaves raymeld_record() alone, as raymeld_fuse() takes buffers. */
+  /* VK_TRUE: LRHS and HRLS (input_images) or the fused image (output_image) of a frame are Vulkan images;
+   * else they are buffers. With either, raymeld_fuse() fails, as it takes no Vulkan images. */
   VkBool32 input_images RAYMELD_IS(VK_FALSE);
   VkBool32 output_image RAYMELD_IS(VK_FALSE); /* an error without RAYMELD_FEATURE_IMAGE_WRITES */
-  /* raymeld_fuse() keeps its inputs, in host memory, and its output, and computes only the tiles
-   * of which a bit has changed since; the others are the last output's. The bits are those of a first call.
-   * Everything is computed after a failure, and where the exposure differs: give one. raymeld_record() fails.
-   * Takes more memory. */
+  /* VK_TRUE: raymeld_fuse() keeps its inputs and its output, which takes more host memory. It computes only
+   * the tiles of which an input bit has changed since the last call, and takes the others from the last
+   * output. The result has the same bits as that of a first call. Everything is computed after a failure, and
+   * if the exposure has changed, so give an exposure. raymeld_record() and raymeld_submit() fail. */
   VkBool32 changed_only RAYMELD_IS(VK_FALSE);
-  /* Those of the model's optional layers that HRLS does not have: nothing is read or computed for them. */
+  /* The optional layers of the model that HRLS does not have. Nothing is read or computed for them. */
   uint32_t absent_layer_count RAYMELD_IS(0);
   uint32_t reserved RAYMELD_IS(0);
   const char* const* absent_layers RAYMELD_IS(NULL);
-  /* The caller's memory for the activations, as raymeld_get_memory_needs() asks for it: size_bytes from
-   * memory_offset_bytes on. A frame reads and writes it in VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT;
-   * between frames it may serve other purposes, behind barriers of the caller's that make those wait for
-   * these and these for those. VK_NULL_HANDLE: raymeld allocates it. */
+  /* The caller's memory for the activations, memory_size_bytes from memory_offset_bytes on, as
+   * raymeld_get_memory_needs() asks for it. A frame reads and writes it in
+   * VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT. Between frames it may serve other purposes, if barriers of the
+   * caller make frames and these uses wait for each other. VK_NULL_HANDLE: raymeld allocates the memory. */
   VkDeviceMemory memory RAYMELD_IS(VK_NULL_HANDLE);
   VkDeviceSize memory_offset_bytes RAYMELD_IS(0);
   VkDeviceSize memory_size_bytes RAYMELD_IS(0);
 } raymeld_fusion_desc;
 
-/* Of a fusion's activations, which are most of what it takes on the device. */
+/* Says what memory a fusion's activations need. They are most of what it takes on the device. */
 typedef struct raymeld_memory_needs {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_memory_needs));
   VkDeviceSize size_bytes RAYMELD_IS(0);
   VkDeviceSize alignment_bytes RAYMELD_IS(0);
-  /* As in VkMemoryRequirements; device-local types are the fast ones. */
+  /* The memory types as in VkMemoryRequirements; device-local types are the fast ones. */
   uint32_t memory_type_bits RAYMELD_IS(0);
-  /* Whether it must be allocated with VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT. */
+  /* VK_TRUE: the memory must be allocated with VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT. */
   VkBool32 device_address RAYMELD_IS(VK_FALSE);
 } raymeld_memory_needs;
 
-/* Of the fusion that raymeld_fusion_create() would make of the same arguments; allocates nothing on the
- * device. */
+/* Computes the memory needs of the fusion that raymeld_fusion_create() would make of the same arguments.
+ * Allocates nothing on the device. Returns RAYMELD_ERROR_DEVICE if not even the smallest tile fits. */
 RAYMELD_API raymeld_result raymeld_get_memory_needs(raymeld_context context, raymeld_model model,
                                                     const raymeld_fusion_desc* desc,
                                                     raymeld_memory_needs* needs);
 
-/* Allocates all that frames need and compiles what the cache does not have. May submit to the queue, and
- * waits. Fusions of one context that have the same weights on the device, as those of one model in several
- * sizes, share them. */
+/* Makes a fusion: allocates all that frames need and compiles the pipelines that the cache does not have. May
+ * submit to the queue, and waits. Fusions of one context that have the same weights on the device, such as
+ * those of one model in several sizes, share them. Returns RAYMELD_ERROR_DEVICE or RAYMELD_ERROR_DEVICE_LOST
+ * if the device cannot do it. */
 RAYMELD_API raymeld_result raymeld_fusion_create(raymeld_context context, raymeld_model model,
                                                  const raymeld_fusion_desc* desc, raymeld_fusion* fusion);
-RAYMELD_API void raymeld_fusion_destroy(raymeld_fusion fusion); /* NULL is none */
+RAYMELD_API void raymeld_fusion_destroy(raymeld_fusion fusion); /* ignores NULL */
 
-/* Texts live as long as the fusion. */
+/* Describes a fusion. The texts live as long as the fusion. */
 typedef struct raymeld_fusion_info {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_fusion_info));
-  raymeld_precision precision RAYMELD_IS(RAYMELD_PRECISION_AUTO); /* never AUTO */
+  raymeld_precision precision RAYMELD_IS(RAYMELD_PRECISION_AUTO); /* the precision in use, never AUTO */
   uint32_t scale RAYMELD_IS(0);
-  uint32_t layer_count RAYMELD_IS(0); /* of HRLS, as it is read: without absent ones, three channels each */
-  uint32_t frames_in_flight RAYMELD_IS(0); /* that may be recorded and not yet done on the device */
+  /* The number of layers that HRLS holds, three channels each, without absent ones or a computed variance. */
+  uint32_t layer_count RAYMELD_IS(0);
+  uint32_t frames_in_flight RAYMELD_IS(0); /* the most recordings that may be pending */
   const char* const* layers RAYMELD_IS(NULL);
-  /* The LRHS size that one recording computes: (height, width) of the description unless memory or limits
-   * force tiles. A raymeld_fuse() that finds the device out of memory makes it smaller, unless
+  /* The LRHS size that one recording computes: (height, width) of the description, unless memory or limits of
+   * the device force tiles. A raymeld_fuse() that finds the device out of memory makes it smaller, unless
    * raymeld_record(), raymeld_submit() or, for another size, raymeld_prepare_size() was called before. */
   uint32_t tile_height RAYMELD_IS(0);
   uint32_t tile_width RAYMELD_IS(0);
-  uint64_t memory_bytes RAYMELD_IS(0); /* on the device, so far */
+  uint64_t memory_bytes RAYMELD_IS(0); /* memory that the fusion has allocated on the device so far */
 } raymeld_fusion_info;
 
+/* Writes the description of a fusion. */
 RAYMELD_API raymeld_result raymeld_fusion_get_info(raymeld_fusion fusion, raymeld_fusion_info* info);
 
-/* How a texel is read. */
+/* Says how a texel is read. */
 typedef enum raymeld_texels {
   RAYMELD_TEXELS_PLAIN = 0, /* the first three channels are the values */
-  /* Of normals: the first two channels, in [-1, 1], are a unit vector (x, y, z) / (|x| + |y| + |z|), of which
-   * the half with z < 0 is folded over: (1 - |y|, 1 - |x|) with the signs of x and y. */
+  /* Normals: the first two channels, in [-1, 1], are x and y of (x, y, z) / (|x| + |y| + |z|) for a unit
+   * vector (x, y, z). Where z < 0 they are folded over, to (1 - |y|, 1 - |x|) with the signs of x and y. */
   RAYMELD_TEXELS_OCTAHEDRAL = 1
 } raymeld_texels;
 
-/* One of two things, as the fusion's description has it.
+/* Names a storage buffer or a Vulkan image, as the fusion's description says.
  *
- * Floats in a storage buffer: element (c, y, x) is at
- * offset_bytes / 4 + c * channel_stride + y * row_stride + x * pixel_stride; strides count floats. 0: as of a
- * dense planar image, with pixels side by side, rows behind each other, then channels.
+ * A storage buffer holds floats. Element (c, y, x) is at
+ * offset_bytes / 4 + c * channel_stride + y * row_stride + x * pixel_stride, where strides count floats. A
+ * stride of 0 means that of a dense planar image: first the pixels of a row, then rows, then channels.
  *
- * An image of Vulkan: a 2D view of one level, the colour aspect. Inputs have VK_IMAGE_USAGE_SAMPLED_BIT and
- * any format that is sampled as floats, as R16G16B16A16_SFLOAT, B10G11R11_UFLOAT, A2B10G10R10_UNORM or
- * R8G8B8A8_SRGB; what they hold times value_scale plus value_bias is the value. The output has
- * VK_IMAGE_USAGE_STORAGE_BIT and a format that can be stored to; its alpha becomes 1, and values that its
- * format cannot hold become what the format makes of them. */
+ * A Vulkan image is given by a 2D view of one level and of the colour aspect. Inputs have
+ * VK_IMAGE_USAGE_SAMPLED_BIT and any format that is sampled as floats, such as R16G16B16A16_SFLOAT,
+ * B10G11R11_UFLOAT, A2B10G10R10_UNORM or R8G8B8A8_SRGB. Their values are those of the texels times
+ * value_scale plus value_bias. The output has VK_IMAGE_USAGE_STORAGE_BIT and a format that can be stored to.
+ * Its alpha becomes 1, and values that its format cannot hold are converted as Vulkan defines. */
 typedef struct raymeld_image {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_image));
-  VkBuffer buffer RAYMELD_IS(VK_NULL_HANDLE); /* with VK_BUFFER_USAGE_STORAGE_BUFFER_BIT */
+  VkBuffer buffer RAYMELD_IS(VK_NULL_HANDLE); /* has VK_BUFFER_USAGE_STORAGE_BUFFER_BIT */
   VkDeviceSize offset_bytes RAYMELD_IS(0);    /* a multiple of 4 */
   uint32_t pixel_stride RAYMELD_IS(0);
   uint32_t row_stride RAYMELD_IS(0);
   uint32_t channel_stride RAYMELD_IS(0);
-  /* Of an image of Vulkan: what it is in when the recording runs, and left in. GENERAL or, of inputs,
-   * SHADER_READ_ONLY_OPTIMAL; UNDEFINED stands for GENERAL. */
+  /* The layout in which a Vulkan image is when the recording runs, and in which it is left: GENERAL or, for
+   * inputs, SHADER_READ_ONLY_OPTIMAL. UNDEFINED stands for GENERAL. */
   VkImageLayout layout RAYMELD_IS(VK_IMAGE_LAYOUT_UNDEFINED);
   VkImageView view RAYMELD_IS(VK_NULL_HANDLE);
-  uint32_t x RAYMELD_IS(0); /* the texel that is the first pixel */
+  uint32_t x RAYMELD_IS(0); /* (x, y) is the texel of the first pixel */
   uint32_t y RAYMELD_IS(0);
-  float value_scale RAYMELD_IS(0); /* of inputs; 0 is 1. 2, with a bias of -1, for normals in [0, 1] */
+  /* Inputs only; a scale of 0 stands for 1. Normals in [0, 1] need a scale of 2 and a bias of -1. */
+  float value_scale RAYMELD_IS(0);
   float value_bias RAYMELD_IS(0);
-  raymeld_texels texels RAYMELD_IS(RAYMELD_TEXELS_PLAIN); /* of inputs */
+  raymeld_texels texels RAYMELD_IS(RAYMELD_TEXELS_PLAIN); /* inputs only */
   uint32_t reserved RAYMELD_IS(0);
 } raymeld_image;
 
-/* Scene linear; of the tile size: lrhs (tile_height, tile_width, 3), hrls s times as large with 3 channels
- * for each of the fusion's layers, fused s times as large with 3. Row 0 is the top. As images of Vulkan, hrls
- * are as many as the fusion has layers, in an array, all of one struct_size.
+/* Describes a frame. Its images are scene linear, row 0 is the top, and they have the tile size: lrhs
+ * (tile_height, tile_width, 3), hrls s times as large with 3 channels for each of the fusion's layers, and
+ * fused s times as large with 3 channels. If the inputs are Vulkan images, hrls is an array of one image for
+ * each of the fusion's layers, all of one struct_size.
  *
- * What layers hold, as Cycles gives them, which the stock models were trained on:
- * - color: radiance, as LRHS has it
- * - albedo: of the first surface that neither mirrors nor refracts; of a lamp its light, up to 1
- * - normal: of that surface, of length 1, in the camera's space (x to the right, y up, z away from it), or 0
- * - diffuse: the part of color that was first reflected diffusely, with the albedo
- * - specular: the part that was first mirrored, refracted or glossy, with its colour
- * - variance: of color; for each channel the mean square less the squared mean over 3x3 pixels, where what
- *   lies beyond a border is the nearest pixel; see compute_variance
+ * The stock models were trained on layers as Cycles writes them:
+ * - color: radiance, as in LRHS
+ * - albedo: that of the first surface that neither mirrors nor refracts; for a lamp its light, up to 1
+ * - normal: that of the same surface, of length 1, in the camera's space (x to the right, y up, z away from
+ *   the camera), or 0
+ * - diffuse: the part of color that was first reflected diffusely, multiplied by the albedo
+ * - specular: the part of color that was first mirrored, refracted or glossy, multiplied by its colour
+ * - variance: that of color; for each channel the mean square less the squared mean over 3x3 pixels, where
+ *   pixels beyond a border are the nearest pixel; see compute_variance
  *
- * NaN is read as 0; radiance and variance as no less than 0 and no more than the model was trained for,
- * albedo as in [0, 1], normals in [-1, 1]. */
+ * NaN is read as 0. Radiance and variance are clamped to at least 0 and at most what the model was trained
+ * for, albedo to [0, 1] and normals to [-1, 1]. */
 typedef struct raymeld_frame {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_frame));
   const raymeld_image* lrhs RAYMELD_IS(NULL);
   const raymeld_image* hrls RAYMELD_IS(NULL);
   const raymeld_image* fused RAYMELD_IS(NULL);
-  /* As in raymeld_fusion_desc, for this frame; 0: as described there. Where that is 0 too, the device finds
-   * in the same recording what raymeld_exposure() would, to within 0.01 % for up to 10 million LRHS pixels,
-   * the same bits each time. Parts of a larger frame are given the exposure of all of it: a fusion whose
-   * tile_height and tile_width are not the description's refuses 0 for models that ask for an exposure. */
+  /* The exposure of this frame, as in raymeld_fusion_desc. 0: the description's. If that is 0 too, the device
+   * computes in the same recording what raymeld_exposure() would, to within 0.01 % for up to 10 million LRHS
+   * pixels and with the same bits each time. Parts of a larger frame need the exposure of the whole frame: a
+   * fusion whose tile size is not the description's size refuses 0 for models that ask for an exposure. */
   float exposure RAYMELD_IS(0);
-  /* Of LRHS in this frame, where it is not (tile_height, tile_width): a size that raymeld_prepare_size() made
-   * ready, to which the images' sizes follow. */
+  /* The LRHS size of this frame; 0 stands for tile_height and tile_width. Another size must have been given
+   * to raymeld_prepare_size(), and determines the sizes of the images. */
   uint32_t height RAYMELD_IS(0);
   uint32_t width RAYMELD_IS(0);
   uint32_t reserved RAYMELD_IS(0);
 } raymeld_frame;
 
-/* For dynamic resolution: makes ready what it takes to record frames with LRHS of another size, at most
- * (tile_height, tile_width) of a fusion that has no tiles. They use the memory, the weights and the pipelines
- * of the fusion, so that sizes may change from frame to frame, and have the bits of a fusion of that size
- * with the same kernels. Takes some milliseconds of the host for each size, once; may compile where of two
- * widths one is even and the other odd; does not wait, and recordings may be pending. raymeld_fuse() has the
- * description's size always. */
+/* Makes ready what is needed to record frames with another LRHS size, for dynamic resolution. The fusion must
+ * not be in tiles, and the size is at most (tile_height, tile_width). Such frames use the memory, the weights
+ * and the pipelines of the fusion, so that sizes may change from frame to frame. They have the bits of a
+ * fusion of that size with the same kernels. The first call for a size takes some milliseconds of the host,
+ * and may compile if one of the two widths is even and the other odd. It does not wait, and recordings may be
+ * pending. raymeld_fuse() always takes the description's size. Returns RAYMELD_ERROR_DEVICE if a call of
+ * Vulkan fails. */
 RAYMELD_API raymeld_result raymeld_prepare_size(raymeld_fusion fusion, uint32_t height, uint32_t width);
 
-/* Records a frame into the caller's command buffer, outside of a render pass; never submits, allocates on the
- * device or waits, unless a raymeld_fuse() before failed for want of memory, after which everything is made
- * anew. The inputs must be visible to VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with VK_ACCESS_SHADER_READ_BIT,
- * and the output ready to be written there; it is written in that stage with VK_ACCESS_SHADER_WRITE_BIT, and
- * made visible to the host like what raymeld_take_status() reads; what else reads it waits for that. All
- * layouts stay. At most frames_in_flight recordings may be pending, on one queue, each submitted once, which
- * is not checked; the next recording takes the place of the oldest, whether that was submitted or not.
+/* Records a frame into the caller's command buffer, outside of a render pass. Never submits, allocates on the
+ * device or waits, unless an earlier raymeld_fuse() failed for lack of memory; then everything is made anew.
  *
- * The command buffer is a primary one, for the context's queue family, to which images and buffers belong
- * that are not shared between families. What it has bound for compute (pipeline, descriptor sets, push
- * constants) is not as before. Nothing is needed between recordings for what raymeld keeps itself. `frame` is
- * read here only; what it names lives until the recording is done, and inputs may be overwritten behind
- * VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT.
+ * The inputs must be visible to VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with VK_ACCESS_SHADER_READ_BIT, and the
+ * output must be ready to be written there. The output is written in that stage with
+ * VK_ACCESS_SHADER_WRITE_BIT, and is made visible to the host, as is what raymeld_take_status() reads. All
+ * other readers of the output must wait for that stage and access. All layouts stay. At most frames_in_flight
+ * recordings may be pending, on one queue, each submitted once; this is not checked. The next recording takes
+ * the place of the oldest, whether that was submitted or not.
  *
- * Images have one sample and at least (y + height, x + width) texels, and their formats the features
- * SAMPLED_IMAGE or, of the output, STORAGE_IMAGE; the output's view has no swizzle. Vulkan's validation layer
- * sees such mistakes, raymeld does not.
+ * The command buffer is a primary one, for the context's queue family. Images and buffers that are not shared
+ * between families must belong to that family. The pipeline, the descriptor sets and the push constants that
+ * were bound for compute are replaced. raymeld's own memory needs no barriers between recordings. `frame` is
+ * read during this call only. The objects that it names must live until the recording is done, and inputs may
+ * be overwritten after VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT.
  *
- * RAYMELD_ERROR_INVALID_ARGUMENT: what was given, or its size, is wrong, and nothing was recorded. Behind
- * other errors the command buffer may hold a part of the frame. */
+ * Vulkan images have one sample, at least (y + height, x + width) texels, and a format with the feature
+ * SAMPLED_IMAGE or, for the output, STORAGE_IMAGE. The output's view has no swizzle. Vulkan's validation
+ * layer finds mistakes in these; raymeld does not.
+ *
+ * RAYMELD_ERROR_INVALID_ARGUMENT says that an argument or its size is wrong, and that nothing was recorded.
+ * After other errors, such as RAYMELD_ERROR_DEVICE, the command buffer may hold a part of the frame. */
 RAYMELD_API raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands,
                                           const raymeld_frame* frame);
 
-/* Of the caller's device: what a submit waits for and what it signals. */
+/* Names semaphores of the caller's device that a submit waits for and signals. */
 typedef struct raymeld_semaphores {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_semaphores));
   uint32_t wait_count RAYMELD_IS(0);
   uint32_t signal_count RAYMELD_IS(0);
   const VkSemaphore* wait RAYMELD_IS(NULL);
-  /* Of timeline semaphores, for which RAYMELD_FEATURE_TIMELINE_SEMAPHORE is enabled; 0: of a binary one.
-   * NULL: all are binary. */
+  /* The values of timeline semaphores, which need RAYMELD_FEATURE_TIMELINE_SEMAPHORE; 0 for a binary
+   * semaphore. NULL: all are binary. */
   const uint64_t* wait_values RAYMELD_IS(NULL);
   const VkSemaphore* signal RAYMELD_IS(NULL);
   const uint64_t* signal_values RAYMELD_IS(NULL);
 } raymeld_semaphores;
 
 /* Records a frame as raymeld_record() does, into a command buffer of raymeld's own, and submits it to the
- * queue. Does not wait for it, but does, on the host, for the one that was submitted frames_in_flight frames
- * before, unless that is done; those of raymeld_record() count among them, but are the caller's to wait for.
- * The first call allocates. All of the frame comes behind what it waits for. `semaphores` may be NULL.
- * raymeld_take_status(), raymeld_fuse() and raymeld_fusion_destroy() wait for all that was submitted. */
+ * queue. Does not wait for that frame, but waits on the host for the one that was submitted frames_in_flight
+ * frames before, if it is not done. Frames of raymeld_record() count among these, but the caller must wait
+ * for them. The first call allocates. The whole frame runs after the semaphores that it waits for.
+ * `semaphores` may be NULL. raymeld_take_status(), raymeld_fuse() and raymeld_fusion_destroy() wait for all
+ * submitted frames. Returns RAYMELD_ERROR_DEVICE or RAYMELD_ERROR_DEVICE_LOST if a call of Vulkan fails. */
 RAYMELD_API raymeld_result raymeld_submit(raymeld_fusion fusion, const raymeld_frame* frame,
                                           const raymeld_semaphores* semaphores);
 
-/* What the device counted; saturated and not_finite are zero for a frame that can be trusted. */
+/* Holds what the device counted. For a frame that can be trusted, saturated and not_finite are zero. */
 typedef struct raymeld_status {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_status));
-  /* With fp16: values within the network beyond 16 bits, stored as the largest. */
+  /* fp16 only: values within the network that 16 bits cannot hold, stored as the largest value. */
   uint32_t saturated RAYMELD_IS(0);
   uint32_t not_finite RAYMELD_IS(0); /* output values that were NaN or infinite, written as 0 */
-  /* Of raymeld_fuse(), AUTO: which fp16 could not hold, computed again in fp32. */
+  /* raymeld_fuse() with RAYMELD_PRECISION_AUTO only: tiles that fp16 could not hold, redone in fp32. */
   uint32_t redone_tiles RAYMELD_IS(0);
-  float kept_share RAYMELD_IS(0); /* of raymeld_fuse(): changed_only */
+  /* raymeld_fuse() with changed_only only: the share of the frame that is the last output's, from 0 to 1. */
+  float kept_share RAYMELD_IS(0);
 } raymeld_status;
 
-/* Counts of recorded and submitted frames since the last call or the last raymeld_fuse(); for when those of
- * raymeld_record() are done. */
+/* Writes the counts of the frames that were recorded and submitted since the last call or the last
+ * raymeld_fuse(). Waits for submitted frames; those of raymeld_record() must be done. Returns
+ * RAYMELD_ERROR_DEVICE or RAYMELD_ERROR_DEVICE_LOST if a call of Vulkan fails. */
 RAYMELD_API raymeld_result raymeld_take_status(raymeld_fusion fusion, raymeld_status* status);
 
-/* Fuses one frame of host memory, planar and dense: lrhs (3, h, w), hrls (3 for each of the fusion's layers,
- * s h, s w), fused (3, s h, s w). Tiles as needed, submits to the queue and waits. No recorded frame may be
- * pending. `fused` may hold some of the tiles after a failure. `status` may be NULL. */
+/* Fuses one frame of host memory, planar and dense: lrhs (3, h, w) and hrls (3 for each of the fusion's
+ * layers, s h, s w) to fused (3, s h, s w), where (h, w) is the description's size. Works tile by tile if it
+ * must, submits to the queue and waits. No recorded frame may be pending. `status` may be NULL. Returns
+ * RAYMELD_ERROR_NOT_FINITE if the network's output is not finite, and RAYMELD_ERROR_DEVICE or
+ * RAYMELD_ERROR_DEVICE_LOST if a call of Vulkan fails. `fused` may hold some of the tiles after a failure. */
 RAYMELD_API raymeld_result raymeld_fuse(raymeld_fusion fusion, const float* lrhs, const float* hrls,
                                         float* fused, raymeld_status* status);
 
-/* What raymeld_fuse() multiplies radiance by for an LRHS in host memory, as it takes it: the description's
- * exposure, else what brings LRHS to the brightness that the model was trained at. That is k / m^2, from
- * 2^-24 to 2^24, where m is the mean over LRHS of the square root of luminance (Rec. 709), colors being
- * clamped to [0, 65504] and NaN 0, and k the model's exposure_key; 1 where LRHS is black and for models
- * without a key. */
+/* Computes the exposure that raymeld_fuse() would use for lrhs (3, h, w) in host memory, planar and dense.
+ * This is the description's exposure or, if that is 0, the factor that brings LRHS to the brightness that the
+ * model was trained at: k / m^2, clamped to [2^-24, 2^24]. Here m is the mean over LRHS of the square root of
+ * luminance (Rec. 709), with colors clamped to [0, 65504] and NaN as 0, and k is the model's exposure_key.
+ * The exposure is 1 if LRHS is black or the model has no key. */
 RAYMELD_API raymeld_result raymeld_exposure(raymeld_fusion fusion, const float* lrhs, float* exposure);
 
 #ifdef __cplusplus

@@ -1,5 +1,5 @@
-// raymeld.h for C++: handles that destroy themselves, failures that are thrown. What functions do and ask for
-// is said there.
+// Wraps raymeld.h for C++: handles destroy themselves, and failures are thrown. raymeld.h says what the
+// functions do and expect.
 #pragma once
 
 #include <raymeld/raymeld.h>
@@ -12,7 +12,7 @@
 
 namespace raymeld {
 
-// Of every function but destructors.
+// Is thrown by all functions that fail; destructors do not throw.
 class Failure : public std::runtime_error {
  public:
   Failure(raymeld_result result, const char* message) : std::runtime_error(message), result_(result) {}
@@ -47,7 +47,7 @@ inline std::vector<std::string> list(raymeld_result (*list_names)(uint32_t*, con
   check(list_names(&count, nullptr));
   std::vector<const char*> names(count);
   check(list_names(&count, names.data()));
-  names.resize(std::min<size_t>(count, names.size()));  // there may be others by now
+  names.resize(std::min<size_t>(count, names.size()));  // the number of names may have changed
   return {names.begin(), names.end()};
 }
 
@@ -63,7 +63,7 @@ inline std::vector<raymeld_feature> list_features(PFN_vkGetInstanceProcAddr get_
   return features;
 }
 
-// Sets members of the chain, with which a device is then created.
+// Sets members of the caller's chain, with which the caller then creates the device.
 inline raymeld_enabled_features enable_features(PFN_vkGetInstanceProcAddr get_instance_proc_addr,
                                                 VkInstance instance, VkPhysicalDevice physical_device,
                                                 VkPhysicalDeviceFeatures2& features) {
@@ -73,10 +73,10 @@ inline raymeld_enabled_features enable_features(PFN_vkGetInstanceProcAddr get_in
   return enabled;
 }
 
-// The names of the stock models.
+// Lists the names of the stock models.
 inline std::vector<std::string> list_models() { return detail::list(raymeld_list_models); }
 
-// The names of the system's devices, by index.
+// Lists the names of the system's devices, by index.
 inline std::vector<std::string> device_names() { return detail::list(raymeld_list_devices); }
 
 class Context {
@@ -92,7 +92,7 @@ class Context {
   detail::Owned<raymeld_context> context_;
 };
 
-// The descriptor is its own, unless the constructor throws.
+// Takes over the file descriptor, unless the constructor throws.
 class ImportedBuffer {
  public:
   ImportedBuffer(const Context& context, const raymeld_import_desc& desc) {
@@ -112,10 +112,10 @@ class ImportedBuffer {
   detail::Owned<raymeld_buffer> buffer_;
 };
 
-// A model that any number of fusions share.
+// Holds a model, which any number of fusions may share.
 class SharedModel {
  public:
-  // A file, or the name of a stock model.
+  // Loads a file, or a stock model by its name.
   explicit SharedModel(const std::string& file) {
     raymeld_model model = nullptr;
     detail::check(raymeld_model_load(file.c_str(), &model));

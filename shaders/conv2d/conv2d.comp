@@ -18,7 +18,7 @@ layout(constant_id = 1) const uint kVectors = 2;
 layout(constant_id = 2) const uint kRows = 4;
 layout(constant_id = 3) const uint kRelu = 0;
 layout(constant_id = 4) const uint kResiduals = 0;
-layout(constant_id = 5) const uint kBehind = 0;  // channels from p.channels_front on are those of a second input
+layout(constant_id = 5) const uint kSecondInput = 0;  // channels from p.channels_first on are those of a second input
 layout(constant_id = 6) const uint kBorders = 0;  // the bias is a table, see border.glsl
 
 layout(push_constant) uniform Push {
@@ -33,7 +33,7 @@ layout(std430, binding = 5) readonly buffer Residual0 { STORAGE residual0[]; };
 layout(std430, binding = 6) readonly buffer Residual1 { STORAGE residual1[]; };
 layout(std430, binding = 7) readonly buffer Residual2 { STORAGE residual2[]; };
 // Bound to the input where that is all.
-layout(std430, binding = 8) readonly buffer Behind { STORAGE behind_data[]; };
+layout(std430, binding = 8) readonly buffer Second { STORAGE second_data[]; };
 
 const uint kRadius = kKernel / 2;
 const uint kColumn = kRows + kKernel - 1;
@@ -41,9 +41,9 @@ const uint kColumn = kRows + kKernel - 1;
 // Outside the image lies zero; unsigned wrap-around makes one comparison serve both edges.
 float load(uint i, uint y, uint x) {
   bool inside = y < p.height && x < p.width;
-  bool behind = kBehind != 0 && i >= p.channels_front;
-  uint at = inside ? address(behind ? i - p.channels_front : i, y, x, p.plane, p.width) : 0;
-  float value = behind ? float(behind_data[at]) : float(in_data[at]);
+  bool second = kSecondInput != 0 && i >= p.channels_first;
+  uint at = inside ? address(second ? i - p.channels_first : i, y, x, p.plane, p.width) : 0;
+  float value = second ? float(second_data[at]) : float(in_data[at]);
   return inside ? value : 0.0;
 }
 

@@ -32,7 +32,7 @@ layout(constant_id = 9) const uint kRelu = 0;
 layout(constant_id = 10) const uint kResiduals = 0;
 layout(constant_id = 11) const uint kUnshuffle = 1;
 layout(constant_id = 12) const uint kShuffle = 1;
-layout(constant_id = 13) const uint kBehind = 0;  // channels from p.channels_front on are those of a second input
+layout(constant_id = 13) const uint kSecondInput = 0;  // channels from p.channels_first on are those of a second input
 layout(constant_id = 14) const uint kBorders = 0;  // the bias is a table, see border.glsl
 
 layout(push_constant) uniform Push { Conv2dMatrix p; };
@@ -45,7 +45,7 @@ layout(std430, binding = 5) readonly buffer Residual0 { STORAGE residual0[]; };
 layout(std430, binding = 6) readonly buffer Residual1 { STORAGE residual1[]; };
 layout(std430, binding = 7) readonly buffer Residual2 { STORAGE residual2[]; };
 // Bound to the input where that is all; not with kUnshuffle > 1.
-layout(std430, binding = 8) readonly buffer Behind { STORAGE behind_data[]; };
+layout(std430, binding = 8) readonly buffer Second { STORAGE second_data[]; };
 
 // Shared memory in steps of 16 bytes, as matrices are aligned: 8 halves. Where a matrix has a row, one step more lies
 // between rows, so that they fall into different banks.
@@ -68,12 +68,12 @@ const uint kAcross = kColumns / kN, kPixels = kRows * kAcross;  // matrices of p
 // Outside the image lies zero; unsigned wrap-around makes one comparison serve both edges.
 float16_t load(uint i, uint y, uint x) {
   bool inside = i < p.channels_in && y < p.height && x < p.width;
-  bool behind = kBehind != 0 && i >= p.channels_front;
-  if (behind) i -= p.channels_front;
+  bool second = kSecondInput != 0 && i >= p.channels_first;
+  if (second) i -= p.channels_first;
   uint at = address(i / (kUnshuffle * kUnshuffle), kUnshuffle * y + i / kUnshuffle % kUnshuffle,
                     kUnshuffle * x + i % kUnshuffle, p.plane_in, kUnshuffle * p.width);
   at = inside ? at : 0;
-  float16_t value = behind ? behind_data[at] : in_data[at];
+  float16_t value = second ? second_data[at] : in_data[at];
   return inside ? value : float16_t(0.0);
 }
 

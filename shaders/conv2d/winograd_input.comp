@@ -12,20 +12,14 @@
 layout(local_size_x = 32) in;
 #include "invocation.glsl"
 layout(constant_id = 1) const uint kUnshuffle = 1;
-layout(constant_id = 2) const uint kPairs = 0;  // rows of the source are read by pairs of floats
-#ifdef DATA_BY_ADDRESS
+layout(constant_id = 2) const uint kPairs = 0;  // the width is even, so that rows of the source are read in pairs
 layout(push_constant) uniform Push {
-  Values source;
-  Pairs transformed;
+  ADDRESS(Values, source)
+  ADDRESS(Pairs, transformed)
   WinogradInput p;
 };
-#else
-layout(push_constant) uniform Push {
-  WinogradInput p;
-};
-layout(std430, binding = 1) readonly buffer Source { STORAGE v[]; } source;
-layout(std430, binding = 2) writeonly buffer Transformed { float v[]; } transformed;
-#endif
+BUFFER(1, readonly, Source, STORAGE, source)
+BUFFER(2, writeonly, Transformed, float, transformed)
 #include "tile_pair.glsl"
 
 float load(uint c, uint y, uint x) {
@@ -36,25 +30,12 @@ float load(uint c, uint y, uint x) {
   return inside ? value : 0.0;
 }
 
-// At x and x + 1, of an even x and an even width; where there are no pairs, 0.
+// Returns the values at x and x + 1, where x and the width are even.
 vec2 load_pair(uint c, uint y, uint x) {
-#if defined(DATA_BY_ADDRESS) && !defined(STORAGE_F16)
   bool inside = y < p.height && x < p.width;
-  uint at = address(c, y & p.rows_mask, x, p.plane, p.width) / 2;
-  vec2 values = floats(Pairs(uint64_t(source)).v[inside ? at : 0]);
+  uint at = address(c, y & p.rows_mask, x, p.plane, p.width);
+  vec2 values = READ_VALUES(source, inside ? at : 0);
   return inside ? values : vec2(0.0);
-#else
-  return vec2(0.0);
-#endif
-}
-
-void store(uint at, vec2 values) {
-#ifdef DATA_BY_ADDRESS
-  transformed.v[at / 2] = pair(values);
-#else
-  transformed.v[at] = values.x;
-  transformed.v[at + 1] = values.y;
-#endif
 }
 
 void main() {
@@ -87,6 +68,6 @@ void main() {
     vec2 d[kMostSide];
     [[unroll]] for (uint x = 0; x < kSide; ++x) d[x] = vec2(columns[y][x], columns[y][x + kTile]);
     transform(d);
-    [[unroll]] for (uint x = 0; x < kSide; ++x) store(at + (y * kSide + x) * p.position_stride, d[x]);
+    [[unroll]] for (uint x = 0; x < kSide; ++x) WRITE_PAIR(transformed, at + (y * kSide + x) * p.position_stride, d[x]);
   }
 }

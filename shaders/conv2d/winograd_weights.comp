@@ -10,34 +10,15 @@
 
 layout(local_size_x = 64) in;
 #include "invocation.glsl"
-#ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
-  Values filters;
-  Pairs transformed;
+  ADDRESS(Values, filters)
+  ADDRESS(Pairs, transformed)
   WinogradWeights p;
 };
-#else
-layout(push_constant) uniform Push { WinogradWeights p; };
-layout(std430, binding = 1) readonly buffer Filters { STORAGE v[]; } filters;
-layout(std430, binding = 2) writeonly buffer Transformed { float v[]; } transformed;
-#endif
+BUFFER(1, readonly, Filters, STORAGE, filters)
+BUFFER(2, writeonly, Transformed, float, transformed)
 
-vec2 load(uint at) {
-#if defined(DATA_BY_ADDRESS) && !defined(STORAGE_F16)
-  return floats(Pairs(uint64_t(filters)).v[at / 2]);
-#else
-  return vec2(float(filters.v[at]), float(filters.v[at + 1]));
-#endif
-}
-
-void store(uint at, vec2 values) {
-#ifdef DATA_BY_ADDRESS
-  transformed.v[at / 2] = pair(values);
-#else
-  transformed.v[at] = values.x;
-  transformed.v[at + 1] = values.y;
-#endif
-}
+vec2 load(uint at) { return READ_VALUES(filters, at); }
 
 // G g, of a column or a row of two filters. Each product with 1/24 or a multiple of it is rounded to nearest by
 // itself: then it is exact where it is a whole number, as tests ask. A division might not be, nor what a compiler
@@ -68,6 +49,6 @@ void main() {
   [[unroll]] for (uint y = 0; y < kSide; ++y) {
     vec2 row[kMostSide];
     transform(columns[0][y], columns[1][y], columns[2][y], row);
-    [[unroll]] for (uint x = 0; x < kSide; ++x) store(at + (y * kSide + x) * p.count, row[x]);
+    [[unroll]] for (uint x = 0; x < kSide; ++x) WRITE_PAIR(transformed, at + (y * kSide + x) * p.count, row[x]);
   }
 }

@@ -17,31 +17,27 @@ layout(binding = 1) uniform writeonly image2D frame;
 #else
 layout(std430, binding = 1) writeonly buffer Frame { float frame[]; };
 #endif
-#ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
-  Floats exposure;  // and its inverse
-  Values source, lrhs, highlights;
+  ADDRESS(Floats, exposure)  // and its inverse
+  ADDRESS(Values, source) ADDRESS(Values, lrhs) ADDRESS(Values, above_clip)
   Decode p;
 };
-#else
-layout(push_constant) uniform Push { Decode p; };
-layout(std430, binding = 2) readonly buffer Exposure { float v[2]; } exposure;
-layout(std430, binding = 3) readonly buffer Source { STORAGE v[]; } source;
-layout(std430, binding = 4) readonly buffer Lrhs { STORAGE v[]; } lrhs;
-layout(std430, binding = 5) readonly buffer Bright { STORAGE v[]; } highlights;
-#endif
+BUFFER(2, readonly, Exposure, float, exposure)
+BUFFER(3, readonly, Source, STORAGE, source)
+BUFFER(4, readonly, Lrhs, STORAGE, lrhs)
+BUFFER(5, readonly, Bright, STORAGE, above_clip)
 #include "strip.glsl"
 #define UPSAMPLED p.of
 #include "lrhs.glsl"
 
-float highlight_at(uint c, uint y, uint x) {
-  return float(highlights.v[address(c, y, x, p.of.lrhs_plane, p.of.lrhs_width)]);
+float above_clip_at(uint c, uint y, uint x) {
+  return float(above_clip.v[address(c, y, x, p.of.lrhs_plane, p.of.lrhs_width)]);
 }
 
 // The mean of the four samples around, each weighted by itself as well: at the rim of a lamp it is the lamp's.
-float highlight(uint c, Bilinear at) {
-  vec4 samples = vec4(highlight_at(c, at.low.y, at.low.x), highlight_at(c, at.low.y, at.high.x),
-                      highlight_at(c, at.high.y, at.low.x), highlight_at(c, at.high.y, at.high.x));
+float upsampled_above_clip(uint c, Bilinear at) {
+  vec4 samples = vec4(above_clip_at(c, at.low.y, at.low.x), above_clip_at(c, at.low.y, at.high.x),
+                      above_clip_at(c, at.high.y, at.low.x), above_clip_at(c, at.high.y, at.high.x));
   vec4 weights = samples * vec2(1.0 - at.t.x, at.t.x).xyxy * vec2(1.0 - at.t.y, at.t.y).xxyy;
   float total = dot(weights, vec4(1.0));
   return total > 0.0 ? dot(weights, samples) / total : 0.0;
@@ -59,7 +55,7 @@ float decoded(uint c, uvec2 pixel, Bilinear at, bool counted) {
   value = to_linear(value, p.of.log_transfer);
   float share = p.clip > 0.0 ? clamp(8.0 * value / p.clip - 1.0, 0.0, 1.0) : 0.0;
   value *= exposure.v[1];
-  if (share > 0.0) value += share * highlight(c, at);
+  if (share > 0.0) value += share * upsampled_above_clip(c, at);
   return clamp(value, 0.0, 65504.0);
 }
 

@@ -12,17 +12,13 @@
 
 layout(local_size_x = 64, local_size_y = 2) in;
 #include "invocation.glsl"
-#ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
-  Floats exposure;
-  Values target;
+  ADDRESS(Floats, exposure)
+  ADDRESS(Values, target)
   Encode p;
 };
-#else
-layout(push_constant) uniform Push { Encode p; };
-layout(std430, binding = 2) readonly buffer Exposure { float v[2]; } exposure;
-layout(std430, binding = 3) writeonly buffer Target { STORAGE v[]; } target;
-#endif
+BUFFER(2, readonly, Exposure, float, exposure)
+BUFFER(3, writeonly, Target, STORAGE, target)
 #include "strip.glsl"
 
 #ifdef FRAME_IMAGE

@@ -11,17 +11,13 @@
 
 layout(local_size_x = 64, local_size_y = 2) in;
 #include "invocation.glsl"
-#ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
-  Floats exposure;
-  Values target;
+  ADDRESS(Floats, exposure)
+  ADDRESS(Values, target)
   Variance p;
 };
-#else
-layout(push_constant) uniform Push { Variance p; };
-layout(std430, binding = 2) readonly buffer Exposure { float v[2]; } exposure;
-layout(std430, binding = 3) writeonly buffer Target { STORAGE v[]; } target;
-#endif
+BUFFER(2, readonly, Exposure, float, exposure)
+BUFFER(3, writeonly, Target, STORAGE, target)
 
 vec3 color_at(ivec2 pixel) {
   uvec2 at = uvec2(clamp(pixel, ivec2(0), ivec2(p.width, p.height) - 1));

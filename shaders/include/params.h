@@ -40,7 +40,7 @@ struct Conv2d {
   uint width;
   uint plane;
   uint channels_in;
-  uint channels_front;  // of the first of two inputs
+  uint channels_first;  // of the first of two inputs
   uint channels_out;
 };
 
@@ -51,7 +51,7 @@ struct Conv2dMatrix {
   uint plane_in;
   uint plane_out;
   uint channels_in;
-  uint channels_front;  // of the first of two inputs
+  uint channels_first;  // of the first of two inputs
   uint channels_out;
 };
 
@@ -68,7 +68,7 @@ struct Pointwise {
 };
 
 // A 1x1 convolution of unshuffled cells; plane and width are of the image, plane_out of the output, which has `rows` rows.
-struct PointwiseCells {
+struct PointwiseUnshuffled {
   uint plane;
   uint width;
   uint plane_out;
@@ -162,7 +162,7 @@ struct Variance {
   float clip;
 };
 
-struct Highlights {
+struct AboveClip {
   FRAME_VIEW frame;
   uint height;
   uint width;
@@ -194,7 +194,7 @@ struct Upsampled {
   float phase;
 };
 
-struct JointLight {
+struct Demodulate {
   Upsampled of;
   uint scale;            // a power of two
   float lrhs_certainty;  // of a full-size pixel that LRHS tells of; HRLS has 1
@@ -208,7 +208,7 @@ struct JointFilter {
   uint digits[4];  // 0 to 3: see uniform.glsl
 };
 
-struct Relight {
+struct Remodulate {
   uint height;
   uint width;
   uint plane;

@@ -9,18 +9,14 @@
 
 layout(local_size_x = 64, local_size_y = 2) in;
 #include "invocation.glsl"
-#ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
-  Values lrhs, albedo, normal, target;
+  ADDRESS(Values, lrhs) ADDRESS(Values, albedo) ADDRESS(Values, normal) ADDRESS(Values, target)
   Irradiance p;
 };
-#else
-layout(push_constant) uniform Push { Irradiance p; };
-layout(std430, binding = 1) readonly buffer Lrhs { STORAGE v[]; } lrhs;
-layout(std430, binding = 2) readonly buffer Albedo { STORAGE v[]; } albedo;
-layout(std430, binding = 3) readonly buffer Normal { STORAGE v[]; } normal;
-layout(std430, binding = 4) writeonly buffer Target { STORAGE v[]; } target;
-#endif
+BUFFER(1, readonly, Lrhs, STORAGE, lrhs)
+BUFFER(2, readonly, Albedo, STORAGE, albedo)
+BUFFER(3, readonly, Normal, STORAGE, normal)
+BUFFER(4, writeonly, Target, STORAGE, target)
 #include "guides.glsl"
 
 Surface surface_of(uvec2 pixel) {

@@ -11,19 +11,15 @@
 
 layout(local_size_x = 64, local_size_y = 2) in;
 #include "invocation.glsl"
-#ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
-  Values rec, lrhs, albedo, filtered, target;
+  ADDRESS(Values, rec) ADDRESS(Values, lrhs) ADDRESS(Values, albedo) ADDRESS(Values, filtered) ADDRESS(Values, target)
   Upsampled p;
 };
-#else
-layout(push_constant) uniform Push { Upsampled p; };
-layout(std430, binding = 1) readonly buffer Rec { STORAGE v[]; } rec;
-layout(std430, binding = 2) readonly buffer Lrhs { STORAGE v[]; } lrhs;
-layout(std430, binding = 3) readonly buffer Albedo { STORAGE v[]; } albedo;
-layout(std430, binding = 4) readonly buffer Filtered { STORAGE v[]; } filtered;
-layout(std430, binding = 5) writeonly buffer Target { STORAGE v[]; } target;
-#endif
+BUFFER(1, readonly, Rec, STORAGE, rec)
+BUFFER(2, readonly, Lrhs, STORAGE, lrhs)
+BUFFER(3, readonly, Albedo, STORAGE, albedo)
+BUFFER(4, readonly, Filtered, STORAGE, filtered)
+BUFFER(5, writeonly, Target, STORAGE, target)
 #define UPSAMPLED p
 #include "lrhs.glsl"
 

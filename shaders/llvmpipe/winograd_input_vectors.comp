@@ -50,13 +50,13 @@ void main() {
   uint first = first_of_vector().x, channel = uniform_number(gl_WorkGroupID.z);
   uint pairs = p.tiles_x / 2, row = quotient(first, pairs), left = kColumns * (first - row * pairs);
   uint y0 = (p.first_tile_row + row) * kTile - kKernel / 2;  // above the image it wraps around
-  Floats rows[kMostSide], before[kMostSide], behind[kMostSide];
+  Floats rows[kMostSide], before[kMostSide], after[kMostSide];
   [[unroll]] for (uint y = 0; y < kSide; ++y) {
     bool inside = y0 + y < p.height;
     uint64_t at = uint64_t(source) + 4ul * address(channel, (y0 + y) & p.rows_mask, left, p.plane, p.width);
     rows[y] = where(inside, at);
     before[y] = where(inside && left > 0, at - 4ul);
-    behind[y] = where(inside && left + kVector * kColumns < p.width, at + 4ul * kVector * kColumns);
+    after[y] = where(inside && left + kVector * kColumns < p.width, at + 4ul * kVector * kColumns);
   }
   float columns[kMostSide][kColumns];  // of neighbours
   vec2 sides[kMostSide];               // the column before and the one behind all of them
@@ -66,7 +66,7 @@ void main() {
       if (x < kColumns) {
         d[y] = vec2(read_vector(rows[y], x * kVector), read_vector(rows[y], (x + 1) * kVector));
       } else {
-        d[y] = vec2(before[y].v[0], behind[y].v[0]);
+        d[y] = vec2(before[y].v[0], after[y].v[0]);
       }
     }
     transform(d);

@@ -9,7 +9,7 @@
 namespace raymeld {
 namespace {
 
-// Where a member lies in a structure of a chain.
+// Says where a member lies in a structure of a chain.
 struct Place {
   VkStructureType type;
   size_t offset_bytes;
@@ -18,7 +18,7 @@ struct Place {
 struct Member {
   const char* name;
   Place own;
-  Place core = {VK_STRUCTURE_TYPE_MAX_ENUM, 0};  // the other one, in the structure of a version of Vulkan
+  Place core = {VK_STRUCTURE_TYPE_MAX_ENUM, 0};  // the same member in the structure of a version of Vulkan
 };
 
 #define RAYMELD_PLACE(type, structure, member) \
@@ -70,15 +70,15 @@ constexpr std::array kFeatures{
             "RAYMELD_PRECISION_FP16 is an error and AUTO is FP32, which takes twice the memory and, on GPUs, "
             "more time."},
     Feature{RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS, kAddressExtensions, kAddressMembers,
-            "All convolutions are computed directly: several times slower on drivers for CPUs. The extension "
-            "is part of Vulkan 1.2, where it need not be named."},
+            "All convolutions are computed directly, which is several times slower on drivers for CPUs. The "
+            "extension is part of Vulkan 1.2, where it need not be named."},
     Feature{RAYMELD_FEATURE_COOPERATIVE_MATRIX, CooperativeMatrixFeatures::kExtensions, kMatrixMembers,
-            "Tensor cores are not used, which fp16 convolutions do where `raymeld tune` found them to be "
-            "the fastest."},
+            "fp16 convolutions do not use tensor cores, even where `raymeld tune` would find them to be the "
+            "fastest."},
     Feature{RAYMELD_FEATURE_IMAGE_WRITES,
             {},
             kImageMembers,
-            "A fused image is a buffer: output_image is an error."},
+            "The fused image must be a buffer: output_image is an error."},
     Feature{RAYMELD_FEATURE_TIMELINE_SEMAPHORE, kTimelineExtensions, kTimelineMembers,
             "raymeld_submit() takes binary semaphores only. The extension is part of Vulkan 1.2, where it "
             "need not be named."},
@@ -114,7 +114,7 @@ VkBool32* find(VkPhysicalDeviceFeatures2& chain, const Member& member) {
   return nullptr;
 }
 
-// Returns the names of a feature's members; by its place in kFeatures.
+// Returns the names of the members of feature kFeatures[index].
 std::span<const char* const> names_of(size_t index) {
   static const auto all = [] {
     std::array<std::vector<const char*>, kFeatures.size()> names;

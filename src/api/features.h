@@ -1,4 +1,4 @@
-// What a device may have for raymeld, and how it is asked for when a caller creates it.
+// Lists the features of a device that raymeld can use, and enables them when a caller creates the device.
 #pragma once
 
 #include <span>
@@ -9,10 +9,10 @@
 
 namespace raymeld {
 
-// All features; their texts live for ever.
+// Returns all features; their texts live for ever.
 std::vector<raymeld_feature> features_of(const DeviceInfo& info);
 
-// Enables what the device supports and the chain has all members of. Returns the features' bits.
+// Enables the features that the device supports and whose members are all in the chain. Returns their bits.
 uint32_t enable_features(const DeviceInfo& info, VkPhysicalDeviceFeatures2& chain);
 
 // Returns the extensions of these features, which live for ever.

@@ -1,4 +1,4 @@
-// The C interface: arguments are checked, exceptions become results.
+// Implements the C interface: checks arguments and turns exceptions into results.
 #include "raymeld/raymeld.h"
 
 #include <fmt/ranges.h>
@@ -39,7 +39,7 @@ raymeld_result failed(raymeld_result result, const char* message) noexcept {
   return result;
 }
 
-// What `work` throws, as a result. `of_error`: of an Error that says no more than that.
+// Runs `work` and turns what it throws into a result. An Error of no more specific class becomes `of_error`.
 template <typename Work>
 raymeld_result guarded(raymeld_result of_error, const Work& work) noexcept {
   try {
@@ -74,7 +74,7 @@ T& given(T* argument, const char* name) {
   return *argument;
 }
 
-// No version has a structure as large as this: what is beyond was never written.
+// No version has a structure larger than this, so that a larger struct_size was never written.
 constexpr size_t kLargestStruct = 4096;
 
 template <typename Struct>
@@ -84,8 +84,8 @@ size_t size_of(const Struct& value, const char* name) {
   return value.struct_size;
 }
 
-// Of a program that was compiled with another version: members that it did not know are zero, and those that
-// are not known here must be.
+// Reads a structure of a program that may be compiled with another version. Members that the program did not
+// know become zero; members that are not known here must be zero.
 template <typename Struct>
 Struct read(const Struct& from, const char* name) {
   const size_t size = size_of(from, name);
@@ -102,7 +102,7 @@ Struct read(const Struct& from, const char* name) {
   return value;
 }
 
-// As much of it as the program knows.
+// Writes as much of the structure as the program knows.
 template <typename Struct>
 void write(Struct from, Struct& to, const char* name) {
   from.struct_size = size_of(to, name);
@@ -115,10 +115,10 @@ std::vector<const char*> texts_of(const std::vector<std::string>& strings) {
   return texts;
 }
 
-// As raymeld_list_models() does.
+// Writes names and their count as raymeld_list_models() describes it.
 void write_names(const std::vector<std::string>& all, uint32_t& count, const char** names) {
   static std::mutex mutex;
-  static std::set<std::string> texts;  // all there ever were
+  static std::set<std::string> texts;  // all names ever written
   const std::lock_guard lock(mutex);
   for (size_t i = 0; names && i < std::min<size_t>(count, all.size()); ++i)
     names[i] = texts.insert(all[i]).first->c_str();
@@ -127,7 +127,7 @@ void write_names(const std::vector<std::string>& all, uint32_t& count, const cha
 
 uint32_t count_of(std::span<const char* const> texts) { return static_cast<uint32_t>(texts.size()); }
 
-// Of one of the C enumerations, whose values run from 0 to `last`.
+// Checks a value of a C enumeration, whose values run from 0 to `last`.
 void check_choice(int value, int last, const char* name) {
   if (value < 0 || value > last)
     throw InvalidArgument("{} is {}, expected a value from 0 to {}", name, value, last);
@@ -141,7 +141,7 @@ void check_given_exposure(float exposure) {
   }
 }
 
-// Which buffers are shared with others than this device.
+// Holds the buffers that this device shares with others.
 class SharedBuffers {
  public:
   void insert(VkBuffer buffer) {
@@ -152,7 +152,7 @@ class SharedBuffers {
     const std::lock_guard lock(mutex_);
     buffers_.erase(buffer);
   }
-  // Those of a frame.
+  // Returns the shared buffers of a frame.
   std::set<VkBuffer> of(const raymeld_frame& frame) {
     std::set<VkBuffer> found;
     const std::lock_guard lock(mutex_);
@@ -189,8 +189,8 @@ std::unique_ptr<const Device> device_for(const raymeld_context_desc& desc,
   if (own) return Device::create({.selector = desc.selector ? desc.selector : ""});
   if (!desc.get_instance_proc_addr || !desc.instance || !desc.physical_device || !desc.device || !desc.queue)
     throw InvalidArgument(
-        "raymeld_context_desc: get_instance_proc_addr, instance, physical_device, device and queue are to be "
-        "given together, and some are NULL");
+        "raymeld_context_desc: get_instance_proc_addr, instance, physical_device, device and queue must be "
+        "given together, but some are NULL");
   constexpr uint32_t kFeatures = RAYMELD_FEATURE_STORAGE_16BIT | RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS |
                                  RAYMELD_FEATURE_COOPERATIVE_MATRIX | RAYMELD_FEATURE_IMAGE_WRITES |
                                  RAYMELD_FEATURE_TIMELINE_SEMAPHORE | RAYMELD_FEATURE_EXTERNAL_MEMORY_FD;
@@ -215,7 +215,8 @@ std::unique_ptr<const Device> device_for(const raymeld_context_desc& desc,
   });
 }
 
-// The description's absent layers. Throws InvalidArgument naming one that the model needs or does not know.
+// Returns the description's absent layers. Throws InvalidArgument, naming a layer that the model needs or
+// does not know.
 ConstantLayers absent_layers(const raymeld_fusion_desc& desc, const Model& model) {
   const std::vector<std::string>& optional = model.architecture().optional_layers;
   ConstantLayers absent;
@@ -223,7 +224,8 @@ ConstantLayers absent_layers(const raymeld_fusion_desc& desc, const Model& model
   for (uint32_t i = 0; i < desc.absent_layer_count; ++i) {
     const std::string layer = &given(desc.absent_layers[i], "a name of absent_layers");
     if (std::ranges::find(optional, layer) == optional.end()) {
-      throw InvalidArgument("model {} cannot do without layer '{}', but without {}", model.name(), layer,
+      throw InvalidArgument("model {} cannot do without layer '{}'; the layers that may be absent are {}",
+                            model.name(), layer,
                             optional.empty() ? "none" : fmt::format("{}", fmt::join(optional, ", ")));
     }
     absent[layer] = {};
@@ -251,7 +253,7 @@ FuserOptions fuser_options(const raymeld_fusion_desc& desc, const ContextState& 
                                                 : Kernels{};
   };
   options.kernels = kernels(options.storage);
-  // raymeld_fuse() alone computes again.
+  // Only raymeld_fuse() computes tiles again in fp32.
   if (desc.precision == RAYMELD_PRECISION_AUTO && options.storage == Storage::kFloat16 &&
       !options.frame_images.any())
     options.fp32_kernels = kernels(Storage::kFloat32);
@@ -268,10 +270,11 @@ void check_desc(const raymeld_fusion_desc& desc) {
   check_given_exposure(desc.exposure);
   if (desc.changed_only && (desc.input_images || desc.output_image))
     throw InvalidArgument(
-        "changed_only is for raymeld_fuse(), which takes buffers: input_images and output_image are not");
+        "changed_only is for raymeld_fuse(), which takes no Vulkan images: input_images and output_image "
+        "must be 0");
 }
 
-// Which image of a frame; put into words only where something is wrong with it.
+// Names an image of a frame. Its text is made only for an error message.
 struct ImageRole {
   const char* name;
   std::optional<uint32_t> layer = {};
@@ -280,7 +283,7 @@ struct ImageRole {
   std::string text() const { return layer ? fmt::format("{}[{}], {}", name, *layer, layer_name) : name; }
 };
 
-// As an image of (shape.channels, height, width), where it does not say otherwise.
+// Returns the image's buffer and strides. A stride of 0 is that of a dense (shape.channels, height, width).
 FrameBuffer buffer_of(const raymeld_image& image, const Shape& shape, const ImageRole& role) {
   if (!image.buffer) throw InvalidArgument("{}: buffer is VK_NULL_HANDLE", role.text());
   if (image.offset_bytes % 4 != 0)
@@ -290,7 +293,8 @@ FrameBuffer buffer_of(const raymeld_image& image, const Shape& shape, const Imag
   const uint64_t row = image.row_stride ? image.row_stride : shape.width * pixel;
   const uint64_t channel = image.channel_stride ? image.channel_stride : shape.height * row;
   if (channel > UINT32_MAX || row > UINT32_MAX)
-    throw InvalidArgument("{}: strides of {} and {} floats, expected 32 bits", role.text(), row, channel);
+    throw InvalidArgument("{}: row_stride and channel_stride are {} and {} floats, expected at most 2^32 - 1",
+                          role.text(), row, channel);
   return {image.buffer, image.offset_bytes, uint32_t(pixel), uint32_t(row), uint32_t(channel)};
 }
 
@@ -322,17 +326,17 @@ FrameBinding binding_of(const raymeld_image* from, const Shape& shape, bool is_i
   return {.view = buffer_of(image, shape, role), .shape = shape};
 }
 
-// Element i of an array whose elements have the size that the first one says.
+// Returns element i of an array whose elements all have the first one's struct_size.
 const raymeld_image* element(const raymeld_image* first, uint32_t i) {
   const auto* at =
       reinterpret_cast<const raymeld_image*>(reinterpret_cast<const char*>(first) + i * first->struct_size);
   if (at->struct_size != first->struct_size)
-    throw InvalidArgument("hrls[{}]: struct_size is {}, but that of hrls[0] {}", i, at->struct_size,
+    throw InvalidArgument("hrls[{}]: struct_size is {}, expected {} as in hrls[0]", i, at->struct_size,
                           first->struct_size);
   return at;
 }
 
-// The images of a frame by slot, of the sizes of a tile.
+// Returns the images of a frame by slot; `shapes` are those of a tile.
 FrameBindings bindings_of(const raymeld_frame& frame, const std::array<Shape, 3>& shapes, FrameImages images,
                           std::span<const char* const> layers) {
   FrameBindings bindings;
@@ -346,14 +350,15 @@ FrameBindings bindings_of(const raymeld_frame& frame, const std::array<Shape, 3>
   return bindings;
 }
 
-// `role`: "wait" or "signal".
+// Reads one of the two lists of raymeld_semaphores; `role` is "wait" or "signal".
 std::vector<SemaphoreValue> semaphores_of(uint32_t count, const VkSemaphore* semaphores,
                                           const uint64_t* values, const char* role, const Device& device) {
   std::vector<SemaphoreValue> all;
   if (count > 0) given(semaphores, role);
   if (count > 0 && device.is_own())
     throw InvalidArgument(
-        "raymeld_semaphores: {} to {}, but the device is raymeld's own, which has none of the caller's",
+        "raymeld_semaphores: {} semaphores to {}, expected none, as the device is raymeld's own and not the "
+        "caller's",
         count, role);
   for (uint32_t i = 0; i < count; ++i) {
     const SemaphoreValue one{semaphores[i], values ? values[i] : 0};
@@ -388,11 +393,12 @@ void hand_over(const Device& device, VkCommandBuffer commands, const std::set<Vk
                                  nullptr, uint32_t(barriers.size()), barriers.data(), 0, nullptr);
 }
 
-// The facts of a caller's physical device.
+// Describes a caller's physical device.
 DeviceInfo info_of(PFN_vkGetInstanceProcAddr get_instance_proc_addr, VkInstance instance,
                    VkPhysicalDevice physical_device) {
   if (!get_instance_proc_addr || !instance || !physical_device)
-    throw InvalidArgument("a device's features: a handle or get_instance_proc_addr is NULL");
+    throw InvalidArgument(
+        "get_instance_proc_addr, instance and physical_device must be given, but some are NULL");
   VulkanFunctions vk;
   vk.GetInstanceProcAddr = get_instance_proc_addr;
   vk.load_instance(instance);
@@ -401,7 +407,7 @@ DeviceInfo info_of(PFN_vkGetInstanceProcAddr get_instance_proc_addr, VkInstance 
 
 }  // namespace
 
-// Handles share what they stand for, so that they may be destroyed in any order.
+// Handles share their states, so that they may be destroyed in any order.
 struct raymeld_context_t {
   std::shared_ptr<const ContextState> state;
 };
@@ -429,7 +435,7 @@ struct raymeld_fusion_t {
   Fuser fuser;
   std::vector<std::string> layer_names;
   std::vector<const char*> layers;
-  std::optional<FrameRing> ring;  // of raymeld_submit()
+  std::optional<FrameRing> ring;  // used by raymeld_submit()
 
   raymeld_fusion_t(std::shared_ptr<const ContextState> on, std::shared_ptr<const ModelState> of,
                    const raymeld_fusion_desc& desc)
@@ -645,17 +651,20 @@ raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands, c
     const raymeld_frame asked = read(given(frame, "frame"), "raymeld_frame");
     if (!commands) throw InvalidArgument("commands is VK_NULL_HANDLE");
     if (made.options.changed_only)
-      throw InvalidArgument("raymeld_record() does not look at the inputs, as changed_only asks for");
+      throw InvalidArgument(
+          "raymeld_record() cannot find what changed in the inputs: changed_only is for raymeld_fuse()");
     check_given_exposure(asked.exposure);
     if (made.ring && made.ring->is_pending(made.fuser.next_frame()))
       throw InvalidArgument(
-          "raymeld_record(): {} frames are pending, the first of which raymeld_submit() submitted",
+          "raymeld_record(): {} frames are pending, and the oldest, from raymeld_submit(), must be done "
+          "first",
           kFramesInFlight);
     const TileSize tile = made.fuser.plan().tiling.tile;
     const TileSize size{asked.height ? asked.height : tile.height, asked.width ? asked.width : tile.width};
     if (!made.fuser.is_prepared(size))
-      throw InvalidArgument("a frame of {} x {} LRHS pixels, which raymeld_prepare_size() did not make ready",
-                            size.width, size.height);
+      throw InvalidArgument(
+          "raymeld_frame: {} x {} LRHS pixels, a size for which raymeld_prepare_size() was not called",
+          size.width, size.height);
     const auto shapes =
         frame_shapes(made.model->model, size, made.options.constants, made.options.compute_variance);
     const FrameBindings images = bindings_of(asked, shapes, made.options.frame_images, made.layers);
@@ -705,7 +714,9 @@ raymeld_result raymeld_fuse(raymeld_fusion fusion, const float* lrhs, const floa
     raymeld_fusion_t& made = given(fusion, "fusion");
     Fuser& fuser = made.fuser;
     if (made.options.frame_images.any())
-      throw InvalidArgument("raymeld_fuse() takes buffers: a fusion of images is for raymeld_record()");
+      throw InvalidArgument(
+          "raymeld_fuse() takes no Vulkan images: a fusion with images is for raymeld_record() and "
+          "raymeld_submit()");
     if (status) size_of(*status, "raymeld_status");
     fusion->wait_for_submitted();
     const FuseReport report = fuser.fuse(&given(lrhs, "lrhs"), &given(hrls, "hrls"), &given(fused, "fused"));

@@ -7,9 +7,9 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "choice/metrics.h"
 #include "error.h"
 #include "platform/atomic_file.h"
-#include "choice/metrics.h"
 
 namespace raymeld {
 namespace {
@@ -22,7 +22,7 @@ using Terms = std::array<double, kTerms>;
 
 Terms terms_of(const FrameTraits& traits) { return {1, traits.agreement_db, traits.detail_db}; }
 
-// x of m x = y, by Gaussian elimination with pivots. Throws Error where there is not one such x.
+// Solves m x = y by Gaussian elimination with pivots. Throws Error unless there is exactly one x.
 Terms solve(std::array<Terms, kTerms> m, Terms y) {
   for (size_t i = 0; i < kTerms; ++i) {
     size_t pivot = i;
@@ -31,7 +31,8 @@ Terms solve(std::array<Terms, kTerms> m, Terms y) {
     }
     std::swap(m[i], m[pivot]);
     std::swap(y[i], y[pivot]);
-    if (std::abs(m[i][i]) < 1e-9) throw Error("the scenes are too much alike to estimate a PSNR by them");
+    if (std::abs(m[i][i]) < 1e-9)
+      throw Error("the scenes are too similar to fit an estimate of the PSNR to them");
     for (size_t row = i + 1; row < kTerms; ++row) {
       const double factor = m[row][i] / m[i][i];
       for (size_t column = i; column < kTerms; ++column) m[row][column] -= factor * m[i][column];
@@ -47,7 +48,7 @@ Terms solve(std::array<Terms, kTerms> m, Terms y) {
   return x;
 }
 
-// Of all scenes but one.
+// Fits the estimate to all scenes but `left_out`.
 PsnrEstimate fit_without(std::span<const Observation> observations, const std::string& left_out) {
   std::array<Terms, kTerms> products{};
   Terms sums{};
@@ -84,7 +85,8 @@ CurvePoint point_from(const Json& json) {
                    json.at("psnr_db"),
                    {estimate.at("constant"), estimate.at("per_agreement"), estimate.at("per_detail"),
                     estimate.at("error_db")}};
-  if (!(point.time_ms > 0)) throw Error("model {} takes {} ms", point.model, point.time_ms);
+  if (!(point.time_ms > 0))
+    throw Error("time_ms of model {} is {}, expected more than 0", point.model, point.time_ms);
   return point;
 }
 
@@ -101,7 +103,7 @@ FrameTraits traits_of(const Image& lrhs, const Image& hrls, float phase) {
             double(linear_to_srgb(lrhs.at(c, y, x))) - double(linear_to_srgb(lrhs.at(c, y - 1, x)));
         squares += difference * difference;
       }
-  // An image without any detail, or two that agree to the bit, are no less usual than one of 8 bits.
+  // Both traits are limited, as they are infinite for images without detail or that agree to the bit.
   constexpr double kMostDb = 60;
   const double mean = squares / double(lrhs.data.size());
   const double agreement = psnr_srgb(color, upsample_bicubic(lrhs, hrls.width / lrhs.width, phase));
@@ -120,7 +122,8 @@ PsnrEstimate fit_psnr(std::span<const Observation> observations) {
   std::set<std::string> scenes;
   for (const Observation& observation : observations) scenes.insert(observation.scene);
   if (scenes.size() < kLeastScenes)
-    throw Error("{} scenes, and it takes {} to estimate a PSNR by them", scenes.size(), kLeastScenes);
+    throw Error("{} scenes are too few to fit an estimate of the PSNR, expected at least {}", scenes.size(),
+                kLeastScenes);
   double squares = 0;
   for (const std::string& scene : scenes) {
     const PsnrEstimate others = fit_without(observations, scene);

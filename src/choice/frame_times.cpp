@@ -40,11 +40,12 @@ Json to_json(const std::map<std::string, FrameTime>& times) {
   return {{"times_ms", json}};
 }
 
-// Everything that a frame's time depends on, and that one file has several of.
+// Returns a text of everything that a frame's time depends on and that differs within one file.
 std::string key_of(const Model& model, const FusePlan& plan, const FuserOptions& options) {
   const Tiling& tiling = plan.tiling;
-  const Conv2dKernel kernel = options.kernels.conv2d({64, 64, 32, 32, 3});  // tells direct ones from others
-  const char* kernels = kernel.tile == 0 && !kernel.matrix ? "direct kernels" : "fast kernels";
+  // This shape tells direct kernels from others.
+  const Conv2dKernel kernel = options.kernels.conv2d({64, 64, 32, 32, 3});
+  const char* kernels = kernel.algorithm == Algorithm::kDirect ? "direct kernels" : "fast kernels";
   const size_t layers =
       image_layers(model.architecture(), options.constants, options.compute_variance).size();
   return fmt::format("{}, {} parameters, {} layers, {}x{} in {} tiles, {}, {}", model.name(),
@@ -67,7 +68,7 @@ FrameTime measure_frame(const Device& device, const Model& model, TileSize frame
   Image fused;
   // Some drivers compile a kernel when it first runs, and keep it for all programs.
   make().fuse(lrhs, hrls, fused);
-  fused = {};  // the first frame of a program allocates it
+  fused = {};  // a program's first frame allocates the image
   const double begin_ms = now_ms();
   Fuser fuser = make();
   fuser.fuse(lrhs, hrls, fused);

@@ -1,4 +1,4 @@
-// How long a frame takes on a device: measured once for each model and size, and kept in a file.
+// Measures how long a frame takes on a device, once for each model and size, and keeps the times in a file.
 #pragma once
 
 #include <filesystem>
@@ -10,8 +10,8 @@
 
 namespace raymeld {
 
-// Times of a frame in which everything is computed. The first one counts all that a Fuser takes to be made,
-// with kernels that the device's cache on disk has; further ones are Fuser::fuse() alone.
+// Holds the times of frames in which everything is computed. The first includes making the Fuser, with
+// kernels from the device's cache on disk; further ones are Fuser::fuse() alone.
 struct FrameTime {
   double first_ms = 0, further_ms = 0;
 
@@ -22,25 +22,25 @@ struct FrameTime {
 using MillisecondClock = std::function<double()>;
 double steady_ms();
 
-// What is known of a device: the file lies in `folder`, or nothing is kept where that is empty.
+// Holds the times known for a device. Their file lies in `folder`; nothing is kept if `folder` is empty.
 class FrameTimes {
  public:
   static constexpr double kMostPixels = 1 << 21;
 
-  // A file that is absent, truncated or foreign is as if nothing was measured. `most_pixels`: see measure().
+  // Treats an absent, truncated or foreign file as an empty one. measure() explains `most_pixels`.
   explicit FrameTimes(const Device& device,
                       const std::filesystem::path& folder = PipelineCache::default_folder(),
                       MillisecondClock clock = steady_ms, double most_pixels = kMostPixels);
 
-  // Of a frame of (height, width) LRHS pixels: what was measured before, if it was.
+  // Returns the times of a frame of (height, width) LRHS pixels, if they were measured before.
   std::optional<FrameTime> known(const Model& model, uint32_t height, uint32_t width,
                                  const FuserOptions& options) const;
 
-  // Measures it with frames of noise, and keeps it. Frames of more fused pixels than `most_pixels` are
-  // measured as smaller ones, and their time scaled by their arithmetic. Throws Error.
+  // Measures the times with frames of noise, and keeps them. Frames of more than `most_pixels` fused pixels
+  // are measured at a smaller size, and their times are scaled by the arithmetic. Throws Error.
   FrameTime measure(const Model& model, uint32_t height, uint32_t width, FuserOptions options);
 
-  // Of kernels that are no longer those.
+  // Deletes the file, as its times are those of other kernels.
   static void forget(const Device& device,
                      const std::filesystem::path& folder = PipelineCache::default_folder());
 

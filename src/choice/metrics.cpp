@@ -18,7 +18,7 @@ void check_shapes(const Image& image, const Image& reference) {
                 image.height, reference.width, reference.height);
 }
 
-// The mean of error(value, reference value) over all pixels and channels.
+// Returns the mean of error(value, reference value) over all pixels and channels.
 template <typename PixelError>
 double mean_error(const Image& image, const Image& reference, PixelError&& error) {
   check_shapes(image, reference);
@@ -29,7 +29,7 @@ double mean_error(const Image& image, const Image& reference, PixelError&& error
 
 double squared(double value) { return value * value; }
 
-// Eq. 11 for one value.
+// Computes Eq. 11 for one value.
 double relative_error(double value, double truth, RelMseLambdas lambdas) {
   return lambdas.lambda1 * squared(value - truth) / (squared(truth) + lambdas.lambda2);
 }

@@ -12,7 +12,7 @@ std::vector<std::string> names_of(const CLI::Option& option) {
   return names;
 }
 
-// Lines of a case statement: the values that an option can have, by command and option.
+// Returns lines of a case statement: the values that an option can have, by command and option.
 std::string value_cases(const CLI::App& command) {
   std::string text;
   for (const CLI::Option* option : named_options(command)) {
@@ -25,7 +25,7 @@ std::string value_cases(const CLI::App& command) {
   return text;
 }
 
-// Lines of another: the options of each command.
+// Returns a line of another case statement: the options of a command.
 std::string option_case(const CLI::App& command) {
   std::vector<std::string> names;
   for (const CLI::Option* option : named_options(command)) {
@@ -37,7 +37,7 @@ std::string option_case(const CLI::App& command) {
 
 }  // namespace
 
-// Where there are no words, -o default completes file names.
+// The script's `-o default` completes file names wherever the script has no words to offer.
 std::string bash_completion(const CLI::App& app) {
   std::string values, options;
   std::vector<std::string> commands;

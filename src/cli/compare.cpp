@@ -67,13 +67,14 @@ void add_compare(CLI::App& app) {
       ->add_option("--error-map", arguments->error_map,
                    "Writes a PNG of each pixel's RelMSE (0.5, 0.01): black up to 1e-4, yellow from 1")
       ->check(ends_in(".png"));
-  command->add_option("--map", arguments->map, "Says which channels to read, in both files, as for fuse")
+  command->add_option("--map", arguments->map, "Maps channels to layers in both files, as in fuse")
       ->type_name("ITEM")
       ->allow_extra_args(false);
   command->add_flag("--json", arguments->json, "Prints one JSON object instead of a table");
   command->footer(
-      "psnr_db is of sRGB; relmse_bcr is the relative squared error with (0.5, 0.01), relmse_gharbi with (1, "
-      "1e-4).\n\nExample:\n  raymeld compare fused.exr reference.exr --error-map error.png");
+      "psnr_db is measured in sRGB; relmse_bcr is the relative squared error with (0.5, 0.01),\n"
+      "relmse_gharbi that with (1, 1e-4).\n\nExample:\n  raymeld compare fused.exr reference.exr --error-map "
+      "error.png");
   command->callback([arguments] { compare(*arguments); });
 }
 

@@ -1,4 +1,4 @@
-// Holds a device and its driver to the scalar reference.
+// Checks a device and its driver against the scalar reference.
 #include <fmt/ranges.h>
 
 #include <algorithm>
@@ -37,7 +37,7 @@ const char* verdict(const Row& row) {
 
 void print_rows(const Report& report) {
   print(fmt::format("{:<28} {:<22} {:<9} {:>5}  {:>13}  {:<11} {}\n", "layer", "kernel", "precision", "cases",
-                    "error / bound", "verdict", "where that is"));
+                    "error / bound", "verdict", "place of that error"));
   for (const Row& row : report.rows()) {
     if (row.tried() == 0) continue;
     print(fmt::format("{:<28} {:<22} {:<9} {:>5}  {:>13.3g}  {:<11} {}\n", row.layer, row.kernel,
@@ -98,7 +98,7 @@ Json to_json(const Report& report, const DeviceInfo& device, bool full) {
   return json;
 }
 
-// Those that were asked for, or all.
+// Returns the suites of these names, or all suites when there are no names.
 std::vector<conform::Suite> chosen_suites(const std::vector<std::string>& names) {
   std::vector<conform::Suite> chosen;
   for (const conform::Suite& suite : conform::suites()) {
@@ -111,12 +111,12 @@ void run(const ConformArguments& arguments) {
   const std::vector<conform::Suite> suites = chosen_suites(arguments.suites);
   if (!(arguments.values.empty() && arguments.against.empty()) &&
       std::ranges::none_of(suites, &conform::Suite::networks))
-    throw Error("--values and --against are of networks: --suite leaves out 'network'");
+    throw Error("--values and --against need the suite 'network', which --suite does not name");
   if (!arguments.values.empty()) check_outputs(std::span(&arguments.values, 1), arguments.against);
   std::vector<conform::Values> others;
   for (const auto& file : arguments.against) others.push_back(conform::read_values(file));
   const auto device = Device::create({arguments.device});
-  device->kernels().keep(256);  // the cases of one way share most of theirs
+  device->kernels().keep(256);  // the cases of one kernel variant share most pipelines
   const DeviceInfo& info = device->info();
   const Console console(!arguments.json);
   console.note(fmt::format("testing {} ({})", info.name, info.driver));
@@ -133,7 +133,7 @@ void run(const ConformArguments& arguments) {
   for (const conform::Suite& suite : suites) {
     PipelineCache cache(*device, folder);
     conform::conform(suite, {*device, cache, folder}, options);
-    if (!suite.networks) cache.save();  // which would replace those of the Fusers
+    if (!suite.networks) cache.save();  // the networks' Fusers save their own, which this would replace
   }
   if (!arguments.values.empty()) conform::write_values(arguments.values, values);
 
@@ -154,30 +154,32 @@ void add_conform(CLI::App& app) {
   auto arguments = std::make_shared<ConformArguments>();
   CLI::App* command = app.add_subcommand(
       "conform",
-      "Holds a device and its driver to the scalar reference, layer by layer and in whole networks");
-  command->add_option("--device", arguments->device,
-                      "Runs on this Vulkan device: an index of raymeld devices, a UUID or part of a name");
-  auto* quick =
-      command->add_flag("--quick")->description("Runs some sizes and networks, which is the default");
+      "Checks a device and its driver against the scalar reference, layer by layer and in whole networks");
+  command->add_option(
+      "--device", arguments->device,
+      "Runs on this Vulkan device: its index in raymeld devices, its UUID or part of its name");
+  auto* quick = command->add_flag("--quick")->description("Runs some sizes and networks (the default)");
   command->add_flag("--full", arguments->full, "Runs all sizes and networks, which takes minutes on a CPU")
       ->excludes(quick);
   std::vector<std::string> names;
   for (const conform::Suite& suite : conform::suites()) names.push_back(suite.name);
   command
-      ->add_option("--suite", arguments->suites, fmt::format("Runs only these of {}", fmt::join(names, ", ")))
+      ->add_option("--suite", arguments->suites,
+                   fmt::format("Runs only these suites, out of {}", fmt::join(names, ", ")))
       ->delimiter(',')
       ->check(CLI::IsMember(names))
       ->type_name("NAME,...");
-  command->add_option("--values", arguments->values, "Keeps what the networks gave in a file")
+  command->add_option("--values", arguments->values, "Writes the outputs of the networks to this file")
       ->type_name("FILE");
   command
       ->add_option("--against", arguments->against,
-                   "Holds what the networks give to what another device gave, as --values kept it")
+                   "Compares the outputs of the networks with those of another device, which --values wrote "
+                   "to this file")
       ->type_name("FILE");
   command->add_flag("--json", arguments->json, "Prints one JSON object instead of text");
   command->footer(
-      "Exit status: 0 where cases passed and none failed, else 2. What the device lacks a feature for\n"
-      "is listed as unsupported.\n\nExample:\n  raymeld conform --full --device llvmpipe");
+      "Exit status: 0 if cases passed and none failed, else 2. Cases that need a feature which the device\n"
+      "lacks are listed as unsupported.\n\nExample:\n  raymeld conform --full --device llvmpipe");
   command->callback([arguments] { run(*arguments); });
 }
 

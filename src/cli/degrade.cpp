@@ -21,7 +21,7 @@ struct DegradeArguments {
   int scale = 0;
 };
 
-// Every scale-th pixel, the top-left one of its cell (Hou et al. 2021, section 3.3), bit by bit.
+// Returns the top-left pixel of each scale x scale block (Hou et al. 2021, section 3.3), bit by bit.
 ExrRawChannel degraded(const ExrRawChannel& channel, int scale, const Imath::Box2i& window) {
   ExrRawChannel low{channel.name, channel.type, 1, 1, window, {}};
   const size_t bytes = size_bytes_of(channel.type);
@@ -42,7 +42,7 @@ void check_channel(const ExrRawChannel& channel, int scale, const Imath::Box2i& 
                 channel.name);
   }
   if (width_of(window) % scale != 0 || height_of(window) % scale != 0) {
-    throw Error("cannot degrade '{}': its size, {} x {}, is no multiple of {}", path.string(),
+    throw Error("cannot degrade '{}': its size, {} x {}, is not a multiple of {}", path.string(),
                 width_of(window), height_of(window), scale);
   }
 }
@@ -68,18 +68,19 @@ void degrade(const DegradeArguments& arguments) {
 void add_degrade(CLI::App& app) {
   auto arguments = std::make_shared<DegradeArguments>();
   CLI::App* command = app.add_subcommand(
-      "degrade", "Makes an LRHS image of a full-size one: every scale-th pixel of all channels");
+      "degrade", "Makes an LRHS image from a full-size one: every scale-th pixel of all channels");
   command->add_option("IMAGE", arguments->input, "Reads the full-size image from this OpenEXR file")
       ->required();
-  command->add_option("--scale", arguments->scale, "Keeps every pixel of this distance: 2, 4 or 8")
+  command
+      ->add_option("--scale", arguments->scale, "Keeps one pixel of this many in each direction: 2, 4 or 8")
       ->required()
       ->check(CLI::IsMember({2, 4, 8}));
   command->add_option("-o,--output", arguments->output, "Writes the small image to this OpenEXR file")
       ->required()
       ->check(ends_in(".exr"));
   command->footer(
-      "The top-left pixel of each cell is kept, as in the paper, and the file says so in the attribute\n"
-      "raymeldSampling, which fuse heeds.\n\nExample:\n  raymeld degrade full.exr --scale 4 -o low.exr");
+      "The top-left pixel of each block is kept, as in the paper. The attribute raymeldSampling says so to "
+      "fuse.\n\nExample:\n  raymeld degrade full.exr --scale 4 -o low.exr");
   command->callback([arguments] { degrade(*arguments); });
 }
 

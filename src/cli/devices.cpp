@@ -74,7 +74,7 @@ void list(bool json) {
 
 void add_devices(CLI::App& app) {
   CLI::App* command =
-      app.add_subcommand("devices", "Lists the Vulkan devices, with the features that matter here");
+      app.add_subcommand("devices", "Lists the Vulkan devices and the features that raymeld uses");
   auto json = std::make_shared<bool>(false);
   command->add_flag("--json", *json, "Prints one JSON object instead of text");
   command->footer("Examples:\n  raymeld devices\n  raymeld fuse ... --device 1");

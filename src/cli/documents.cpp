@@ -1,4 +1,4 @@
-// The manual and the completion of shells, made of the same texts as --help.
+// Prints the manual and the completion script, which are made from the same texts as --help.
 #include "cli/common/commands.h"
 #include "cli/common/console.h"
 #include "cli/common/help.h"
@@ -11,7 +11,7 @@ void add_documents(CLI::App& app) {
     command->group("");
     command->callback([&app, text] { print(text(app)); });
   };
-  add("man", "Prints a page for man", man_page);
+  add("man", "Prints the manual page", man_page);
   add("completion", "Prints a script that completes commands and options in bash", bash_completion);
 }
 

@@ -14,7 +14,7 @@ std::string finite(const std::string& text) {
   return std::isfinite(std::strtof(text.c_str(), nullptr)) ? "" : text + " is not finite";
 }
 
-// An option whose value is what `parse` makes of its text; where that throws Error, the text is no valid one.
+// Adds an option whose value is `parse` of its text. An Error of `parse` means that the text is not valid.
 template <typename Value>
 CLI::Option* add_parsed(CLI::App& command, const std::string& name, Value& value,
                         Value (*parse)(const std::string&), const std::string& description) {
@@ -28,7 +28,7 @@ CLI::Option* add_parsed(CLI::App& command, const std::string& name, Value& value
   return command.add_option_function<std::string>(name, read, description);
 }
 
-// An option that takes one of the names in `values`; the first is the default.
+// Adds an option that takes one of the names in `values`; the first is the default.
 template <typename Value>
 CLI::Option* add_named(CLI::App& command, const std::string& name, Value& value,
                        const std::vector<std::pair<std::string, Value>>& values,
@@ -62,39 +62,44 @@ void add_files(CLI::App& command, FuseArguments& a) {
       ->type_name("FILE")
       ->check(ends_in(".png"));
   command
-      .add_option("--map", a.map,
-                  "Says where layers are: a preset (generic, cycles, arnold, pbrt, renderman), LAYER=PREFIX, "
-                  "LAYER=CHANNEL,CHANNEL,CHANNEL, viewlayer=NAME or view=NAME; may be repeated")
+      .add_option(
+          "--map", a.map,
+          "Maps channels to layers: a preset (generic, cycles, arnold, pbrt, renderman), LAYER=PREFIX, "
+          "LAYER=CHANNEL,CHANNEL,CHANNEL, viewlayer=NAME or view=NAME; may be repeated")
       ->type_name("ITEM")
       ->allow_extra_args(false);
 }
 
 void add_more_files(CLI::App& command, FuseArguments& a) {
-  command.add_option("--map-lrhs", a.lrhs_map, "Says the same of the LRHS file alone")
+  command
+      .add_option("--map-lrhs", a.lrhs_map, "Maps channels to layers, as --map does, in the LRHS file alone")
       ->type_name("ITEM")
       ->allow_extra_args(false);
   command
       .add_option(
           "--lrhs-sampling", a.sampling,
-          "Says what LRHS is: centered (an ordinary small render), nearest (every scale-th pixel of a full "
-          "one, as degrade makes it) or auto (what the file says, else what the pixels of both files show)")
+          "Sets how LRHS was sampled: centered (an ordinary small render), nearest (every scale-th pixel of "
+          "a full render, as degrade makes it) or auto (found from the file's attributes, else from the "
+          "pixels of both files)")
       ->check(CLI::IsMember({"auto", "nearest", "centered"}))
       ->capture_default_str();
   add_named<PairCheck>(
       command, "--pair-check", a.pair_check,
       {{"refuse", PairCheck::kRefuse}, {"warn", PairCheck::kWarn}, {"off", PairCheck::kOff}},
-      "Says what files that do not belong together are: an error, a warning, or not looked for; both "
-      "but off make LRHS as bright as HRLS");
-  add_parsed(command, "--window", a.window, parse_window,
-             "Fuses and writes only this part of HRLS, in the pixels of its file: as it would be in the "
-             "whole frame, for about the cost of these pixels")
+      "Refuses files that show different things, warns of them, or does not check; refuse and warn also "
+      "make LRHS as bright as HRLS");
+  add_parsed(
+      command, "--window", a.window, parse_window,
+      "Fuses and writes only this part of HRLS, in pixel coordinates of its file; the result is as in the "
+      "whole frame, and takes about as long as a frame of this size")
       ->type_name("X,Y,W,H");
   command
       .add_option("--output-type", a.output_type,
-                  "Writes channels of this type; auto takes that of HRLS's color")
+                  "Writes channels of this type; auto is the type of HRLS's color")
       ->check(CLI::IsMember({"auto", "half", "float"}))
       ->capture_default_str();
-  command.add_flag("--keep-layers", a.keep_layers, "Passes all other HRLS channels through, bit by bit");
+  command.add_flag("--keep-layers", a.keep_layers,
+                   "Copies all other HRLS channels to the output, bit by bit");
   command
       .add_option("--preview-before-after", a.before_after,
                   "Writes a PNG with bicubic LRHS, HRLS, fused and, if given, the reference side by side")
@@ -105,30 +110,34 @@ void add_more_files(CLI::App& command, FuseArguments& a) {
       ->check(finite);
 }
 
-// The model, by name or by what is expected of it.
+// Adds the options that choose the model: by name, or by quality, time or PSNR.
 void add_model(CLI::App& command, FuseArguments& a) {
-  CLI::Option* model = command
-                           .add_option("--model", a.model,
-                                       "Takes a model by its name, by a scale such as x4, or from a file; "
-                                       "without it the scale follows from the sizes")
-                           ->type_name("MODEL");
+  CLI::Option* model =
+      command
+          .add_option("--model", a.model,
+                      "Uses this model: a name, a scale such as x4, or a file; without it the "
+                      "scale follows from the sizes of the images")
+          ->type_name("MODEL");
   CLI::Option* quality =
-      add_parsed(command, "--quality", a.wish, parse_quality,
-                 "Chooses the model: high, balanced (the default), fast, or from 0, the fastest, to 100, the "
-                 "best; in between, a doubling of the time must bring 0.1 dB times (100 - N) / N")
+      add_parsed(
+          command, "--quality", a.wish, parse_quality,
+          "Chooses the model: high, balanced (the default), fast, or a number N from 0, the fastest, to "
+          "100, the best; in between, twice the time must bring at least (100 - N) / N * 0.1 dB")
           ->type_name("high|balanced|fast|N")
           ->excludes(model);
   CLI::Option* budget =
-      add_parsed(command, "--budget", a.wish, parse_budget,
-                 "Chooses the best model that takes no longer than this for a frame, files apart; measures "
-                 "them at its size, once on each device")
+      add_parsed(
+          command, "--budget", a.wish, parse_budget,
+          "Chooses the best model that fuses a frame in this time, such as 16ms or 2s, without reading "
+          "and writing files; measures the models at this size, once on each device")
           ->type_name("TIME")
           ->group(kMoreOptions)
           ->excludes(model)
           ->excludes(quality);
-  add_parsed(command, "--target-psnr", a.wish, parse_target,
-             "Chooses the fastest model that is expected to reach it, as far as the inputs tell, else the "
-             "best")
+  add_parsed(
+      command, "--target-psnr", a.wish, parse_target,
+      "Chooses the fastest model that is expected to reach this PSNR, as estimated from the inputs; if "
+      "there is none, the best model")
       ->type_name("DB")
       ->group(kMoreOptions)
       ->excludes(model)
@@ -139,30 +148,31 @@ void add_model(CLI::App& command, FuseArguments& a) {
 void add_run(CLI::App& command, FuseArguments& a) {
   command
       .add_option("--device", a.device,
-                  "Runs on this Vulkan device: an index of raymeld devices, a UUID or part of a name")
+                  "Runs on this Vulkan device: its index in raymeld devices, its UUID or part of its name")
       ->type_name("DEVICE");
-  add_named<Precision>(command, "--precision", a.precision,
-                       {{"auto", Precision::kAuto}, {"fp32", Precision::kFp32}, {"fp16", Precision::kFp16}},
-                       "Computes in fp32, in fp16 (activations and weights in 16 bits, sums in 32) or, with "
-                       "auto, in fp16 on a "
-                       "GPU that has it and in fp32 in tiles that it cannot hold");
+  add_named<Precision>(
+      command, "--precision", a.precision,
+      {{"auto", Precision::kAuto}, {"fp32", Precision::kFp32}, {"fp16", Precision::kFp16}},
+      "Computes in fp32 or in fp16 (activations and weights in 16 bits, sums in 32); auto is fp16 on a "
+      "GPU that supports it, with fp32 for tiles whose values 16 bits cannot hold");
   add_named<Overflow>(
       command, "--overflow", a.overflow,
       {{"error", Overflow::kError}, {"warn", Overflow::kWarn}, {"redo", Overflow::kRedo}},
-      "Says what values that --precision fp16 cannot hold are: an error, a warning with their number, or "
-      "tiles to compute again in fp32, as auto does");
+      "Handles values that --precision fp16 cannot hold: fails with an error, warns with their number, or "
+      "computes their tiles again in fp32, as --precision auto does");
   add_named<KernelChoice>(
       command, "--kernels", a.kernels, {{"auto", KernelChoice::kAuto}, {"direct", KernelChoice::kDirect}},
-      "Computes by the fastest kernels, as raymeld tune measured or by default, or by direct ones: plain "
-      "sums, the same bits whatever the tiles");
+      "Computes with the fastest kernels, which raymeld tune measures (else with default ones), or with "
+      "direct ones, which are plain sums and give the same bits for any tiles");
   command
       .add_option("--max-memory", a.max_memory_mib,
-                  "Takes no more memory of the device than this, in MiB; larger frames are tiled")
+                  "Limits the device memory to this many MiB; larger frames are cut into tiles")
       ->type_name("MIB")
       ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40));
-  add_parsed(command, "--input-exposure", a.input_exposure, parse_exposure,
-             "Multiplies radiance by this factor for the network and divides its output by it: a number, off "
-             "(1), or auto (from LRHS, for models that were trained at one brightness; else 1)")
+  add_parsed(
+      command, "--input-exposure", a.input_exposure, parse_exposure,
+      "Multiplies the network's input radiance by this factor and divides its output by it: a number, off "
+      "(1), or auto (found from LRHS for models that were trained at one brightness, else 1)")
       ->type_name("auto|off|FACTOR")
       ->default_str("auto");
 }
@@ -170,9 +180,10 @@ void add_run(CLI::App& command, FuseArguments& a) {
 void add_reports(CLI::App& command, FuseArguments& a) {
   command.add_flag("--dry-run", a.dry_run, "Shows the layers, the plan and its memory; writes nothing");
   CLI::Option* quiet =
-      command.add_flag("--quiet", a.quiet, "Says nothing but warnings and errors, and shows no progress");
-  command.add_flag("--verbose", a.verbose, "Also says which channels each layer comes from")->excludes(quiet);
-  command.add_flag("--json", a.json, "Prints one JSON object; where the command fails, one with an error");
+      command.add_flag("--quiet", a.quiet, "Prints only warnings and errors, and no progress");
+  command.add_flag("--verbose", a.verbose, "Also prints the channels that each layer is read from")
+      ->excludes(quiet);
+  command.add_flag("--json", a.json, "Prints one JSON object; if the command fails, one with an error");
 }
 
 void add_more_reports(CLI::App& command, FuseArguments& a) {
@@ -188,26 +199,29 @@ void add_more_reports(CLI::App& command, FuseArguments& a) {
 }
 
 CLI::Option* add_frames(CLI::App& command, SequenceArguments& a) {
-  return add_parsed(command, "--frames", a.frames, parse_frames,
-                    "Fuses a sequence: 1-240, 1-240x2, 1-10,15. In each file name the last run of # is the "
-                    "frame's number, padded to its length; one of --lrhs and --hrls may do without")
+  return add_parsed(
+             command, "--frames", a.frames, parse_frames,
+             "Fuses a sequence of frames, such as 1-240, 1-240x2 or 1-10,15. In each file name the last run "
+             "of # stands for the frame's number, padded to the run's length; one of --lrhs and --hrls "
+             "may have none")
       ->type_name("RANGES");
 }
 
 void add_more_sequence(CLI::App& command, CLI::Option* frames, SequenceArguments& a, FuseArguments& frame) {
   add_parsed(command, "--shard", a.shard, parse_shard,
-             "Fuses the i-th share of n: every n-th frame, from the i-th on")
+             "Fuses part I of N of the sequence: every N-th frame, from the I-th on")
       ->type_name("I/N")
       ->needs(frames);
   command
-      .add_flag("--resume", a.resume,
-                "Skips frames whose outputs are all there, none older than an input or the file of --model")
+      .add_flag(
+          "--resume", a.resume,
+          "Skips frames whose outputs all exist and are no older than the inputs and the file of --model")
       ->needs(frames);
   command
       .add_flag("--changed-only", frame.changed_only,
-                "Computes only what depends on pixels that changed since the frame before, and takes the "
-                "rest of its output; where exposures differ everything is computed, so give --input-exposure "
-                "a factor or off")
+                "Computes only the tiles that depend on pixels that changed since the last frame, and copies "
+                "the others from its output; computes all tiles if the exposure differs, so give "
+                "--input-exposure a factor or off")
       ->needs(frames);
 }
 
@@ -236,7 +250,7 @@ void add_fuse(CLI::App& app) {
   CLI::App* command = app.add_subcommand("fuse", "Fuses an LRHS and an HRLS render, or sequences of them");
   add_options(*command, *arguments, *sequence);
   command->footer(
-      "In what is read, NaN counts as 0 and infinities as +-65504; a warning says how many there were.\n\n"
+      "NaN in the inputs is read as 0 and infinities as +-65504; a warning gives their number.\n\n"
       "Examples:\n"
       "  raymeld fuse --lrhs low.exr --hrls high.exr -o fused.exr --preview fused.png\n"
       "  raymeld fuse --lrhs low.exr --hrls high.exr -o fused.exr --model x4-fast --reference truth.exr\n"

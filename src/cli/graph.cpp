@@ -1,4 +1,4 @@
-// What the engine would do for a frame, without any device.
+// Shows what the engine would do for a frame; needs no device.
 #include "cli/common/commands.h"
 #include "cli/common/console.h"
 #include "cli/graph_text.h"

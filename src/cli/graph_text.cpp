@@ -13,7 +13,7 @@ const char* slot_name(FrameSlot slot) {
   return slot == kLrhsSlot ? "LRHS" : slot == kFusedSlot ? "fused" : "HRLS";
 }
 
-// As it stands between quotes in Graphviz's language.
+// Escapes a name for a quoted string in Graphviz's language.
 std::string escaped(const std::string& name) {
   std::string text;
   for (const char c : name) {
@@ -31,7 +31,7 @@ std::string binding_text(const Binding& binding) {
   return binding.kind == Binding::Kind::kFrame ? slot_name(binding.slot) : shape_text(binding.tensor.shape);
 }
 
-// What the pass reads, each once, and what it writes.
+// Lists the operands that the pass reads, each once, and those that it writes.
 std::string operands_text(const Pass& pass) {
   std::string from, to;
   std::vector<Tensor> listed;
@@ -52,7 +52,7 @@ bool shares_channels(const Tensor& a, const Tensor& b) {
          b.channel_offset < a.channel_offset + a.shape.channels;
 }
 
-// Edges into pass `reader` from the passes that wrote what it reads, one from each.
+// Returns the edges into pass `reader`, one from each pass that wrote one of its inputs.
 std::string edges(const Graph& graph, size_t reader) {
   std::map<size_t, const Tensor*> written_by;
   for (const Binding& binding : graph.passes()[reader].bindings) {
@@ -88,7 +88,7 @@ std::string passes_text(const Graph& graph) {
 
 std::string memory_text(const Graph& graph) {
   std::string text = fmt::format("{:<32} {:<25} {:>10} {:>14}   {}\n", "tensor", "height x width x channels",
-                                 "MiB", "offset", "lives from dispatch to dispatch");
+                                 "MiB", "offset", "first .. last dispatch");
   for (const TensorRecord& tensor : graph.tensors()) {
     text += fmt::format("{:<32} {:<25} {:>10.2f} {:>14}   {} .. {}\n", tensor.name, shape_text(tensor.shape),
                         double(tensor.size_bytes) / kMebibyte, tensor.offset_bytes, tensor.first_use,

@@ -6,14 +6,14 @@
 
 namespace raymeld::cli {
 
-// A line for each dispatch, with '|' where a barrier comes before it.
+// Returns a line for each dispatch, with '|' if a barrier comes before it.
 std::string passes_text(const Graph& graph);
 
-// A line for each tensor: where it lies in the activation block, and from which dispatch to which. Then the
-// sums, with and without aliasing. The graph must be planned.
+// Returns a line for each tensor, with its offset in the activation block and its first and last dispatch,
+// and then the sums with and without aliasing. The graph must be planned.
 std::string memory_text(const Graph& graph);
 
-// In Graphviz's language.
+// Returns the graph in Graphviz's language.
 std::string graph_dot(const Graph& graph, const std::string& name);
 
 }  // namespace raymeld::cli

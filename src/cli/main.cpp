@@ -16,14 +16,14 @@ namespace {
 
 using namespace raymeld::cli;
 
-bool wants_json = false;  // whether --json is among the arguments, valid or not
+bool wants_json = false;  // --json is among the arguments, valid or not
 
-// Says it on stderr and, for programs that read stdout as JSON, there.
+// Writes the message to stderr and, with --json and nothing printed yet, as a JSON object to stdout.
 int fail(const Failure& failure) try {
   complain(failure.message);
   if (wants_json && !has_printed()) print(json_text({{"error", failure.message}}));
   return failure.status;
-} catch (...) {  // stdout takes nothing
+} catch (...) {  // stdout cannot be written
   return failure.status;
 }
 
@@ -60,7 +60,7 @@ int parse_and_run(CLI::App& app, int argc, char** argv) try {
   const bool has_no_command = app.get_subcommands().empty() && !unknown.empty();
   const int status = fail(
       {kError, has_no_command ? fmt::format("there is no command '{}'", unknown.front()) : error.what()});
-  fmt::print(stderr, "raymeld --help and raymeld COMMAND --help tell more.\n");
+  fmt::print(stderr, "See raymeld --help and raymeld COMMAND --help.\n");
   return status;
 }
 

@@ -1,4 +1,4 @@
-// The manual, in the macros of man(7).
+// Writes the manual in the macros of man(7).
 #include <fmt/format.h>
 
 #include "cli/common/help.h"
@@ -6,7 +6,7 @@
 namespace raymeld::cli {
 namespace {
 
-// A backslash, a hyphen that is typed and a dot or quote at the start of a line mean something to roff.
+// Escapes characters that mean something to roff: backslashes, hyphens, and dots or quotes that start a line.
 std::string roff(const std::string& text) {
   std::string result;
   for (const char c : text) {
@@ -26,8 +26,7 @@ std::string roff(const std::string& text) {
 std::string names_text(const CLI::Option& option) {
   std::string text;
   for (const std::string& name : option.get_snames()) text += fmt::format("\\fB\\-{}\\fR, ", roff(name));
-  for (const std::string& name : option.get_lnames())
-    text += fmt::format("\\fB\\-\\-{}\\fR, ", roff(name));
+  for (const std::string& name : option.get_lnames()) text += fmt::format("\\fB\\-\\-{}\\fR, ", roff(name));
   text.resize(text.size() - 2);
   const std::string value = value_text(option);
   return value.empty() ? text : fmt::format("{} \\fI{}\\fR", text, roff(value));
@@ -41,7 +40,7 @@ std::string entry(const std::string& head, const CLI::Option& option) {
   return fmt::format(".TP\n{}\n{}\n", head, roff(option_text(option)));
 }
 
-// Examples and what else follows the options, line by line as it is.
+// Returns the examples and other text that follow the options, with their line breaks.
 std::string footer_text(const CLI::App& app) {
   return app.get_footer().empty() ? "" : fmt::format(".PP\n.nf\n{}\n.fi\n", roff(app.get_footer()));
 }

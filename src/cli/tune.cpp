@@ -29,14 +29,15 @@ std::string shape_text(const Conv2dShape& s) {
 std::string kernel_text(const Conv2dShape& shape, const Conv2dKernel& k) {
   const std::string refused =
       shape.kernel == 3 && shape.most_tile < 4 ? "; F(4, 3) refused: not accurate enough" : "";
-  if (k.matrix) {
-    const auto& [matrix, outputs, rows, subgroups, channels] = *k.matrix;
+  if (k.algorithm == Algorithm::kMatrix) {
+    const auto& [matrix, outputs, rows, subgroups, channels] = k.matrix;
     return fmt::format("matrix {}x{}x{}, {} outputs, {} subgroups of {} rows, {} channels{}", matrix.m,
                        matrix.n, matrix.k, outputs, subgroups, rows, channels, refused);
   }
-  if (k.tile == 0) return "direct" + refused;
-  const std::string name = k.tile == 1 ? "pointwise" : fmt::format("F({}, 3)", k.tile);
-  return fmt::format("{}, {} outputs, bands of {}, ordered by {}{}{}", name, k.outputs, k.band, k.order,
+  if (k.algorithm == Algorithm::kDirect) return "direct" + refused;
+  const std::string name =
+      k.algorithm == Algorithm::kPointwise ? "pointwise" : fmt::format("F({}, 3)", k.tile);
+  return fmt::format("{}, {} outputs, bands of {}, order {}{}{}", name, k.outputs, k.band, k.order,
                      k.vector > 0 ? ", vectors" : "", refused);
 }
 
@@ -52,7 +53,7 @@ void measure(const Device& device, const std::filesystem::path& folder, Storage 
   PipelineCache cache(device, folder);
   tune(device, cache, storage, shapes, tuning, [&](const Conv2dShape& shape, const Tuning::Entry& entry) {
     if (!silent) print_entry(shape, entry);
-    save_tuning(file, tuning);  // what is measured stays measured
+    save_tuning(file, tuning);  // an interrupt loses no measurement
     check_interrupted();
   });
   cache.save();
@@ -62,7 +63,9 @@ void measure(const Device& device, const std::filesystem::path& folder, Storage 
 void run(const TuneArguments& arguments) {
   const auto device = Device::create({arguments.device});
   const std::filesystem::path folder = PipelineCache::default_folder();
-  if (folder.empty()) throw Error("neither XDG_CACHE_HOME nor HOME says where to keep what is measured");
+  if (folder.empty())
+    throw Error(
+        "there is no folder for the measurements: neither XDG_CACHE_HOME nor HOME is an absolute path");
   const Storage storage = storage_for(kPrecisions.at(arguments.precision), device->info());
   const std::filesystem::path file = tuning_file(folder, *device, storage);
   Tuning tuning = arguments.again ? Tuning{} : load_tuning(file);
@@ -80,7 +83,7 @@ void run(const TuneArguments& arguments) {
   const bool known =
       std::ranges::all_of(shapes, [&](const Conv2dShape& shape) { return tuning.entries.contains(shape); });
   if (known) {
-    console.note(fmt::format("nothing to measure: {} has all {} shapes; --again measures them anew",
+    console.note(fmt::format("nothing to measure: {} has all {} shapes; --again measures them again",
                              file.string(), shapes.size()));
   } else {
     console.note(fmt::format("measuring {} ({})", device->info().name, device->info().driver));
@@ -107,22 +110,23 @@ void run(const TuneArguments& arguments) {
 
 void add_tune(CLI::App& app) {
   auto arguments = std::make_shared<TuneArguments>();
-  CLI::App* command =
-      app.add_subcommand("tune", "Measures which kernels are fastest on a device, and remembers it");
+  CLI::App* command = app.add_subcommand(
+      "tune", "Measures which kernels are fastest on a device, and saves the result for fuse");
   command
-      ->add_option(
-          "--model", arguments->models,
-          "Measures what these models need: names, scales such as x4, or files; without it x2, x4 and x8")
+      ->add_option("--model", arguments->models,
+                   "Measures the convolutions of these models: names, scales such as x4, or files; without "
+                   "it x2, x4 and x8")
       ->delimiter(',');
   command->add_option("--size", arguments->size, "Measures for fused images of this size")
       ->type_name("WxH")
       ->capture_default_str();
-  command->add_option("--device", arguments->device,
-                      "Runs on this Vulkan device: an index of raymeld devices, a UUID or part of a name");
+  command->add_option(
+      "--device", arguments->device,
+      "Runs on this Vulkan device: its index in raymeld devices, its UUID or part of its name");
   command->add_option("--precision", arguments->precision, "Measures kernels of this precision")
       ->check(CLI::IsMember({"auto", "fp32", "fp16"}))
       ->capture_default_str();
-  command->add_flag("--again", arguments->again, "Measures also what was measured before");
+  command->add_flag("--again", arguments->again, "Also measures convolutions that were measured before");
   command->add_flag("--json", arguments->json, "Prints one JSON object instead of text");
   command->footer("Example:\n  raymeld tune --model x4-fast --size 1920x1080");
   command->callback([arguments] { run(*arguments); });

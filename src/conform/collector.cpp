@@ -18,11 +18,12 @@ using reference::Precision;
 using reference::Worst;
 
 // In the words of `raymeld devices`; empty where the device has all.
-std::string missing_feature(const DeviceInfo& device, const Way& way, Precision precision) {
+std::string missing_feature(const DeviceInfo& device, const Method& method, Precision precision) {
   if (precision == Precision::kFp16 && !device.storage_16bit) return "16-bit storage";
   // What no 1x1 convolution can do, no 3x3 can.
-  if (way.kernel.matrix && !is_possible(*way.kernel.matrix, 1)) return "cooperative matrix";
-  const bool by_address = way.addressed || way.kernel.tile > 0 || way.kernel.vector > 0;
+  if (method.kernel.algorithm == Algorithm::kMatrix && !is_possible(method.kernel.matrix, 1))
+    return "cooperative matrix";
+  const bool by_address = method.addressed || method.kernel.needs_addresses();
   if (by_address && !device.buffer_device_address) return "buffer device address";
   return {};
 }
@@ -34,10 +35,10 @@ bool same(double actual, double expected) {
 
 }  // namespace
 
-std::span<const Way> plain_ways() {
-  static const std::array<Way, 2> ways{Way{.name = "in buffers"},
-                                       Way{.name = "by address", .addressed = true}};
-  return ways;
+std::span<const Method> plain_methods() {
+  static const std::array<Method, 2> methods{Method{.name = "in buffers"},
+                                             Method{.name = "by address", .addressed = true}};
+  return methods;
 }
 
 std::vector<MatrixTiles> matrix_tiles(const DeviceInfo& device, uint32_t kernel) {
@@ -96,10 +97,10 @@ std::span<const reference::Size> Collector::sizes() const {
   return reference::awkward_sizes();
 }
 
-void Collector::run(const std::string& layer, const Way& way, Precision precision, const std::string& shape,
-                    const std::function<void(Check&)>& body) const {
-  const Case of{layer, way.name, precision, shape};
-  const std::string missing = missing_feature(device().info(), way, precision);
+void Collector::run(const std::string& layer, const Method& method, Precision precision,
+                    const std::string& shape, const std::function<void(Check&)>& body) const {
+  const Case of{layer, method.name, precision, shape};
+  const std::string missing = missing_feature(device().info(), method, precision);
   if (!missing.empty()) return unsupported(of, missing);
   judge({.of = of}, body);
 }
@@ -119,10 +120,12 @@ void Collector::judge(Finding finding, const std::function<void(Check&)>& body) 
   options_.on_finding(finding);
 }
 
-void Collector::for_each(std::span<const Way> ways, const std::function<void(const Way&, Precision)>& body) {
+void Collector::for_each(std::span<const Method> methods,
+                         const std::function<void(const Method&, Precision)>& body) {
   for (const Precision precision : kPrecisions) {
-    for (const Way& way : ways) {
-      if (!way.kernel.matrix || precision == Precision::kFp16) body(way, precision);
+    for (const Method& method : methods) {
+      if (method.kernel.algorithm != Algorithm::kMatrix || precision == Precision::kFp16)
+        body(method, precision);
     }
   }
 }

@@ -8,18 +8,18 @@
 namespace raymeld::conform {
 
 // How a layer is computed: by which kernel, with activations in buffers or by address.
-struct Way {
+struct Method {
   std::string name;
   Conv2dKernel kernel = {};
   bool addressed = false;
 
-  // As reference::conv2d() takes them.
-  int tile() const { return int(kernel.tile); }
-  int units() const { return kernel.matrix ? reference::kMatrixUnits : 1; }
+  // The arguments of reference::conv2d().
+  int tile() const { return int(kernel.winograd_tile()); }
+  int units() const { return kernel.algorithm == Algorithm::kMatrix ? reference::kMatrixUnits : 1; }
 };
 
 // Of layers with one kernel.
-std::span<const Way> plain_ways();
+std::span<const Method> plain_methods();
 // Two sizes of tiles, so small that a convolution has several: those that the device's matrices and its
 // shared memory allow. Where they allow none, one that is impossible, and so unsupported.
 std::vector<MatrixTiles> matrix_tiles(const DeviceInfo& device, uint32_t kernel);
@@ -58,13 +58,13 @@ class Collector {
   std::span<const reference::Size> sizes() const;
 
   // One case, unless the device lacks what it takes.
-  void run(const std::string& layer, const Way& way, reference::Precision precision, const std::string& shape,
-           const std::function<void(Check&)>& body) const;
+  void run(const std::string& layer, const Method& method, reference::Precision precision,
+           const std::string& shape, const std::function<void(Check&)>& body) const;
   // One that cannot be tried, for want of what `missing` names.
   void unsupported(const Case& of, const std::string& missing) const;
   // Calls `body` for all ways in both precisions; matrices are of 16-bit storage only.
-  static void for_each(std::span<const Way> ways,
-                       const std::function<void(const Way&, reference::Precision)>& body);
+  static void for_each(std::span<const Method> methods,
+                       const std::function<void(const Method&, reference::Precision)>& body);
 
  private:
   void judge(Finding finding, const std::function<void(Check&)>& body) const;

@@ -19,21 +19,21 @@ using reference::random_planes;
 using reference::Size;
 
 struct ConstantTrial {
-  uint32_t kernel = 3, shuffle = 1;  // before the convolution and, of a 3x3, behind it
-  std::vector<bool> front, behind;   // which channels are constant
+  uint32_t kernel = 3, shuffle = 1;       // before the convolution and, of a 3x3, behind it
+  std::vector<bool> front, second_input;  // which channels are constant
   int outputs = 9;
 };
 
 // Constants first, last, side by side and 0; with `behind`, in both inputs.
 const std::array kTrials{
-    ConstantTrial{.front = {true, false, false, true, true}, .behind = {false, true, false, true}},
-    ConstantTrial{.shuffle = 2, .front = {false, true, true, false}, .behind = {}, .outputs = 12},
-    ConstantTrial{.kernel = 1, .front = {true, false, true, false}, .behind = {}},
-    ConstantTrial{.kernel = 1, .shuffle = 2, .front = {false, true, false, true}, .behind = {}}};
+    ConstantTrial{.front = {true, false, false, true, true}, .second_input = {false, true, false, true}},
+    ConstantTrial{.shuffle = 2, .front = {false, true, true, false}, .second_input = {}, .outputs = 12},
+    ConstantTrial{.kernel = 1, .front = {true, false, true, false}, .second_input = {}},
+    ConstantTrial{.kernel = 1, .shuffle = 2, .front = {false, true, false, true}, .second_input = {}}};
 
 std::string text_of(const ConstantTrial& trial, const Size& size) {
   return fmt::format("{} and {} channels -> {}{}, some constant, {} x {}", trial.front.size(),
-                     trial.behind.size(), trial.outputs, trial.shuffle > 1 ? ", shuffled" : "", size.h,
+                     trial.second_input.size(), trial.outputs, trial.shuffle > 1 ? ", shuffled" : "", size.h,
                      size.w);
 }
 
@@ -71,7 +71,7 @@ struct ConstantConvolved {
 };
 
 ConstantConvolved add(LayerRun& run, const ConstantTrial& trial, const Size& size, Fill fill, uint64_t seed,
-                      const Way& way, Precision precision) {
+                      const Method& method, Precision precision) {
   const int s = int(trial.shuffle), back = trial.kernel == 1 ? 1 : s;
   const Size full{s * size.h, s * size.w};
   Channels in = channels_of(trial.front, full, fill, seed, precision);
@@ -79,14 +79,14 @@ ConstantConvolved add(LayerRun& run, const ConstantTrial& trial, const Size& siz
                         .relu = true,
                         .unshuffle = trial.shuffle,
                         .shuffle = uint32_t(back),
-                        .how = way.kernel};
+                        .how = method.kernel};
   const Tensor front = run.input("in", in.in_tensor);
   Bounded x = exact(in.all);
-  if (!trial.behind.empty()) {
-    const Channels behind = channels_of(trial.behind, full, fill, seed + 1, precision);
-    options.behind = run.input("behind", behind.in_tensor);
-    x = reference::concat(x, exact(behind.all));
-    in.constants.insert(in.constants.end(), behind.constants.begin(), behind.constants.end());
+  if (!trial.second_input.empty()) {
+    const Channels second = channels_of(trial.second_input, full, fill, seed + 1, precision);
+    options.second_input = run.input("second", second.in_tensor);
+    x = reference::concat(x, exact(second.all));
+    in.constants.insert(in.constants.end(), second.constants.begin(), second.constants.end());
   }
   options.constants = in.constants;
   if (s > 1) x = reference::space_to_depth(x, s);
@@ -94,7 +94,7 @@ ConstantConvolved add(LayerRun& run, const ConstantTrial& trial, const Size& siz
       round_to(random_conv(trial.outputs, x.value.c, int(trial.kernel), fill, seed + 2), precision);
   const Tensor out = run.tensor("out", trial.outputs / back / back, back * size.h, back * size.w);
   conv2d(run.graph(), "conv", front, out, run.weights(conv), options);
-  const Bounded y = reference::conv2d(x, conv, true, precision, {}, way.tile(), way.units());
+  const Bounded y = reference::conv2d(x, conv, true, precision, {}, method.tile(), method.units());
   return {out, back > 1 ? reference::pixel_shuffle(y, back) : y};
 }
 
@@ -102,19 +102,19 @@ ConstantConvolved add(LayerRun& run, const ConstantTrial& trial, const Size& siz
 
 void run_constants(Collector& collector) {
   for (const ConstantTrial& trial : kTrials) {
-    const std::vector<Way> ways = conv2d_ways(collector.device().info(), trial.kernel);
-    Collector::for_each(ways, [&](const Way& way, Precision precision) {
+    const std::vector<Method> methods = conv2d_methods(collector.device().info(), trial.kernel);
+    Collector::for_each(methods, [&](const Method& method, Precision precision) {
       for (const Size& size : collector.sizes()) {
         const uint64_t seed = uint64_t(size.h * 1000 + size.w);
-        collector.run(trial.kernel == 1 ? "conv2d 1x1" : "conv2d 3x3", way, precision, text_of(trial, size),
-                      [&](Check& check) {
+        collector.run(trial.kernel == 1 ? "conv2d 1x1" : "conv2d 3x3", method, precision,
+                      text_of(trial, size), [&](Check& check) {
                         // The weights of F(4, 3) are divided by 3: no integers.
-                        const bool integers = way.kernel.tile != 4;
-                        LayerRun run(collector.target(), precision, way.addressed);
+                        const bool integers = method.tile() != 4;
+                        LayerRun run(collector.target(), precision, method.addressed);
                         const ConstantConvolved random =
-                            add(run, trial, size, Fill::kUniform, seed, way, precision);
+                            add(run, trial, size, Fill::kUniform, seed, method, precision);
                         ConstantConvolved whole;
-                        if (integers) whole = add(run, trial, size, Fill::kIntegers, seed, way, precision);
+                        if (integers) whole = add(run, trial, size, Fill::kIntegers, seed, method, precision);
                         run.run();
                         check.within(run.read(random.out), random.expected, "random");
                         if (integers)

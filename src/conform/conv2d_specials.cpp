@@ -18,16 +18,16 @@ using reference::Precision;
 struct Pointwise {
   Check& check;
   const Target& target;
-  const Way& way;
+  const Method& method;
   Precision precision;
 
   // What the device makes of a row of pixels.
   Planes row(const std::vector<float>& in, float weight, float bias, bool relu, Status& status) const {
-    LayerRun run(target, precision, way.addressed);
+    LayerRun run(target, precision, method.addressed);
     const Tensor x = run.input("in", reference::planes(1, 1, int(in.size()), in));
     const Tensor y = run.tensor("out", 1, 1, int(in.size()));
     conv2d(run.graph(), "conv", x, y, run.weights({1, 1, 1, {weight}, {bias}}),
-           {.kernel = 1, .relu = relu, .how = way.kernel});
+           {.kernel = 1, .relu = relu, .how = method.kernel});
     run.run();
     status = run.status();
     return run.read(y);
@@ -87,17 +87,18 @@ struct Poison {
 
 // From where to where in one direction a kernel may change what it makes of a changed pixel: a pixel beside
 // it or, by F(m, 3), all of the tiles that these are in.
-std::pair<int, int> changed_range(int pixel, int size, const Way& way) {
-  const int tile = std::max(way.tile(), 1);
+std::pair<int, int> changed_range(int pixel, int size, const Method& method) {
+  const int tile = std::max(method.tile(), 1);
   const int first = std::max(pixel - 1, 0) / tile * tile, last = (pixel + 1) / tile * tile + tile - 1;
   return {first, std::min(last, size - 1)};
 }
 
 // Neither the others nor a NaN or an infinity that has been lost.
-void check_spread(Check& check, const Poison& poison, const Planes& before, Planes after, const Way& way) {
+void check_spread(Check& check, const Poison& poison, const Planes& before, Planes after,
+                  const Method& method) {
   const std::string what = fmt::format("{:g} at y {}, x {}", poison.value, poison.y, poison.x);
-  const auto [top, bottom] = changed_range(poison.y, after.h, way);
-  const auto [left, right] = changed_range(poison.x, after.w, way);
+  const auto [top, bottom] = changed_range(poison.y, after.h, method);
+  const auto [left, right] = changed_range(poison.x, after.w, method);
   size_t changed = 0, hidden = 0;
   for (int c = 0; c < after.c; ++c) {
     for (int v = top; v <= bottom; ++v) {
@@ -117,17 +118,18 @@ void check_spread(Check& check, const Poison& poison, const Planes& before, Plan
 
 // Padding and the tails of tiles read nothing of a poisoned pixel, wherever that lies; where it is read,
 // finite values keep their bounds. Beyond 1e30 transforms overflow where direct sums do not.
-void check_poison(Check& check, const Target& target, const Way& way, Precision precision) {
+void check_poison(Check& check, const Target& target, const Method& method, Precision precision) {
   const reference::Conv conv =
       round_to(reference::random_conv(9, 5, 3, reference::Fill::kUniform, 4), precision);
   const Planes clean = round_to(reference::random_planes(5, 11, 35, reference::Fill::kUniform, 3), precision);
   const std::vector<float> values = precision == Precision::kFp16
                                         ? std::vector<float>{6e4f, INFINITY, NAN}
                                         : std::vector<float>{1e8f, 1e30f, FLT_MAX, INFINITY, NAN};
-  LayerRun run(target, precision, way.addressed);
+  LayerRun run(target, precision, method.addressed);
   const auto add = [&](const Planes& image) {
     const Tensor in = run.input("in", image), out = run.tensor("out", conv.out, image.h, image.w);
-    conv2d(run.graph(), "conv", in, out, run.weights(conv), {.kernel = 3, .relu = true, .how = way.kernel});
+    conv2d(run.graph(), "conv", in, out, run.weights(conv),
+           {.kernel = 3, .relu = true, .how = method.kernel});
     return out;
   };
   struct Poisoned {
@@ -147,9 +149,10 @@ void check_poison(Check& check, const Target& target, const Way& way, Precision 
   run.run();
   for (const auto& [poison, image, out] : poisoned) {
     const Planes after = run.read(out);
-    check_spread(check, poison, run.read(before), after, way);
+    check_spread(check, poison, run.read(before), after, method);
     if (!(poison.value <= 1e30f)) continue;
-    check.within(after, reference::conv2d(exact(image), conv, true, precision, {}, way.tile(), way.units()),
+    check.within(after,
+                 reference::conv2d(exact(image), conv, true, precision, {}, method.tile(), method.units()),
                  fmt::format("{:g} at y {}, x {}", poison.value, poison.y, poison.x));
   }
 }
@@ -158,26 +161,27 @@ void check_poison(Check& check, const Target& target, const Way& way, Precision 
 
 void run_specials(Collector& collector) {
   const auto run_each = [&](uint32_t kernel, const char* what,
-                            const std::function<void(Check&, const Way&, Precision)>& body) {
-    const std::vector<Way> ways = conv2d_ways(collector.device().info(), kernel);
-    Collector::for_each(ways, [&](const Way& way, Precision precision) {
-      collector.run(kernel == 1 ? "conv2d 1x1" : "conv2d 3x3", way, precision, what,
-                    [&](Check& check) { body(check, way, precision); });
+                            const std::function<void(Check&, const Method&, Precision)>& body) {
+    const std::vector<Method> methods = conv2d_methods(collector.device().info(), kernel);
+    Collector::for_each(methods, [&](const Method& method, Precision precision) {
+      collector.run(kernel == 1 ? "conv2d 1x1" : "conv2d 3x3", method, precision, what,
+                    [&](Check& check) { body(check, method, precision); });
     });
   };
   const Target& target = collector.target();
-  run_each(1, "large values, infinities and NaN", [&](Check& check, const Way& way, Precision precision) {
-    check_large({check, target, way, precision});
+  run_each(1, "large values, infinities and NaN",
+           [&](Check& check, const Method& method, Precision precision) {
+             check_large({check, target, method, precision});
+           });
+  run_each(1, "denormals", [&](Check& check, const Method& method, Precision precision) {
+    check_denormals({check, target, method, precision});
   });
-  run_each(1, "denormals", [&](Check& check, const Way& way, Precision precision) {
-    check_denormals({check, target, way, precision});
-  });
-  run_each(1, "ReLU of NaN, -infinity and -0", [&](Check& check, const Way& way, Precision precision) {
-    check_relu({check, target, way, precision});
+  run_each(1, "ReLU of NaN, -infinity and -0", [&](Check& check, const Method& method, Precision precision) {
+    check_relu({check, target, method, precision});
   });
   run_each(3, "one poisoned pixel, 5 -> 9 channels, 11 x 35",
-           [&](Check& check, const Way& way, Precision precision) {
-             check_poison(check, target, way, precision);
+           [&](Check& check, const Method& method, Precision precision) {
+             check_poison(check, target, method, precision);
            });
 }
 

@@ -6,7 +6,7 @@
 namespace raymeld::conform {
 
 // Every kernel of 1x1 or 3x3, with parts, blocks and bands so small that there are several of them.
-std::vector<Way> conv2d_ways(const DeviceInfo& device, uint32_t kernel);
+std::vector<Method> conv2d_methods(const DeviceInfo& device, uint32_t kernel);
 
 // Denormals, infinities, NaN, what 16 bits cannot hold: by kernels of direct sums, which promise more than
 // bounds.

@@ -33,25 +33,25 @@ struct Decoded {
 
 // By the device; `base` and `bright` may be null.
 Decoded decoded(Check& check, const Target& target, const Planes& rec, const Planes* base,
-                const Decoding& decoding, const Way& way, Precision precision,
+                const Decoding& decoding, const Method& method, Precision precision,
                 const Planes* bright = nullptr) {
   const Shape shape{uint32_t(rec.h), uint32_t(rec.w), uint32_t(rec.c)};
   const FrameImage frame(target.device, shape, frame_layouts()[decoding.layout]);
-  LayerRun run(target, precision, way.addressed);
+  LayerRun run(target, precision, method.addressed);
   const Tensor in = run.input("rec", rec);
-  Tensor lrhs, highlights;
+  Tensor lrhs, above_clip;
   if (base) lrhs = run.input("lrhs", *base);
-  if (bright) highlights = run.input("highlights", *bright);
+  if (bright) above_clip = run.input("above_clip", *bright);
   decode(run.graph(), "decode", in,
          {decoding.log ? Transfer::kLog : Transfer::kLinear, base ? &lrhs : nullptr, uint32_t(decoding.scale),
-          decoding.phase, bright ? &highlights : nullptr, decoding.clip});
+          decoding.phase, bright ? &above_clip : nullptr, decoding.clip});
   run.run(frame.frame(kFusedSlot), decoding.exposure);
   check.that(frame.touched_outside() == 0, "wrote around the image");
   return {frame.read(), run.status()};
 }
 
 void check_random(Check& check, const Target& target, const Size& size, const Decoding& decoding,
-                  uint64_t seed, const Way& way, Precision precision) {
+                  uint64_t seed, const Method& method, Precision precision) {
   const int s = decoding.scale;
   Planes rec = reference::random_planes(3, size.h * s, size.w * s, reference::Fill::kUniform, seed);
   for (double& v : rec.data) v *= decoding.log ? 3 : 100;
@@ -65,34 +65,34 @@ void check_random(Check& check, const Target& target, const Size& size, const De
     bright.data[i] = i % 3 ? 1e4 * std::pow(bright.data[i], 4) : 0;
   bright = round_to(bright, precision);
   const Bounded highlight = reference::self_weighted(exact(bright), s, decoding.phase);
-  const bool has_highlights = decoding.clip > 0;
-  const Decoded result = decoded(check, target, rec, decoding.bilinear ? &base : nullptr, decoding, way,
-                                 precision, has_highlights ? &bright : nullptr);
+  const bool has_above_clip = decoding.clip > 0;
+  const Decoded result = decoded(check, target, rec, decoding.bilinear ? &base : nullptr, decoding, method,
+                                 precision, has_above_clip ? &bright : nullptr);
   const Bounded expected = reference::decode(
       exact(rec), decoding.bilinear ? &upsampled : nullptr,
       decoding.log ? reference::Transfer::kLog : reference::Transfer::kLinear, Precision::kFp32,
-      decoding.exposure, has_highlights ? &highlight : nullptr, decoding.clip);
+      decoding.exposure, has_above_clip ? &highlight : nullptr, decoding.clip);
   check.within(result.image, expected);
   check.that(result.status.not_finite == 0, "counted values that are not finite");
 }
 
 // A ramp of samples at X = s i + phase is reproduced between the samples and held beyond them.
-void check_ramp(Check& check, const Target& target, const Way& way, Precision precision) {
+void check_ramp(Check& check, const Target& target, const Method& method, Precision precision) {
   for (const float phase : {0.0f, 1.5f}) {
     const Planes base(1, 1, 3, {4 * 0 + phase, 4 * 1 + phase, 4 * 2 + phase});
     Planes expected(1, 4, 12);
     for (int y = 0; y < 4; ++y)
       for (int x = 0; x < 12; ++x) expected.at(0, y, x) = std::clamp(double(x), double(phase), 8.0 + phase);
     const Decoding decoding{.bilinear = true, .scale = 4, .phase = phase};
-    const Planes result = decoded(check, target, Planes(1, 4, 12), &base, decoding, way, precision).image;
+    const Planes result = decoded(check, target, Planes(1, 4, 12), &base, decoding, method, precision).image;
     check.within(result, exact(expected), fmt::format("phase {:g}", phase));
   }
 }
 
-void check_not_finite(Check& check, const Target& target, const Way& way, Precision precision) {
+void check_not_finite(Check& check, const Target& target, const Method& method, Precision precision) {
   const Planes rec(1, 1, 8, {NAN, -NAN, INFINITY, -INFINITY, 0, 1, -1, 2});
   for (const bool log : {false, true}) {
-    const Decoded result = decoded(check, target, rec, nullptr, {.log = log}, way, precision);
+    const Decoded result = decoded(check, target, rec, nullptr, {.log = log}, method, precision);
     check.that(result.status.not_finite == 4,
                fmt::format("counted {} of 4 values that are not finite", result.status.not_finite));
     Planes finite = rec;
@@ -106,7 +106,7 @@ void check_not_finite(Check& check, const Target& target, const Way& way, Precis
 // What the output holds is limited after the exposure is undone, so that none of the range is lost. The log
 // transfer keeps of a value far below 1 / exposure no more than 1 + 8 x does; at 0.01 / exposure the bound
 // must still say something.
-void check_range(Check& check, const Target& target, const Way& way) {
+void check_range(Check& check, const Target& target, const Method& method) {
   for (const float exposure : {0x1p-24f, 0x1p-7f, 1.0f, 0x1p7f, 0x1p24f}) {
     const std::array radiance{0.25, 60000.0, 65504.0, 1e6, std::min(0.01 / exposure, 60000.0)};
     for (const bool log : {false, true}) {
@@ -128,32 +128,32 @@ void check_range(Check& check, const Target& target, const Way& way) {
             fmt::format("{}: the reference has {} for {}", what, expected.value.data[i], radiance[i]));
       }
       const Decoding decoding{.log = log, .exposure = exposure};
-      check.within(decoded(check, target, rec, nullptr, decoding, way, Precision::kFp32).image, expected,
+      check.within(decoded(check, target, rec, nullptr, decoding, method, Precision::kFp32).image, expected,
                    what);
     }
   }
 }
 
-void check_clamped(Check& check, const Target& target, const Way& way) {
+void check_clamped(Check& check, const Target& target, const Method& method) {
   const Planes rec(1, 1, 5, {1e8, 3e38, -1e8, 65504, 65505});
-  check.within(decoded(check, target, rec, nullptr, {}, way, Precision::kFp32).image,
+  check.within(decoded(check, target, rec, nullptr, {}, method, Precision::kFp32).image,
                exact(Planes(1, 1, 5, {65504, 65504, 0, 65504, 65504})), "linear");
   const Planes logs(1, 1, 4, {4.4, 1e8, 3e38, -1e8});
-  check.within(decoded(check, target, logs, nullptr, {.log = true}, way, Precision::kFp32).image,
+  check.within(decoded(check, target, logs, nullptr, {.log = true}, method, Precision::kFp32).image,
                exact(Planes(1, 1, 4, {65504, 65504, 65504, 0})), "log");
 }
 
-void run_special(Collector& collector, const Way& way, Precision precision) {
+void run_special(Collector& collector, const Method& method, Precision precision) {
   const Target& target = collector.target();
-  collector.run("decode", way, precision, "bilinear base of a ramp, 1 x 4 x 12",
-                [&](Check& check) { check_ramp(check, target, way, precision); });
-  collector.run("decode", way, precision, "what is not finite, 1 x 1 x 8",
-                [&](Check& check) { check_not_finite(check, target, way, precision); });
+  collector.run("decode", method, precision, "bilinear base of a ramp, 1 x 4 x 12",
+                [&](Check& check) { check_ramp(check, target, method, precision); });
+  collector.run("decode", method, precision, "what is not finite, 1 x 1 x 8",
+                [&](Check& check) { check_not_finite(check, target, method, precision); });
   if (precision != Precision::kFp32) return;  // fp16 does not hold the range
-  collector.run("decode", way, precision, "the range of half by any exposure, 1 x 1 x 4",
-                [&](Check& check) { check_range(check, target, way); });
-  collector.run("decode", way, precision, "beyond the range of half, 1 x 1 x 5",
-                [&](Check& check) { check_clamped(check, target, way); });
+  collector.run("decode", method, precision, "the range of half by any exposure, 1 x 1 x 4",
+                [&](Check& check) { check_range(check, target, method); });
+  collector.run("decode", method, precision, "beyond the range of half, 1 x 1 x 5",
+                [&](Check& check) { check_clamped(check, target, method); });
 }
 
 // Every transfer, base, scale and phase.
@@ -179,19 +179,21 @@ std::vector<Decoding> decodings() {
 void conform_decode(Collector& collector) {
   const std::vector<Decoding> all = decodings();
   const auto sizes = collector.sizes();
-  Collector::for_each(plain_ways(), [&](const Way& way, Precision precision) {
-    run_special(collector, way, precision);
+  Collector::for_each(plain_methods(), [&](const Method& method, Precision precision) {
+    run_special(collector, method, precision);
     for (size_t i = 0; i < std::max(all.size(), sizes.size()); ++i) {
       const Decoding& decoding = all[i % all.size()];
       const Size& size = sizes[i % sizes.size()];
       collector.run(
-          "decode", way, precision,
+          "decode", method, precision,
           fmt::format("x{}, {}, {}{}, exposure {:g}, layout {}, 3 x {} x {}", decoding.scale,
                       decoding.log ? "log" : "linear",
                       decoding.bilinear ? fmt::format("base at phase {:g}", decoding.phase) : "no base",
-                      decoding.clip > 0 ? ", highlights" : "", decoding.exposure, decoding.layout,
+                      decoding.clip > 0 ? ", above_clip" : "", decoding.exposure, decoding.layout,
                       size.h * decoding.scale, size.w * decoding.scale),
-          [&](Check& check) { check_random(check, collector.target(), size, decoding, i, way, precision); });
+          [&](Check& check) {
+            check_random(check, collector.target(), size, decoding, i, method, precision);
+          });
     }
   });
 }

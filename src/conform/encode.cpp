@@ -41,21 +41,21 @@ Planes image_of(LayerKind kind, const Size& size, const Encoding& encoding, uint
 
 // By the device; kinds of three channels each, as many as the image has.
 Planes encoded(Check& check, const Target& target, const Planes& image, const Encoding& encoding,
-               const Way& way, Precision precision) {
+               const Method& method, Precision precision) {
   const FrameImage frame(target.device, image, frame_layouts()[encoding.layout]);
   std::vector<EncodedChannel> channels;
   for (int c = 0; c < image.c; ++c) channels.push_back({kChannelKinds[size_t(c / 3)], uint32_t(c)});
-  LayerRun run(target, precision, way.addressed);
+  LayerRun run(target, precision, method.addressed);
   const Tensor out = run.tensor("out", image.c, image.h, image.w);
-  encode(run.graph(), "encode", kHrlsSlot, out, channels,
-         encoding.log ? Transfer::kLog : Transfer::kLinear, encoding.clip);
+  encode(run.graph(), "encode", kHrlsSlot, out, channels, encoding.log ? Transfer::kLog : Transfer::kLinear,
+         encoding.clip);
   run.run(frame.frame(kHrlsSlot), encoding.exposure);
   check.that(frame.touched_outside() == 0, "wrote around the image");
   return run.read(out);
 }
 
 void check_random(Check& check, const Target& target, const Size& size, const Encoding& encoding,
-                  uint64_t seed, const Way& way, Precision precision) {
+                  uint64_t seed, const Method& method, Precision precision) {
   Planes image(0, size.h, size.w);
   Bounded expected = reference::exact(image);
   for (const LayerKind kind : kKinds) {
@@ -66,19 +66,19 @@ void check_random(Check& check, const Target& target, const Size& size, const En
     expected = concat(expected, one);
     image = concat(image, layer);
   }
-  check.within(encoded(check, target, image, encoding, way, precision), expected);
+  check.within(encoded(check, target, image, encoding, method, precision), expected);
 }
 
 // Noise on a level that is far above it, as a wall's, in every other pixel; specials of all sizes in the
 // rest.
 void check_variance(Check& check, const Target& target, const Size& size, const Encoding& encoding,
-                    uint64_t seed, const Way& way, Precision precision) {
+                    uint64_t seed, const Method& method, Precision precision) {
   Planes image = image_of(LayerKind::kRadiance, size, encoding, seed);
   const Planes noise = reference::random_planes(3, size.h, size.w, reference::Fill::kUniform, seed + 1);
   for (size_t i = 0; i < image.data.size(); ++i)
     if (i / 16 % 2 == 0) image.data[i] = float((8 + 0.01 * noise.data[i]) / encoding.exposure);
   const FrameImage frame(target.device, image, frame_layouts()[encoding.layout]);
-  LayerRun run(target, precision, way.addressed);
+  LayerRun run(target, precision, method.addressed);
   const Tensor out = run.tensor("out", image.c, image.h, image.w);
   variance(run.graph(), "variance", out, encoding.log ? Transfer::kLog : Transfer::kLinear, encoding.clip);
   run.run(frame.frame(kHrlsSlot), encoding.exposure);
@@ -89,12 +89,12 @@ void check_variance(Check& check, const Target& target, const Size& size, const 
 }
 
 // Checks values known by hand, whose sums are exact: a pixel that is alone, the edge, and what is not finite.
-void check_exact_variance(Check& check, const Target& target, const Way& way, Precision precision) {
+void check_exact_variance(Check& check, const Target& target, const Method& method, Precision precision) {
   constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
   const Planes row(1, 1, 5, {0, 0, 9, 0, kNaN});
   Planes expected(1, 1, 5, {0, 18, 18, 18, 0});  // a third of 81 less 9
   const FrameImage frame(target.device, concat(concat(row, row), row));
-  LayerRun run(target, precision, way.addressed);
+  LayerRun run(target, precision, method.addressed);
   const Tensor out = run.tensor("out", 3, 1, 5);
   variance(run.graph(), "variance", out, Transfer::kLinear, 100);
   run.run(frame.frame(kHrlsSlot));
@@ -104,19 +104,19 @@ void check_exact_variance(Check& check, const Target& target, const Way& way, Pr
 }
 
 // What LRHS has beyond the clip, which takes part of the exposure's inverse only.
-void check_highlights(Check& check, const Target& target, const Size& size, const Encoding& encoding,
-                      uint64_t seed, const Way& way, Precision precision) {
+void check_above_clip(Check& check, const Target& target, const Size& size, const Encoding& encoding,
+                      uint64_t seed, const Method& method, Precision precision) {
   const Planes image = image_of(LayerKind::kRadiance, size, encoding, seed);
   const FrameImage frame(target.device, image, frame_layouts()[encoding.layout]);
-  LayerRun run(target, precision, way.addressed);
+  LayerRun run(target, precision, method.addressed);
   const Tensor out = run.tensor("out", image.c, image.h, image.w);
-  highlights(run.graph(), "highlights", out, encoding.clip);
+  above_clip(run.graph(), "above_clip", out, encoding.clip);
   run.run(frame.frame(kLrhsSlot), encoding.exposure);
-  check.within(run.read(out), reference::highlights(image, encoding.clip, precision, encoding.exposure));
+  check.within(run.read(out), reference::above_clip(image, encoding.clip, precision, encoding.exposure));
 }
 
 // What is not finite, beyond the clip or out of range.
-void check_sanitised(Check& check, const Target& target, const Way& way, Precision precision) {
+void check_sanitised(Check& check, const Target& target, const Method& method, Precision precision) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
   const Planes row(1, 1, 8, {kNaN, -kNaN, kInfinity, -kInfinity, 1e30, -1e30, -0.5, 0.25});
@@ -129,18 +129,18 @@ void check_sanitised(Check& check, const Target& target, const Way& way, Precisi
   for (int c = 0; c < 9; ++c)
     for (int x = 0; x < 8; ++x) expected.at(c, 0, x) = of_kinds[size_t(c / 3)][size_t(x)];
   const Encoding encoding{.log = false, .clip = 50};
-  check.within(encoded(check, target, image, encoding, way, precision), reference::exact(expected));
+  check.within(encoded(check, target, image, encoding, method, precision), reference::exact(expected));
 }
 
 }  // namespace
 
 void conform_encode(Collector& collector) {
   constexpr std::array kExposures{1.0f, 0.013f, 770.0f, 0x1p-24f, 0x1p24f};
-  Collector::for_each(plain_ways(), [&](const Way& way, Precision precision) {
-    collector.run("encode", way, precision, "what is not finite or out of range, 9 x 1 x 8",
-                  [&](Check& check) { check_sanitised(check, collector.target(), way, precision); });
-    collector.run("variance", way, precision, "one bright pixel, 3 x 1 x 5",
-                  [&](Check& check) { check_exact_variance(check, collector.target(), way, precision); });
+  Collector::for_each(plain_methods(), [&](const Method& method, Precision precision) {
+    collector.run("encode", method, precision, "what is not finite or out of range, 9 x 1 x 8",
+                  [&](Check& check) { check_sanitised(check, collector.target(), method, precision); });
+    collector.run("variance", method, precision, "one bright pixel, 3 x 1 x 5",
+                  [&](Check& check) { check_exact_variance(check, collector.target(), method, precision); });
     uint64_t next = precision == Precision::kFp16 ? 3 : 0;
     for (const bool log : {false, true}) {
       for (const Size& size : collector.sizes()) {
@@ -149,24 +149,24 @@ void conform_encode(Collector& collector) {
                                 .exposure = kExposures[next % kExposures.size()],
                                 .layout = (next + next / 5) % frame_layouts().size()};
         const uint64_t seed = ++next;
-        collector.run("encode", way, precision,
+        collector.run("encode", method, precision,
                       fmt::format("{}, exposure {:g}, layout {}, 12 x {} x {}", log ? "log" : "linear",
                                   encoding.exposure, encoding.layout, size.h, size.w),
                       [&](Check& check) {
-                        check_random(check, collector.target(), size, encoding, seed, way, precision);
+                        check_random(check, collector.target(), size, encoding, seed, method, precision);
                       });
-        collector.run("variance", way, precision,
+        collector.run("variance", method, precision,
                       fmt::format("{}, exposure {:g}, layout {}, 3 x {} x {}", log ? "log" : "linear",
                                   encoding.exposure, encoding.layout, size.h, size.w),
                       [&](Check& check) {
-                        check_variance(check, collector.target(), size, encoding, seed, way, precision);
+                        check_variance(check, collector.target(), size, encoding, seed, method, precision);
                       });
         if (log) continue;
-        collector.run("highlights", way, precision,
+        collector.run("above_clip", method, precision,
                       fmt::format("exposure {:g}, layout {}, 3 x {} x {}", encoding.exposure, encoding.layout,
                                   size.h, size.w),
                       [&](Check& check) {
-                        check_highlights(check, collector.target(), size, encoding, seed, way, precision);
+                        check_above_clip(check, collector.target(), size, encoding, seed, method, precision);
                       });
       }
     }

@@ -76,8 +76,8 @@ void check_flat(Check& check, const Target& target, Precision precision) {
 }  // namespace
 
 void conform_exposure(Collector& collector) {
-  Collector::for_each(plain_ways().first(1), [&](const Way& way, Precision precision) {
-    collector.run("exposure", way, precision, "images of one value, 3 x 5 x 31",
+  Collector::for_each(plain_methods().first(1), [&](const Method& method, Precision precision) {
+    collector.run("exposure", method, precision, "images of one value, 3 x 5 x 31",
                   [&](Check& check) { check_flat(check, collector.target(), precision); });
     std::vector<Size> sizes(collector.sizes().begin(), collector.sizes().end());
     sizes.insert(sizes.end(), {{129, 131}, {150, 401}});  // of more pixels than there are invocations
@@ -86,7 +86,7 @@ void conform_exposure(Collector& collector) {
       const double brightness = std::array{1.0, 1e-5, 3e4, 40.0}[seed % 4];
       const bool specials = ++seed % 3 == 0;
       collector.run(
-          "exposure", way, precision,
+          "exposure", method, precision,
           fmt::format("brightness {:g}{}, layout {}, 3 x {} x {}", brightness,
                       specials ? " and specials" : "", seed % frame_layouts().size(), size.h, size.w),
           [&, seed](Check& check) {

@@ -21,7 +21,7 @@ struct JointTrial {
   static constexpr float kCertainty = 10;
 
   const Target& target;
-  const Way& way;
+  const Method& method;
   Precision precision;
   bool log;
   int scale;
@@ -65,7 +65,7 @@ struct JointTrial {
 
 void check_irradiance(Check& check, const JointTrial& c) {
   const Planes low = c.radiance(6, c.size, 0), hrls = c.hrls();
-  LayerRun run(c.target, c.precision, c.way.addressed);
+  LayerRun run(c.target, c.precision, c.method.addressed);
   const Tensor lrhs = run.input("lrhs", low), high = run.input("hrls", hrls), out = lrhs.slice(3, 3);
   irradiance(run.graph(), "irradiance", lrhs.slice(0, 3), high.slice(3, 3), high.slice(6, 3), out,
              c.options());
@@ -76,17 +76,17 @@ void check_irradiance(Check& check, const JointTrial& c) {
   check.same_bits(run.read(lrhs.slice(0, 3)), color.value, "the channels beside");
 }
 
-void check_light(Check& check, const JointTrial& c) {
+void check_demodulate(Check& check, const JointTrial& c) {
   const Planes low = c.radiance(6, c.size, 0), hrls = c.hrls();
-  LayerRun run(c.target, c.precision, c.way.addressed);
+  LayerRun run(c.target, c.precision, c.method.addressed);
   const Tensor lrhs = run.input("lrhs", low), high = run.input("hrls", hrls);
   const Tensor out = run.tensor("out", 5, c.full().h, c.full().w);
-  light(run.graph(), "light", high.slice(0, 3), high.slice(3, 3), lrhs, out, c.options());
+  demodulate(run.graph(), "demodulate", high.slice(0, 3), high.slice(3, 3), lrhs, out, c.options());
   run.run();
   const Bounded all = exact(hrls);
   check.within(run.read(out),
-               reference::light(slice(all, 0, 3), slice(all, 3, 3), exact(low), JointTrial::kCertainty,
-                                c.transfer(), c.scale, c.phase, c.precision));
+               reference::demodulate(slice(all, 0, 3), slice(all, 3, 3), exact(low), JointTrial::kCertainty,
+                                     c.transfer(), c.scale, c.phase, c.precision));
 }
 
 // Brightness varies within the width of the filter, or about as much as it can.
@@ -95,8 +95,8 @@ void check_filter(Check& check, const JointTrial& c) {
   const Planes certainty = c.image(1, c.full(), 6, [](double u) { return 1 + 60 * u; });
   const Planes x = concat(c.image(3, c.full(), 4, [](double u) { return 30 * u; }), certainty);
   const int step = 1 << c.seed % 5;
-  LayerRun run(c.target, c.precision, c.way.addressed);
-  run.graph().read_vectors(c.way.kernel.vector);
+  LayerRun run(c.target, c.precision, c.method.addressed);
+  run.graph().read_vectors(c.method.kernel.vector);
   const Tensor in = run.input("in", x), high = run.input("hrls", hrls);
   struct Filtered {
     Planes brightness;
@@ -114,11 +114,11 @@ void check_filter(Check& check, const JointTrial& c) {
     };
     filter(out);
     outputs.push_back({brightness, out, out});
-    if (c.way.kernel.vector == 0) continue;
+    if (c.method.kernel.vector == 0) continue;
     outputs.back().lane_by_lane = run.tensor("lane by lane", 4, c.full().h, c.full().w);
     run.graph().read_vectors(0);
     filter(outputs.back().lane_by_lane);
-    run.graph().read_vectors(c.way.kernel.vector);
+    run.graph().read_vectors(c.method.kernel.vector);
   }
   run.run();
   for (const auto& [brightness, out, lane_by_lane] : outputs) {
@@ -130,23 +130,23 @@ void check_filter(Check& check, const JointTrial& c) {
   }
 }
 
-void check_relight(Check& check, const JointTrial& c) {
+void check_remodulate(Check& check, const JointTrial& c) {
   const double brightest = std::log1p(0.2 * c.clip() / 0.4) / 0.2;
   const Planes hrls = c.hrls(), x = c.image(3, c.full(), 4, [&](double u) { return brightest * u; });
-  LayerRun run(c.target, c.precision, c.way.addressed);
+  LayerRun run(c.target, c.precision, c.method.addressed);
   const Tensor in = run.input("in", x), high = run.input("hrls", hrls);
   const Tensor out = run.tensor("out", 9, c.full().h, c.full().w).slice(3, 3);
-  relight(run.graph(), "relight", in, high.slice(3, 3), out, c.options().transfer);
+  remodulate(run.graph(), "remodulate", in, high.slice(3, 3), out, c.options().transfer);
   run.run();
   check.within(run.read(out),
-               reference::relight(exact(x), slice(exact(hrls), 3, 3), c.transfer(), c.precision));
+               reference::remodulate(exact(x), slice(exact(hrls), 3, 3), c.transfer(), c.precision));
 }
 
-void check_saturation(Check& check, const Target& target, const Way& way) {
-  LayerRun run(target, Precision::kFp16, way.addressed);
+void check_saturation(Check& check, const Target& target, const Method& method) {
+  LayerRun run(target, Precision::kFp16, method.addressed);
   const Tensor in = run.input("in", Planes(3, 1, 1, {1, 52, 52}));
   const Tensor albedo = run.input("albedo", Planes(3, 1, 1, {1, 1, 1})), out = run.tensor("out", 3, 1, 1);
-  relight(run.graph(), "relight", in, albedo, out, Transfer::kLinear);
+  remodulate(run.graph(), "remodulate", in, albedo, out, Transfer::kLinear);
   run.run();
   check.within(run.read(out.slice(1, 2)), exact(Planes(2, 1, 1, {65504, 65504})));
   check.that(run.status().saturated == 2,
@@ -157,7 +157,7 @@ void check_saturation(Check& check, const Target& target, const Way& way) {
 void check_mix(Check& check, const JointTrial& c) {
   const Planes low = c.radiance(6, c.size, 0), hrls = c.hrls(), filtered = c.radiance(9, c.full(), 4);
   const Planes rec = c.image(8, c.full(), 5, [](double u) { return u == 0 ? -80 : u == 1 ? 80 : 8 * u - 4; });
-  LayerRun run(c.target, c.precision, c.way.addressed);
+  LayerRun run(c.target, c.precision, c.method.addressed);
   const Tensor in = run.input("rec", rec), lrhs = run.input("lrhs", low), high = run.input("hrls", hrls);
   const Tensor candidates = run.input("candidates", filtered);
   const Tensor out = run.tensor("out", 3, c.full().h, c.full().w);
@@ -173,9 +173,9 @@ struct Layer {
 };
 
 constexpr Layer kLayers[] = {{"irradiance", check_irradiance},
-                             {"light", check_light},
+                             {"demodulate", check_demodulate},
                              {"joint_filter", check_filter},
-                             {"relight", check_relight},
+                             {"remodulate", check_remodulate},
                              {"mix", check_mix}};
 
 }  // namespace
@@ -183,30 +183,31 @@ constexpr Layer kLayers[] = {{"irradiance", check_irradiance},
 void conform_joint(Collector& collector) {
   constexpr size_t kCombinations = 2 * 3 * 2;  // of transfer, scale and phase
   const auto sizes = collector.sizes();
-  std::vector<Way> ways(plain_ways().begin(), plain_ways().end());
+  std::vector<Method> methods(plain_methods().begin(), plain_methods().end());
   const uint32_t lanes = collector.device().info().vector_lanes;
-  if (lanes > 0) ways.push_back({.name = "by vectors", .kernel = {.vector = lanes}});
-  Collector::for_each(ways, [&](const Way& way, Precision precision) {
+  if (lanes > 0) methods.push_back({.name = "by vectors", .kernel = {.vector = lanes}});
+  Collector::for_each(methods, [&](const Method& method, Precision precision) {
     for (const Layer& layer : kLayers) {
       // 16 bits and the other layers are read by none.
-      if (way.kernel.vector > 0 && (layer.check != check_filter || precision == Precision::kFp16)) continue;
+      if (method.kernel.vector > 0 && (layer.check != check_filter || precision == Precision::kFp16))
+        continue;
       for (size_t i = 0; i < std::max(kCombinations, sizes.size()); ++i) {
         const int scale = 2 << i % 3;
         const JointTrial trial{.target = collector.target(),
-                               .way = way,
+                               .method = method,
                                .precision = precision,
                                .log = i / 3 % 2 == 1,
                                .scale = scale,
                                .phase = i / 6 % 2 == 1 ? (float(scale) - 1) / 2 : 0,
                                .size = sizes[i % sizes.size()],
                                .seed = i + 1};
-        collector.run(layer.name, way, precision, trial.shape(),
+        collector.run(layer.name, method, precision, trial.shape(),
                       [&](Check& check) { layer.check(check, trial); });
       }
     }
-    if (precision != Precision::kFp16 || way.kernel.vector > 0) return;
-    collector.run("relight", way, precision, "what 16 bits cannot store, 1 x 1",
-                  [&](Check& check) { check_saturation(check, collector.target(), way); });
+    if (precision != Precision::kFp16 || method.kernel.vector > 0) return;
+    collector.run("remodulate", method, precision, "what 16 bits cannot store, 1 x 1",
+                  [&](Check& check) { check_saturation(check, collector.target(), method); });
   });
 }
 

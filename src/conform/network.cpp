@@ -28,12 +28,13 @@ std::string reference_name(const std::string& pass, const Graph& graph, const Ar
   return pass;
 }
 
-Kernels kernels_of(const Way& way) {
-  return {.addressed = way.addressed,
-          .vector = way.kernel.vector,
-          .conv2d = [kernel = way.kernel](const Conv2dShape& shape) {
+Kernels kernels_of(const Method& method) {
+  return {.addressed = method.addressed,
+          .vector = method.kernel.vector,
+          .conv2d = [kernel = method.kernel](const Conv2dShape& shape) {
             Conv2dKernel result = kernel;
-            if (result.tile > 0 && shape.kernel == 1) result.tile = 1;
+            if (result.algorithm == Algorithm::kWinograd && shape.kernel == 1)
+              result.algorithm = Algorithm::kPointwise;
             return result;
           }};
 }
@@ -47,28 +48,29 @@ reference::Weights rounded_weights(const Subject& subject, const NetworkTrial& t
 reference::Outputs truth(const Subject& subject, const NetworkTrial& trial,
                          const std::map<std::string, Planes>& given) {
   return reference::network(subject.architecture, rounded_weights(subject, trial), subject.lrhs, subject.hrls,
-                            trial.phase, trial.precision, given, trial.exposure, trial.way.tile(),
-                            trial.way.units());
+                            trial.phase, trial.precision, given, trial.exposure, trial.method.tile(),
+                            trial.method.units());
 }
 
 std::map<std::string, Planes> in_floats(const Subject& subject, const NetworkTrial& trial) {
   return reference::network_in_floats(subject.architecture, rounded_weights(subject, trial), subject.lrhs,
                                       subject.hrls, trial.phase, trial.precision, trial.exposure,
-                                      trial.way.tile());
+                                      trial.method.tile());
 }
 
 // Both keep their bounds of the same value, and their RMS errors, unless `rms` is 0.
 void agree(const Collector& collector, const std::string& name, const NetworkTrial& trial,
            const Planes& output, const Bounded& expected, double rms) {
-  const std::string key = fmt::format("{}, {}, {}", name, trial.way.name, name_of(trial.precision));
+  const std::string key = fmt::format("{}, {}, {}", name, trial.method.name, name_of(trial.precision));
   for (const Values& other : collector.options().others) {
     const std::string layer = "agreement with " + other.device;
     const auto known = other.outputs.find(key);
     if (known == other.outputs.end()) {
-      collector.unsupported({layer, trial.way.name, trial.precision, name}, "that device has no such output");
+      collector.unsupported({layer, trial.method.name, trial.precision, name},
+                            "that device has no such output");
       continue;
     }
-    collector.run(layer, trial.way, trial.precision, name, [&](Check& check) {
+    collector.run(layer, trial.method, trial.precision, name, [&](Check& check) {
       Bounded near{known->second, expected.bound};
       for (double& bound : near.bound.data) bound *= 2;
       check.within(output, near);
@@ -108,37 +110,39 @@ NetworkRun run_network(const Target& target, const Model& model, const Subject& 
   return run;
 }
 
-std::vector<Way> network_ways(const DeviceInfo& device, size_t index) {
-  std::vector<Way> ways{{.name = "direct"}};
+std::vector<Method> network_methods(const DeviceInfo& device, size_t index) {
+  std::vector<Method> methods{{.name = "direct"}};
   for (const uint32_t tile : {2u, 4u}) {
     const bool addressed = (index + tile / 2) % 2 == 0;
     // Tiny networks have few channels: so that there are several parts and bands.
-    ways.push_back({fmt::format("F({}, 3){}", tile, addressed ? " by address" : ""),
-                    {.tile = tile,
-                     .outputs = 8,
-                     .channels = 8,
-                     .band = 64,
-                     .vector = addressed ? device.vector_lanes : 0},
-                    addressed});
+    methods.push_back({fmt::format("F({}, 3){}", tile, addressed ? " by address" : ""),
+                       {.algorithm = Algorithm::kWinograd,
+                        .tile = tile,
+                        .outputs = 8,
+                        .channels = 8,
+                        .band = 64,
+                        .vector = addressed ? device.vector_lanes : 0},
+                       addressed});
   }
   // Those of 3x3 convolutions serve the 1x1 too.
-  ways.push_back({.name = "matrices", .kernel = {.matrix = matrix_tiles(device, 3).front()}});
-  return ways;
+  methods.push_back({.name = "matrices",
+                     .kernel = {.algorithm = Algorithm::kMatrix, .matrix = matrix_tiles(device, 3).front()}});
+  return methods;
 }
 
 void conform_one(const Collector& collector, const std::string& name, const Subject& subject,
                  const NetworkTrial& trial) {
-  const Way& way = trial.way;
+  const Method& method = trial.method;
   const Precision precision = trial.precision;
   NetworkRun run;
   const auto of = [&](const std::string& layer, const std::function<void(Check&)>& body) {
-    collector.run(layer, way, precision, name, body);
+    collector.run(layer, method, precision, name, body);
   };
   of("network, layer by layer", [&](Check& check) {
     const Model model(model_file(subject.architecture, subject.weights), "tiny");
     run = run_network(collector.target(), model, subject,
                       {.storage = storage_of(precision),
-                       .kernels = kernels_of(way),
+                       .kernels = kernels_of(method),
                        .phase = trial.phase,
                        .exposure = trial.exposure});
     reference::Outputs layers = truth(subject, trial, run.layers);
@@ -159,7 +163,7 @@ void conform_one(const Collector& collector, const std::string& name, const Subj
     const auto hold = [&](const std::string& layer, const Planes& device) {
       const Planes& expected = right.at(layer).value;
       if (expected.data.size() < kLeastValues) return 0.0;
-      const double allowed = way.units() * reference::allowed_rms(expected, near.at(layer), precision);
+      const double allowed = method.units() * reference::allowed_rms(expected, near.at(layer), precision);
       check.rms(device, expected, allowed, layer);
       return allowed;
     };

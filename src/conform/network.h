@@ -27,13 +27,13 @@ struct NetworkRun {
 NetworkRun run_network(const Target& target, const Model& model, const Subject& subject,
                        FuserOptions options);
 
-// How a network is computed: Way::kernel is that of the 3x3 convolutions, by which the 1x1 are chosen too.
-// From network to network (`index`) activations in buffers and by address take turns.
-std::vector<Way> network_ways(const DeviceInfo& device, size_t index);
+// How a network is computed: Method::kernel is that of the 3x3 convolutions, by which the 1x1 are chosen
+// too. From network to network (`index`) activations in buffers and by address take turns.
+std::vector<Method> network_methods(const DeviceInfo& device, size_t index);
 
 // How a network is run.
 struct NetworkTrial {
-  Way way;
+  Method method;
   reference::Precision precision = reference::Precision::kFp32;
   float phase = 0;
   float exposure = 1;

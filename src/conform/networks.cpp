@@ -116,12 +116,12 @@ void conform_network(Collector& collector) {
                                          phase, height, width);
     // Quick, each way and precision has one network, and that with a joint filter has kernels by address.
     size_t turn = i / 5 * 2;
-    Collector::for_each(
-        network_ways(collector.device().info(), i), [&](const Way& way, reference::Precision precision) {
-          if (!collector.full() && turn++ % 3 != 0) return;
-          conform_one(collector, name, subject,
-                      {.way = way, .precision = precision, .phase = phase, .exposure = exposure});
-        });
+    Collector::for_each(network_methods(collector.device().info(), i), [&](const Method& method,
+                                                                           reference::Precision precision) {
+      if (!collector.full() && turn++ % 3 != 0) return;
+      conform_one(collector, name, subject,
+                  {.method = method, .precision = precision, .phase = phase, .exposure = exposure});
+    });
   }
 }
 

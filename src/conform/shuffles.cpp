@@ -64,7 +64,7 @@ void check_slices(Check& check, const Target& target, const Shuffle& shuffle, co
 
 void conform_shuffles(Collector& collector) {
   constexpr std::array kChannels{1, 3, 4, 5, 9};
-  const Way way = plain_ways().front();
+  const Method method = plain_methods().front();
   for (const Shuffle& shuffle : kShuffles) {
     uint64_t next = 0;
     for (const Precision precision : kPrecisions) {
@@ -73,14 +73,14 @@ void conform_shuffles(Collector& collector) {
           const int r = 2 << next % 3, channels = kChannels[next % kChannels.size()];
           const Planes x = random_input(shuffle, channels, size, r, fill, ++next, precision);
           collector.run(
-              shuffle.name, way, precision,
+              shuffle.name, method, precision,
               fmt::format("by {}{}, {} x {} x {}", r, fill == Fill::kSpecials ? ", specials" : "", x.c, x.h,
                           x.w),
               [&](Check& check) { check_whole(check, collector.target(), shuffle, x, r, precision); });
         }
       }
       const Planes x = random_input(shuffle, 2, {5, 3}, 2, Fill::kUniform, 1, precision);
-      collector.run(shuffle.name, way, precision, fmt::format("slices, {} x {} x {}", x.c, x.h, x.w),
+      collector.run(shuffle.name, method, precision, fmt::format("slices, {} x {} x {}", x.c, x.h, x.w),
                     [&](Check& check) { check_slices(check, collector.target(), shuffle, x, 2, precision); });
     }
   }

@@ -8,8 +8,8 @@
 #include <nlohmann/json.hpp>
 
 #include "error.h"
-#include "platform/atomic_file.h"
 #include "io/input_file.h"
+#include "platform/atomic_file.h"
 
 namespace raymeld::conform {
 namespace {

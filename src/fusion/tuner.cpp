@@ -15,7 +15,7 @@
 namespace raymeld {
 namespace {
 
-constexpr int kTuningVersion = 3;
+constexpr int kTuningVersion = 4;
 constexpr double kBudgetMs = 60;  // of one measurement
 constexpr uint32_t kLeastRows = 32;
 constexpr uint32_t kMostOrder = 256;
@@ -55,9 +55,10 @@ bool gathers(const DeviceInfo& device) {
 }
 
 Conv2dKernel default_conv2d(const DeviceInfo& device, const Conv2dShape& shape) {
-  Conv2dKernel kernel{.tile = shape.most_tile, .vector = device.vector_lanes};
+  Conv2dKernel kernel{
+      .algorithm = Algorithm::kWinograd, .tile = shape.most_tile, .vector = device.vector_lanes};
   if (shape.kernel == 1) {
-    kernel.tile = 1, kernel.band = 2048;
+    kernel.algorithm = Algorithm::kPointwise, kernel.band = 2048;
   } else if (gathers(device) && device.vector_lanes == kPairedVector) {
     kernel.outputs = 6, kernel.order = 4;  // of two tiles each
   }
@@ -73,9 +74,9 @@ Conv2dKernel first_guess(const DeviceInfo& device, const Conv2dShape& shape) {
 
 // Whether a device computes what may have been measured on another, or with more features enabled.
 bool is_for(const DeviceInfo& device, const Conv2dKernel& kernel) {
-  return (kernel.tile == 0 || device.buffer_device_address) &&
-         (kernel.vector == 0 || kernel.vector == device.vector_lanes) &&
-         (!kernel.matrix || kernel.matrix->matrix == device.cooperative_matrix);
+  if (kernel.algorithm == Algorithm::kMatrix) return kernel.matrix.matrix == device.cooperative_matrix;
+  return !kernel.needs_addresses() ||
+         (device.buffer_device_address && (kernel.vector == 0 || kernel.vector == device.vector_lanes));
 }
 
 // How unlike two shapes are; the channels count more than the size.
@@ -133,24 +134,40 @@ MatrixTiles tiles_from(const Json& j) {
           .channels = number_at(j, "channels")};
 }
 
+constexpr std::array kAlgorithmNames{"direct", "pointwise", "winograd", "matrix"};
+
+Algorithm algorithm_from(const Json& json) {
+  const auto found = std::ranges::find(kAlgorithmNames, json.get<std::string>());
+  if (found == kAlgorithmNames.end()) throw Error("reading algorithm: there is no {}", json.dump());
+  return Algorithm(found - kAlgorithmNames.begin());
+}
+
+// Only the parameters of the algorithm are kept.
 Json to_json(const Conv2dKernel& k) {
-  return {{"tile", k.tile},
-          {"outputs", k.outputs},
-          {"channels", k.channels},
-          {"order", k.order},
-          {"band", k.band},
-          {"vector", k.vector},
-          {"matrix", k.matrix ? to_json(*k.matrix) : Json()}};
+  Json json{{"algorithm", kAlgorithmNames.at(size_t(k.algorithm))}};
+  if (k.algorithm == Algorithm::kMatrix) json["matrix"] = to_json(k.matrix);
+  if (k.algorithm == Algorithm::kWinograd) json["tile"] = k.tile;
+  if (k.needs_addresses()) {
+    json["outputs"] = k.outputs;
+    json["channels"] = k.channels;
+    json["band"] = k.band;
+    json["vector"] = k.vector;
+    json["order"] = k.order;
+  }
+  return json;
 }
 
 Conv2dKernel kernel_from(const Json& j) {
-  Conv2dKernel kernel{.tile = number_at(j, "tile"),
-                      .outputs = number_at(j, "outputs"),
-                      .channels = number_at(j, "channels"),
-                      .order = number_at(j, "order"),
-                      .band = number_at(j, "band"),
-                      .vector = number_at(j, "vector")};
-  if (!j.at("matrix").is_null()) kernel.matrix = tiles_from(j.at("matrix"));
+  Conv2dKernel kernel{.algorithm = algorithm_from(j.at("algorithm"))};
+  if (kernel.algorithm == Algorithm::kMatrix) kernel.matrix = tiles_from(j.at("matrix"));
+  if (kernel.algorithm == Algorithm::kWinograd) kernel.tile = number_at(j, "tile");
+  if (kernel.needs_addresses()) {
+    kernel.outputs = number_at(j, "outputs");
+    kernel.channels = number_at(j, "channels");
+    kernel.band = number_at(j, "band");
+    kernel.vector = number_at(j, "vector");
+    kernel.order = number_at(j, "order");
+  }
   return kernel;
 }
 
@@ -160,13 +177,24 @@ bool is_valid(const Conv2dShape& shape, const Conv2dKernel& kernel) {
   const auto within = [](uint32_t value, uint32_t least, uint32_t most) {
     return value >= least && value <= most;
   };
-  const bool is_1x1 = shape.kernel == 1 && kernel.tile <= 1;
-  const bool is_3x3 =
-      shape.kernel == 3 && kernel.tile != 1 && kernel.tile != 3 && kernel.tile <= shape.most_tile;
-  const bool matrix = !kernel.matrix || (kernel.tile == 0 && is_possible(*kernel.matrix, shape.kernel));
-  return (is_1x1 || is_3x3) && matrix && shape.most_tile <= 4 && within(kernel.outputs, 4, 64) &&
-         within(kernel.channels, 32, 256) && within(kernel.order, 0, kMostOrder) &&
-         within(kernel.vector, 0, 64) && within(kernel.band, kernel.tile == 1 ? 512 : 128, 1u << 20);
+  const auto suits = [&] {
+    switch (kernel.algorithm) {
+      case Algorithm::kPointwise:
+        return shape.kernel == 1;
+      case Algorithm::kWinograd:
+        return shape.kernel == 3 && (kernel.tile == 2 || kernel.tile == 4) && kernel.tile <= shape.most_tile;
+      case Algorithm::kMatrix:
+        return is_possible(kernel.matrix, shape.kernel);
+      case Algorithm::kDirect:
+        return true;
+    }
+    return false;
+  };
+  const uint32_t least_band = kernel.algorithm == Algorithm::kPointwise ? 512 : 128;
+  return (shape.kernel == 1 || shape.kernel == 3) && shape.most_tile <= 4 && suits() &&
+         within(kernel.outputs, 4, 64) && within(kernel.channels, 32, 256) &&
+         within(kernel.order, 0, kMostOrder) && within(kernel.vector, 0, 64) &&
+         within(kernel.band, least_band, 1u << 20);
 }
 
 struct Tuner {
@@ -195,14 +223,14 @@ struct Tuner {
       const double time_ms = time_if_possible(addressed, shape, kernel);
       if (time_ms < best.time_ms) std::tie(best.kernel, best.time_ms) = std::pair(kernel, time_ms);
     };
-    for (const uint32_t tile : {1u, 2u, 4u}) {
-      if (!device.buffer_device_address) break;
-      if (tile > shape.most_tile || (shape.kernel == 1) != (tile == 1)) continue;
+    if (device.buffer_device_address) {
       Conv2dKernel kernel = first_guess(device, shape);
-      kernel.tile = tile;
       kernel.order = tuning.order;
-      if (tile == 1 && storage == Storage::kFloat16) kernel.vector = 0;  // that shader has none
-      consider(kernel);
+      if (kernel.algorithm == Algorithm::kPointwise) {
+        consider(kernel);
+      } else {
+        for (kernel.tile = 2; kernel.tile <= shape.most_tile; kernel.tile += 2) consider(kernel);
+      }
     }
     if (device.cooperative_matrix && storage == Storage::kFloat16) {
       consider(first_matrix_guess(*device.cooperative_matrix, shape));
@@ -215,16 +243,16 @@ struct Tuner {
         if (kernel != start) consider(kernel);
       }
     };
-    if (best.kernel.matrix && !device.is_cpu) {
+    if (best.kernel.algorithm == Algorithm::kMatrix && !device.is_cpu) {
       const auto of_tiles = [](uint32_t MatrixTiles::*member) {
-        return [member](Conv2dKernel& kernel) -> uint32_t& { return (*kernel.matrix).*member; };
+        return [member](Conv2dKernel& kernel) -> uint32_t& { return kernel.matrix.*member; };
       };
       vary(of_tiles(&MatrixTiles::rows), {1, 4});
       vary(of_tiles(&MatrixTiles::outputs), {16, 32});
       vary(of_tiles(&MatrixTiles::subgroups), {2, 8});
       vary(of_tiles(&MatrixTiles::channels), {16, 32, 64});
     }
-    if (best.kernel.tile == 0) return best;
+    if (!best.kernel.needs_addresses()) return best;
     if (shape.channels_out > 8) vary(&Conv2dKernel::outputs, {8, 24});
     if (device.is_cpu) {
       // What a 3x3 keeps of a band takes 36 floats a channel for each tile, a 1x1 one for each pixel.
@@ -259,8 +287,9 @@ double time_conv2d(const Device& device, PipelineCache& cache, Storage storage, 
     pool.end(commands);
     const double median_ms = median_time(device, commands);
     // Of two bands at least, so that their size tells.
-    const uint32_t side = std::max(kernel.tile, 1u);
-    const bool enough = uint64_t{rows / side} * (shape.width / side) >= 2 * kernel.band || kernel.tile == 0;
+    const uint32_t side = std::max(kernel.winograd_tile(), 1u);
+    const bool enough =
+        uint64_t{rows / side} * (shape.width / side) >= 2 * kernel.band || !kernel.needs_addresses();
     if (rows == shape.height || (enough && median_ms > kBudgetMs / 6)) return median_ms * shape.height / rows;
   }
 }
@@ -273,7 +302,7 @@ Conv2dKernel first_matrix_guess(const CooperativeMatrix& matrix, const Conv2dSha
   if (sums() > kMostSums) tiles.rows = 1;
   while ((sums() > kMostSums || !is_possible(tiles, shape.kernel)) && tiles.outputs > matrix.m)
     tiles.outputs = divide_up(tiles.outputs / 2, matrix.m) * matrix.m;
-  return {.matrix = tiles};
+  return {.algorithm = Algorithm::kMatrix, .matrix = tiles};
 }
 
 Kernels default_kernels(const DeviceInfo& device) {
@@ -299,7 +328,7 @@ Kernels Tuning::kernels(const DeviceInfo& device) const {
     const Conv2dKernel* nearest = nullptr;
     double least = 0;
     for (const auto& [other, entry] : entries) {
-      if (other.kernel != shape.kernel || entry.kernel.tile > shape.most_tile) continue;
+      if (other.kernel != shape.kernel || entry.kernel.winograd_tile() > shape.most_tile) continue;
       const double d = distance(shape, other);
       if (!nearest || d < least) std::tie(nearest, least) = std::pair(&entry.kernel, d);
     }
@@ -366,7 +395,7 @@ void tune(const DeviceInfo& device, Storage storage, const Conv2dTimer& time,
     tuning.order = kernel.order;
     consider(true, kernel.order);
     for (const uint32_t order : {0u, 8u, 16u}) {
-      if (order != tuning.order) consider(tuning.addressed, order);
+      if (kernel.vector > 0 && order != tuning.order) consider(tuning.addressed, order);
     }
   }
   for (const Conv2dShape& shape : shapes) {

@@ -10,18 +10,19 @@
 
 namespace raymeld {
 
-// The channels of a file by prefix, which is all before the last dot: names of layers hold dots and spaces.
+// Groups a file's channels by prefix. The prefix is everything before the last dot, as names of layers may
+// hold dots and spaces.
 class ChannelGroups {
  public:
   explicit ChannelGroups(std::span<const std::string> names);
 
-  // In the order of the file.
+  // Lists the prefixes in the order of the file.
   const std::vector<std::string>& prefixes() const { return prefixes_; }
   bool has_channel(const std::string& name) const;
-  // R, G, B or X, Y, Z in either case, or a lone Y three times.
+  // Returns the names of the prefix's R, G, B or X, Y, Z, in either case, or of a lone Y three times.
   std::optional<ChannelTriple> triple(const std::string& prefix) const;
   std::optional<std::string> alpha(const std::string& prefix) const;
-  // Y with RY or BY, which is no grey picture.
+  // Returns whether the prefix has Y with RY or BY, which is not a grey picture.
   bool is_luminance_chroma(const std::string& prefix) const;
 
  private:

@@ -11,25 +11,25 @@
 #include <string>
 #include <vector>
 
-#include "platform/atomic_file.h"
 #include "io/image.h"
 #include "io/input_file.h"
+#include "platform/atomic_file.h"
 
 namespace raymeld {
 
 struct ExrChannel {
-  // In a multi-part file "part.channel" when the part's channel list gives no layer ("layer.channel"), or
-  // when two parts give the same.
+  // The name is name_in_part, but "part.channel" in a multi-part file where the part lists the channel
+  // without a layer ("layer.channel") or two parts list the same name.
   std::string name;
-  std::string name_in_part;  // as it stands in the part's channel list
+  std::string name_in_part;  // the name in the part's channel list
   int part = 0;
   Imf::PixelType type = Imf::HALF;
   int x_sampling = 1;
   int y_sampling = 1;
 };
 
-// One channel exactly as the file stores it: own type and sampling, rows of the data window, nothing
-// converted.
+// Holds one channel exactly as the file stores it: with its own type and sampling, all rows of the data
+// window, and nothing converted.
 struct ExrRawChannel {
   std::string name;
   Imf::PixelType type = Imf::HALF;
@@ -39,14 +39,15 @@ struct ExrRawChannel {
   std::vector<char> bytes;
 };
 
-// Whether a part of a channel's data window can be a channel of its own: whole samples.
+// Returns whether `window`, a part of the channel's data window, is made of whole samples, so that it can be
+// a channel of its own.
 bool can_be_cropped(const ExrChannel& channel, const Imath::Box2i& window);
-// The samples within `window`, a part of the data window that can_be_cropped().
+// Returns the samples within `window`, a part of the data window for which can_be_cropped() holds.
 ExrRawChannel cropped(ExrRawChannel channel, const Imath::Box2i& window);
 
-// An open OpenEXR file: scan line or tiled (the full-size level), single or multi-part, any pixel type and
-// compression. Every function throws Error, naming the file: missing, a folder, unreadable, no OpenEXR,
-// truncated, deep, written to since it was opened. Pixels are read only when asked for.
+// Reads an OpenEXR file: scan line or tiled (the full-size level), single or multi-part, of any pixel type
+// and compression. Every function throws an Error that names the file if it is missing, a folder, unreadable,
+// not OpenEXR, truncated, deep, or was written to since it was opened. Pixels are read only when asked for.
 class ExrFile {
  public:
   explicit ExrFile(std::filesystem::path path);
@@ -55,15 +56,15 @@ class ExrFile {
   ExrFile& operator=(ExrFile&&) noexcept;
 
   const std::filesystem::path& path() const { return path_; }
-  // In the order of the file: parts, then names.
+  // Lists the channels in the order of the file: part by part, and by name in each part.
   const std::vector<ExrChannel>& channels() const { return channels_; }
   std::vector<std::string> channel_names() const;
   const ExrChannel& channel(const std::string& name) const;
-  // Windows, pixel aspect ratio and all attributes of a part.
+  // Returns the windows, the pixel aspect ratio and all attributes of a part.
   const Imf::Header& header(int part = 0) const;
 
-  // (names.size(), H, W) over the data window, which all of the channels must share. Half and uint become
-  // float; a sub-sampled channel repeats each sample over its cell.
+  // Returns (names.size(), H, W) over the data window, which all of the channels must share. Half and uint
+  // become float. Each sample of a sub-sampled channel is repeated over the pixels that it stands for.
   Image read(std::span<const std::string> names);
   ExrRawChannel read_raw(const std::string& name);
 
@@ -77,7 +78,7 @@ class ExrFile {
   std::vector<ExrChannel> channels_;
 };
 
-// A channel to write from floats, (H, W) of the data window; `type` is HALF or FLOAT.
+// Describes a channel to write from floats, (H, W) over the data window; `type` is HALF or FLOAT.
 struct ExrPlane {
   std::string name;
   Imf::PixelType type = Imf::HALF;
@@ -85,24 +86,24 @@ struct ExrPlane {
 };
 
 struct ExrOutput {
-  // Where the windows, the pixel aspect ratio and the attributes come from: the HRLS file's header as it is.
-  // What would no longer be true of the output (channels, tiles, preview, names of layers left behind) is
-  // dropped.
+  // The windows, the pixel aspect ratio and the attributes are those of this header, the HRLS file's own.
+  // Attributes that would be wrong for the output (channels, tiles, preview, names of layers that are not
+  // written) are dropped.
   Imf::Header source;
   Imf::Compression compression = Imf::ZIP_COMPRESSION;
   std::vector<ExrPlane> planes;
-  // Copied bit by bit, so only together with a lossless compression.
+  // These channels are copied bit by bit, which needs a lossless compression.
   std::vector<ExrRawChannel> pass_through;
 };
 
-// Writes a single-part scan-line file, whole or not at all. Half planes clamp to +-kLargestHalf; the return
-// value counts the values that did. Throws Error, naming the file.
+// Writes a single-part scan-line file, whole or not at all. Values of half planes are clamped to
+// +-kLargestHalf; returns how many were. Throws an Error that names the file.
 size_t write_exr(const std::filesystem::path& path, const ExrOutput& output);
-// The same, without commit().
+// Does the same without commit().
 size_t write_exr(AtomicFile& file, const ExrOutput& output);
 
-// `header` with the windows of the image that keeps one pixel of every scale x scale cell: the data window
-// starts at the same place divided by `scale`, rounded down, and so does the display window.
+// Returns `header` with the windows of an image that keeps one of every scale x scale pixels. The data window
+// and the display window start at their old origins divided by `scale`, rounded down.
 Imf::Header degraded_header(const Imf::Header& header, int scale);
 
 }  // namespace raymeld

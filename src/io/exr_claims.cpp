@@ -21,8 +21,8 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "the format is little endian");
 
-// OpenEXR reads so many bytes of these types, whatever size stands before them. Of other types it reads that
-// size.
+// Holds how many bytes OpenEXR reads for these types, whatever size the file gives. For other types it reads
+// the size that the file gives.
 const std::map<std::string_view, uint32_t> kFixedSizes{{"box2f", 16},
                                                        {"box2i", 16},
                                                        {"chromaticities", 32},
@@ -48,24 +48,24 @@ const std::map<std::string_view, uint32_t> kFixedSizes{{"box2f", 16},
                                                        {"v3f", 12},
                                                        {"v3i", 12}};
 
-// One pass over all headers, attribute by attribute: name, type, size, value.
+// Walks over all headers, attribute by attribute: name, type, size, value.
 class HeaderWalk {
  public:
   explicit HeaderWalk(const std::filesystem::path& path)
       : path_(path), stream_(path, std::ios::binary), file_bytes_(std::filesystem::file_size(path)) {}
 
   void check() {
-    stream_.seekg(4);  // the mark
+    stream_.seekg(4);  // skips the magic number
     const uint32_t version = read_uint32();
     if (!Imf::isMultiPart(int(version))) {
       check_header();
     } else {
-      while (check_header()) continue;  // an empty one is the last
+      while (check_header()) continue;  // an empty header is the last
     }
   }
 
  private:
-  // Whether the header has attributes.
+  // Checks one header, and returns whether it has attributes.
   bool check_header() {
     bool any = false;
     for (std::string name = read_text(); !name.empty(); name = read_text(), any = true) {
@@ -73,14 +73,15 @@ class HeaderWalk {
       const uint32_t size_bytes = read_uint32();
       const uint64_t begin = position(), end = begin + size_bytes;
       if (end > file_bytes_)
-        fail("its attribute '{}' should have {} bytes, more than the file", name, size_bytes);
+        fail("its attribute '{}' claims {} bytes, which is more than the file has", name, size_bytes);
       if (!has_size(type, end))
-        fail("its attribute '{}' of type {} should not have {} bytes", name, type, size_bytes);
+        fail("its attribute '{}' of type {} claims {} bytes, which its type does not allow", name, type,
+             size_bytes);
     }
     return any;
   }
 
-  // Whether a value of `type` ends at `end`, moving there.
+  // Moves past a value of `type`, and returns whether it ends at `end`.
   bool has_size(const std::string& type, uint64_t end) {
     const uint64_t begin = position();
     if (type == "chlist") {
@@ -141,8 +142,8 @@ class HeaderWalk {
   uint64_t file_bytes_;
 };
 
-// How many times as large as the file its pixels may become. Twice what black images do: 2,041 with the
-// lossless codecs, 35,203 with DWAB.
+// Returns how many times as large as their file pixels may become. This is at least twice the figure for
+// black images: 2,041 with the lossless codecs, 35,203 with DWAB.
 double most_expansion(Imf::Compression compression) {
   return compression == Imf::DWAA_COMPRESSION || compression == Imf::DWAB_COMPRESSION ? 1 << 17 : 1 << 12;
 }
@@ -153,7 +154,7 @@ double channels_of(const Imf::Header& header) {
   return count;
 }
 
-// As floats, which is how they are read.
+// Counts every value as a float, the type it is read as.
 double pixel_bytes(const Imf::Header& header) {
   const Imath::Box2i& window = header.dataWindow();
   return double(width_of(window)) * height_of(window) * channels_of(header) * sizeof(float);
@@ -172,7 +173,7 @@ void check_attribute_sizes(const std::filesystem::path& path) { HeaderWalk(path)
 void check_image_sizes(const std::filesystem::path& path, const Imf::MultiPartInputFile& file) {
   constexpr double kMostTileBytes = 256 * kMebibyte;
   const auto file_bytes = double(std::filesystem::file_size(path));
-  double least_bytes = 0;  // that the parts up to this one take in the file
+  double least_bytes = 0;  // the least that the parts up to this one take in the file
   for (int part = 0; part < file.parts(); ++part) {
     const Imf::Header& header = file.header(part);
     least_bytes += pixel_bytes(header) / most_expansion(header.compression());

@@ -18,7 +18,7 @@
 namespace raymeld {
 namespace {
 
-// OpenEXR opens its messages with the file's name, which ours name already.
+// OpenEXR's messages open with the file's name, which raymeld's messages already give.
 std::string reason(const std::exception& error) {
   if (dynamic_cast<const std::bad_alloc*>(&error)) return "there is not enough memory";
   const std::string text = error.what();
@@ -50,8 +50,8 @@ void check_part(const std::filesystem::path& path, const Imf::MultiPartInputFile
   }
 }
 
-// Some writers name parts after layers, others freely, with whole names such as `ViewLayer.Combined.R`
-// within.
+// Some writers name parts after layers. Others name parts freely, and give channels whole names such as
+// `ViewLayer.Combined.R`.
 std::vector<ExrChannel> list_channels(const Imf::MultiPartInputFile& file) {
   const auto name_with_part = [&](int part, const std::string& channel) {
     const Imf::Header& header = file.header(part);
@@ -74,7 +74,7 @@ std::vector<ExrChannel> list_channels(const Imf::MultiPartInputFile& file) {
   return channels;
 }
 
-// OpenEXR demands that windows start at and span a multiple of the sampling.
+// OpenEXR demands that a window's origin and size are multiples of the sampling.
 size_t sample_count(const ExrChannel& channel, const Imath::Box2i& window) {
   return size_t(width_of(window) / channel.x_sampling) * size_t(height_of(window) / channel.y_sampling);
 }
@@ -92,7 +92,7 @@ void repeat_samples(const ExrChannel& channel, const std::vector<float>& samples
       image.at(c, y, x) = samples[size_t(y / channel.y_sampling) * row + size_t(x / channel.x_sampling)];
 }
 
-// Reads the channels of one part into the planes of `image` that `planes` says.
+// Reads the channels of one part into the planes of `image` that `planes` gives for them.
 void read_part(Imf::MultiPartInputFile& file, const std::map<const ExrChannel*, int>& planes, int part,
                Image& image) {
   const Imath::Box2i window = file.header(part).dataWindow();
@@ -137,8 +137,8 @@ ExrRawChannel cropped(ExrRawChannel channel, const Imath::Box2i& window) {
   return channel;
 }
 
-// What OpenEXR throws becomes an Error that names the file, and so does a change of the file meanwhile, which
-// OpenEXR may not notice.
+// Runs `work`, and turns OpenEXR's exceptions into Errors that name the file. Also throws an Error if the
+// file changed meanwhile, which OpenEXR may not notice.
 template <typename Work>
 auto ExrFile::reading(Work&& work) const {
   try {

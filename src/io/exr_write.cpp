@@ -11,19 +11,19 @@
 #include <string_view>
 
 #include "error.h"
-#include "platform/atomic_file.h"
 #include "io/exr.h"
 #include "io/exr_window.h"
 #include "numbers.h"
+#include "platform/atomic_file.h"
 
 namespace raymeld {
 namespace {
 
-// Describe the source's storage or a picture of its own, not the output's.
+// These attributes describe how the source is stored, or are its preview, and would be wrong for the output.
 constexpr std::array<std::string_view, 10> kNeverCopied = {
     "channels", "chunkCount", "compression", "lineOrder", "maxSamplesPerPixel",
     "name",     "preview",    "tiles",       "type",      "version"};
-// True only while the layers that they speak of are there.
+// These attributes are true only if the layers that they describe are written.
 constexpr std::array<std::string_view, 3> kOnlyWithLayers = {"BlenderMultiChannel", "multiView",
                                                              "idManifest"};
 
@@ -70,21 +70,22 @@ void check_output(const std::string& path, const ExrOutput& output) {
   std::set<std::string> names;
   for (const ExrPlane& plane : output.planes) {
     if (!names.insert(plane.name).second)
-      throw Error("cannot write '{}': two channels '{}'", path, plane.name);
+      throw Error("cannot write '{}': there are two channels '{}'", path, plane.name);
     if (plane.type == Imf::UINT)
-      throw Error("cannot write '{}': channel '{}' can be half or float, not uint", path, plane.name);
+      throw Error("cannot write '{}': channel '{}' has the type uint, expected half or float", path,
+                  plane.name);
   }
   for (const ExrRawChannel& raw : output.pass_through) {
-    if (!names.insert(raw.name).second) throw Error("cannot write '{}': two channels '{}'", path, raw.name);
+    if (!names.insert(raw.name).second)
+      throw Error("cannot write '{}': there are two channels '{}'", path, raw.name);
     if (raw.data_window != output.source.dataWindow())
       throw Error(
-          "cannot write '{}': channel '{}' has another data window than the output, and is never resampled",
+          "cannot write '{}': channel '{}' needs the data window of the output, as it is copied unaltered",
           path, raw.name);
   }
   if (!output.pass_through.empty() && !is_lossless(output.compression))
-    throw Error(
-        "cannot write '{}': channel '{}' passes through unaltered, which a lossy compression would not allow",
-        path, output.pass_through.front().name);
+    throw Error("cannot write '{}': channel '{}' is copied unaltered, which needs a lossless compression",
+                path, output.pass_through.front().name);
 }
 
 std::vector<half> to_half(const float* pixels, size_t count, size_t& clamped) {
@@ -108,7 +109,7 @@ class Stream : public Imf::OStream {
   AtomicFile& file_;
 };
 
-// The planes that are written as half, converted, and the slices of all channels.
+// Holds the converted planes that are written as half, and the slices of all channels.
 struct Frame {
   std::vector<std::vector<half>> halves;
   Imf::FrameBuffer buffer;
@@ -154,7 +155,7 @@ size_t write_exr(AtomicFile& file, const ExrOutput& output) try {
   const Frame frame = make_frame(output);
   Stream stream(file, file.path().string());
   {
-    // Its destructor completes the file and swallows errors; finish() finds those.
+    // The destructor of `exr` completes the file and swallows errors, which AtomicFile::finish() reports.
     Imf::OutputFile exr(stream, output_header(output));
     exr.setFrameBuffer(frame.buffer);
     exr.writePixels(height_of(output.source.dataWindow()));

@@ -10,7 +10,7 @@
 namespace raymeld {
 namespace {
 
-// Which four samples of a row of `size` one output reads, and their weights.
+// Holds which four samples of a row one output reads, and their weights.
 struct CubicTaps {
   std::array<int, 4> index;
   std::array<float, 4> weight;
@@ -61,8 +61,8 @@ float variance_at(const Image& image, int c, int y, int x) {
 
 Image::Image(int width, int height, int channels) : width(width), height(height), channels(channels) {
   if (width <= 0 || height <= 0 || channels <= 0)
-    throw Error("an image of {} x {} with {} channels cannot be: each must be at least 1", width, height,
-                channels);
+    throw Error("cannot make an image of {} x {} pixels with {} channels: each must be at least 1", width,
+                height, channels);
   data.resize(plane_size() * size_t(channels));
 }
 

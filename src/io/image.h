@@ -7,7 +7,7 @@ namespace raymeld {
 
 inline constexpr float kLargestHalf = 65504.0f;
 
-// A picture of 32-bit floats, planar and channel-major: (C, H, W), rows from top to bottom.
+// Holds an image of 32-bit floats, planar and channel-major: (C, H, W), rows from top to bottom.
 struct Image {
   int width = 0;
   int height = 0;
@@ -15,7 +15,7 @@ struct Image {
   std::vector<float> data;
 
   Image() = default;
-  // All zero. Throws Error when a size is not positive.
+  // Makes an image of zeros. Throws Error when a size is not positive.
   Image(int width, int height, int channels);
 
   size_t plane_size() const { return size_t(width) * size_t(height); }
@@ -25,12 +25,13 @@ struct Image {
   float at(int c, int y, int x) const { return plane(c)[size_t(y) * size_t(width) + size_t(x)]; }
 };
 
-// (C, h, w) -> (C, s*h, s*w) by cubic convolution (Keys 1981, a = -0.5, which is Catmull-Rom), edges
-// replicated. Output pixel X reads u = (X - phase) / s: phase 0 for nearest-neighbour LRHS, whose samples sit
-// at the top-left pixel of their s x s cell, and (s - 1) / 2 for a real low-resolution render.
+// Upsamples (C, h, w) to (C, s*h, s*w) by cubic convolution (Keys 1981, a = -0.5, which is Catmull-Rom), with
+// edges replicated. Output pixel X reads u = (X - phase) / s. The phase is 0 for nearest-neighbour LRHS,
+// whose samples are the top-left of the s x s pixels they stand for, and (s - 1) / 2 for a real
+// low-resolution render.
 Image upsample_bicubic(const Image& image, int scale, float phase);
 
-// Scene-linear to sRGB in [0, 1] (Hou et al. 2021, Eq. 3); NaN gives 0.
+// Converts a scene-linear value to sRGB in [0, 1] (Hou et al. 2021, Eq. 3); NaN becomes 0.
 float linear_to_srgb(float linear);
 
 struct NonFinite {
@@ -38,11 +39,11 @@ struct NonFinite {
   size_t inf = 0;
 };
 
-// NaN -> 0 and +-Inf -> +-kLargestHalf, in place; how many values of each kind there were.
+// Replaces NaN by 0 and +-Inf by +-kLargestHalf, in place. Returns how many values of each kind there were.
 NonFinite sanitize(Image& image);
 
-// Per channel, the population variance over each pixel's 3x3 neighbourhood, edges replicated; mean first,
-// then the squared deviations. NaN and Inf count as 0.
+// Computes for each channel the population variance over each pixel's 3x3 neighbourhood, with edges
+// replicated: first the mean, then the squared deviations. NaN and Inf count as 0.
 Image variance_3x3(const Image& image);
 
 }  // namespace raymeld

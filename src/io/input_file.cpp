@@ -19,7 +19,7 @@ void check_input_file(const std::filesystem::path& path) {
   if (std::filesystem::is_directory(status)) throw Error("cannot read '{}': it is a folder", path.string());
   if (!std::filesystem::is_regular_file(status))
     throw Error("cannot read '{}': it is not a regular file", path.string());
-  // eaccess asks for the effective user, as open does.
+  // eaccess() checks for the effective user, as open() does.
   if (eaccess(path.c_str(), R_OK) != 0)
     throw Error("cannot read '{}': {}", path.string(), std::strerror(errno));
 }

@@ -1,4 +1,5 @@
-// What raymeld measures once and keeps in a folder of its own, in files that anyone may edit or delete.
+// Reads and writes the measurements that raymeld keeps in a folder of its own. Anyone may edit or delete
+// these files.
 #pragma once
 
 #include <filesystem>
@@ -6,10 +7,10 @@
 
 namespace raymeld {
 
-// null where the file is absent, larger than 16 MiB or no JSON, or has another format_version.
+// Returns null if the file is absent, larger than 16 MiB or not JSON, or has another format_version.
 nlohmann::ordered_json load_kept(const std::filesystem::path& file, int format_version);
 
-// As an AtomicFile, with its format_version; makes the folder. Throws Error.
+// Writes `content` and its format_version as an AtomicFile. Makes the folder. Throws Error.
 void save_kept(const std::filesystem::path& file, int format_version, const nlohmann::ordered_json& content);
 
 }  // namespace raymeld

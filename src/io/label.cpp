@@ -8,13 +8,13 @@ namespace {
 
 constexpr int kWidth = 5, kHeight = 7, kMargin = 2;
 
-// Rows from top to bottom, the left pixel in the highest of five bits.
+// Holds rows from top to bottom; the left pixel is the highest of five bits.
 struct Glyph {
   char letter;
   std::array<uint8_t, kHeight> rows;
 };
 
-// The letters of "BICUBIC LRHS", "HRLS", "FUSED" and "REFERENCE".
+// Has the letters of "BICUBIC LRHS", "HRLS", "FUSED" and "REFERENCE".
 constexpr std::array<Glyph, 12> kFont = {{{'B', {0x1e, 0x11, 0x11, 0x1e, 0x11, 0x11, 0x1e}},
                                           {'C', {0x0e, 0x11, 0x10, 0x10, 0x10, 0x11, 0x0e}},
                                           {'D', {0x1e, 0x11, 0x11, 0x11, 0x11, 0x11, 0x1e}},
@@ -28,7 +28,7 @@ constexpr std::array<Glyph, 12> kFont = {{{'B', {0x1e, 0x11, 0x11, 0x1e, 0x11, 0
                                           {'S', {0x0f, 0x10, 0x10, 0x0e, 0x01, 0x01, 0x1e}},
                                           {'U', {0x11, 0x11, 0x11, 0x11, 0x11, 0x11, 0x0e}}}};
 
-// Says if the label has ink at this pixel of its box, before it is enlarged.
+// Returns whether the label has ink at this pixel of its box, before the label is enlarged.
 bool has_ink(std::string_view text, int x, int y) {
   const int column = x - kMargin, row = y - kMargin;
   if (column < 0 || row < 0 || row >= kHeight || column % (kWidth + 1) == kWidth) return false;

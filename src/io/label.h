@@ -1,4 +1,4 @@
-// Words on pictures.
+// Writes words on pictures.
 #pragma once
 
 #include <string_view>
@@ -7,8 +7,8 @@
 
 namespace raymeld {
 
-// Writes white capitals on a black box into the top left corner, larger on larger pictures; what does not fit
-// is cut off. Letters that the font lacks are spaces.
+// Writes white capitals on a black box into the top left corner, larger on larger pictures. Text that does
+// not fit is cut off, and letters that the font lacks are spaces.
 void add_label(Picture& picture, std::string_view text);
 
 }  // namespace raymeld

@@ -13,7 +13,8 @@
 namespace raymeld {
 namespace {
 
-// The unnamed R, G, B belong to no view layer: nothing, unless the recipe lets them stand in.
+// Returns the prefix of a pass in this scope. The unnamed R, G, B belong to no view layer, and have a prefix
+// there only if the recipe lets them stand in.
 std::optional<std::string> prefix_in(const Scope& scope, std::string_view pass, const LayerRecipe& recipe) {
   if (!pass.empty()) return prefix_of(scope, pass);
   return scope == Scope{} || recipe.in_any_scope ? std::optional<std::string>("") : std::nullopt;
@@ -55,7 +56,7 @@ LayerMap apply(const LayerPreset& preset, const Scope& scope, const ChannelGroup
   return map;
 }
 
-// A part or a layer of any name is the beauty when no other has three colours.
+// Takes a group of any name as the color if no other group in the file has three channels.
 void take_only_rgb(const ChannelGroups& groups, LayerMap& map) {
   std::vector<std::string> prefixes;
   for (const std::string& prefix : groups.prefixes())
@@ -86,7 +87,7 @@ std::vector<const LayerPreset*> chosen_presets(const LayerChoice& choice) {
               names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", ")));
 }
 
-// The options that choose the map's view layer and view.
+// Returns the options that choose the map's view layer and view.
 std::string scope_text(const LayerMap& map) {
   std::vector<std::string> options;
   if (!map.view_layer.empty()) options.push_back(fmt::format("--map viewlayer={}", map.view_layer));
@@ -98,7 +99,7 @@ std::pair<bool, size_t> worth(const LayerMap& map) {
   return {map.layers.contains("color"), map.layers.size()};
 }
 
-// View layers and views whose color is another one than the best map's, each once.
+// Lists the options for view layers and views whose color differs from the best map's, one for each color.
 std::vector<std::string> others_than(const LayerMap& best, const std::vector<LayerMap>& maps) {
   std::set<std::string> colors;
   if (best.layers.contains("color")) colors.insert(best.layers.at("color").terms[0][0]);
@@ -146,9 +147,8 @@ ChannelTriple overridden(const std::string& layer, const std::string& value, con
   const std::vector<std::string> names = split(value, ',');
   if (names.size() != 3)
     throw Error(
-        "cannot map layer '{}' to '{}': there are no channels {}.R, .G, .B or {}.X, .Y, .Z, and three "
-        "channels "
-        "have commas between",
+        "cannot map layer '{}' to '{}': there are no channels {}.R, .G, .B or {}.X, .Y, .Z; "
+        "expected a prefix, a channel or three channels separated by commas",
         layer, value, value, value);
   for (const std::string& name : names)
     if (!groups.has_channel(name))

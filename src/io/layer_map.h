@@ -10,41 +10,41 @@
 
 namespace raymeld {
 
-// The layers that a model may ask for, three channels each.
+// Lists the layers that a model may ask for; each has three channels.
 inline constexpr std::array<std::string_view, 6> kLayerNames = {"color",   "albedo",   "normal",
                                                                 "diffuse", "specular", "variance"};
 
-// Three channels of a file; a grey one stands three times.
+// Names three channels of a file; a grey channel is named three times.
 using ChannelTriple = std::array<std::string, 3>;
 
 enum class LayerRule {
   kRead,       // terms: the layer
   kEquation2,  // terms: colour, direct, indirect; colour * (direct + indirect) (Hou et al. 2021, Eq. 2)
   kSum,        // terms: direct, indirect
-  kVariance,   // terms: colour; variance_3x3() of it
+  kVariance,   // terms: colour; the layer is its variance_3x3()
 };
 
 struct LayerSource {
   LayerRule rule = LayerRule::kRead;
   std::vector<ChannelTriple> terms;
-  std::string note;  // why this source is second best; empty when it is not
+  std::string note;  // the reason why this source is second best; empty for the best
 };
 
-// What the user chose; everything left empty is found automatically.
+// Holds the user's choices; everything left empty is found automatically.
 struct LayerChoice {
   std::string preset;      // cycles, pbrt, arnold, renderman or generic
   std::string view_layer;  // Blender's `Layer` in `Layer.Pass.View.Channel`
   std::string view;
-  std::map<std::string, std::string>
-      overrides;  // by layer, or "alpha": a prefix, or three channels by commas
+  // Maps a layer to a prefix, a channel or three channels separated by commas, and "alpha" to a channel.
+  std::map<std::string, std::string> overrides;
 };
 
 struct LayerMap {
   std::string preset;
   std::string view_layer;
   std::string view;
-  std::map<std::string, LayerSource> layers;      // only what was found
-  std::map<std::string, std::string> looked_for;  // per layer, for messages
+  std::map<std::string, LayerSource> layers;      // only the layers that were found
+  std::map<std::string, std::string> looked_for;  // the names tried for each layer, for messages
   std::optional<std::string> alpha;               // the channel that belongs to color
   std::vector<std::string> others = {};           // options for other view layers and views with a color
   std::string has = {};                           // the groups of channels in the file, for messages
@@ -54,15 +54,14 @@ struct LayerMap {
 // `alpha=CHANNEL`. Throws Error, naming the item.
 LayerChoice parse_layer_choice(std::span<const std::string> items);
 
-// Finds the layers among the channels of one file. Of several presets, view layers and views the one that
-// gives a color and the most layers is taken, the first of equals. Throws Error when an override or a chosen
-// name is not in the file.
+// Finds the layers among the channels of a file. Takes the preset, view layer and view that give a color and
+// the most layers, and the first of equals. Throws Error if an override or a chosen name is not in the file.
 LayerMap map_layers(std::span<const std::string> channel_names, const LayerChoice& choice = {});
 
-// One line per layer: where it comes from.
+// Returns a text that says for each layer, in a line of its own, which channels it comes from.
 std::string describe(const LayerMap& map);
 
-// Throws Error naming the file, every layer in `wanted` that `map` lacks, and the channels looked for.
+// Throws an Error that names the file, every layer in `wanted` that `map` lacks, and the channels looked for.
 void require_layers(const LayerMap& map, std::span<const std::string> wanted, const std::string& file);
 
 }  // namespace raymeld

@@ -5,7 +5,7 @@ namespace {
 
 using enum LayerRule;
 
-// For a file of plain RGB, and for names that no renderer has to itself.
+// Fits a file of plain RGB, and names that are not one renderer's own.
 LayerPreset generic() {
   return {"generic",
           {
@@ -20,7 +20,7 @@ LayerPreset generic() {
           }};
 }
 
-// Blender 2.8 to 4.x shorten the pass names, later releases spell them out.
+// Blender 2.8 to 4.x shorten the pass names; later releases spell them out.
 LayerPreset cycles() {
   return {
       "cycles",

@@ -6,7 +6,7 @@
 namespace raymeld {
 namespace {
 
-// The view layer in front of `pass` at the end of `prefix`, or nothing when it does not end so.
+// Returns the view layer in front of `pass` if `prefix` ends in `pass`, else nothing.
 std::optional<std::string> view_layer_of(std::string_view prefix, std::string_view pass) {
   if (prefix == pass) return "";
   if (!prefix.ends_with(pass)) return std::nullopt;

@@ -9,17 +9,17 @@
 
 namespace raymeld {
 
-// Blender's `Layer.Pass.View`: the layer and view that one picture's passes share. Both may be empty.
+// Holds the layer and view of Blender's `Layer.Pass.View` that a picture's passes share. Both may be empty.
 struct Scope {
   std::string view_layer;
   std::string view;
   bool operator==(const Scope&) const = default;
 };
 
-// `view_layer.pass.view`, without the empty ones.
+// Returns `view_layer.pass.view`, without its empty parts.
 std::string prefix_of(const Scope& scope, std::string_view pass);
 
-// The unnamed scope, then every one in which the file has a pass of the preset, in the order of the file.
+// Lists the unnamed scope, then every scope in which the file has a pass of the preset, in file order.
 std::vector<Scope> scopes_of(const LayerPreset& preset, const ChannelGroups& groups);
 
 }  // namespace raymeld

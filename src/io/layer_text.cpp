@@ -53,7 +53,7 @@ LayerChoice parse_layer_choice(std::span<const std::string> items) {
     const std::string key = item.substr(0, equals);
     const std::string value = equals == std::string::npos ? "" : item.substr(equals + 1);
     if (equals != std::string::npos && value.empty())
-      throw Error("cannot map layers by '{}': nothing stands after the =", item);
+      throw Error("cannot map layers by '{}': expected a value after the =", item);
     if (equals == std::string::npos)
       choice.preset = item;
     else if (key == "viewlayer")

@@ -7,7 +7,7 @@
 namespace raymeld {
 namespace {
 
-// The channels that were read, by name.
+// Holds the channels that were read, and finds them by name.
 class Planes {
  public:
   Planes(ExrFile& file, std::vector<std::string> names)
@@ -34,7 +34,8 @@ std::vector<std::string> channels_needed(const LayerMap& map, std::span<const st
   return names;
 }
 
-// One of a layer's three planes, of `size` pixels, for every rule that looks at one pixel at a time.
+// Computes one of a layer's three planes, of `size` pixels, by the rules that look at one pixel at a time.
+// For kVariance it copies the color.
 void compute_plane(const LayerSource& source, const Planes& planes, int c, size_t size, float* result) {
   const auto term = [&](int i) { return planes.at(source.terms[i][c]); };
   const float* first = term(0);

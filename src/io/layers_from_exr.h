@@ -8,11 +8,11 @@
 
 namespace raymeld {
 
-// map_layers() of the file's channels; its Errors name the file.
+// Calls map_layers() with the file's channels; its Errors name the file.
 LayerMap map_layers(const ExrFile& file, const LayerChoice& choice = {});
 
-// (3 * wanted.size(), H, W), the layers in the order of `wanted`, values as they stand in the file (NaN and
-// Inf included; see sanitize()). Throws Error as require_layers() and ExrFile::read() do.
+// Returns (3 * wanted.size(), H, W), the layers in the order of `wanted`, with NaN and Inf as in the file
+// (see sanitize()). Throws Error as require_layers() and ExrFile::read() do.
 Image load_layers(ExrFile& file, const LayerMap& map, std::span<const std::string> wanted);
 
 }  // namespace raymeld

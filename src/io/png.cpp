@@ -86,7 +86,8 @@ std::vector<char> png_bytes(const Picture& picture) {
   image.version = PNG_IMAGE_VERSION;
   image.width = png_uint_32(picture.width);
   image.height = png_uint_32(picture.height);
-  image.format = PNG_FORMAT_RGB;  // which libpng takes for sRGB when it is 8-bit, and says so in the file
+  // libpng takes 8-bit RGB for sRGB, and says so in the file.
+  image.format = PNG_FORMAT_RGB;
   png_alloc_size_t size_bytes = PNG_IMAGE_PNG_SIZE_MAX(image);
   std::vector<char> bytes(size_bytes);
   if (!png_image_write_to_memory(&image, bytes.data(), &size_bytes, 0, picture.rgb.data(), 0, nullptr))

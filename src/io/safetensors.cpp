@@ -18,15 +18,16 @@
 namespace raymeld {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "the format is little endian, and copied as it is");
+static_assert(std::endian::native == std::endian::little,
+              "the format is little endian, and its bytes are copied unchanged");
 
 using Json = nlohmann::json;
 
 constexpr size_t kLengthBytes = 8;
 constexpr size_t kMaxHeaderBytes = 100'000'000;  // the format's own limit
-constexpr int kMaxDepth = 3;                     // file, tensor, its shape
+constexpr int kMaxDepth = 3;                     // the file, a tensor, its shape
 
-// Where a tensor lies in the data section.
+// Says where a tensor lies in the data section.
 struct Extent {
   size_t begin;
   size_t end;
@@ -81,7 +82,7 @@ class Parser {
     }
   }
 
-  // The library keeps the last of equal keys; here they are an error.
+  // The JSON library keeps the last of equal keys; here equal keys are an error.
   void check_event(int depth, Json::parse_event_t event, const Json& parsed) {
     using Event = Json::parse_event_t;
     if (event == Event::object_start || event == Event::array_start) {
@@ -166,7 +167,7 @@ class Parser {
     for (const Extent& extent : extents) {
       if (extent.begin < end) fail("tensor '{}' overlaps another", extent.tensor);
       if (extent.begin > end)
-        fail("{} bytes before tensor '{}' belong to none", extent.begin - end, extent.tensor);
+        fail("{} bytes before tensor '{}' belong to no tensor", extent.begin - end, extent.tensor);
       end = extent.end;
     }
     if (end != data_.size()) fail("{} bytes at the end belong to no tensor", data_.size() - end);
@@ -175,7 +176,7 @@ class Parser {
   std::string_view bytes_;
   std::string_view data_;
   const std::string& name_;
-  std::set<std::string> keys_[kMaxDepth + 1];  // of the object that is open at each depth
+  std::set<std::string> keys_[kMaxDepth + 1];  // keys of the open object at each depth
 };
 
 }  // namespace
@@ -187,7 +188,7 @@ SafeTensors parse_safetensors(std::string_view bytes, const std::string& name) {
 SafeTensors read_safetensors(const std::filesystem::path& path) {
   check_input_file(path);
   std::ifstream file(path, std::ios::binary | std::ios::ate);
-  if (!file) throw Error("cannot read '{}': it is there, but cannot be opened", path.string());
+  if (!file) throw Error("cannot read '{}': the file exists, but cannot be opened", path.string());
   std::string bytes(size_t(file.tellg()), '\0');
   file.seekg(0);
   if (!file.read(bytes.data(), std::streamsize(bytes.size())))

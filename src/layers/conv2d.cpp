@@ -60,12 +60,12 @@ Convolution make_convolution(const Graph& graph, const std::string& name, const 
                              const ConvWeights& weights, const Conv2dOptions& options) {
   const uint32_t u = options.unshuffle, s = options.shuffle, kernel = options.kernel;
   if (kernel != 1 && kernel != 3) throw Error("layer {}: kernel {}, expected 1 or 3", name, kernel);
-  const uint32_t behind = options.behind ? options.behind->shape.channels : 0;
-  if (behind && (u > 1 || options.behind->shape.height != in.shape.height ||
-                 options.behind->shape.width != in.shape.width)) {
+  const uint32_t second = options.second_input ? options.second_input->shape.channels : 0;
+  if (second && (u > 1 || options.second_input->shape.height != in.shape.height ||
+                 options.second_input->shape.width != in.shape.width)) {
     throw Error("layer {}: inputs of {}x{} and {}x{}, unshuffled by {}, expected one size and 1", name,
-                in.shape.height, in.shape.width, options.behind->shape.height, options.behind->shape.width,
-                u);
+                in.shape.height, in.shape.width, options.second_input->shape.height,
+                options.second_input->shape.width, u);
   }
   const auto factor = [&](const Tensor& from) {
     return std::ldexp(1.0f, graph.exponent(from) - graph.exponent(out));
@@ -76,7 +76,7 @@ Convolution make_convolution(const Graph& graph, const std::string& name, const 
                    .options = options,
                    .height = in.shape.height / u,
                    .width = in.shape.width / u,
-                   .channels_in = (in.shape.channels + behind) * u * u,
+                   .channels_in = (in.shape.channels + second) * u * u,
                    .channels_out = out.shape.channels * s * s,
                    .weight = weights.weight,
                    .bias = weights.bias,
@@ -84,7 +84,7 @@ Convolution make_convolution(const Graph& graph, const std::string& name, const 
                    .constants = {},
                    .half = graph.storage() == Storage::kFloat16,
                    .in_factor = factor(in),
-                   .behind_factor = options.behind ? factor(*options.behind) : 1,
+                   .second_factor = options.second_input ? factor(*options.second_input) : 1,
                    .bias_factor = std::ldexp(1.0f, -graph.exponent(out))};
   if (in.shape.height % u || in.shape.width % u || conv.height * s != out.shape.height ||
       conv.width * s != out.shape.width) {
@@ -135,12 +135,12 @@ void direct(Graph& graph, Convolution conv) {
                     kRows,
                     conv.options.relu,
                     static_cast<uint32_t>(conv.options.residuals.size()),
-                    conv.options.behind.has_value(),
+                    conv.options.second_input.has_value(),
                     conv.has_borders()};
   pass.bindings = {constant_binding(weights), constant_binding(bias_constant(graph, conv, blocks * lanes)),
                    read_binding(conv.in), write_binding(conv.out)};
   for (uint32_t i = 0; i < kMostResiduals; ++i) pass.bindings.push_back(residual_binding(conv, i, conv.in));
-  pass.bindings.push_back(read_binding(conv.options.behind.value_or(conv.in)));
+  pass.bindings.push_back(read_binding(conv.options.second_input.value_or(conv.in)));
   pass.set_push(params::Conv2d{conv.height, conv.width, graph.plane(conv.out), conv.channels_in,
                                conv.in.shape.channels, conv.channels_out});
   pass.groups = {divide_up(conv.width, kLocalX), divide_up(conv.height, kLocalY * kRows), blocks};
@@ -153,12 +153,12 @@ void direct(Graph& graph, Convolution conv) {
 }  // namespace
 
 std::vector<Tensor> Convolution::inputs() const {
-  return options.behind ? std::vector{in, *options.behind} : std::vector{in};
+  return options.second_input ? std::vector{in, *options.second_input} : std::vector{in};
 }
 
 float Convolution::weight_at(uint32_t o, uint32_t i, uint32_t ky, uint32_t kx) const {
-  const bool is_behind = options.behind && i >= channels_in - options.behind->shape.channels;
-  return stored_weight(o, sources[i], ky, kx, is_behind ? behind_factor : in_factor);
+  const bool is_second = options.second_input && i >= channels_in - options.second_input->shape.channels;
+  return stored_weight(o, sources[i], ky, kx, is_second ? second_factor : in_factor);
 }
 
 float Convolution::bias_at(uint32_t o, uint32_t border_case) const {
@@ -236,27 +236,32 @@ void conv2d(Graph& graph, const std::string& name, const Tensor& in, const Tenso
 }
 
 void conv2d_chain(Graph& graph, std::span<const Conv2dLink> links) {
-  std::vector<Convolution> run;  // by minimal filtering, one after another
+  std::vector<Convolution> run;  // by Winograd, one after another
   const auto end_run = [&] {
     if (!run.empty()) conv2d_winograd(graph, run);
     run.clear();
   };
   for (const auto& [name, in, out, weights, options] : links) {
     const Convolution conv = make_convolution(graph, name, in, out, weights, options);
-    const uint32_t tile = options.how.tile;
-    if (tile > 0 && (options.kernel == 1 ? tile != 1 : tile != 2 && tile != 4)) {
-      throw Error("layer {}: no F({}, {})", name, tile, options.kernel);
-    }
-    const bool filtered = !options.how.matrix && tile > 1;
-    if (!filtered || graph.keep()) end_run();
-    if (filtered) {
-      run.push_back(conv);
-    } else if (options.how.matrix) {
-      conv2d_matrix(graph, conv);
-    } else if (tile == 0) {
-      direct(graph, conv);
-    } else {
-      options.unshuffle > 1 ? conv2d_cells(graph, conv) : conv2d_pointwise(graph, conv);
+    const Algorithm algorithm = options.how.algorithm;
+    if (algorithm != Algorithm::kWinograd || graph.keep()) end_run();
+    switch (algorithm) {
+      case Algorithm::kDirect:
+        direct(graph, conv);
+        break;
+      case Algorithm::kPointwise:
+        if (options.kernel != 1)
+          throw Error("layer {0}: a pointwise kernel for a {1}x{1}", name, options.kernel);
+        options.unshuffle > 1 ? conv2d_pointwise_unshuffled(graph, conv) : conv2d_pointwise(graph, conv);
+        break;
+      case Algorithm::kWinograd:
+        if (options.kernel != 3 || (options.how.tile != 2 && options.how.tile != 4))
+          throw Error("layer {}: no F({}, {})", name, options.how.tile, options.kernel);
+        run.push_back(conv);
+        break;
+      case Algorithm::kMatrix:
+        conv2d_matrix(graph, conv);
+        break;
     }
   }
   end_run();

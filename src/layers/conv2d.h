@@ -20,7 +20,7 @@ struct Convolution {
   bool half;  // weights are rounded to 16 bits
   // For the exponents of the tensors: of the weights of `in`, of those of what is behind it, of the bias.
   // Powers of two.
-  float in_factor = 1, behind_factor = 1, bias_factor = 1;
+  float in_factor = 1, second_factor = 1, bias_factor = 1;
 
   double flop() const {
     return 2.0 * height * width * channels_out * channels_in * options.kernel * options.kernel;
@@ -71,7 +71,7 @@ void conv2d_matrix(Graph& graph, const Convolution& conv);
 void conv2d_pointwise(Graph& graph, const Convolution& conv);
 
 // Of a 1x1 of what is unshuffled: shaders/pointwise_cells.comp.
-void conv2d_cells(Graph& graph, const Convolution& conv);
+void conv2d_pointwise_unshuffled(Graph& graph, const Convolution& conv);
 
 inline constexpr uint32_t kMostResiduals = 3;
 

@@ -51,11 +51,8 @@ void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor&
     params.channels[c / 4] |= (static_cast<uint32_t>(kind) | source << 2) << c % 4 * 8;
     if (value) params.constants[constants++] = *value;
   }
-  Pass pass;
-  pass.name = name;
-  pass.shader = &(from_image ? shaders::kEncodeImage : shaders::kEncode)[graph.addressed()];
-  pass.bindings = {frame_binding(graph, slot), exposure_binding(), write_binding(out)};
-  pass.bindings[1].by_address = pass.bindings[2].by_address = graph.addressed();
+  Pass pass = pass_of(graph, name, from_image ? shaders::kEncodeImage : shaders::kEncode,
+                      {frame_binding(graph, slot), exposure_binding(), write_binding(out)});
   pass.set_push(params);
   pass.groups = strip_groups(out.shape);
   if (from_image) pass.groups[2] /= kImageChannels;
@@ -67,12 +64,8 @@ void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor&
 void variance(Graph& graph, const std::string& name, const Tensor& out, Transfer transfer, float clip) {
   check_clip(name, clip);
   check_image(name, out);
-  Pass pass;
-  pass.name = name;
-  pass.shader =
-      &(graph.frame_images().inputs ? shaders::kVarianceImage : shaders::kVariance)[graph.addressed()];
-  pass.bindings = {frame_binding(graph, kHrlsSlot), exposure_binding(), write_binding(out)};
-  pass.bindings[1].by_address = pass.bindings[2].by_address = graph.addressed();
+  Pass pass = pass_of(graph, name, graph.frame_images().inputs ? shaders::kVarianceImage : shaders::kVariance,
+                      {frame_binding(graph, kHrlsSlot), exposure_binding(), write_binding(out)});
   pass.set_push(params::Variance{
       {}, out.shape.height, out.shape.width, graph.plane(out), transfer == Transfer::kLog, clip});
   pass.groups = pixel_groups(out.shape);
@@ -80,24 +73,21 @@ void variance(Graph& graph, const std::string& name, const Tensor& out, Transfer
   graph.add(std::move(pass));
 }
 
-void highlights(Graph& graph, const std::string& name, const Tensor& out, float clip) {
+void above_clip(Graph& graph, const std::string& name, const Tensor& out, float clip) {
   check_clip(name, clip);
-  Pass pass;
-  pass.name = name;
-  pass.shader =
-      &(graph.frame_images().inputs ? shaders::kHighlightsImage : shaders::kHighlights)[graph.addressed()];
-  pass.bindings = {frame_binding(graph, kLrhsSlot), exposure_binding(), write_binding(out)};
-  pass.bindings[1].by_address = pass.bindings[2].by_address = graph.addressed();
-  pass.set_push(params::Highlights{{}, out.shape.height, out.shape.width, graph.plane(out), clip});
+  Pass pass =
+      pass_of(graph, name, graph.frame_images().inputs ? shaders::kAboveClipImage : shaders::kAboveClip,
+              {frame_binding(graph, kLrhsSlot), exposure_binding(), write_binding(out)});
+  pass.set_push(params::AboveClip{{}, out.shape.height, out.shape.width, graph.plane(out), clip});
   pass.groups = element_groups(out.shape);
   pass.bytes = elements(out) * static_cast<double>(4 + element_bytes(graph.storage()));
   graph.add(std::move(pass));
 }
 
 void decode(Graph& graph, const std::string& name, const Tensor& in, const DecodeOptions& options) {
-  if (options.highlights) check_clip(name, options.clip);
+  if (options.above_clip) check_clip(name, options.clip);
   double low_elements = 0;
-  for (const Tensor* low : {options.base, options.highlights}) {
+  for (const Tensor* low : {options.base, options.above_clip}) {
     if (!low) continue;
     low_elements += elements(*low);
     const auto [height, width, channels] = low->shape;
@@ -109,20 +99,17 @@ void decode(Graph& graph, const std::string& name, const Tensor& in, const Decod
                 width, channels, in.shape.height, in.shape.width, in.shape.channels, options.scale);
   }
   const Tensor& base = options.base ? *options.base : in;
-  const Tensor& highlights = options.highlights ? *options.highlights : base;
+  const Tensor& above_clip = options.above_clip ? *options.above_clip : base;
   const bool to_image = graph.frame_images().output;
   if (to_image) check_image(name, in);
-  Pass pass;
-  pass.name = name;
-  pass.shader = &(to_image ? shaders::kDecodeImage : shaders::kDecode)[graph.addressed()];
-  pass.bindings = {frame_binding(graph, kFusedSlot), exposure_binding(), read_binding(in),
-                   read_binding(base), read_binding(highlights)};
-  for (size_t i = 1; i < pass.bindings.size(); ++i) pass.bindings[i].by_address = graph.addressed();
+  Pass pass = pass_of(graph, name, to_image ? shaders::kDecodeImage : shaders::kDecode,
+                      {frame_binding(graph, kFusedSlot), exposure_binding(), read_binding(in),
+                       read_binding(base), read_binding(above_clip)});
   pass.set_push(
       params::Decode{{},
-                     upsampled(graph, in, highlights, options.transfer, options.scale, options.phase),
+                     upsampled(graph, in, above_clip, options.transfer, options.scale, options.phase),
                      options.base != nullptr,
-                     options.highlights ? options.clip : 0});
+                     options.above_clip ? options.clip : 0});
   pass.groups = strip_groups(in.shape);
   if (to_image) pass.groups[2] = 1;
   pass.bytes = elements(in) * static_cast<double>(4 + element_bytes(graph.storage())) +

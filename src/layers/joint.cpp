@@ -1,6 +1,5 @@
 // The layers of the joint base.
 #include <bit>
-#include <numeric>
 
 #include "layers/upsampled.h"
 
@@ -25,19 +24,18 @@ Shape enlarged(const Shape& shape, uint32_t scale, uint32_t channels) {
   return {scale * shape.height, scale * shape.width, channels};
 }
 
-Pass pass_of(const Graph& graph, const std::string& name, const shaders::Forms& shader,
-             std::initializer_list<Tensor> inputs, const Tensor& out, bool by_address = false) {
-  by_address |= graph.addressed();
-  Pass pass;
-  pass.name = name;
-  pass.shader = &shader[by_address];
+// Returns a pass that reads the inputs once and writes the output.
+Pass pass_of(const Graph& graph, const std::string& name, const Forms& forms,
+             std::initializer_list<Tensor> inputs, const Tensor& out, bool vectors = false) {
+  std::vector<Binding> bindings;
+  double bytes = traffic(graph, out);
   for (const Tensor& input : inputs) {
-    pass.bindings.push_back(read_binding(input));
-    pass.bytes += traffic(graph, input);
+    bindings.push_back(read_binding(input));
+    bytes += traffic(graph, input);
   }
-  pass.bindings.push_back(write_binding(out));
-  pass.bytes += traffic(graph, out);
-  for (Binding& binding : pass.bindings) binding.by_address = by_address;
+  bindings.push_back(write_binding(out));
+  Pass pass = raymeld::pass_of(graph, name, forms, std::move(bindings), vectors);
+  pass.bytes = bytes;
   return pass;
 }
 
@@ -56,16 +54,16 @@ void irradiance(Graph& graph, const std::string& name, const Tensor& lrhs, const
   graph.add(std::move(pass));
 }
 
-void light(Graph& graph, const std::string& name, const Tensor& color, const Tensor& albedo,
-           const Tensor& lrhs, const Tensor& out, const JointOptions& options) {
+void demodulate(Graph& graph, const std::string& name, const Tensor& color, const Tensor& albedo,
+                const Tensor& lrhs, const Tensor& out, const JointOptions& options) {
   expect_shape(name, "the color", color, with_channels(out.shape, 3));
   expect_shape(name, "the albedo", albedo, color.shape);
   expect_shape(name, "the output", out, with_channels(color.shape, 5));
   expect_shape(name, "LRHS", lrhs, with_channels(lrhs.shape, 6));
   expect_shape(name, "the color", color, enlarged(lrhs.shape, options.scale, 3));
-  Pass pass = pass_of(graph, name, shaders::kLight, {color, albedo, lrhs}, out);
+  Pass pass = pass_of(graph, name, shaders::kDemodulate, {color, albedo, lrhs}, out);
   const float cell = static_cast<float>(options.scale * options.scale);
-  pass.set_push(params::JointLight{
+  pass.set_push(params::Demodulate{
       upsampled(graph, out, lrhs, options.transfer, options.scale, options.phase), options.scale,
       options.phase > 0 ? options.lrhs_certainty / cell : options.lrhs_certainty});
   pass.groups = strip_groups(with_channels(out.shape, 1));
@@ -85,24 +83,22 @@ void joint_filter(Graph& graph, const std::string& name, const Tensor& in, const
   const Shape strips{divide_up(shape.height, RAYMELD_JOINT_STRIP * step) * step, shape.width, 1};
   const uint32_t vector = vector_of_pixels(graph, strips, step);
   Pass pass = pass_of(graph, name, shaders::kJointFilter, {in, albedo, normal, brightness}, out, vector > 0);
-  pass.constants = {vector};
-  params::JointFilter push{shape.height, shape.width, graph.plane(out), step, {}};
-  std::iota(std::begin(push.digits), std::end(push.digits), 0u);
-  pass.set_push(push);
+  if (vector > 0) pass.constants = {vector};
+  pass.set_push(params::JointFilter{shape.height, shape.width, graph.plane(out), step, {0, 1, 2, 3}});
   pass.groups = pixel_groups(strips);
   constexpr double kFlopOfTap = 34;
   pass.flop = 9 * kFlopOfTap * static_cast<double>(shape.pixels());
   graph.add(std::move(pass));
 }
 
-void relight(Graph& graph, const std::string& name, const Tensor& light, const Tensor& albedo,
-             const Tensor& out, Transfer transfer) {
+void remodulate(Graph& graph, const std::string& name, const Tensor& light, const Tensor& albedo,
+                const Tensor& out, Transfer transfer) {
   const Shape shape = with_channels(out.shape, 3);
   expect_shape(name, "the light", light, shape);
   expect_shape(name, "the albedo", albedo, shape);
   expect_shape(name, "the output", out, shape);
-  Pass pass = pass_of(graph, name, shaders::kRelight, {light, albedo}, out);
-  pass.set_push(params::Relight{shape.height, shape.width, graph.plane(out), transfer == Transfer::kLog});
+  Pass pass = pass_of(graph, name, shaders::kRemodulate, {light, albedo}, out);
+  pass.set_push(params::Remodulate{shape.height, shape.width, graph.plane(out), transfer == Transfer::kLog});
   pass.groups = strip_groups(shape);
   graph.add(std::move(pass));
 }

@@ -36,31 +36,43 @@ struct MatrixTiles {
 // Whether the shader can, and finds room in shared memory.
 bool is_possible(const MatrixTiles& tiles, uint32_t kernel);
 
-// How a convolution is computed: which is fastest is the device's to say.
-struct Conv2dKernel {
-  // 0: conv2d.comp, which any device runs; sums in the order of the equation. The others need DeviceInfo's
-  // buffer_device_address: 1: pointwise.comp, for a 1x1, or pointwise_cells.comp where it is unshuffled, of
-  // which the rest says nothing. 2 or 4: F(tile, 3) in three steps, see
-  // shaders/conv2d/winograd.glsl, for a 3x3; errors are in proportion to the largest value of a tile, with 4
-  // more than with 2.
-  uint32_t tile = 0;
-  uint32_t outputs = 16;   // output channels of an invocation
-  uint32_t channels = 64;  // at most so many input channels are summed up by one dispatch
-  uint32_t order = 8;      // see winograd_multiply.comp
-  uint32_t band = 256;  // about so many tiles or pixels are worked on at a time, so that they stay in a cache
-  uint32_t vector = 0;  // DeviceInfo::vector_lanes, which read dense activations of 32 bits as one; or 0
-  uint32_t band_rows = 0;  // instead, of tiles: winograd_band_rows() of the same convolution of another size
-  // Instead of all this, conv2d_matrix.comp: any kernel, shuffles in its loads and stores. Sums in 32 bits,
-  // but a device may truncate where others round.
-  std::optional<MatrixTiles> matrix = {};
-
-  bool operator==(const Conv2dKernel&) const = default;
+// The kernels of a convolution; which of them is fastest depends on the device.
+enum class Algorithm {
+  kDirect,     // conv2d.comp, which any device runs; sums in the order of the equation
+  kPointwise,  // pointwise.comp, for a 1x1, or pointwise_unshuffled.comp where the 1x1 is unshuffled
+  kWinograd,   // winograd_*.comp, for a 3x3
+  kMatrix      // conv2d_matrix.comp, for either, with 16-bit storage; shuffles in its loads and stores
 };
 
-// Conv2dKernel::vector of which an invocation takes two at a time, so that it makes products of two tiles.
+// A kernel and its parameters. kMatrix needs
+// DeviceInfo::cooperative_matrix; it sums in 32 bits, but a device may truncate where others round.
+struct Conv2dKernel {
+  Algorithm algorithm = Algorithm::kDirect;
+  // kWinograd: the m of F(m, 3), 2 or 4. Errors are in proportion to the largest value of a tile, with 4 more
+  // than with 2. See shaders/conv2d/winograd.glsl.
+  uint32_t tile = 4;
+  // The other parameters of kWinograd and of kPointwise; pointwise_unshuffled.comp has none.
+  uint32_t outputs = 16;   // output channels of an invocation
+  uint32_t channels = 64;  // at most so many input channels are summed up by one dispatch
+  uint32_t band = 256;  // about so many tiles or pixels are computed at a time, so that they stay in a cache
+  uint32_t band_rows = 0;  // kWinograd: rows of tiles instead, the winograd_band_rows() of another size; or 0
+  uint32_t vector = 0;     // DeviceInfo::vector_lanes, for the shaders of shaders/llvmpipe; or 0
+  uint32_t order = 8;      // with `vector`: loads are kept in order every so many channels; 0: never
+  MatrixTiles matrix = {};  // kMatrix
+
+  bool operator==(const Conv2dKernel&) const = default;
+  // Returns whether the shaders find weights by address, so that the device must have buffer addresses.
+  bool needs_addresses() const {
+    return algorithm == Algorithm::kPointwise || algorithm == Algorithm::kWinograd;
+  }
+  // Returns the m of F(m, 3), or 0 for other algorithms.
+  uint32_t winograd_tile() const { return algorithm == Algorithm::kWinograd ? tile : 0; }
+};
+
+// The Conv2dKernel::vector with which an invocation computes the products of two tiles.
 inline constexpr uint32_t kPairedVector = 8;
 
-// What a choice among them may depend on; height, width and channels are those between the shuffles.
+// What the choice of a kernel may depend on; height, width and channels are those between the shuffles.
 struct Conv2dShape {
   uint32_t height, width, channels_in, channels_out, kernel;
   uint32_t most_tile = 4;  // 2 where F(4, 3) would not be accurate enough
@@ -93,9 +105,10 @@ struct Conv2dOptions {
   uint32_t kernel = 3;  // 1 or 3
   bool relu = false;
   std::vector<Tensor> residuals = {};  // at most three, of the output's shape; added after the activation
-  std::optional<Tensor> behind = {};   // of the input's size, with further input channels; not if unshuffled
-  uint32_t unshuffle = 1;              // reads space_to_depth() of `in` by this
-  uint32_t shuffle = 1;                // writes pixel_shuffle() by this to `out`
+  std::optional<Tensor> second_input =
+      {};                  // of the input's size, with further input channels; not if unshuffled
+  uint32_t unshuffle = 1;  // reads space_to_depth() of `in` by this
+  uint32_t shuffle = 1;    // writes pixel_shuffle() by this to `out`
   Conv2dKernel how = {};
   // Of the weights' input channels, before `unshuffle`, the value of each that is the same everywhere and in
   // no tensor; those without are the channels of `in` and `behind`. Empty: all are.
@@ -153,14 +166,14 @@ void variance(Graph& graph, const std::string& name, const Tensor& out, Transfer
 
 // What LRHS has beyond the clip, scene linear (h, w, c): max(0, x - clip / exposure), at most 65504; of NaN
 // 0.
-void highlights(Graph& graph, const std::string& name, const Tensor& out, float clip);
+void above_clip(Graph& graph, const std::string& name, const Tensor& out, float clip);
 
 struct DecodeOptions {
   Transfer transfer = Transfer::kLinear;
   const Tensor* base = nullptr;  // the encoded LRHS (h, w, c), upsampled and added; null: none
   uint32_t scale = 1;
   float phase = 0;  // of LRHS samples, in full-size pixels: 0, or (scale - 1) / 2 for a low-resolution render
-  const Tensor* highlights = nullptr;  // (h, w, c), see highlights(); null: none
+  const Tensor* above_clip = nullptr;  // (h, w, c), see highlights(); null: none
   float clip = 0;                      // that of the highlights
 };
 
@@ -191,8 +204,8 @@ void irradiance(Graph& graph, const std::string& name, const Tensor& lrhs, const
 // neighbour + 0.001 is darkened to that, its certainty 1; and of LRHS, with lrhs_certainty at the pixels it
 // was rendered of, or where phase > 0 with lrhs_certainty / scale^2 everywhere, its irradiance upsampled. x
 // is the mean of both by certainty, whose sum is that of x.
-void light(Graph& graph, const std::string& name, const Tensor& color, const Tensor& albedo,
-           const Tensor& lrhs, const Tensor& out, const JointOptions& options);
+void demodulate(Graph& graph, const std::string& name, const Tensor& color, const Tensor& albedo,
+                const Tensor& lrhs, const Tensor& out, const JointOptions& options);
 
 // (H, W, 4) -> (H, W, 4), light and its certainty: a level of the a-trous filter of Dammertz et al. 2010,
 // with the binomial 3x3 kernel at `step` pixels, edges replicated, times exp(-|difference of albedo / 1.5,
@@ -202,8 +215,8 @@ void joint_filter(Graph& graph, const std::string& name, const Tensor& in, const
                   const Tensor& normal, const Tensor& brightness, const Tensor& out, uint32_t step);
 
 // Filtered light (H, W, 3) times the albedo + 0.4, encoded.
-void relight(Graph& graph, const std::string& name, const Tensor& light, const Tensor& albedo,
-             const Tensor& out, Transfer transfer);
+void remodulate(Graph& graph, const std::string& name, const Tensor& light, const Tensor& albedo,
+                const Tensor& out, Transfer transfer);
 
 // rec (H, W, 8), a residual and five logits; lrhs (h, w, 6), color and irradiance; candidates (H, W, 9),
 // three times relight() -> (H, W, 3): the residual plus the candidates, weighted by the softmax of the

@@ -57,7 +57,7 @@ bool is_possible(const MatrixTiles& tiles, uint32_t kernel) {
 }
 
 void conv2d_matrix(Graph& graph, const Convolution& conv) {
-  MatrixTiles tiles = *conv.options.how.matrix;
+  MatrixTiles tiles = conv.options.how.matrix;
   const CooperativeMatrix& matrix = tiles.matrix;
   const uint32_t kernel = conv.options.kernel;
   if (!conv.half) throw Error("layer {}: cooperative matrices take 16-bit storage", conv.name);
@@ -96,12 +96,12 @@ void conv2d_matrix(Graph& graph, const Convolution& conv) {
                     residuals,
                     conv.options.unshuffle,
                     conv.options.shuffle,
-                    conv.options.behind.has_value(),
+                    conv.options.second_input.has_value(),
                     conv.has_borders()};
   pass.bindings = {constant_binding(weights), constant_binding(bias_constant(graph, conv, conv.channels_out)),
                    read_binding(conv.in), write_binding(conv.out)};
   for (uint32_t i = 0; i < kMostResiduals; ++i) pass.bindings.push_back(residual_binding(conv, i, conv.in));
-  pass.bindings.push_back(read_binding(conv.options.behind.value_or(conv.in)));
+  pass.bindings.push_back(read_binding(conv.options.second_input.value_or(conv.in)));
   pass.set_push(params::Conv2dMatrix{conv.height, conv.width, graph.plane(conv.in), graph.plane(conv.out),
                                      conv.channels_in, conv.in.shape.channels, conv.channels_out});
   pass.groups = {divide_up(conv.width, kMatrixColumns), divide_up(conv.height, tiles.subgroups * tiles.rows),

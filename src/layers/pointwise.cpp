@@ -1,6 +1,5 @@
 // 1x1 convolutions: one band of pixels after another, so that the sums of a band stay in a cache.
 #include <algorithm>
-#include <numeric>
 
 #include "layers/conv2d.h"
 #include "params.h"
@@ -59,8 +58,7 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
                      [=](std::byte* target) { pack_weights(target, conv, outputs, blocks); });
   const uint32_t bias = bias_constant(graph, conv, blocks * outputs);
   const Tensor sums = graph.scratch(conv.name + ".sums", uint64_t{band} * blocks * outputs);
-  const uint32_t vector = graph.storage() == Storage::kFloat32 ? usable_vector(how, band) : 0;
-  const bool by_address = graph.addressed() || vector > 0;
+  const uint32_t vector = usable_vector(how, band);
   const auto residuals = static_cast<uint32_t>(conv.options.residuals.size());
   for (uint32_t first = 0; first < pixels; first += band) {
     for (const auto& [source, channel] : parts) {
@@ -68,22 +66,21 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
       const bool last = channel + channels == conv.channels_in;
       const double pixel_share = double(std::min(band, pixels - first)) / pixels;
       const double share = pixel_share * channels / conv.channels_in;
-      Pass pass;
-      pass.name = conv.name;
-      pass.shader = &shaders::kPointwise[by_address];
+      std::vector<Binding> bindings{constant_binding(weights, true), constant_binding(bias, true),
+                                    read_binding(source), write_binding(sums), write_binding(conv.out)};
+      for (uint32_t i = 0; i < kMostResiduals; ++i) bindings.push_back(residual_binding(conv, i, conv.in));
+      Pass pass = pass_of(graph, conv.name, shaders::kPointwise, std::move(bindings), vector > 0);
       pass.constants = {
-          channels, outputs, how.order, channel == 0, last, last && conv.options.relu, last ? residuals : 0,
-          vector};
-      pass.bindings = {constant_binding(weights), constant_binding(bias), read_binding(source),
-                       write_binding(sums), write_binding(conv.out)};
-      for (uint32_t i = 0; i < kMostResiduals; ++i)
-        pass.bindings.push_back(residual_binding(conv, i, conv.in));
-      for (Binding& binding : pass.bindings)
-        binding.by_address = by_address || binding.kind == Binding::Kind::kConstant;
-      params::Pointwise push{
-          graph.plane(conv.out), conv.channels_in, channel, conv.channels_out, blocks, first, pixels, {}};
-      std::iota(std::begin(push.digits), std::end(push.digits), 0u);
-      pass.set_push(push);
+          channels, outputs, channel == 0, last, last && conv.options.relu, last ? residuals : 0};
+      if (vector > 0) pass.constants.insert(pass.constants.end(), {how.order, vector});
+      pass.set_push(params::Pointwise{graph.plane(conv.out),
+                                      conv.channels_in,
+                                      channel,
+                                      conv.channels_out,
+                                      blocks,
+                                      first,
+                                      pixels,
+                                      {0, 1, 2, 3}});
       pass.groups = {std::min(band, divide_up(pixels - first, kLocalPixels) * kLocalPixels) / kLocalPixels,
                      blocks, 1};
       pass.flop = share * conv.flop();

@@ -8,38 +8,55 @@
 
 namespace raymeld {
 
+// A shader with activations in buffers, with activations by address, and as shaders/llvmpipe has it, if it
+// does.
+struct Forms {
+  Shader buffers, addresses, vectors = {};
+};
+
 namespace shaders {
 extern const Shader kConv2d;
-extern const Shader kConv2dMatrix;  // 16-bit storage only
-// Without and with DATA_BY_ADDRESS, see memory.glsl.
-using Forms = std::array<Shader, 2>;
+extern const Shader kConv2dMatrix;  // has no code for 32-bit storage
 extern const Forms kPointwise;
-extern const Forms kPointwiseCells;
-extern const Shader kPointwiseCellsVectors;  // by address and of 32-bit storage only
+extern const Forms kPointwiseUnshuffled;
 extern const Forms kWinogradWeights;
 extern const Forms kWinogradInput;
-extern const Shader kWinogradInputVectors;  // by address and of 32-bit storage only
 extern const Forms kWinogradMultiply;
 extern const Forms kWinogradOutput;
 extern const Shader kExposureSums;
 extern const Shader kExposureSumsImage;
 extern const Shader kExposure;
 extern const Forms kEncode;
-extern const Forms kEncodeImage;  // the frame's images are no buffers: frame.glsl
+extern const Forms kEncodeImage;  // reads images of Vulkan: see frame.glsl
 extern const Forms kVariance;
 extern const Forms kVarianceImage;
-extern const Forms kHighlights;
-extern const Forms kHighlightsImage;
+extern const Forms kAboveClip;
+extern const Forms kAboveClipImage;
 extern const Forms kDecode;
 extern const Forms kDecodeImage;
 extern const Forms kIrradiance;
-extern const Forms kLight;
+extern const Forms kDemodulate;
 extern const Forms kJointFilter;
-extern const Forms kRelight;
+extern const Forms kRemodulate;
 extern const Forms kMix;
 extern const Shader kSpaceToDepth;
 extern const Shader kPixelShuffle;
 }  // namespace shaders
+
+// Returns a pass of the form that the graph's activations need or, with `vectors`, of shaders/llvmpipe. The
+// bindings that the form finds by address are marked so.
+inline Pass pass_of(const Graph& graph, std::string name, const Forms& forms, std::vector<Binding> bindings,
+                    bool vectors = false) {
+  const bool by_address = graph.addressed() || vectors;
+  Pass pass;
+  pass.name = std::move(name);
+  pass.shader = &(vectors ? forms.vectors : by_address ? forms.addresses : forms.buffers);
+  pass.bindings = std::move(bindings);
+  for (Binding& binding : pass.bindings) {
+    if (binding.kind != Binding::Kind::kFrame) binding.by_address |= by_address;
+  }
+  return pass;
+}
 
 inline Binding read_binding(const Tensor& tensor) {
   return {.kind = Binding::Kind::kTensor, .access = Access::kRead, .tensor = tensor};
@@ -47,8 +64,11 @@ inline Binding read_binding(const Tensor& tensor) {
 inline Binding write_binding(const Tensor& tensor) {
   return {.kind = Binding::Kind::kTensor, .access = Access::kWrite, .tensor = tensor};
 }
-inline Binding constant_binding(uint32_t constant) {
-  return {.kind = Binding::Kind::kConstant, .access = Access::kRead, .constant = constant};
+inline Binding constant_binding(uint32_t constant, bool by_address = false) {
+  return {.kind = Binding::Kind::kConstant,
+          .access = Access::kRead,
+          .constant = constant,
+          .by_address = by_address};
 }
 inline Binding frame_binding(const Graph& graph, FrameSlot slot) {
   const bool written = slot == kFusedSlot;

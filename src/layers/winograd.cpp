@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <numeric>
 
 #include "layers/conv2d.h"
 #include "params.h"
@@ -89,16 +88,6 @@ struct Steps {
       conv.name + ".zeros", kInputVectorPixels * sizeof(float),
       [](std::byte* target) { std::fill_n(reinterpret_cast<float*>(target), kInputVectorPixels, 0.0f); });
 
-  Pass pass(const shaders::Forms& forms, std::vector<Binding> bindings, bool by_address = false) const {
-    by_address |= graph.addressed();
-    Pass result;
-    result.name = conv.name;
-    result.shader = &forms[by_address];
-    result.bindings = std::move(bindings);
-    for (Binding& binding : result.bindings) binding.by_address |= by_address;
-    return result;
-  }
-
   // Share of the whole convolution that a band is.
   double share(uint32_t first_tile_row) const {
     return double(std::min(s.band_rows, s.tile_rows - first_tile_row)) / s.tile_rows;
@@ -109,10 +98,9 @@ struct Steps {
   // Whether rows of an image that is shuffled by `shuffle` can be accessed by aligned pairs of floats.
   bool by_pairs(uint32_t shuffle) const { return floats_by_address() && shuffle == 1 && conv.width % 2 == 0; }
 
-  // Whether two output channels are stored at once, which the shuffle makes neighbours. On a GPU the
-  // registers that it takes might cost more; that has not been measured.
+  // Whether two output channels are stored at once, which the shuffle makes neighbours.
   bool by_pairs_of_outputs() const {
-    return floats_by_address() && conv.options.shuffle % 2 == 0 && conv.options.how.vector > 0;
+    return paired() && floats_by_address() && conv.options.shuffle % 2 == 0;
   }
 
   // Whether winograd_input_vectors.comp can read such rows.
@@ -135,7 +123,8 @@ struct Steps {
         graph.constant(conv.name + ".weight", filters_bytes, [c = conv, s = s](std::byte* target) {
           c.half ? pack_weights<Imath::half>(target, c, s) : pack_weights<float>(target, c, s);
         });
-    Pass p = pass(shaders::kWinogradWeights, {constant_binding(filters), write_binding(weights)});
+    Pass p = pass_of(graph, conv.name, shaders::kWinogradWeights,
+                     {constant_binding(filters), write_binding(weights)});
     p.constants = {s.tile};
     p.set_push(params::WinogradWeights{s.weights_stride});
     p.groups = {s.weights_stride / 2 / kWeightsLocal, 1, 1};
@@ -147,19 +136,23 @@ struct Steps {
     uint32_t channel = 0;
     for (const Tensor& in : conv.inputs()) {
       const uint32_t u = conv.options.unshuffle, channels = in.shape.channels * u * u;
-      Pass p = pass(shaders::kWinogradInput, {read_binding(in), write_binding(scratch.transformed)});
-      p.constants = {s.tile, u, by_pairs(u)};
-      if (by_vectors(u)) {
-        p.shader = &shaders::kWinogradInputVectors;
-        p.constants = {s.tile};
-        p.bindings.insert(p.bindings.begin() + 1, constant_binding(zeros));
-        for (Binding& binding : p.bindings) binding.by_address = true;
-      }
-      params::WinogradInput push{
-          conv.height,    conv.width,       graph.plane(in), graph.rows_mask(in),  s.tiles_x,
-          first_tile_row, conv.channels_in, channel,         s.transformed_stride, {}};
-      std::iota(std::begin(push.digits), std::end(push.digits), 0u);
-      p.set_push(push);
+      const bool vectors = by_vectors(u);
+      std::vector<Binding> bindings{read_binding(in)};
+      if (vectors) bindings.push_back(constant_binding(zeros));
+      bindings.push_back(write_binding(scratch.transformed));
+      Pass p = pass_of(graph, conv.name, shaders::kWinogradInput, std::move(bindings), vectors);
+      p.constants = {s.tile};
+      if (!vectors) p.constants.insert(p.constants.end(), {u, by_pairs(u)});
+      p.set_push(params::WinogradInput{conv.height,
+                                       conv.width,
+                                       graph.plane(in),
+                                       graph.rows_mask(in),
+                                       s.tiles_x,
+                                       first_tile_row,
+                                       conv.channels_in,
+                                       channel,
+                                       s.transformed_stride,
+                                       {0, 1, 2, 3}});
       p.groups = {s.band_tiles / kTransformLocal, 1, channels};
       p.bytes = share(first_tile_row) * traffic(graph, in);
       graph.add(std::move(p));
@@ -172,14 +165,21 @@ struct Steps {
     const uint32_t vector = usable_vector(conv.options.how, s.band_tiles);
     Binding weight = read_binding(weights);
     weight.by_address = true;
-    Pass p = pass(shaders::kWinogradMultiply,
-                  {weight, read_binding(scratch.transformed), write_binding(scratch.products)}, vector > 0);
-    const uint32_t local = paired() ? kMultiplyLocal / 2 : kMultiplyLocal;
-    p.constants = {s.tile, end - first, s.outputs, part > 0, conv.options.how.order, vector, local, paired()};
-    params::WinogradMultiply push{conv.channels_in,  first, s.blocks, s.weights_stride, s.transformed_stride,
-                                  s.products_stride, {}};
-    std::iota(std::begin(push.digits), std::end(push.digits), 0u);
-    p.set_push(push);
+    Pass p =
+        pass_of(graph, conv.name, shaders::kWinogradMultiply,
+                {weight, read_binding(scratch.transformed), write_binding(scratch.products)}, vector > 0);
+    p.constants = {s.tile, end - first, s.outputs, part > 0};
+    if (vector > 0) {
+      const uint32_t local = paired() ? kMultiplyLocal / 2 : kMultiplyLocal;
+      p.constants.insert(p.constants.end(), {conv.options.how.order, vector, local, paired()});
+    }
+    p.set_push(params::WinogradMultiply{conv.channels_in,
+                                        first,
+                                        s.blocks,
+                                        s.weights_stride,
+                                        s.transformed_stride,
+                                        s.products_stride,
+                                        {0, 1, 2, 3}});
     p.groups = {s.band_tiles / kMultiplyLocal, s.blocks, s.positions};
     p.flop = share(first_tile_row) * conv.flop() / s.parts;
     p.bytes = share(first_tile_row) * double(s.weights_stride) * s.positions * sizeof(float) / s.parts;
@@ -192,16 +192,15 @@ struct Steps {
                                   write_binding(conv.out)};
     for (uint32_t i = 0; i < kMostResiduals; ++i)
       bindings.push_back(residual_binding(conv, i, scratch.products));
-    Pass p = pass(shaders::kWinogradOutput, std::move(bindings));
+    Pass p = pass_of(graph, conv.name, shaders::kWinogradOutput, std::move(bindings), paired());
     const uint32_t outputs = by_pairs_of_outputs() ? 2 : 1;
     p.constants = {s.tile,
                    conv.options.shuffle,
                    conv.options.relu,
                    static_cast<uint32_t>(residuals.size()),
                    by_pairs(conv.options.shuffle) || outputs == 2,
-                   conv.has_borders(),
-                   paired() ? conv.options.how.vector : 0,
-                   outputs};
+                   conv.has_borders()};
+    if (paired()) p.constants.insert(p.constants.end(), {kPairedVector, outputs});
     const Tensor& residual = residuals.empty() ? conv.out : residuals.front();
     for (const Tensor& other : residuals) {
       if (graph.rows_mask(other) != graph.rows_mask(residual))
@@ -209,20 +208,18 @@ struct Steps {
     }
     // What lies below the band is the next one's.
     const uint32_t end = std::min(conv.height, (first_tile_row + s.band_rows) * s.tile);
-    params::WinogradOutput push{end,
-                                conv.height,
-                                conv.width,
-                                graph.plane(conv.out),
-                                graph.rows_mask(conv.out),
-                                graph.plane(residual),
-                                graph.rows_mask(residual),
-                                s.tiles_x,
-                                first_tile_row,
-                                s.channels_out,
-                                s.products_stride,
-                                {}};
-    std::iota(std::begin(push.digits), std::end(push.digits), 0u);
-    p.set_push(push);
+    p.set_push(params::WinogradOutput{end,
+                                      conv.height,
+                                      conv.width,
+                                      graph.plane(conv.out),
+                                      graph.rows_mask(conv.out),
+                                      graph.plane(residual),
+                                      graph.rows_mask(residual),
+                                      s.tiles_x,
+                                      first_tile_row,
+                                      s.channels_out,
+                                      s.products_stride,
+                                      {0, 1, 2, 3}});
     p.groups = {s.band_tiles / kTransformLocal, 1, conv.channels_out / outputs};
     p.bytes = share(first_tile_row) * traffic(graph, conv.out) * (1.0 + double(residuals.size()));
     graph.add(std::move(p));

@@ -13,7 +13,7 @@ const std::string& name_of(const Graph& graph, const Tensor& tensor) {
 
 }  // namespace
 
-// Channels of a tensor, each as often as unshuffling makes channels of it.
+// Returns the moments of a convolution's input channels, each as often as unshuffling makes channels of it.
 std::vector<ActivationEstimate::Moments> ActivationEstimate::inputs_of(const Graph& graph,
                                                                        const Conv2dLink& link) const {
   std::vector<Moments> inputs;
@@ -26,11 +26,12 @@ std::vector<ActivationEstimate::Moments> ActivationEstimate::inputs_of(const Gra
     }
   };
   append(link.in);
-  if (link.options.behind) append(*link.options.behind);
+  if (link.options.second_input) append(*link.options.second_input);
   return inputs;
 }
 
-// Of an output channel before residuals. Neighbouring pixels may be alike or not: the worse of both.
+// Returns the moments of output channel `o` before residuals. Neighbouring pixels may be alike or
+// independent; the larger variance of the two counts.
 ActivationEstimate::Moments ActivationEstimate::sum_of(const Conv2dLink& link,
                                                        const std::vector<Moments>& inputs, uint32_t o) const {
   const size_t taps = size_t{link.options.kernel} * link.options.kernel;
@@ -49,7 +50,7 @@ ActivationEstimate::Moments ActivationEstimate::sum_of(const Conv2dLink& link,
     if (link.options.relu) sum.mean = std::max(sum.mean, 0.0);
     return sum;
   }
-  // A normal distribution, rectified.
+  // These are the moments of a rectified normal distribution.
   const double deviation = std::sqrt(sum.variance), t = sum.mean / deviation;
   const double above = std::erfc(-t / std::numbers::sqrt2) / 2;
   const double density = std::exp(-t * t / 2) / std::sqrt(2 * std::numbers::pi);

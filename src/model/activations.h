@@ -1,4 +1,4 @@
-// How large a network's activations become, told from its weights alone.
+// Estimates how large a network's activations become, from its weights alone.
 #pragma once
 
 #include <map>
@@ -9,32 +9,32 @@
 
 namespace raymeld {
 
-// By the tensor's name: 16 bits hold 2^-exponent times what the tensor stands for. Those that are not there
-// have 0.
+// Maps a tensor's name to its exponent: 16 bits hold 2^-exponent times the tensor's values. Tensors that are
+// not in the map have 0.
 using StorageExponents = std::map<std::string, int>;
 
-// Follows mean and variance of every channel through the convolutions of a graph, as if its inputs were
-// independent and sums normal. An estimate: what becomes larger than expected saturates, is counted and can
-// be computed again.
+// Follows the mean and the variance of every channel through the convolutions of a graph, as if inputs were
+// independent and sums normal. The result is an estimate: values that become larger saturate, are counted and
+// can be computed again.
 class ActivationEstimate {
  public:
-  // `range`: what the tensors that no convolution writes may reach; they are taken for noise between 0 and
-  // that.
+  // Takes tensors that no convolution writes for noise between 0 and `range`.
   explicit ActivationEstimate(double range) : range_(range) {}
 
-  // In the order of the network.
+  // Adds a convolution; they must be added in the order of the network.
   void add(const Graph& graph, const Conv2dLink& link);
 
-  // What is expected of a tensor: |mean| + 8 standard deviations of its largest channel. 0: no convolution
-  // writes it.
+  // Returns the largest value expected in a tensor: |mean| + 8 standard deviations of its largest channel.
+  // Returns 0 if no convolution writes the tensor.
   double largest(const std::string& tensor) const;
 
-  // The least exponents, up to kMostExponent, that leave kHeadroom between these and 65504, one for all
-  // tensors that are added to each other.
+  // Returns the least exponents, up to kMostExponent, with which kHeadroom times the largest value of a
+  // tensor is at most 65504. Tensors that are added to each other have the same exponent.
   StorageExponents exponents() const;
 
   static constexpr double kHeadroom = 2;
-  static constexpr double kMostExponent = 126;  // of powers of two that have an inverse
+  // A larger power of two has no inverse that is a normal float.
+  static constexpr double kMostExponent = 126;
 
  private:
   struct Moments {
@@ -44,8 +44,8 @@ class ActivationEstimate {
   Moments sum_of(const Conv2dLink& link, const std::vector<Moments>& inputs, uint32_t o) const;
 
   double range_;
-  std::map<std::string, std::vector<Moments>> tensors_;     // each channel's
-  std::vector<std::pair<std::string, std::string>> added_;  // of which one is a residual of the other
+  std::map<std::string, std::vector<Moments>> tensors_;     // the moments of each channel
+  std::vector<std::pair<std::string, std::string>> added_;  // pairs of a tensor and its residual
 };
 
 }  // namespace raymeld

@@ -1,4 +1,4 @@
-// The metadata of a model's file: docs/model-format.md lists the entries.
+// Reads the metadata of a model's file; docs/model-format.md lists the entries.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -37,7 +37,7 @@ class Entries {
     return number;
   }
 
-  // At least 0, and more unless `or_zero`.
+  // Returns the entry, a positive number, or 0 where `or_zero` allows it.
   float number(const std::string& key, bool or_zero) const {
     const std::string& value = text(key);
     float number = 0;
@@ -49,14 +49,14 @@ class Entries {
     return number;
   }
 
-  // Whether the entry is `yes`; it must be `yes` or `no`.
+  // Returns whether the entry is `yes`; it must be `yes` or `no`.
   bool choice(const std::string& key, const std::string& yes, const std::string& no) const {
     const std::string& value = text(key);
     if (value != yes && value != no) reject(key, fmt::format("\"{}\" or \"{}\"", yes, no));
     return value == yes;
   }
 
-  // What stands between the commas; nothing where the entry is empty.
+  // Returns the texts between the commas, or none if the entry is empty.
   std::vector<std::string> list(const std::string& key) const {
     const std::string& value = text(key);
     std::vector<std::string> items;
@@ -77,7 +77,7 @@ class Entries {
   const std::string& file_;
 };
 
-// Whether `items` are some of `known`, each once.
+// Returns whether all `items` are among `known` and none occurs twice.
 template <typename Known>
 bool are_among(const std::vector<std::string>& items, const Known& known) {
   const std::set<std::string_view> all(known.begin(), known.end());
@@ -102,7 +102,7 @@ std::vector<std::string> optional_layers(const Entries& entries, std::span<const
   return layers;
 }
 
-// Sets hrls_encoder and hrls_kernel; models from before there was a choice say nothing of the latter.
+// Sets hrls_encoder and hrls_kernel. Models from before there was a choice of kernel have no entry for it.
 void parse_encoder(const Entries& entries, Architecture& a) {
   const bool full = entries.choice("hrls_encoder", "full", "unshuffled");
   a.hrls_encoder = full ? HrlsEncoder::kFull : HrlsEncoder::kUnshuffled;

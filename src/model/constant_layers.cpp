@@ -14,7 +14,7 @@ bool follows_exposure(ChannelKind kind) {
   return kind == ChannelKind::kRadiance || kind == ChannelKind::kVariance;
 }
 
-// As encode() does, but for the exposure and the clip.
+// Clamps a value as encode() does, but without the exposure and the clip.
 float clamped(float value, ChannelKind kind) {
   const float low = kind == ChannelKind::kNormal ? -1 : 0;
   const float high = follows_exposure(kind) ? std::numeric_limits<float>::max() : 1;
@@ -25,7 +25,7 @@ bool may_be_constant(float value, ChannelKind kind) {
   return clamped(value, kind) == value && !(follows_exposure(kind) && value > 0);
 }
 
-// What all of a channel is encoded as, whatever the exposure.
+// Returns the one value that all of a channel is encoded as at any exposure, if there is one.
 std::optional<float> constant_of(std::span<const float> values, ChannelKind kind) {
   const float first = clamped(values.front(), kind);
   const bool same = may_be_constant(first, kind) &&
@@ -43,13 +43,14 @@ void check_constant_layers(const Model& model, const ConstantLayers& constants) 
   const Architecture& a = model.architecture();
   for (const auto& [layer, values] : constants) {
     if (layer == "color" || std::ranges::find(a.hrls_layers, layer) == a.hrls_layers.end()) {
-      throw Error("model {} reads no layer '{}' that may be constant; it reads {}", model.name(), layer,
-                  fmt::join(a.hrls_layers, ", "));
+      throw Error("model {} has no layer '{}' that can be constant; expected one of {} other than color",
+                  model.name(), layer, fmt::join(a.hrls_layers, ", "));
     }
     for (const float value : values) {
       if (!may_be_constant(value, kind_of(layer)))
-        throw Error("layer {} cannot be constant at {}: that is out of range or follows the exposure", layer,
-                    value);
+        throw Error(
+            "layer {} cannot have the constant value {}: it is out of range or depends on the exposure",
+            layer, value);
     }
   }
 }

@@ -25,7 +25,7 @@ Model::Model(SafeTensors content, const std::string& file) : file_(file) {
   check_tensors();
 }
 
-// Building the smallest network asks for every tensor by name and shape; none may be left over.
+// Builds the smallest network, which asks for every tensor by name and shape. No tensor may be unused.
 void Model::check_tensors() const {
   Graph graph(Storage::kFloat32);
   network(graph, *this, 1, 1, 0);

@@ -12,61 +12,64 @@ namespace raymeld {
 
 struct SafeTensors;
 
-// What is added to the trunk: F_LRHS (section 4 and figure 4 of Hou et al. 2021) or F_0 (their Eq. 8).
+// Chooses the tensor that is added to the trunk's output: F_LRHS (section 4 and figure 4 of Hou et al. 2021)
+// or F_0 (their Eq. 8).
 enum class LongSkip { kLrhs, kFused };
 
-// How HRLS comes to LRHS size: convolved at full size and halved step by step (their Eq. 5 and 6), or
-// unshuffled at once.
+// Chooses how HRLS is brought to LRHS size: convolved at full size and halved step by step (their Eq. 5 and
+// 6), or unshuffled at once.
 enum class HrlsEncoder { kFull, kUnshuffled };
 
-// How features come to full size: doubled step by step (their Eq. 9), or at once.
+// Chooses how features are brought to full size: doubled step by step (their Eq. 9), or at once.
 enum class Upscale { kStages, kDirect };
 
-// What the network's output is added to: nothing, the bilinearly upsampled LRHS, or a mixture of candidates
-// that it chooses pixel by pixel (layers.h: mix).
+// Chooses what the network's output is added to: nothing, the bilinearly upsampled LRHS, or a mixture of
+// candidates that the network weights pixel by pixel (layers.h: mix).
 enum class Base { kNone, kBilinear, kJoint };
 
-// The choices of a network, all of them data of the model's file. Names as in the paper.
+// Holds the parameters of a network, all of them from the model's file. The letters are those of the paper.
 struct Architecture {
   uint32_t scale = 0;                        // s: 2, 4 or 8
   uint32_t features = 0;                     // C
   uint32_t growth = 0;                       // R
-  uint32_t dense_layers = 0;                 // D, of a block
-  uint32_t blocks = 0;                       // B, of a group
+  uint32_t dense_layers = 0;                 // D, in each block
+  uint32_t blocks = 0;                       // B, in each group
   uint32_t groups = 0;                       // G
   std::vector<std::string> hrls_layers;      // three channels each, color first
-  std::vector<std::string> optional_layers;  // those of them that may be all zero for want of the layer
+  std::vector<std::string> optional_layers;  // layers that a render may lack, read as zeros
   LongSkip long_skip = LongSkip::kLrhs;
   bool merge_relu = false;  // a ReLU after a block's 1x1
   HrlsEncoder hrls_encoder = HrlsEncoder::kFull;
-  uint32_t hrls_kernel = 3;  // of the convolution of what is unshuffled: 1 or 3
+  uint32_t hrls_kernel = 3;  // 1 or 3, for the convolution of unshuffled HRLS
   Upscale upscale = Upscale::kStages;
   uint32_t upscaled_features = 0;  // M
   bool hrls_guide = false;         // the encoded HRLS is read again beside the upscaled features
-  uint32_t head_features = 0;      // H, of the convolutions before the last one
-  uint32_t head_layers = 0;        // N of them; each but the first adds to its input
+  uint32_t head_features = 0;      // H, output channels of the convolutions before the last one
+  uint32_t head_layers = 0;        // N of these convolutions; each but the first adds to its input
   Transfer transfer = Transfer::kLinear;
-  float exposure_key = 0;       // what exposure_of() brings LRHS to; 0: inputs are read as they are
-  float clip = 0;               // of radiance, scene linear
-  bool lrhs_centered = false;   // by default LRHS samples lie in the centre of their cell, not top left
-  bool both_samplings = false;  // trained on both, with a bias of its own for centered samples
+  float exposure_key = 0;  // the key of exposure_of(); 0: inputs are read unscaled
+  float clip = 0;          // the largest radiance, scene linear
+  // LRHS samples lie by default in the centre of their s x s full-size pixels, not in the top-left one.
+  bool lrhs_centered = false;
+  bool both_samplings = false;  // trained on both, with a separate bias for centered samples
   Base base = Base::kNone;
-  float lrhs_certainty = 0;  // of the joint base: JointOptions
+  float lrhs_certainty = 0;  // see JointOptions; used by the joint base
 
   uint32_t levels() const;  // log2(scale)
   bool trained_on(bool centered) const { return both_samplings || centered == lrhs_centered; }
 };
 
-// Of the three channels of a layer.
+// Returns the kind of a layer's three channels.
 ChannelKind kind_of(std::string_view layer);
 
-// A network with its weights. Immutable once loaded; must outlive every Fuser made from it.
+// Holds a network with its weights. It is immutable once loaded, and must outlive every Fuser made from it.
 class Model {
  public:
-  // Reads a safetensors file and checks that its tensors are exactly those that its metadata implies, all
-  // finite. Throws Error naming the file and the tensor or the metadata entry, and what was expected.
+  // Reads a safetensors file, and checks that its tensors are exactly those that its metadata implies and
+  // that all values are finite. Throws an Error that names the file, the tensor or the metadata entry, and
+  // what was expected.
   explicit Model(const std::filesystem::path& file);
-  // The same of what such a file holds; messages call it `file`.
+  // Does the same with the content of such a file, which messages call `file`.
   Model(SafeTensors content, const std::string& file);
 
   const Architecture& architecture() const { return architecture_; }
@@ -74,9 +77,10 @@ class Model {
   const std::string& file() const { return file_; }
   const std::map<std::string, std::string>& metadata() const { return metadata_; }
   uint64_t parameters() const;
-  float largest_weight() const;  // the largest magnitude; biases are none
+  float largest_weight() const;  // the largest magnitude, without biases
 
-  // The weights of layer `name`, whose shape must be [out][in][kernel][kernel]; `bias`: which of its biases.
+  // Returns the weights of layer `name`, whose shape must be [out][in][kernel][kernel]. `bias` names one of
+  // its biases.
   ConvWeights conv(const std::string& name, uint32_t out, uint32_t in, uint32_t kernel,
                    const std::string& bias = "bias") const;
 
@@ -95,7 +99,8 @@ class Model {
   std::map<std::string, Values> tensors_;
 };
 
-// Reads the metadata of a model's file. Throws Error naming the file, the entry and what it may be.
+// Reads the metadata of a model's file. Throws an Error that names the file, the entry and the values that it
+// may have.
 Architecture parse_architecture(const std::map<std::string, std::string>& metadata, const std::string& file);
 
 }  // namespace raymeld

@@ -1,5 +1,6 @@
-// The network of Hou et al. 2021, section 4, as prose. A layer's name is the key of its weights.
-// h, w: the LRHS size; s: the scale; H = s h, W = s w; C, R, D, B, G, M, K as in Architecture.
+// Builds the network of Hou et al. 2021, section 4. A layer's name is the key of its weights.
+// The LRHS size is (h, w), the scale is s, H = s h and W = s w. C, R, D, B, G and M are as in Architecture,
+// and K is the number of HRLS channels.
 #include "model/network.h"
 
 #include <algorithm>
@@ -11,8 +12,8 @@
 namespace raymeld {
 namespace {
 
-// Of the joint base: the levels of the filter, of which the first, the third and the fifth are candidates
-// beside LRHS and its irradiance.
+// The joint base filters in kJointLevels levels. The first, the third and the fifth are candidates, beside
+// LRHS and its irradiance.
 constexpr uint32_t kJointLevels = 5, kJointKept = 3, kCandidates = 2 + kJointKept;
 
 struct Builder {
@@ -21,7 +22,7 @@ struct Builder {
   const Conv2dChoice& choose;
   const StorageExponents& exponents;
   const HrlsChannels& hrls_channels;
-  ActivationEstimate* estimate = nullptr;  // follows the convolutions, if there is one
+  ActivationEstimate* estimate = nullptr;  // follows the convolutions, unless null
   const Architecture& a = model.architecture();
 
   Tensor tensor(const std::string& name, uint32_t height, uint32_t width, uint32_t channels) {
@@ -32,16 +33,16 @@ struct Builder {
   Conv2dLink link(const std::string& name, const Tensor& in, const Tensor& out, Conv2dOptions options,
                   const std::string& bias = "bias") {
     const uint32_t u = options.unshuffle, s = options.shuffle;
-    const uint32_t channels_in = in.shape.channels + (options.behind ? options.behind->shape.channels : 0);
+    const uint32_t channels_in =
+        in.shape.channels + (options.second_input ? options.second_input->shape.channels : 0);
     Conv2dShape shape{in.shape.height / u, in.shape.width / u, channels_in * u * u,
                       out.shape.channels * s * s, options.kernel};
     const auto weights_in =
         options.constants.empty() ? shape.channels_in : uint32_t(options.constants.size()) * u * u;
     const ConvWeights weights = model.conv(name, shape.channels_out, weights_in, shape.kernel, bias);
     options.how = choose(shape);
-    // conv2d_matrix.comp knows no blocks.
-    // Estimated with the constants, without which a tile's error is less.
-    if (options.how.tile == 4 && !tile_4_is_accurate(a, weights, weights_in)) {
+    // The estimate includes the constants, without which a tile's error is smaller.
+    if (options.how.winograd_tile() == 4 && !tile_4_is_accurate(a, weights, weights_in)) {
       shape.most_tile = 2;
       options.how = choose(shape);
     }
@@ -55,7 +56,8 @@ struct Builder {
     conv2d_chain(graph, std::array{link(name, in, out, options, bias)});
   }
 
-  // Of a convolution that reads `channels` others in front of HRLS, and behind that what is filtered.
+  // Returns Conv2dOptions::constants for a convolution that reads `channels` other channels before HRLS, and
+  // the filtered images after HRLS.
   std::vector<std::optional<float>> constants(uint32_t channels) const {
     std::vector<std::optional<float>> result(channels);
     result.insert(result.end(), hrls_channels.constants.begin(), hrls_channels.constants.end());
@@ -63,7 +65,7 @@ struct Builder {
     return result;
   }
 
-  // (H, W, K) -> F_HRLS (h, w, C): Eq. 5 and 6, or one convolution of what is unshuffled by s.
+  // Adds (H, W, K) -> F_HRLS (h, w, C): Eq. 5 and 6, or one convolution of HRLS unshuffled by s.
   Tensor hrls_encoder(const Tensor& hrls) {
     const auto [height, width, channels] = hrls.shape;
     if (a.hrls_encoder == HrlsEncoder::kUnshuffled) {
@@ -85,8 +87,9 @@ struct Builder {
     return x;
   }
 
-  // G groups of B residual dense blocks on F_0 -> F_DF (h, w, C), Eq. 7 and 8. A block's D layers append R
-  // channels each to one tensor, and read its input and what is there.
+  // Adds G groups of B residual dense blocks, F_0 -> F_DF (h, w, C), Eq. 7 and 8. Each of a block's D layers
+  // reads the block's input and the channels of the layers before it, and appends R channels to the tensor
+  // that holds them.
   Tensor trunk(const Tensor& f_lrhs, const Tensor& f_0) {
     const auto [height, width, channels] = f_0.shape;
     Tensor x = f_0;
@@ -98,7 +101,7 @@ struct Builder {
         const Tensor dense = tensor(name + ".dense", height, width, a.dense_layers * a.growth);
         for (uint32_t d = 0; d < a.dense_layers; ++d) {
           Conv2dOptions options{.kernel = 3, .relu = true};
-          if (d > 0) options.behind = dense.slice(0, d * a.growth);
+          if (d > 0) options.second_input = dense.slice(0, d * a.growth);
           conv(fmt::format("{}.dense.{}", name, d), x, dense.slice(d * a.growth, a.growth), options);
         }
         std::vector<Tensor> residuals{x};
@@ -106,14 +109,14 @@ struct Builder {
         if (last) residuals.push_back(a.long_skip == LongSkip::kLrhs ? f_lrhs : f_0);
         const Tensor next = tensor(name + ".merge", height, width, channels);
         conv(name + ".merge", x, next,
-             {.kernel = 1, .relu = a.merge_relu, .residuals = residuals, .behind = dense});
+             {.kernel = 1, .relu = a.merge_relu, .residuals = residuals, .second_input = dense});
         x = next;
       }
     }
     return x;
   }
 
-  // F_DF (h, w, C) -> (H, W, M): Eq. 9, or by s at once.
+  // Adds F_DF (h, w, C) -> (H, W, M): Eq. 9, or upscaling by s at once.
   Tensor upscale(std::vector<Conv2dLink>& links, Tensor x) {
     const bool direct = a.upscale == Upscale::kDirect;
     const uint32_t steps = direct ? 1 : a.levels(), factor = direct ? a.scale : 2;
@@ -127,8 +130,8 @@ struct Builder {
     return x;
   }
 
-  // HRLS's channels [first, last) as they are kept: of one buffer, or a layer at a time of its image; the
-  // variance by itself where the device computes it.
+  // Encodes channels [first, last) of `hrls`: from one buffer, or each layer from its own image. The variance
+  // is written by variance() where the device computes it.
   void encode_hrls(const std::string& name, const Tensor& hrls, uint32_t first, uint32_t last) {
     const std::span<const EncodedChannel> channels = hrls_channels.encoded;
     const auto encode_run = [&](FrameSlot slot, uint32_t begin, std::span<const EncodedChannel> run) {
@@ -156,14 +159,15 @@ struct Builder {
     return hrls.slice(hrls_channels.first.at(name), 3);
   }
 
-  // HRLS and LRHS without their albedo, filtered (H, W, 3 kJointKept): guided by the albedo, the normal and
-  // the irradiance of LRHS, encode.lrhs's channels 3 to 5, which is made here as well.
+  // Demodulates HRLS and LRHS by albedo, filters them, and writes (H, W, 3 kJointKept), the remodulated
+  // candidates. Albedo, normal and the irradiance of LRHS guide the filter. The irradiance is computed here
+  // too, into channels 3 to 5 of encode.lrhs.
   void joint_candidates(const Tensor& lrhs, const Tensor& hrls, const Tensor& candidates,
                         const JointOptions& options) {
     const Tensor albedo = layer(hrls, "albedo"), normal = layer(hrls, "normal");
     irradiance(graph, "irradiance", lrhs.slice(0, 3), albedo, normal, lrhs.slice(3, 3), options);
-    const Tensor lights = tensor("light", hrls.shape.height, hrls.shape.width, 5);
-    light(graph, "light", layer(hrls, "color"), albedo, lrhs, lights, options);
+    const Tensor lights = tensor("demodulate", hrls.shape.height, hrls.shape.width, 5);
+    demodulate(graph, "demodulate", layer(hrls, "color"), albedo, lrhs, lights, options);
     Tensor x = lights.slice(0, 4);
     for (uint32_t level = 0; level < kJointLevels; ++level) {
       const Tensor next = tensor(fmt::format("joint.{}", level), hrls.shape.height, hrls.shape.width, 4);
@@ -171,18 +175,18 @@ struct Builder {
                    1u << level);
       x = next;
       if (level % 2 == 0) {
-        relight(graph, fmt::format("relight.{}", level + 1), x.slice(0, 3), albedo,
-                candidates.slice(level / 2 * 3, 3), a.transfer);
+        remodulate(graph, fmt::format("remodulate.{}", level + 1), x.slice(0, 3), albedo,
+                   candidates.slice(level / 2 * 3, 3), a.transfer);
       }
     }
   }
 
-  // (H, W, M) and, behind it, the guide if there is one -> (H, W, 3), or (H, W, 8) for a joint base.
+  // Adds (H, W, M), and the guide as second input, if any -> (H, W, 3), or (H, W, 8) for a joint base.
   Tensor reconstruct(std::vector<Conv2dLink>& links, Tensor x, std::optional<Tensor> guide) {
     const auto [height, width, channels] = x.shape;
     const auto with_guide = [&](Conv2dOptions options) {
       if (guide) options.constants = constants(x.shape.channels);
-      options.behind = std::exchange(guide, std::nullopt);
+      options.second_input = std::exchange(guide, std::nullopt);
       return options;
     };
     for (uint32_t i = 0; i < a.head_layers; ++i) {
@@ -208,7 +212,7 @@ void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
   const bool joint = a.base == Base::kJoint;
   const JointOptions joint_options{a.transfer, a.scale, phase, a.lrhs_certainty};
 
-  // With a joint base, the irradiance follows the encoded LRHS, and the filtered images the encoded HRLS.
+  // A joint base puts the irradiance after the encoded LRHS, and the filtered images after the encoded HRLS.
   const Tensor lrhs = build.tensor("encode.lrhs", height, width, joint ? 6 : 3);
   const uint32_t layers = static_cast<uint32_t>(hrls_channels.encoded.size());
   const uint32_t k = layers + (joint ? 3 * kJointKept : 0);
@@ -216,8 +220,8 @@ void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
   const Tensor filtered = hrls.slice(layers, k - layers);
   encode(graph, "encode.lrhs", kLrhsSlot, lrhs.slice(0, 3), lrhs_channels, a.transfer, a.clip);
   build.encode_hrls("encode.hrls", hrls, 0, layers);
-  const Tensor bright = build.tensor("highlights", height, width, 3);
-  highlights(graph, "highlights", bright, a.clip);
+  const Tensor bright = build.tensor("above_clip", height, width, 3);
+  above_clip(graph, "above_clip", bright, a.clip);
   if (joint) build.joint_candidates(lrhs, hrls, filtered, joint_options);
 
   const Tensor convolved = hrls.slice(hrls_channels.unread, k - hrls_channels.unread);
@@ -227,7 +231,7 @@ void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
   build.conv("lrhs", lrhs, f_lrhs, {.kernel = 3, .relu = true},
              a.both_samplings && centered ? "centered_bias" : "bias");  // Eq. 4
   const Tensor f_0 = build.tensor("fuse", height, width, a.features);
-  build.conv("fuse", f_lrhs, f_0, {.kernel = 1, .relu = true, .behind = f_hrls});
+  build.conv("fuse", f_lrhs, f_0, {.kernel = 1, .relu = true, .second_input = f_hrls});
   const Tensor deep = build.trunk(f_lrhs, f_0);  // F_DF
   std::vector<Conv2dLink> links;
   const Tensor full = build.upscale(links, deep);
@@ -242,7 +246,7 @@ void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
   decode(graph, "decode", mixed, {a.transfer, nullptr, a.scale, phase, &bright, a.clip});
 }
 
-// The largest encoded radiance.
+// Returns the largest encoded radiance.
 double encoded_range(const Architecture& a) {
   return a.transfer == Transfer::kLog ? std::log1p(8.0 * a.clip) / 3 : a.clip;
 }
@@ -277,7 +281,7 @@ ActivationEstimate estimate_activations(const Model& model) {
 
 StorageExponents storage_exponents(const Model& model) {
   StorageExponents exponents = estimate_activations(model).exponents();
-  exponents.erase("rec");  // mix() and decode() read what it stands for
+  exponents.erase("rec");  // mix() and decode() read unscaled values
   return exponents;
 }
 
@@ -291,26 +295,27 @@ bool tile_4_is_accurate(const Architecture& a, const ConvWeights& weights, uint3
 std::vector<Conv2dShape> conv2d_shapes(const Model& model, uint32_t height, uint32_t width) {
   std::vector<Conv2dShape> shapes;
   const auto note = [&](const Conv2dShape& shape) {
-    // Asked again where F(4, 3) is refused.
+    // link() asks for the shape again where it refuses F(4, 3).
     if (shape.most_tile < 4) shapes.pop_back();
     shapes.push_back(shape);
-    return Conv2dKernel{.tile = shape.kernel == 1 ? 1 : shape.most_tile};
+    return Conv2dKernel{.algorithm = shape.kernel == 1 ? Algorithm::kPointwise : Algorithm::kWinograd,
+                        .tile = shape.most_tile};
   };
   Graph graph(Storage::kFloat32);
   network(graph, model, height, width, 0, note);
   return shapes;
 }
 
-// Follows the right-most pixel of cell 0 back through the longest paths to LRHS and to HRLS: a 3x3 reaches
-// one pixel further at its own resolution, a shuffle moves to the pixel of the other resolution that lies
-// furthest out.
+// Follows the right-most output pixel of LRHS pixel 0 back through the longest paths to LRHS and to HRLS. A
+// 3x3 reaches one pixel further at its own resolution, and a shuffle moves to the outermost pixel of the
+// other one.
 uint32_t receptive_halo(const Architecture& a, bool compute_variance) {
   uint32_t x = a.scale - 1;
   x += a.head_layers + 1;  // head.i, rec
   if (a.upscale == Upscale::kDirect) {
-    x = x / a.scale + 1;  // up.0
+    x = x / a.scale + 1;  // layer up.0
   } else {
-    for (uint32_t i = 0; i < a.levels(); ++i) x = x / 2 + 1;  // up.i
+    for (uint32_t i = 0; i < a.levels(); ++i) x = x / 2 + 1;  // layer up.i
   }
   x += a.groups * a.blocks * a.dense_layers;  // the trunk
   const uint32_t lrhs = x + 1;
@@ -323,7 +328,8 @@ uint32_t receptive_halo(const Architecture& a, bool compute_variance) {
   if (compute_variance) x += 1;
   if (a.base != Base::kJoint) return std::max(x / a.scale, lrhs);
   x += (1u << kJointLevels) - 1;  // joint.i
-  return x / a.scale + 2;  // the upsampled irradiance, a mean of 3x3: further than a firefly's neighbours
+  // The upsampled irradiance, a mean of 3x3, reaches further than the neighbours of a firefly.
+  return x / a.scale + 2;
 }
 
 }  // namespace raymeld

@@ -16,9 +16,9 @@ namespace {
 namespace fs = std::filesystem;
 constexpr const char* kExtension = ".safetensors";
 
-// What this code is part of, and where stock models are from there.
+// Holds the library or program that this code is part of, and the path of the stock models from its folder.
 struct Home {
-  fs::path file;  // empty: not known
+  fs::path file;  // empty if unknown
   fs::path models;
 };
 
@@ -28,7 +28,7 @@ Home find_home() {
   const auto here = reinterpret_cast<const void*>(&find_home);
   if (!dladdr1(here, &info, &loaded, RTLD_DL_LINKMAP)) return {};
   std::error_code error;
-  const char* library = static_cast<const link_map*>(loaded)->l_name;  // "": the program
+  const char* library = static_cast<const link_map*>(loaded)->l_name;  // "" stands for the program
   if (*library) return {fs::canonical(library, error), RAYMELD_MODELS_FROM_LIBRARY};
   return {fs::read_symlink("/proc/self/exe", error), RAYMELD_MODELS_FROM_PROGRAM};
 }

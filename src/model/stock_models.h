@@ -1,4 +1,4 @@
-// The models that come with raymeld, by name.
+// Finds the models that come with raymeld by name.
 #pragma once
 
 #include <filesystem>
@@ -7,22 +7,22 @@
 
 namespace raymeld {
 
-// Where they are looked for, in this order: $RAYMELD_MODELS; share/raymeld/models where the program or
-// library that this code is part of is installed, wherever it was moved to; the source tree's, for what is
-// run where it was built.
+// Lists the folders of stock models in the order in which they are searched: $RAYMELD_MODELS;
+// share/raymeld/models of the installation that this program or library is in, wherever it was moved to; and
+// the source tree's folder, for programs and libraries that are used where they were built.
 std::vector<std::filesystem::path> model_folders();
 
-// Their names, in alphabetical order.
+// Lists the names of the stock models, in alphabetical order.
 std::vector<std::string> stock_models();
 
-// The file NAME.safetensors in the first folder that has one; empty: none has.
+// Returns the file NAME.safetensors in the first folder that has it, or an empty path if none has.
 std::filesystem::path find_stock_model(const std::string& name);
 
-// The file that `wanted` means: a path, which has a '/' or ends in .safetensors or is that of a file; else
-// the name of a stock model. Throws Error, listing the models there are.
+// Returns the file that `wanted` means. `wanted` is a path if it has a '/', ends in .safetensors or names a
+// file; else it is the name of a stock model. Throws an Error that lists the models there are.
 std::filesystem::path model_file(const std::string& wanted);
 
-// "there are x2-fast, x4-fast in /usr/share/raymeld/models", all folders.
+// Returns a text such as "there are x2-fast, x4-fast in /usr/share/raymeld/models", with all folders.
 std::string what_models_there_are();
 
 }  // namespace raymeld

@@ -14,7 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A link is followed, so that the file behind it is replaced and not the link.
+// Follows a link, so that the file it points to is replaced and not the link.
 fs::path resolved_target(const fs::path& path) {
   const fs::file_status status = fs::status(path);
   if (fs::is_directory(status)) throw Error("cannot write '{}': it is a folder", path.string());
@@ -23,7 +23,7 @@ fs::path resolved_target(const fs::path& path) {
   return fs::is_symlink(fs::symlink_status(path)) ? fs::weakly_canonical(path) : path;
 }
 
-// Tries names beside `target` that no file has, until `make` takes one or fails for another reason.
+// Tries unused names in the folder of `target`, until `make` takes one or fails for another reason.
 template <typename Make>
 int make_beside(const fs::path& target, fs::path& temporary_path, Make&& make) {
   static std::atomic<unsigned> counter = 0;
@@ -40,7 +40,7 @@ std::string path_of(int file) { return fmt::format("/proc/self/fd/{}", file); }
 
 fs::path folder_of(const fs::path& path) { return path.has_parent_path() ? path.parent_path() : "."; }
 
-// -1 where the file system has no unnamed files, or they could not be given a name.
+// Returns -1 if the file system has no unnamed files, or if they could not be given a name.
 int open_unnamed(const fs::path& target) {
   const int file = open(folder_of(target).c_str(), O_TMPFILE | O_WRONLY | O_CLOEXEC, 0666);
   if (file < 0 || access(path_of(file).c_str(), F_OK) == 0) return file;
@@ -48,7 +48,7 @@ int open_unnamed(const fs::path& target) {
   return -1;
 }
 
-// With 0666 like any new file, so that the umask decides, which mkstemp does not allow.
+// Makes the file with 0666 like any new file, so that the umask decides; mkstemp() does not allow that.
 int open_named(const fs::path& target, fs::path& temporary_path) {
   return make_beside(target, temporary_path, [](const char* name) {
     return open(name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
@@ -100,7 +100,7 @@ void AtomicFile::finish() {
   if (error_ != 0 || std::fflush(file_) != 0 || fsync(fileno(file_)) != 0) fail();
 }
 
-// A link takes no name that another file has, so an older file is replaced by way of a temporary name.
+// linkat() refuses a name that another file has, so an older file is replaced by way of a temporary name.
 void AtomicFile::link_unnamed() {
   const auto link = [own = path_of(fileno(file_))](const char* name) {
     return linkat(AT_FDCWD, own.c_str(), AT_FDCWD, name, AT_SYMLINK_FOLLOW);

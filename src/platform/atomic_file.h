@@ -8,14 +8,14 @@
 
 namespace raymeld {
 
-// A file that appears whole or not at all, whenever the program is killed or the power fails: it has no name,
-// and an older file of its name stays as it was, until commit(). Beside its target it lies as .raymeld-*.tmp
-// for the moment in which it replaces an older file, and where the file system has no unnamed files (NFS) all
-// the time until then; a kill leaves that behind, which nothing reads and anyone may delete.
-// Every function throws Error, naming the target; after one failure commit() can only throw.
+// Writes a file that appears whole or not at all, even if the program is killed or the power fails. It has no
+// name until commit(); until then an older file of that name stays as it was. It is called .raymeld-*.tmp, in
+// the target's folder, for the moment in which it replaces an older file, and from the start where the file
+// system has no unnamed files (NFS). A kill then leaves it behind; nothing reads it, and anyone may delete
+// it. Every function throws an Error that names the target. After a failure commit() can only throw.
 class AtomicFile {
  public:
-  // Refuses a target that exists and is no regular file. `unnamed`: false is for tests of the other way.
+  // Refuses a target that exists and is not a regular file. `unnamed` is false in tests of temporary names.
   explicit AtomicFile(const std::filesystem::path& path, bool unnamed = true);
   ~AtomicFile();
   AtomicFile(const AtomicFile&) = delete;
@@ -26,14 +26,14 @@ class AtomicFile {
   uint64_t position();
   void seek(uint64_t position);
 
-  // Brings all that was written to the disk (fsync), so that commit() finds neither a full disk nor much to
-  // do.
+  // Brings all that was written to the disk (fsync), so that commit() meets no full disk and little work.
   void finish();
-  // finish(), then the name, then sync_folder().
+  // Calls finish(), publish() and sync_folder().
   void commit();
-  // Of several files, names given at one stroke: after finish(), and with sync_folder() behind.
+  // Gives the file its name. To publish several files at almost the same time, finish() all of them first,
+  // and call sync_folder() afterwards.
   void publish();
-  // Makes the name last through a power cut; where the file system cannot, nothing is lost but that.
+  // Makes the name survive a power cut. Nothing else is lost if the file system cannot do this.
   void sync_folder() const;
 
  private:
@@ -46,7 +46,7 @@ class AtomicFile {
   int error_ = 0;  // errno of the first failure
 };
 
-// The file, whole or not at all. Throws Error.
+// Writes `text` as the file, whole or not at all. Throws Error.
 void write_whole(const std::filesystem::path& file, std::string_view text);
 
 }  // namespace raymeld

@@ -9,7 +9,7 @@ namespace raymeld {
 namespace {
 
 std::atomic<bool> got_signal = false;
-static_assert(std::atomic<bool>::is_always_lock_free);  // as a signal handler needs it
+static_assert(std::atomic<bool>::is_always_lock_free);  // a signal handler needs this
 
 }  // namespace
 

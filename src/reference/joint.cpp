@@ -232,8 +232,8 @@ Bounded irradiance(const Bounded& lrhs, const Bounded& albedo, const Bounded& no
   return result;
 }
 
-Bounded light(const Bounded& color, const Bounded& albedo, const Bounded& lrhs, double certainty,
-              Transfer transfer, int scale, double phase, Precision precision) {
+Bounded demodulate(const Bounded& color, const Bounded& albedo, const Bounded& lrhs, double certainty,
+                   Transfer transfer, int scale, double phase, Precision precision) {
   const int h = color.value.h, w = color.value.w;
   expect_shape(color, 3, h, w);
   expect_shape(albedo, 3, h, w);
@@ -293,7 +293,7 @@ Bounded joint_filter(const Bounded& x, const Bounded& albedo, const Bounded& nor
   return result;
 }
 
-Bounded relight(const Bounded& light, const Bounded& albedo, Transfer transfer, Precision precision) {
+Bounded remodulate(const Bounded& light, const Bounded& albedo, Transfer transfer, Precision precision) {
   const int h = light.value.h, w = light.value.w;
   expect_shape(light, 3, h, w);
   expect_shape(albedo, 3, h, w);

@@ -132,16 +132,17 @@ Candidates candidates(Run& run, const Architecture& a, const Bounded& lrhs, cons
       run.keep("irradiance", irradiance(lrhs, albedo, normal, a.transfer, a.scale, phase, precision)),
       albedo,
       {}};
-  const Bounded lit = run.keep("light", light(color, albedo, concat(lrhs, result.irradiance),
-                                              a.lrhs_certainty, a.transfer, a.scale, phase, precision));
+  const Bounded lit =
+      run.keep("demodulate", demodulate(color, albedo, concat(lrhs, result.irradiance), a.lrhs_certainty,
+                                        a.transfer, a.scale, phase, precision));
   const Bounded brightness = slice(lit, 4, 1);
   Bounded x = slice(lit, 0, 4);
   for (int level = 0; level < 5; ++level) {
     x = run.keep("joint." + std::to_string(level),
                  joint_filter(x, albedo, normal, brightness, 1 << level, precision));
     if (level % 2 == 1) continue;
-    const Bounded relit = run.keep("relight." + std::to_string(level + 1),
-                                   relight(slice(x, 0, 3), albedo, a.transfer, precision));
+    const Bounded relit = run.keep("remodulate." + std::to_string(level + 1),
+                                   remodulate(slice(x, 0, 3), albedo, a.transfer, precision));
     result.relit = level == 0 ? relit : concat(result.relit, relit);
   }
   return result;
@@ -188,7 +189,7 @@ Outputs outputs_of(Run& run, const Architecture& a, const Frame& frame, Precisio
     x = run.keep("mix", mix(x, low, made.albedo, made.relit, a.transfer, a.scale, phase, precision));
   }
   const Bounded base = bilinear(low, a.scale, phase);
-  const Bounded bright = run.keep("highlights", highlights(lrhs, a.clip, precision, exposure));
+  const Bounded bright = run.keep("above_clip", above_clip(lrhs, a.clip, precision, exposure));
   const Bounded upsampled = self_weighted(bright, a.scale, phase);
   run.keep("output", decode(x, a.base == Base::kBilinear ? &base : nullptr, a.transfer, Precision::kFp32,
                             exposure, &upsampled, a.clip));

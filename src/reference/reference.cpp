@@ -286,7 +286,7 @@ Bounded bilinear(const Bounded& x, int scale, double phase) {
   return result;
 }
 
-Bounded highlights(const Planes& image, double clip, Precision precision, double exposure) {
+Bounded above_clip(const Planes& image, double clip, Precision precision, double exposure) {
   Bounded result = exact(image);
   for (size_t i = 0; i < image.data.size(); ++i) {
     double &value = result.value.data[i], &bound = result.bound.data[i];
@@ -344,10 +344,10 @@ Bounded self_weighted(const Bounded& x, int scale, double phase) {
 // The device multiplies by the exposure's inverse, which rounds no more than a division does; by 1 not at
 // all.
 Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Precision precision,
-               double exposure, const Bounded* highlights, double clip) {
+               double exposure, const Bounded* above_clip, double clip) {
   Bounded result = rec;
   if (base) expect_same_shape(base->value, rec.value);
-  if (highlights) expect_same_shape(highlights->value, rec.value);
+  if (above_clip) expect_same_shape(above_clip->value, rec.value);
   for (size_t i = 0; i < rec.value.data.size(); ++i) {
     double &value = result.value.data[i], &bound = result.bound.data[i];
     if (base) {
@@ -359,11 +359,11 @@ Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Preci
       using std::clamp;
       const auto x = invert(transfer, y);
       auto linear = exposure == 1 ? x : x / exposure;
-      if (highlights) linear = linear + clamp(8 * x / clip - 1, 0.0, 1.0) * highlight;
+      if (above_clip) linear = linear + clamp(8 * x / clip - 1, 0.0, 1.0) * highlight;
       return clamp(linear, 0.0, kLargestOutput);
     };
-    const double bright = highlights ? highlights->value.data[i] : 0;
-    const double off = highlights ? highlights->bound.data[i] : 0;
+    const double bright = above_clip ? above_clip->value.data[i] : 0;
+    const double off = above_clip ? above_clip->bound.data[i] : 0;
     const Interval range =
         curve(Interval(value - bound, value + bound), Interval(std::max(0.0, bright - off), bright + off));
     value = curve(value, bright);

@@ -76,7 +76,7 @@ Bounded variance(const Planes& color, Transfer transfer, double clip, Precision 
 Bounded bilinear(const Bounded& x, int scale, double phase);
 
 // max(0, x - clip / exposure), at most 65504; of NaN 0.
-Bounded highlights(const Planes& image, double clip, Precision precision, double exposure = 1);
+Bounded above_clip(const Planes& image, double clip, Precision precision, double exposure = 1);
 
 // (c, h, w) -> (c, s*h, s*w): as bilinear(), but with factors that are multiplied by the values; 0 of zeros.
 // Unstored.
@@ -85,7 +85,7 @@ Bounded self_weighted(const Bounded& x, int scale, double phase);
 // y = rec (+ base), then v: linear y or log (exp(3y) - 1) / 8, then v over `exposure`, plus highlights times
 // 8 v / clip - 1 clamped to [0, 1], clamped to [0, 65504]. base and highlights may be null.
 Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Precision precision,
-               double exposure = 1, const Bounded* highlights = nullptr, double clip = 0);
+               double exposure = 1, const Bounded* above_clip = nullptr, double clip = 0);
 
 // The layers of the joint base, on encoded images: (h, w) is the LRHS size, (H, W) = scale * (h, w).
 
@@ -100,8 +100,8 @@ Bounded irradiance(const Bounded& lrhs, const Bounded& albedo, const Bounded& no
 // brightest of eight neighbours (black outside) + 0.001, counts 1, that of LRHS (6, h, w: color and
 // irradiance) counts `certainty` at top-left pixels of cells, or, where phase > 0, certainty / scale^2
 // everywhere, where it is the upsampled irradiance.
-Bounded light(const Bounded& color, const Bounded& albedo, const Bounded& lrhs, double certainty,
-              Transfer transfer, int scale, double phase, Precision precision);
+Bounded demodulate(const Bounded& color, const Bounded& albedo, const Bounded& lrhs, double certainty,
+                   Transfer transfer, int scale, double phase, Precision precision);
 
 // (4, H, W) of the same: the mean of the 3x3 pixels at distances of `step`, edges replicated, weighted by
 // (1/4, 1/2, 1/4)^2 and by exp(-d^2), d being the distance of albedo / 1.5, normal / 1.2 and, of one channel,
@@ -110,7 +110,7 @@ Bounded joint_filter(const Bounded& x, const Bounded& albedo, const Bounded& nor
                      const Bounded& brightness, int step, Precision precision);
 
 // The encoded image (3, H, W) that light (3, H, W) makes of the albedo.
-Bounded relight(const Bounded& light, const Bounded& albedo, Transfer transfer, Precision precision);
+Bounded remodulate(const Bounded& light, const Bounded& albedo, Transfer transfer, Precision precision);
 
 // rec (8, H, W): a residual, added to the mean of five candidates, weighted by the softmax of five logits:
 // LRHS (6, h, w: color and irradiance) upsampled, its irradiance upsampled and relit, `candidates` (9, H, W).

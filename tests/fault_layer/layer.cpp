@@ -1,8 +1,8 @@
-// A Vulkan layer that makes a driver fail, for tests of whole programs. From the environment:
-//   RAYMELD_FAULT="FUNCTION CALL CODE"  e.g. "vkCreateBuffer 2 -1", FUNCTION "any" for any (see Fault)
+// This Vulkan layer makes a driver fail, for tests of whole programs. It reads the environment:
+//   RAYMELD_FAULT="FUNCTION CALL CODE"  a call to fail, like "vkCreateBuffer 2 -1" or "any 1 -1": see Fault
 //   RAYMELD_MOST_ALLOCATION=BYTES       larger allocations fail
-//   RAYMELD_HOLD_SUBMIT="CALL FILE"     that call of vkQueueSubmit waits until the file exists (see Hold)
-//   RAYMELD_CALLS=FILE                  when the instance goes: a line "FUNCTION CALLS ALIVE" for each called
+//   RAYMELD_HOLD_SUBMIT="CALL FILE"     that call of vkQueueSubmit waits until FILE exists: see Hold
+//   RAYMELD_CALLS=FILE                  gets lines "FUNCTION CALLS ALIVE" at the end of the instance
 #include <vulkan/vk_layer.h>
 #include <vulkan/vulkan_core.h>
 
@@ -53,7 +53,7 @@ void write_calls() {
   }
 }
 
-// What the loader says of the next layer, or driver, in the chain of a creation's structures.
+// Returns the loader's information on the next layer or driver, from the chain of a creation's structures.
 template <typename LayerInfo>
 LayerInfo* link_info(const void* next, VkStructureType type) {
   auto* info = const_cast<LayerInfo*>(static_cast<const LayerInfo*>(next));
@@ -74,7 +74,7 @@ VKAPI_ATTR VkResult VKAPI_CALL create_instance(const VkInstanceCreateInfo* info,
       "vkCreateInstance", next_instance_proc_addr(nullptr, "vkCreateInstance"));
   const VkResult result = create(info, allocator, instance);
   if (result != VK_SUCCESS) return result;
-  // Asked later, the loader answers with the first layer's.
+  // The loader would answer a later query with the first layer's function.
   next_destroy_instance = interposed_as<PFN_vkDestroyInstance>(
       "vkDestroyInstance", next_instance_proc_addr(*instance, "vkDestroyInstance"));
   next_create_device = interposed_as<PFN_vkCreateDevice>(

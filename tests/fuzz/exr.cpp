@@ -1,4 +1,4 @@
-// An OpenEXR file: opened, its layers mapped and loaded, its channels read as floats and as they are.
+// Opens an OpenEXR file, maps and loads its layers, and reads its channels both as floats and as stored.
 #include "io/exr.h"
 
 #include "fuzz/memory_file.h"

@@ -7,7 +7,7 @@
 
 namespace raymeld::test {
 
-// A file without a folder: what is fuzzed reads paths, and a disk would be in the way.
+// Holds a file in memory and gives it a path, as the functions under test read paths; no disk is needed.
 class MemoryFile {
  public:
   explicit MemoryFile(std::span<const uint8_t> content);

@@ -1,6 +1,5 @@
-// A pipeline cache on disk: as it is; with a checksum that is right; and with the device's own header as
-// well, which brings it before the driver. Whatever is in it, there is a cache afterwards, and it can be
-// saved.
+// Loads a pipeline cache from disk three times: as it is, with a correct checksum, and with the device's own
+// header too, so that the driver reads it. Each time there must then be a cache that can be saved.
 #include "engine/pipeline_cache.h"
 
 #include <cstdlib>

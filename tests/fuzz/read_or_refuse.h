@@ -4,7 +4,7 @@
 
 namespace raymeld::test {
 
-// An Error is as right as a success; whatever else is thrown is not.
+// Accepts success and an Error; any other exception is a failure.
 template <typename Work>
 void read_or_refuse(Work&& work) {
   try {

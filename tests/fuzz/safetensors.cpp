@@ -1,4 +1,4 @@
-// A model: the safetensors file alone, then as a network.
+// Reads a model, first as a safetensors file alone and then as a network.
 #include "io/safetensors.h"
 
 #include "fuzz/memory_file.h"

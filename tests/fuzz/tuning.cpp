@@ -1,15 +1,14 @@
-// A tuning file. Whatever stands in it, kernels come out that graphs of a sensible number of passes can be
-// built with.
+// Loads a tuning file. Whatever it holds, its kernels must build graphs of a sensible number of passes.
 #include <cstdlib>
 
-#include "fuzz/memory_file.h"
 #include "fusion/tuner.h"
+#include "fuzz/memory_file.h"
 
 namespace {
 
 using namespace raymeld;
 
-constexpr CooperativeMatrix kMatrix{16, 16, 16, 32, 1024, 49152};  // that of the seeds
+constexpr CooperativeMatrix kMatrix{16, 16, 16, 32, 1024, 49152};  // the corpus has this matrix
 
 DeviceInfo device(bool addresses, bool matrices) {
   DeviceInfo info;

@@ -1,4 +1,4 @@
-/* The same in C. */
+/* Fuses a frame through the installed package, in C. */
 #include <raymeld/raymeld.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -27,7 +27,7 @@ int main(int argc, char** argv) {
       raymeld_fusion_create(context, model, &desc, &fusion) || raymeld_fusion_get_info(fusion, &info)) {
     return failed();
   }
-  raymeld_model_destroy(model); /* the fusion keeps it */
+  raymeld_model_destroy(model); /* the fusion keeps the model */
   raymeld_context_destroy(context);
   full = (size_t)info.scale * HEIGHT * info.scale * WIDTH;
   hrls = malloc(3 * info.layer_count * full * sizeof(float));

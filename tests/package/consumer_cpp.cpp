@@ -1,5 +1,5 @@
-// Fuses a frame through the installed package: MODEL -> exit status 0 when the image is finite and not all
-// zero.
+// Fuses a frame of the model in argv[1] through the installed package. Exits with 0 if the image is finite
+// and not all zero.
 #include <cmath>
 #include <cstdio>
 #include <exception>

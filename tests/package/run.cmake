@@ -1,12 +1,12 @@
-# Installs BUILD into a folder of its own, moves it, builds the consumers against it, runs them and the installed program;
-# then the Debian packages. CPACK is the program, LIBDIR where libraries are installed.
+# Installs BUILD into a folder of its own, moves it, builds the consumers against it, and runs them and the installed
+# program. Then checks the Debian packages. CPACK is the program, LIBDIR the folder of installed libraries.
 set(work ${BUILD}/package-test)
 file(REMOVE_RECURSE ${work})
 execute_process(COMMAND ${CMAKE_COMMAND} --install ${BUILD} --prefix ${work}/installed OUTPUT_QUIET
                 COMMAND_ERROR_IS_FATAL ANY)
 file(RENAME ${work}/installed ${work}/prefix)
 
-# The C interface is all that the library shows.
+# The library exports the C interface and nothing else.
 set(library ${work}/prefix/${LIBDIR}/libraymeld.so)
 execute_process(COMMAND nm --dynamic --defined-only --format=posix ${library} OUTPUT_VARIABLE symbols
                 COMMAND_ERROR_IS_FATAL ANY)
@@ -18,7 +18,7 @@ if(others OR count LESS 22)
   message(FATAL_ERROR "${library} shows ${count} symbols, among them ${others}")
 endif()
 
-# No loader is needed.
+# The consumers build without the Vulkan loader.
 execute_process(COMMAND ${CMAKE_COMMAND} -E env PKG_CONFIG_PATH=${work}/prefix/${LIBDIR}/pkgconfig
                         ${CMAKE_COMMAND} -G Ninja -S ${SOURCE} -B ${work}/build -DCMAKE_PREFIX_PATH=${work}/prefix
                         -DCMAKE_DISABLE_FIND_PACKAGE_Vulkan=ON
@@ -28,7 +28,8 @@ foreach(consumer consumer_cpp consumer_c consumer_pkg)
   execute_process(COMMAND ${work}/build/${consumer} ${MODEL} COMMAND_ERROR_IS_FATAL ANY)
 endforeach()
 
-# Stock models are those beside the library, wherever it was moved to. The build tree has no such name.
+# The library finds the stock models beside it, wherever it was moved to. No model of the build tree is called
+# "installed".
 file(COPY_FILE ${MODEL} ${work}/prefix/share/raymeld/models/installed.safetensors)
 foreach(model installed x4-fast)
   execute_process(COMMAND ${CMAKE_COMMAND} -E env --unset=RAYMELD_MODELS ${work}/build/consumer_c ${model}
@@ -39,7 +40,7 @@ endforeach()
 execute_process(COMMAND ${work}/prefix/bin/raymeld graph --model x4 --size 256x256 OUTPUT_QUIET
                 COMMAND_ERROR_IS_FATAL ANY)
 
-# The Debian packages, unpacked over each other, have all of it.
+# The Debian packages, unpacked over each other, have all files.
 execute_process(COMMAND ${CPACK} -G DEB -B ${work}/packages WORKING_DIRECTORY ${BUILD} OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
 file(GLOB packages ${work}/packages/*.deb)
 list(LENGTH packages count)

@@ -1,8 +1,8 @@
-// Stands between a program and the disk (LD_PRELOAD). From the environment:
-//   RAYMELD_SYNC_LOG=FILE            a line "sync INODE" for each fsync that is done, "name INODE FOLDER
-//   PATH" for
-//                                    each name that a file is given, FOLDER being the inode of its folder
-//   RAYMELD_HOLD_SYNC="PART FILE"    an fsync of a file whose path holds PART waits until FILE exists
+// Stands between a program and the disk (LD_PRELOAD). It reads the environment:
+//   RAYMELD_SYNC_LOG=FILE          gets a line "sync INODE" for each fsync that is done, and a line
+//                                  "name INODE FOLDER PATH" for each name that a file is given; FOLDER is
+//                                  the inode of its folder
+//   RAYMELD_HOLD_SYNC="PART FILE"  makes the fsync of a file whose path holds PART wait until FILE exists
 #include <dlfcn.h>
 #include <fcntl.h>
 #include <sys/stat.h>

@@ -1,4 +1,4 @@
-"""Models whose weights are hard on 16 bits: He-scaled, with activations that pass the largest half, 65504."""
+"""Makes models whose weights are hard on 16 bits: He-scaled, with activations beyond the largest half, 65504."""
 
 import math
 
@@ -10,12 +10,12 @@ import stock
 from evaluation import agreement
 from evaluation.jobs import Model
 
-LARGEST = 1e5  # that activations are to reach, as rendered
-MOST_OUTPUT = 1.0  # of the last layer
+LARGEST = 1e5  # target for the groups' activations on the pair as rendered
+MOST_OUTPUT = 1.0  # target for the last layer's output, likewise
 
 CONFIGS = {
     "He, x4-fast's shape": stock.config("x4-fast"),
-    # As the paper: HRLS convolved at full size, doubled in stages, scene linear, nothing added to what it draws.
+    # The paper's kind convolves HRLS at full size, doubles in stages, is scene linear and adds no base to its output.
     "He, the paper's kind": networks.Config(
         4, 16, 16, 3, 2, 2, transfer="linear", clip=100.0, base="none", exposure_key=0.18
     ),
@@ -29,7 +29,7 @@ def scale(module, log2):
 
 
 def network(config, files):
-    """Powers of two bring activations of the groups to LARGEST, and back behind them."""
+    """Makes a network in which powers of two bring the groups' activations to LARGEST, and back after the groups."""
     torch.manual_seed(1)
     result = networks.Network(config).eval()
     for conv in result.modules():
@@ -40,7 +40,7 @@ def network(config, files):
     up = math.ceil(math.log2(LARGEST / max(value for name, value in watched().items() if name.startswith("groups"))))
     for first in (result.lrhs, result.hrls):
         scale(first, up)
-    # In two steps: weights that are too small for 16 bits would be another matter.
+    # Two layers share the way back: weights that are too small for 16 bits would be another matter.
     scale(result.up[0], -(up // 2))
     scale(result.rec, up // 2 - up)
     scale(result.rec, round(math.log2(MOST_OUTPUT / watched()["rec"])))
@@ -48,7 +48,7 @@ def network(config, files):
 
 
 def write_all(folder, files):
-    """The models, as files in `folder`; their activations are those of `files`, LRHS and HRLS."""
+    """Writes the models to `folder` and returns them; their activations are scaled on `files`, LRHS and HRLS."""
     models = []
     for name, config in CONFIGS.items():
         path = folder / f"{name}.safetensors"

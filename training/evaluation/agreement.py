@@ -1,4 +1,4 @@
-"""Whether the program and PyTorch fuse alike, and measure alike."""
+"""Checks that the program and PyTorch fuse alike, and measure alike."""
 
 import json
 import math
@@ -17,11 +17,11 @@ from evaluation.images import Exr, read
 from evaluation.jobs import fuse
 from evaluation.test_set import PAIRS, lrhs, render
 
-SIZE = 128  # of the part that is fused, in pixels of HRLS
+SIZE = 128  # side of the part that is fused, in pixels of HRLS
 # The error that rounding to fp32 makes is measured on PyTorch, against float64. The program sums in another order and
-# on another device's logarithm and exponential, so it may be off by some times as much, but by no more.
+# with another device's logarithm and exponential, so it may be off by ROUNDING times as much.
 ROUNDING = 16
-PSNR_DB, RELMSE = 1e-3, 1e-4  # the metrics may differ by that; RelMSE: relatively
+PSNR_DB, RELMSE = 1e-3, 1e-4  # largest differences of the metrics; RelMSE's is relative
 
 
 def load(path):
@@ -32,9 +32,9 @@ def load(path):
 
 
 def layers_of(path, names):
-    """{name: [1, 3, H, W]}, in single precision and finite, as the program reads them."""
+    """Returns {name: [1, 3, H, W]}, in single precision and finite, as the program reads the layers."""
     read = [name for name in names if name != "variance"]
-    with numpy.errstate(over="ignore", invalid="ignore"):  # of what is too bright to be added up
+    with numpy.errstate(over="ignore", invalid="ignore"):  # very bright passes overflow when added up
         layers = dict(zip(read, torch.from_numpy(pack.read_layers(path, read))[None].split(3, dim=1)))
     if "variance" in names:
         single = torch.finfo(torch.float32).max
@@ -44,13 +44,13 @@ def layers_of(path, names):
 
 
 def exposure(network, lrhs_path):
-    """What radiance is multiplied by; a float, as the program has it."""
+    """Returns the factor of radiance, rounded to a float as in the program."""
     return float(numpy.float32(networks.exposure(layers_of(lrhs_path, ("color",))["color"].double(), network.config)))
 
 
 @torch.no_grad()
 def predict(network, lrhs_path, hrls_path, dtype):
-    """Scene linear [3, H, W], computed in `dtype` from the weights as stored and the files as they are."""
+    """Computes the fused image, scene linear [3, H, W], in `dtype` from the stored weights and the files' values."""
     config = network.config
     factor = exposure(network, lrhs_path)
     low = layers_of(lrhs_path, ("color",))["color"].to(dtype)
@@ -62,7 +62,7 @@ def predict(network, lrhs_path, hrls_path, dtype):
 
 
 def predict_watched(network, lrhs_path, hrls_path):
-    """predict() in float64, and the largest magnitude of each layer's sums by its name."""
+    """Returns predict() in float64, and the largest magnitude of each layer's sums by the layer's name."""
     seen = {}
     parts = (torch.nn.Conv2d, networks.Block, networks.Group)
     hooks = [
@@ -77,7 +77,7 @@ def predict_watched(network, lrhs_path, hrls_path):
 
 
 def colour(path):
-    """[3, H, W], float64."""
+    """Reads an image as float64 [3, H, W]."""
     return torch.from_numpy(read(path)).double().permute(2, 0, 1)
 
 
@@ -96,7 +96,7 @@ def compare(program, image, reference):
 
 @torch.no_grad()
 def check(model, view, program):
-    """({what: (value, limit)}); it agrees where no value is beyond its limit."""
+    """Returns {comparison: (value, limit)}; the program agrees if no value is beyond its limit."""
     network, pair = load(model.path), PAIRS[model.scale][0]
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)

@@ -1,4 +1,4 @@
-"""What a model has to beat: bicubic upsampling of LRHS, and guided a-trous filters of a plain render."""
+"""Computes what a model has to beat: bicubic upsampling of LRHS, and guided a-trous filters of a plain render."""
 
 import dataclasses
 
@@ -6,7 +6,7 @@ import numpy
 
 
 def bicubic(image, scale, a=-0.5):
-    """[h, w, C] -> [s*h, s*w, C]; Keys' kernel; LR sample i sits at HR coordinate s*i; edges replicated."""
+    """Upsamples [h, w, C] to [s*h, s*w, C] by Keys' kernel; sample i sits at pixel s*i, edges are replicated."""
     for axis in (0, 1):
         size = image.shape[axis]
         u = numpy.arange(size * scale, dtype=numpy.float32) / scale
@@ -24,27 +24,27 @@ def bicubic(image, scale, a=-0.5):
 
 @dataclasses.dataclass(frozen=True)
 class Atrous:
-    """Parameters of atrous()."""
+    """Holds the parameters of atrous()."""
 
-    compress: float  # what is filtered is log(1 + c x) / c
-    color: float  # widths of the weights: of what is filtered, at the first level,
-    albedo: float  # and of the guides
+    compress: float  # c; log(1 + c x) / c is filtered
+    color: float  # width of the weight by filtered values, at the first level
+    albedo: float  # widths of the weights by guides
     normal: float
 
 
 @dataclasses.dataclass(frozen=True)
 class Svgf:
-    """Parameters of svgf()."""
+    """Holds the parameters of svgf()."""
 
-    luminance: float  # widths of the weights: in standard deviations of the noise,
-    compress: float  # what is filtered is log(1 + c x) / c
+    luminance: float  # width of the weight by luminance, in standard deviations of the noise
+    compress: float  # c; log(1 + c x) / c is filtered
     albedo_floor: float
-    normal: float  # and of the guides
+    normal: float  # widths of the weights by guides
     albedo: float
-    firefly: float  # a pixel is at most that many times as bright as the second brightest around it
+    firefly: float  # a pixel is at most this many times as bright as the second brightest around it
 
 
-# By samples a pixel. Tuned on 29 training views, scored as in tune.py.
+# The keys are samples a pixel. The values were tuned on 29 training views, scored as in tune.py.
 TUNED = {
     "atrous": {
         2: Atrous(compress=2.24, color=1.28, albedo=0.255, normal=0.7),
@@ -64,7 +64,7 @@ LUMINANCE = numpy.float32((0.2126, 0.7152, 0.0722))
 
 
 def shifted(image, dy, dx):
-    """image[y + dy, x + dx], edges replicated."""
+    """Returns image[y + dy, x + dx], with replicated edges."""
     height, width = image.shape[:2]
     rows = (numpy.arange(height) + dy).clip(0, height - 1)
     columns = (numpy.arange(width) + dx).clip(0, width - 1)
@@ -76,7 +76,7 @@ def window(radius):
 
 
 def squared_distance(image, dy, dx):
-    """Between each pixel and the one at (dy, dx) of it."""
+    """Computes the squared distance of each pixel and the pixel at (dy, dx) from it."""
     return ((shifted(image, dy, dx) - image) ** 2).sum(-1)
 
 
@@ -93,10 +93,10 @@ def expanded(x, p):
 
 
 def atrous(color, albedo, normal, p):
-    """Scene linear [H, W, 3] each -> [H, W, 3].
+    """Filters `color`; all images are scene linear [H, W, 3].
 
-    Dammertz et al. 2010, Edge-Avoiding A-Trous Wavelet Transform for fast Global Illumination Filtering, with the
-    albedo in the place of the position.
+    The filter is that of Dammertz et al. 2010, Edge-Avoiding A-Trous Wavelet Transform for fast Global Illumination
+    Filtering, with the albedo in the place of the position.
     """
     guides = scaled_guides(albedo, normal, p)
     x = compressed(color.clip(0), p)
@@ -124,7 +124,7 @@ def without_fireflies(color, ratio):
 
 
 def noise_variance(luminance, guide_weights):
-    """Of a pixel, from the 7x7 pixels around it that lie on the same surface."""
+    """Estimates each pixel's variance from the 7x7 pixels around it that lie on the same surface."""
     first, second, weights = 0, 0, 0
     for d in window(3):
         near, weight = shifted(luminance, *d), guide_weights(*d)
@@ -133,7 +133,7 @@ def noise_variance(luminance, guide_weights):
 
 
 def svgf_level(x, variance, guide_weights, step, width):
-    luminance = blurred(x @ LUMINANCE)  # on single noisy pixels the stopping function would darken the image
+    luminance = blurred(x @ LUMINANCE)  # the stopping function of single noisy pixels would darken the image
     deviation = width * numpy.sqrt(blurred(variance)) + 1e-4
     total, total_variance, weights = 0, 0, 0
     for dy, dx in window(2):
@@ -147,10 +147,10 @@ def svgf_level(x, variance, guide_weights, step, width):
 
 
 def svgf(color, albedo, normal, p):
-    """Scene linear [H, W, 3] each -> [H, W, 3].
+    """Filters `color`; all images are scene linear [H, W, 3].
 
-    The spatial filter of Schied et al. 2017, Spatiotemporal Variance-Guided Filtering, section 4: as atrous(), but on
-    demodulated albedo, and with a luminance weight in standard deviations of the noise.
+    This is the spatial filter of Schied et al. 2017, Spatiotemporal Variance-Guided Filtering, section 4. It works like
+    atrous(), but on radiance demodulated by albedo, and its luminance weight is in standard deviations of the noise.
     """
     texture = albedo.clip(0, 1) + p.albedo_floor
     guides = scaled_guides(albedo, normal, p)

@@ -1,4 +1,4 @@
-"""What can be done to a pair of renders before they are fused."""
+"""Defines the changes that can be made to a pair of renders before fusion."""
 
 import dataclasses
 from typing import Callable
@@ -11,7 +11,7 @@ EXPOSURES = (-8, -4, 4, 8)  # stops
 
 @dataclasses.dataclass(frozen=True)
 class Change:
-    """apply(lrhs, hrls, scale) changes both Exr in place; the fused image is multiplied by `gain`."""
+    """Holds a change: apply(lrhs, hrls, scale) changes both Exr in place; the fused image is multiplied by `gain`."""
 
     apply: Callable
     gain: float = 1.0
@@ -40,7 +40,7 @@ def fireflies(lrhs, hrls, scale):
 
 
 def alpha(lrhs, hrls, scale):
-    """A ramp from 0 to 1; the colour stays as it is, so the fused one must."""
+    """Replaces alpha by a ramp from 0 to 1; the colour stays as it is, so the fused one must."""
     index = [i for i, name in enumerate(hrls.channels) if name.endswith("Combined.A")]
     hrls.pixels[..., index] = numpy.linspace(0, 1, hrls.pixels.shape[1], dtype="float32")[:, None]
 
@@ -54,12 +54,12 @@ def no_hrls(lrhs, hrls, scale):
 
 
 def no_lrhs(lrhs, hrls, scale):
-    """The program then takes 1 for the exposure, which is within what models are trained for."""
+    """Blanks LRHS. The program then takes 1 for the exposure, which is within the range that models are trained for."""
     lrhs.pixels[:] = 0
 
 
 def subsampled(lrhs, hrls, scale):
-    """LRHS is a full-size image."""
+    """Takes every scale-th pixel of LRHS, which is a full-size image."""
     lrhs.pixels = lrhs.pixels[::scale, ::scale]
 
 

@@ -1,4 +1,4 @@
-"""EXR files as arrays, and how far an image is from its reference."""
+"""Reads and writes EXR files as arrays, and measures how far an image is from its reference."""
 
 import dataclasses
 
@@ -9,11 +9,11 @@ import torch
 import loss
 import pack
 
-CLIP = 100.0  # section 3.2 of the paper: whatever is brighter is taken for a firefly
+CLIP = 100.0  # section 3.2 of the paper takes anything brighter for a firefly
 
 
 def layers(path, names):
-    """[H, W, 3], float32, for each of the names; as pack.read_layers."""
+    """Reads the layers of these names as pack.read_layers() does, each float32 [H, W, 3]."""
     planes = pack.read_layers(path, names)
     return [numpy.ascontiguousarray(layer.transpose(1, 2, 0)) for layer in numpy.split(planes, len(names))]
 
@@ -23,18 +23,18 @@ def clipped(image):
 
 
 def psnr(image, reference):
-    """In sRGB (Equation 3), decibels."""
+    """Computes the PSNR in sRGB (Equation 3), in decibels."""
     return loss.psnr(clipped(image), clipped(reference))
 
 
 def relmse(image, reference):
-    """With (0.5, 0.01), scene linear."""
+    """Computes RelMSE with (0.5, 0.01) on scene linear values."""
     return loss.relmse(clipped(image), clipped(reference))
 
 
 @dataclasses.dataclass
 class Exr:
-    """All channels of a file: pixels [H, W, C], float32."""
+    """Holds all channels of a file; `pixels` is float32 [H, W, C]."""
 
     channels: list
     pixels: numpy.ndarray
@@ -58,12 +58,12 @@ class Exr:
             raise OSError(f"{path}: {out.geterror()}")
 
     def indices(self, wanted):
-        """Of the channels whose layer, without its view layer's name, is wanted(layer)."""
+        """Returns the indices of the channels for which wanted(layer) is true; `layer` lacks the view layer's name."""
         return [i for i, name in enumerate(self.channels) if wanted(name.rsplit(".", 1)[0].split(".", 1)[-1])]
 
 
 def read(path):
-    """The colour of a render or of what the program wrote, [H, W, 3]."""
+    """Reads the colour [H, W, 3] of a render or of the program's output."""
     exr = Exr.read(path)
     prefix = "" if "R" in exr.channels else exr.channels[exr.indices(lambda layer: layer == "Combined")[0]][:-1]
     return exr.pixels[..., [exr.channels.index(prefix + c) for c in "RGB"]]

@@ -1,4 +1,4 @@
-"""Pairs of renders that a network may be given, easy and hard: a crop of a real pair and what is made of it."""
+"""Makes pairs of renders that a network may be given, easy and hard: a crop of a real pair and changes of it."""
 
 import dataclasses
 import functools
@@ -9,19 +9,19 @@ import numpy
 from evaluation.changes import radiance
 from evaluation.images import Exr
 
-SIZE = 128  # of the crop, in pixels of HRLS
-ORIGIN = 256, 192  # row and column; multiples of every scale. Edges, texture, a highlight and a shadow
-LAMP = SIZE // 8  # side of what is painted
+SIZE = 128  # side of the crop, in pixels of HRLS
+ORIGIN = 256, 192  # row and column, multiples of every scale; the crop has edges, texture, a highlight, a shadow
+LAMP = SIZE // 8  # side of the painted square
 FLT_MAX = float(numpy.finfo("float32").max)
-# Exposures, as powers of two.
+# STOPS are exposures, as powers of two.
 STOPS = (-20, -10, 10, 20)
 
 
 @dataclasses.dataclass(frozen=True)
 class InputClass:
-    """apply(lrhs, hrls, scale) changes both Exr in place; `gain` brings the fused image back to the reference.
+    """Holds a class of inputs: apply(lrhs, hrls, scale) changes both Exr in place.
 
-    Where there is no gain, the reference says nothing about the image.
+    `gain` brings the fused image back to the reference. Without a gain, the reference says nothing about the image.
     """
 
     name: str
@@ -38,7 +38,7 @@ def scaled(factor):
 
 
 def region(exr, side):
-    """The pixels in the middle, [side, side, C]."""
+    """Returns the pixels in the middle, [side, side, C]."""
     first = (exr.pixels.shape[0] - side) // 2
     return exr.pixels[first : first + side, first : first + side]
 
@@ -48,12 +48,12 @@ def paint(exr, side, value):
 
 
 def firefly(value):
-    """One pixel of HRLS."""
+    """Returns a change that paints one pixel of HRLS."""
     return lambda lrhs, hrls, scale: paint(hrls, 1, value)
 
 
 def lamp(value):
-    """A square of both renders."""
+    """Returns a change that paints a square of both renders."""
 
     def apply(lrhs, hrls, scale):
         paint(lrhs, LAMP // scale, value)
@@ -71,7 +71,7 @@ def in_turn(*changes):
 
 
 def layer(name, change):
-    """Of HRLS: change(pixels) of the layers of that name."""
+    """Returns a change that replaces the pixels of HRLS's layer `name` by change(pixels)."""
 
     def apply(lrhs, hrls, scale):
         index = hrls.indices(lambda layer: layer == name)
@@ -81,7 +81,7 @@ def layer(name, change):
 
 
 def fill(exr, colour):
-    """Light of `colour` [H, W, 1] on a grey wall that faces the camera."""
+    """Fills a render with radiance of `colour` [H, W, 1] on a grey wall that faces the camera."""
     exr.pixels[:] = 0.5
     exr.pixels[..., exr.indices(lambda layer: layer == "Denoising Normal")] = 0
     exr.pixels[..., [i for i, name in enumerate(exr.channels) if name.endswith((".Z", ".A"))]] = 1
@@ -94,7 +94,7 @@ def constant(lrhs, hrls, scale):
 
 
 def checkerboard(lrhs, hrls, scale):
-    """Black and 1, pixel by pixel, each render its own."""
+    """Alternates 0 and 1 pixel by pixel, in each render by its own pixels."""
     for exr in (lrhs, hrls):
         height, width = exr.pixels.shape[:2]
         fill(exr, ((numpy.arange(height)[:, None] + numpy.arange(width)) % 2)[..., None])
@@ -106,7 +106,7 @@ def black(lrhs, hrls, scale):
 
 
 def disagree(lrhs, hrls, scale):
-    """LRHS upside down: of the same brightness, of another picture."""
+    """Turns LRHS upside down: its brightness stays, but it shows another picture."""
     lrhs.pixels = numpy.ascontiguousarray(lrhs.pixels[::-1])
 
 
@@ -146,21 +146,21 @@ CLASSES = [
     InputClass("renders disagree", disagree),
 ]
 BY_NAME = {one.name: one for one in CLASSES}
-# What is measured of models that are not measured with all.
+# Models that are not measured with all classes are measured with these.
 HARDEST = ("as rendered", "exposure 2^-20", "exposure 2^20", "all zero", "checkerboard", "firefly 1e8", "lamp 65504")
 HARDEST += ("lamp 65520", "lamp 1e8", "lamp 1e30", "lamp FLT_MAX", "square of NaN", "square of Inf", "renders disagree")
 
 
 @functools.cache
 def crop(path, scale=1):
-    """Of an image at 1/scale of HRLS's size; not to be changed."""
+    """Returns the crop of an image at 1/scale of HRLS's size. It is cached, so it must not be changed."""
     exr = Exr.read(path)
     top, left = (value // scale for value in ORIGIN)
     return Exr(exr.channels, exr.pixels[top : top + SIZE // scale, left : left + SIZE // scale].copy())
 
 
 def pair(data, scale, name):
-    """(LRHS, HRLS) of a class."""
+    """Returns (LRHS, HRLS) of a class."""
     crops = crop(data / f"lrhs-x{scale}.exr", scale), crop(data / "hrls.exr")
     lrhs, hrls = (Exr(one.channels, one.pixels.copy()) for one in crops)
     with numpy.errstate(over="ignore", invalid="ignore"):

@@ -1,4 +1,4 @@
-"""One image to be made and measured, and the file that keeps what was measured."""
+"""Makes and measures images, and keeps the scores in a file."""
 
 import csv
 import dataclasses
@@ -39,9 +39,10 @@ class Model:
 
 @dataclasses.dataclass(frozen=True)
 class Job:
-    """`method`: half (of the reference), render, renders (the mean of all plain ones), bicubic, fused or one of FILTERS.
+    """Describes one image to be made and measured.
 
-    `lrhs`, `hrls`: files of a view.
+    `method` is half (of the reference), render, renders (the mean of all plain ones), bicubic, fused or one of FILTERS.
+    `lrhs` and `hrls` are files of a view.
     """
 
     method: str
@@ -51,11 +52,11 @@ class Job:
     change: str = ""
 
     def halves(self):
-        """Those of the reference to measure against: what is also an input would be noise in common."""
+        """Returns the halves of the reference to measure against: one that is also an input would share its noise."""
         return tuple(half for half in test_set.HALVES if half != self.lrhs)
 
     def key(self, view):
-        """Of all that the result depends on, except the program."""
+        """Returns a hash of everything that the result depends on, except the program."""
         files = [name for name in (self.lrhs, self.hrls, *test_set.HALVES) if name]
         files += map(test_set.render, test_set.PLAIN) if self.method == "renders" else []
         parts = [self.method, self.lrhs, self.change, *(test_set.digest(view.folder / name) for name in files)]
@@ -67,7 +68,7 @@ class Job:
         return TUNED[self.method][int(pathlib.Path(self.hrls).stem)]
 
     def changed_files(self, view, folder):
-        """(LRHS, HRLS, what to multiply the result by); new files go to `folder`."""
+        """Returns (LRHS, HRLS, factor of the result); new files go to `folder`."""
         paths = [view.folder / self.lrhs, view.folder / self.hrls]
         if not self.change:
             return *paths, 1.0
@@ -87,7 +88,7 @@ class Job:
             return read(folder / "fused.exr") * gain, report["device_ms"] / 1000
 
     def image(self, view, program):
-        """(image, seconds)"""
+        """Returns (image, seconds)."""
         start = time.perf_counter()
         if self.method == "fused":
             return self.fuse(view, program)
@@ -107,7 +108,7 @@ class Job:
 
 
 def fuse(program, model, lrhs, hrls, output, sampling="nearest", options=(), launcher=(), environment=None):
-    """What the program reports, as a dictionary. `launcher`: what starts the program, if it is not run by itself."""
+    """Fuses and returns the program's report; `launcher` is the command that starts the program, if any."""
     command = [*launcher, program, "fuse", "--json", "--output-type", "float", "--lrhs-sampling", sampling]
     command += ["--model", model.path.resolve(), "--lrhs", lrhs, "--hrls", hrls, "-o", output, *options]
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True, env=environment)
@@ -123,7 +124,7 @@ class Score(NamedTuple):
 
 
 class Store:
-    """The scores so far, a CSV file that grows by a line as soon as something is measured."""
+    """Keeps the scores in a CSV file, which grows by a line with each measurement."""
 
     COLUMNS = ("key", "view", "method", "model", "lrhs", "hrls", "change", *Score._fields)
 
@@ -141,7 +142,7 @@ class Store:
             csv.writer(file, lineterminator="\n").writerow(row)
 
     def get(self, job, view):
-        """None where it was not measured."""
+        """Returns the score, or None if it was not measured."""
         return self.scores.get(job.key(view)) if job else None
 
     def measure(self, job, view):

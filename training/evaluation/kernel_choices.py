@@ -1,4 +1,4 @@
-"""Which kernels the program uses: by its options, or by a tuning of ours in the place of one that was measured."""
+"""Chooses the program's kernels, by its options or by a tuning written here in the place of a measured one."""
 
 import dataclasses
 import json
@@ -11,7 +11,11 @@ TINY = pathlib.Path(__file__).resolve().parent.parent.parent / "tests/golden/tin
 
 @dataclasses.dataclass(frozen=True)
 class Choice:
-    """`kernel`: tune's entry for 3x3 and 1x1, but for what is 0 or the device's; None: what the program chooses."""
+    """Describes the kernels of a run.
+
+    `kernel` holds what differs from DEFAULTS in the tuning's entries for 3x3 and 1x1, except for the device's numbers.
+    None leaves the choice to the program.
+    """
 
     precision: str
     name: str
@@ -23,11 +27,11 @@ class Choice:
         return bool(self.kernel and self.kernel["matrix"])
 
     def start(self, program, folder, driver=None):
-        """What jobs.fuse() needs to start the program with these kernels.
+        """Returns the arguments with which jobs.fuse() starts the program with these kernels.
 
-        `folder`: of caches, with no tuning but ours.
+        `folder` holds caches, with no tunings but those written here.
         """
-        # Of a relative path the program would take no notice, and use the user's own.
+        # The program ignores a relative path and would use the user's own cache.
         cache = folder.resolve() / f"cache {self.name}"
         start = {"launcher": (), "environment": os.environ | {"XDG_CACHE_HOME": str(cache)}}
         if self.uses_matrices:
@@ -57,7 +61,7 @@ class Choice:
 
 
 def entry(side, kernel, device):
-    """Of a tuning with no other entry for this side, so that every shape takes it."""
+    """Returns a tuning's only entry for this side of kernels, so that every shape takes it."""
     shape = dict(height=64, width=64, channels_in=16, channels_out=16, kernel=side, most_tile=4)
     kernel = DEFAULTS | kernel
     if kernel["matrix"]:
@@ -68,7 +72,7 @@ def entry(side, kernel, device):
 
 
 def sizes(device):
-    """Of matrices; the last two are those of Mesa's driver for CPUs, as `devices` does not say them."""
+    """Returns sizes of matrices; the last two are those of Mesa's driver for CPUs, as `devices` does not tell them."""
     m, n, k = map(int, device["cooperative_matrix"].split("x"))
     return dict(m=m, n=n, k=k, subgroup_size=device["subgroup_size"], max_invocations=1024, max_shared_bytes=32768)
 
@@ -80,6 +84,6 @@ CHOICES = [
     *(Choice(precision, "F(2, 3)", kernel=dict(tile=2, matrix=None)) for precision in ("fp32", "fp16")),
     *(Choice(precision, "auto") for precision in ("fp32", "fp16")),
 ]
-# In 16 bits only; the profile says whether they were used.
+# Matrices exist in 16 bits only; the profile says whether they were used.
 TILES = dict(outputs=16, rows=2, subgroups=4, channels=16)
 MATRICES = Choice("fp16", "matrices", ("--profile",), kernel=dict(matrix=TILES))

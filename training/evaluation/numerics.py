@@ -1,9 +1,10 @@
 #!/usr/bin/python3
-"""How far the program is from the same network in float64: bench/quality/numerics.csv and docs/numerics.md.
+"""Measures how far the program is from the same network in float64: bench/quality/numerics.csv and docs/numerics.md.
 
-Every precision, choice of kernels and class of inputs, for the shipped models and for two whose weights are chosen
-to be hard on 16 bits. What the file has already is not measured again: delete its rows for that. With --driver also by cooperative matrices, which Debian sid's Mesa has for CPUs:
-scripts/unpack sid build/sid mesa-vulkan-drivers, then --driver build/sid/run.
+It covers every precision, choice of kernels and class of inputs, for the shipped models and for two whose weights are
+chosen to be hard on 16 bits. Rows that the file has are not measured again; delete them to repeat a measurement. Given
+--driver, it also covers cooperative matrices, which Debian sid's Mesa has for CPUs: run
+scripts/unpack sid build/sid mesa-vulkan-drivers, then use --driver build/sid/run.
 """
 
 import argparse
@@ -31,81 +32,81 @@ from evaluation.kernel_choices import CHOICES, MATRICES
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 SHIPPED = ("x4-fast", "x4-balanced", "x2-fast", "x8-fast")
 MODELS = (*SHIPPED, *adversarial.CONFIGS)
-PYTORCH = "PyTorch"  # in the place of the kernels' name: the same network in single precision, for scale
+PYTORCH = "PyTorch"  # replaces the kernels' name for the same network in single precision, which gives the scale
 RUNS = [("fp32", PYTORCH), *((one.precision, one.name) for one in (*CHOICES, MATRICES))]
-GREY = 0.18  # what the mean of LRHS is exposed to
+GREY = 0.18  # exposed mean of LRHS
 EXPOSED = networks.Config(exposure_key=GREY)
-FLOOR = 0.01  # of the mean: errors of darker pixels are relative to that
+FLOOR = 0.01  # share of the mean that relative errors add to their denominator
 
 
 @dataclasses.dataclass
 class Result:
-    """A run of the program beside float64. Relative errors as in relative(); PSNR in dB, None without a reference."""
+    """Holds a run of the program beside float64; relative errors are relative()'s, PSNR is None without a reference."""
 
     model: str
     input: str
     precision: str
     kernels: str
-    outcome: str  # fused, or what the program said
+    outcome: str  # "fused", or the program's message
     largest_activation: float
     max_relative: float = None
     p999_relative: float = None
-    max_steps: float = None  # of an 8-bit sRGB picture
-    not_finite: int = None  # values of the image
-    saturated: int = None  # values within the network
-    psnr_float64: float = None
+    max_steps: float = None  # largest error in steps of an 8-bit sRGB picture
+    not_finite: int = None  # number of values of the image
+    saturated: int = None  # number of values within the network
+    psnr_float64: float = None  # dB
     psnr_shift: float = None
 
     def key(self):
         return self.model, self.input, self.precision, self.kernels
 
     def place(self):
-        """Among the rows of the file, whenever each was measured."""
+        """Returns the row's place in the file, whenever it was measured."""
         return MODELS.index(self.model), list(BY_NAME).index(self.input), RUNS.index((self.precision, self.kernels))
 
 
 def relative(image, exact, exposure):
-    """|difference| over |exact| + FLOOR of the mean that the exposure tells; what is not finite is infinitely off."""
+    """Computes |difference| / (|exact| + FLOOR times the mean by `exposure`); values not finite are infinitely off."""
     error = (image - exact).abs() / (exact.abs() + FLOOR * GREY / exposure)
     return torch.where(image == exact, 0.0, torch.nan_to_num(error, nan=math.inf, posinf=math.inf))
 
 
 def steps(image, exact, exposure):
-    """The largest difference of pictures in sRGB, in 1/255, exposed."""
+    """Returns the largest difference of the exposed pictures in sRGB, in steps of 1/255."""
     shown = [loss.srgb(torch.nan_to_num(x, nan=0.0) * exposure) for x in (image, exact)]
     return 255 * float((shown[0] - shown[1]).abs().max())
 
 
 def saturated(report):
-    """Values within the network that 16 bits could not hold, as the program counts them."""
+    """Returns how many values within the network 16 bits could not hold, as the program counts them."""
     return sum(warning["count"] for warning in report["warnings"] if "within the network" in warning["message"])
 
 
 class Study:
-    """Of pairs in `data`; `folder` is for what is temporary, `cache` for drivers' compiled kernels."""
+    """Measures pairs in `data`; `folder` is for temporary files, `cache` for drivers' compiled kernels."""
 
     def __init__(self, program, data, folder, cache, driver=None):
         self.program, self.data, self.folder, self.cache, self.driver = program, data, folder, cache, driver
-        self.numbers = itertools.count()  # of files: OpenImageIO may take a new file for an old one of its name
+        self.numbers = itertools.count()  # names files, as OpenImageIO may take a new file for an old one of its name
 
     def inputs(self, scale, name):
-        """The files (LRHS, HRLS) of an input class."""
+        """Writes an input class; returns its files (LRHS, HRLS)."""
         paths = tuple(self.folder / f"{which} {next(self.numbers)}.exr" for which in ("lrhs", "hrls"))
         for exr, path in zip(pair(self.data, scale, name), paths):
             exr.write(path)
         return paths
 
     def psnr(self, image, name):
-        """To the reference; None where it says nothing about this class."""
+        """Computes the PSNR to the reference, or None if the reference says nothing about this class."""
         if BY_NAME[name].gain is None:
             return None
         reference = crop(self.data / "reference.exr").pixels
         return psnr(torch.nan_to_num(image * BY_NAME[name].gain, nan=0.0).permute(1, 2, 0).numpy(), reference)
 
     def fused(self, model, files, choice):
-        """(image [3, H, W] in float64, values that saturated)"""
+        """Returns (image [3, H, W] in float64, number of values that saturated)."""
         output = self.folder / f"fused {next(self.numbers)}.exr"
-        # 16 bits are to overflow here.
+        # The study lets 16 bits overflow.
         options = ["--precision", choice.precision, "--overflow", "warn", *choice.options]
         start = choice.start(self.program, self.cache, self.driver)
         report = fuse(self.program, model, *files, output, options=options, **start)
@@ -163,27 +164,30 @@ def parse():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--program", type=pathlib.Path, default=ROOT / "build/release/raymeld")
     parser.add_argument("--data", type=pathlib.Path, default=ROOT / "data")
-    parser.add_argument("--driver", type=pathlib.Path, help="what starts programs on a driver that has matrices")
+    parser.add_argument("--driver", type=pathlib.Path, help="command that starts programs on a driver with matrices")
     parser.add_argument("--out", type=pathlib.Path, default=ROOT / "bench/quality/numerics.csv")
     parser.add_argument("--cache", type=pathlib.Path, help="folder that keeps drivers' compiled kernels between runs")
-    parser.add_argument("--write-docs", action="store_true", help="tables and plots of docs/numerics.md")
+    parser.add_argument("--write-docs", action="store_true", help="write the tables and plots of docs/numerics.md")
     only = parser.add_argument_group("only")
-    only.add_argument("--models", nargs="+", choices=MODELS, help="of these names")
-    only.add_argument("--inputs", nargs="+", choices=BY_NAME, help="these classes")
-    only.add_argument("--quick", action="store_true", help="x4-fast as rendered, writes nothing")
-    only.add_argument("--measured", action="store_true", help="measure nothing, write the tables of what there is")
+    only.add_argument("--models", nargs="+", choices=MODELS, help="models to measure")
+    only.add_argument("--inputs", nargs="+", choices=BY_NAME, help="input classes to measure")
+    only.add_argument("--quick", action="store_true", help="measure x4-fast as rendered, write nothing")
+    only.add_argument("--measured", action="store_true", help="measure nothing, write the tables of earlier results")
     return parser.parse_args()
 
 
 def choices_of(model, name, driver):
-    """What is measured of an input class: what users get and, of the first model and the hard ones, everything."""
+    """Returns the choices to measure: those that need no written tuning, and in hard cases all.
+
+    A hard case is a class of HARDEST with the first model or an adversarial one.
+    """
     everything = name in HARDEST and model not in SHIPPED[1:]
     choices = [one for one in CHOICES if everything or not one.kernel]
     return choices + [MATRICES] * (everything and driver is not None)
 
 
 def measure(args, folder, known):
-    """All that is asked for but the keys in `known`; float64 and PyTorch are computed with whatever else is."""
+    """Yields the results asked for, except keys in `known`; PyTorch is measured again with every other result."""
     study = Study(args.program, args.data, folder, args.cache or folder / "cache", args.driver)
     shipped = [Model.load(ROOT / f"models/{name}.safetensors") for name in SHIPPED]
     models = shipped + adversarial.write_all(folder, study.inputs(4, "as rendered"))

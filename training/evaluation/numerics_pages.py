@@ -1,4 +1,4 @@
-"""The tables and plots of docs/numerics.md, from what numerics.py measured."""
+"""Writes the tables and plots of docs/numerics.md from the results of numerics.py."""
 
 import itertools
 import math
@@ -8,7 +8,7 @@ from evaluation.tables import Sheet, insert
 VISIBLE = 1.0  # steps of an 8-bit picture from which an image counts as off
 COLOURS = {"fp32": "#c0392b", "fp16": "#e59866"}
 MARKERS = {"direct": "o", "F(2, 3)": "s", "auto": "D", "matrices": "^", "PyTorch": "x"}
-LEAST = 1e-9  # where plots begin: an error of 0 has no logarithm
+LEAST = 1e-9  # left edge of plots, as an error of 0 has no logarithm
 
 
 def number(value, form):
@@ -24,12 +24,12 @@ def unique(values):
 
 
 def runs_of(results):
-    """Their labels, of 32 bits first."""
+    """Returns the labels of the results, those of 32 bits first."""
     return sorted(unique(map(label, results)), key=lambda text: not text.startswith("fp32"))
 
 
 def errors(result):
-    """Two numbers, or what happened instead."""
+    """Returns the two errors as text, or the outcome that there is instead."""
     if result.outcome != "fused":
         return "refused"
     if result.max_relative == 0:
@@ -38,7 +38,7 @@ def errors(result):
 
 
 def inputs_sheet(results):
-    """Of the model that was measured with everything: the largest error and the 99.9th percentile."""
+    """Makes a table of the model that was measured with everything: largest error and 99.9th percentile by class."""
     own = [one for one in results if one.model == results[0].model]
     columns = runs_of(own)
     rows = []
@@ -49,7 +49,7 @@ def inputs_sheet(results):
 
 
 def worst(results, measure, form):
-    """The largest, and of which input class."""
+    """Returns the largest value of a measure and its input class."""
     known = [one for one in results if getattr(one, measure) is not None]
     if not known:
         return ""
@@ -95,8 +95,8 @@ def broken_sheet(results):
 
 
 def subplots(rows, height):
-    """(figure, axes) with so many rows of that height, in inches."""
-    # Only plots take matplotlib: the tests of the tables do without it.
+    """Returns (figure, axes) with space for `rows` rows of `height` inches."""
+    # Only plots need matplotlib, so that tests of the tables run without it.
     import matplotlib
 
     matplotlib.use("Agg")
@@ -107,13 +107,13 @@ def subplots(rows, height):
 
 
 def save(figure, path):
-    """The same file from the same results: without the time, and with `svg.hashsalt`."""
+    """Saves the same file from the same results: without the time, and with `svg.hashsalt`."""
     figure.tight_layout()
     figure.savefig(path, metadata={"Date": None})
 
 
 def plot_inputs(results, path):
-    """The largest error of each class, of the model that was measured with everything."""
+    """Plots the largest error of each class, for the model that was measured with everything."""
     own = [one for one in results if one.model == results[0].model and one.outcome == "fused"]
     names = unique(one.input for one in own)
     figure, axes = subplots(len(names), 0.24)
@@ -133,7 +133,7 @@ def plot_inputs(results, path):
 
 
 def plot_models(results, path):
-    """Every class of every model as a dot, by what is seen of the error."""
+    """Plots every class of every model as a dot at its largest error, in steps of an 8-bit picture."""
     own = [one for one in results if one.outcome == "fused" and one.kernels in ("direct", "auto")]
     keys = list(itertools.product(unique(one.model for one in own), runs_of(own)))
     figure, axes = subplots(len(keys), 0.3)

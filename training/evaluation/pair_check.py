@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Counts how often `raymeld fuse` finds what is known of pairs: where LRHS samples lie, how bright they are, strangers.
+"""Counts how often `raymeld fuse` is right about pairs: where LRHS samples lie, how bright it is, unrelated renders.
 
 VIEWS are packed views of ../scenes/pairs.py. Each gives pairs of every scale, samples a pixel and kind of LRHS, and
 pairs that do not belong together.
@@ -26,18 +26,18 @@ COLOR, LAYERED = list("RGB"), [f"{layer}.{c}" for layer in ("albedo", "normal") 
 
 def parse():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--views", required=True, type=pathlib.Path, nargs="+", help="files")
+    parser.add_argument("--views", required=True, type=pathlib.Path, nargs="+", help="files of packed views")
     parser.add_argument("--program", type=pathlib.Path, default=ROOT / "build/release/raymeld")
     return parser.parse_args()
 
 
 def colors(view, name):
-    """[H, W, 3], float32."""
+    """Returns the colour of a render as float32 [H, W, 3]."""
     return numpy.ascontiguousarray(view.read(name)[:3].float().numpy().transpose(1, 2, 0))
 
 
 def honest(view, scale):
-    """(what it is, color) of each LRHS of a view."""
+    """Yields (sampling, color) of each LRHS of a view."""
     for name in view.small(scale):
         yield "centered", colors(view, name)
     for name in ("0004", "0008", *dataset.REFERENCE):
@@ -61,7 +61,7 @@ class Program:
         Exr(names, numpy.ascontiguousarray(pixels, dtype=numpy.float32)).write(self.folder / name)
 
     def examined(self):
-        """What it finds of low.exr and high.exr; where it refuses them, {"error": ...}."""
+        """Returns the program's findings about low.exr and high.exr, or {"error": ...} if it refuses them."""
         files = ["--lrhs", self.folder / "low.exr", "--hrls", self.folder / "high.exr"]
         result = subprocess.run([self.path, "fuse", "--dry-run", "--json", *files], capture_output=True, text=True)
         return json.loads(result.stdout) if result.returncode == 0 else {"error": result.stderr}
@@ -70,7 +70,7 @@ class Program:
 def count(found, truth, counts):
     counts["pairs"] += 1
     if "error" in found:
-        if "does not show what" not in found["error"]:
+        if "show different things" not in found["error"]:
             raise RuntimeError(found["error"])
         counts["refused"] += 1
         return

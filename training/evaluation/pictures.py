@@ -1,4 +1,4 @@
-"""PNG files for docs/quality.md."""
+"""Writes the PNG files of docs/quality.md."""
 
 import matplotlib
 import numpy
@@ -20,14 +20,14 @@ def srgb(image):
 
 
 def worst_crop(fused, reference):
-    """Top left of the CROP x CROP pixels, on a grid of half their size, where the fused image is off most."""
+    """Returns the top left of the CROP x CROP pixels with the largest error, on a grid of half their size."""
     error = ((srgb(fused) - srgb(reference)) ** 2).sum(-1)
     ys, xs = (range(0, size - CROP + 1, CROP // 2) for size in error.shape)
     return max(((y, x) for y in ys for x in xs), key=lambda s: error[s[0] : s[0] + CROP, s[1] : s[1] + CROP].sum())
 
 
 def crops(model, view, program):
-    """Bicubic LRHS, HRLS, both filters of the plain render at the same average, fused, reference, side by side."""
+    """Returns bicubic LRHS, HRLS, both filters of a plain render of as many samples, fused, reference side by side."""
     bicubic, atrous, svgf = (rival(method, model, 0) for method in ("bicubic", "atrous", "svgf"))
     hrls = Job("render", hrls=render(PAIRS[model.scale][0][1]))
     images = [job.image(view, program)[0] for job in (bicubic, hrls, atrous, svgf, base(model))]
@@ -37,7 +37,10 @@ def crops(model, view, program):
 
 
 def write_worst(model, views, store, folder, count=3):
-    """The views in which the model leads the best baseline least, one file each, the last first; all are measured."""
+    """Writes a picture of each of the `count` views with the least lead over the best baseline, and returns the views.
+
+    The least lead comes first. All views must have been measured.
+    """
     order = sorted(views, key=lambda view: lead(model, 0, view, store)[0])
     for i, view in enumerate(order[:count]):
         pyplot.imsave(folder / f"quality-worst-{i + 1}.png", crops(model, view, store.program))
@@ -45,7 +48,7 @@ def write_worst(model, views, store, folder, count=3):
 
 
 def write_losses(models, views, store, path):
-    """PSNR and RelMSE over the beta of the robust loss; L1 as a line."""
+    """Plots PSNR and RelMSE over the beta of the robust loss, and L1 as a line."""
     scores = {model: mean(job, views, store) for model, (_, [job]) in zip(models, losses_plan(models).rows)}
     robust = sorted((m.trained("beta"), s) for m, s in scores.items() if m.trained("loss") == "robust")
     figure, axes = pyplot.subplots(1, 2, figsize=(7, 2.6), layout="constrained")

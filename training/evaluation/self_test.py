@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tests of the evaluation: self_test.py [PROGRAM [MODEL]]; with both also of the program, on a made-up view."""
+"""Tests the evaluation, and given both arguments also the program on a made-up view: self_test.py [PROGRAM [MODEL]]."""
 
 import json
 import math
@@ -31,7 +31,7 @@ PROGRAM = MODEL = None
 
 
 def scene(noise, seed):
-    """A lit ramp over two albedos: (color, albedo, normal), [SIZE, SIZE, 3] each."""
+    """Makes a lit ramp over two albedos: (color, albedo, normal), [SIZE, SIZE, 3] each."""
     rng = numpy.random.default_rng(seed)
     ramp = numpy.linspace(0.2, 1, SIZE, dtype="float32")[:, None, None] * numpy.ones((1, SIZE, 3), "float32")
     albedo = numpy.where(numpy.arange(SIZE) < SIZE // 2, 0.2, 0.8).astype("float32")[None, :, None] * ramp**0
@@ -212,7 +212,7 @@ class Numerics(unittest.TestCase):
             self.assertEqual([a.pixels.shape for a in changed], [b.pixels.shape for b in rendered], one.name)
 
     def test_a_crop_of_both_is_of_the_same_pixels(self):
-        """LRHS is of the same picture: nearer to the reference's pixels than to those a cell further."""
+        """LRHS is nearer to the reference's pixels than to those of the reference shifted by one pixel of LRHS."""
         reference = crop(DATA / "reference.exr").pixels
         for scale in (2, 4, 8):
             low = crop(DATA / f"lrhs-x{scale}.exr", scale).pixels
@@ -220,7 +220,7 @@ class Numerics(unittest.TestCase):
             self.assertLess(off(0), min(off(scale), off(-scale)))
 
     def test_program_is_near_float64(self):
-        """As near as single precision is; not to a network one of whose weights is off by a hundredth."""
+        """The program is as near as single precision is. A network with one weight off by a hundredth is further."""
         if not MODEL:
             self.skipTest("no program or model")
         most = 1e-3
@@ -241,7 +241,7 @@ class Numerics(unittest.TestCase):
         self.assertGreater(float(numerics.relative(off, exact, 1).max()), 3 * most)
 
     def test_caches_are_our_own_wherever_they_lie(self):
-        """And not the user's, whose tuning would be lost."""
+        """The caches are not the user's, whose tuning would be lost."""
         if not PROGRAM:
             self.skipTest("no program")
         home, cache = self.folder / "home", self.folder / "cache"

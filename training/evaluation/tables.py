@@ -1,4 +1,4 @@
-"""Which images make which table, and tables as CSV and Markdown."""
+"""Says which images make which table, and writes tables as CSV and Markdown."""
 
 import csv
 import dataclasses
@@ -11,13 +11,13 @@ from evaluation.changes import EXPOSURES
 from evaluation.jobs import Job, Score
 from evaluation.test_set import ALL_PLAIN, AVERAGES, HALVES, LOW_RESOLUTION, PAIRS, PLAIN, lrhs, render
 
-# What a lead is over: the best of these in the same view; by sheet.
+# A sheet of leads compares with the best of these baselines in the same view.
 RIVALS = {"lead": ("render", "atrous", "bicubic"), "lead-svgf": ("svgf",)}
 
 
 @dataclasses.dataclass
 class Plan:
-    """A table whose cells are jobs, None where there is nothing to measure."""
+    """Holds a table whose cells are jobs, None where there is nothing to measure."""
 
     name: str
     head: str
@@ -30,7 +30,7 @@ class Plan:
 
 @dataclasses.dataclass
 class Sheet:
-    """A table of texts and Scores, None where something is still to be measured."""
+    """Holds a table of texts and Scores, None where something is still to be measured."""
 
     name: str
     head: list
@@ -63,7 +63,7 @@ def csv_cells(cell, two):
 
 
 def mean(job, views, store):
-    """None unless all views were measured: means over different views cannot be compared."""
+    """Returns the mean score, or None unless all views were measured: means over different views cannot be compared."""
     scores = [store.get(job, view) for view in views]
     return Score(*numpy.mean(scores, axis=0)) if scores and all(scores) else None
 
@@ -78,7 +78,7 @@ def fused(model, pair, change=""):
 
 
 def base(model, change=""):
-    """At two samples a pixel together."""
+    """Returns the job with the pair of two samples a pixel together."""
     return fused(model, PAIRS[model.scale][0], change)
 
 
@@ -113,7 +113,7 @@ def grid_plan(model):
     return Plan(f"grid-{model.name}", "LRHS \\ HRLS", [f"{spp} spp" for spp in columns], rows)
 
 
-# What models that were trained without something are given: the change of the inputs, their samples, how those are told.
+# A model that was trained without an input is measured with this change of its inputs, these samples and this label.
 ABLATIONS = {
     "none": ("", ((16, 1),), "{0}-{1}"),
     "hrls": ("no-hrls", ((16, 1), (32, 1)), "LRHS alone, {0} spp"),
@@ -123,7 +123,7 @@ ABLATIONS = {
 
 
 def ablation_plan(models, ablations):
-    """`ablations` are models that say in `training` what they were trained without."""
+    """Plans the ablations; `ablations` are models whose `training` says what they were trained without."""
     rows = [("bicubic of LRHS, 16 spp", bicubic(4, (16, 1)))] if ablations else []
     for model in models:
         first = PAIRS[model.scale][0]
@@ -164,14 +164,14 @@ def robustness_plan(models):
 
 
 def rival(method, model, i):
-    """The baseline's job at the average of the i-th pair."""
+    """Returns the baseline's job at the average of the i-th pair."""
     if method == "bicubic":
         return bicubic(model.scale, PAIRS[model.scale][i])
     return Job(method, hrls=render(AVERAGES[i]))
 
 
 def lead(model, i, view, store, rivals=RIVALS["lead"]):
-    """(decibels, RelMSE of the best baseline over that of the model) or None."""
+    """Returns (decibels, RelMSE of the best baseline over the model's), or None if one of them was not measured."""
     jobs = [fused(model, PAIRS[model.scale][i]), *(rival(method, model, i) for method in rivals)]
     scores = [store.get(job, view) for job in jobs]
     if not all(scores):
@@ -196,7 +196,7 @@ def lead_sheet(name, models, views, store):
 
 
 def scenes_sheet(models, views, store):
-    """x4 at two samples a pixel together; the other scales would make it too wide."""
+    """Makes the table of views for x4 at two samples a pixel together; the other scales would make it too wide."""
     jobs = [("own noise", Job("half")), ("render, 2 spp", Job("render", hrls=render(2)))]
     jobs += [("a-trous, 2 spp", Job("atrous", hrls=render(2))), ("SVGF-like, 2 spp", Job("svgf", hrls=render(2)))]
     jobs += [("bicubic x4", bicubic(4, PAIRS[4][0]))]
@@ -205,15 +205,16 @@ def scenes_sheet(models, views, store):
     return Sheet("scenes", ["view", *(name for name, _ in jobs)], rows)
 
 
-# Plain renders, and their samples a pixel.
+# RENDERS are the plain renders, RENDERS_SPP their samples a pixel.
 RENDERS = [*(Job("render", hrls=render(spp)) for spp in PLAIN), Job("renders")]
 RENDERS_SPP = (*PLAIN, ALL_PLAIN)
 
 
 def equal_spp(errors, target):
-    """(samples a pixel at which a plain render's error falls to `target`, whether those are more than the last one's).
+    """Returns (samples a pixel at which a plain render's error falls to `target`, whether the last render has fewer).
 
-    Interpolated between logarithms; beyond the last render the error is taken to fall as 1 / N, as its variance does.
+    They are interpolated between logarithms. Beyond the last render, the error is taken to fall as 1 / N, as its
+    variance does.
     """
     errors = numpy.minimum.accumulate(errors)
     if target < errors[-1]:
@@ -222,15 +223,15 @@ def equal_spp(errors, target):
 
 
 def fusing_s(model, views, store):
-    """The least of all measurements: images are of one size, and what else the machine does only makes it slower."""
+    """Returns the shortest measured time: all images have one size, and other load on the machine only adds to it."""
     scores = [store.get(fused(model, pair), view) for pair in PAIRS[model.scale] for view in views]
     return min((score.seconds for score in scores if score), default=None)
 
 
 def equal_time(model, i, view, store, fusing):
-    """For PSNR's squared error and RelMSE: {spp, beyond, ratio, ratio_fusing}; None where not all was measured.
+    """Returns {spp, beyond, ratio, ratio_fusing} for PSNR and for RelMSE, or None if not all was measured.
 
-    `fusing`: its seconds.
+    PSNR is compared by its squared error. `fusing` is the time of a fusion in seconds.
     """
     pair = PAIRS[model.scale][i]
     own, plain = store.get(fused(model, pair), view), [store.get(job, view) for job in RENDERS]
@@ -247,7 +248,7 @@ def equal_time(model, i, view, store, fusing):
 
 
 def equal_time_sheets(models, views, store):
-    """(medians, one row for each view)"""
+    """Returns (sheet of medians, sheet with one row for each view)."""
     head = ["", "inputs, s", "fusing, s"]
     for metric in ("PSNR", "RelMSE"):
         head += [f"spp of equal {metric}", f"beyond {ALL_PLAIN} spp", "its time / inputs", "its time / (inputs + fusing)"]
@@ -275,14 +276,14 @@ def equal_time_cells(results):
 
 
 def equal_time_plan(models):
-    """The plain renders, and what is compared with them."""
+    """Plans the plain renders, and the fused images that are compared with them."""
     rows = [("plain render", RENDERS)]
     rows += [(model.name, [fused(model, pair) for pair in PAIRS[model.scale]]) for model in models]
     return Plan("plain", "", [f"{spp} spp" for spp in RENDERS_SPP], rows)
 
 
 def insert(document, sheets):
-    """Replaces what stands between `<!-- begin NAME -->` and `<!-- end -->` by the sheet of that name."""
+    """Replaces the text between `<!-- begin NAME -->` and `<!-- end -->` by the sheet of that name."""
     for one in sheets:
         pattern = rf"(<!-- begin {re.escape(one.name)} -->\n).*?(<!-- end -->)"
         document = re.sub(pattern, lambda m: m[1] + one.markdown() + "\n" + m[2], document, flags=re.DOTALL)

@@ -1,4 +1,4 @@
-"""The test set's files; scenes/test_set.py renders them."""
+"""Reads the test set's files, which scenes/test_set.py renders."""
 
 import functools
 import hashlib
@@ -9,11 +9,12 @@ import numpy
 
 from evaluation.images import read
 
-# LRHS and HRLS samples a pixel by scale: 2, 4 and 8 on average, spp_LRHS / s^2 + spp_HRLS (Table 2 of Hou et al. 2021).
+# PAIRS holds samples a pixel of LRHS and HRLS by scale. Their average, spp_LRHS / s^2 + spp_HRLS, is one of AVERAGES
+# (Table 2 of Hou et al. 2021).
 PAIRS = {2: ((4, 1), (8, 2), (16, 4)), 4: ((16, 1), (32, 2), (64, 4)), 8: ((64, 1), (128, 2), (256, 4))}
 AVERAGES = (2, 4, 8)
 PLAIN = (1, 2, 4, 8, 16, 32)
-ALL_PLAIN = sum(PLAIN)  # samples of the mean of them all, weighted by theirs; all have noise of their own
+ALL_PLAIN = sum(PLAIN)  # samples of the mean of all plain renders, weighted by samples; they share no noise
 
 
 def render(spp):
@@ -21,11 +22,11 @@ def render(spp):
 
 
 def lrhs(scale, spp):
-    """Every scale-th pixel of a full-size render."""
+    """Returns the file with every scale-th pixel of a full-size render."""
     return f"lrhs-x{scale}-{spp:04}.exr"
 
 
-LOW_RESOLUTION = "lowres-x4-0016.exr"  # rendered at low resolution: samples lie all over their cells
+LOW_RESOLUTION = "lowres-x4-0016.exr"  # rendered at low resolution, so that samples lie all over its pixels
 HALVES = ("reference-a.exr", "reference-b.exr")
 
 
@@ -41,10 +42,10 @@ class View:
 
     @functools.cached_property
     def cost(self):
-        """(seconds of each sample a pixel, seconds besides) of a full-size render: a line through the times of all.
+        """Returns (seconds for each sample a pixel, other seconds) of a full-size render, fitted to the times of all.
 
-        A render of 1 / s^2 of the pixels takes 1 / s^2 of the time. What else the machine does only makes it slower,
-        so the line is the lower quartile's (of relative deviations, by reweighted least squares).
+        A render of 1 / s^2 of the pixels takes 1 / s^2 of the time. Other load on the machine only makes it slower, so
+        the line is fitted to the lower quartile (of relative deviations, by reweighted least squares).
         """
         files = self.record["files"].values()
         spp = numpy.array([file["spp"] for file in files])
@@ -57,7 +58,7 @@ class View:
         return line
 
     def seconds(self, spp, scale=1):
-        """What a render takes of every scale-th pixel, with that many samples each."""
+        """Returns the time of a render of every scale-th pixel, with that many samples each."""
         return float(numpy.polyval(self.cost, spp)) / scale**2
 
     @functools.lru_cache(maxsize=2)

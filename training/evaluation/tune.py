@@ -18,12 +18,12 @@ WORTHWHILE_DB = 0.005
 
 
 def load(view, spp):
-    """(reference, (color, albedo, normal))"""
+    """Returns (reference, (color, albedo, normal))."""
     return view.reference(), layers(view.folder / test_set.render(spp), ("color", "albedo", "normal"))
 
 
 def score(denoise, views, parameters):
-    """Mean of PSNR and of RelMSE in decibels, to be summed: no scene outweighs another."""
+    """Returns the means of PSNR and of RelMSE in decibels, which may be summed: no scene outweighs another."""
     images = [(denoise(*render, parameters), reference) for reference, render in views]
     return numpy.mean([(psnr(*pair), -10 * numpy.log10(relmse(*pair))) for pair in images], axis=0)
 

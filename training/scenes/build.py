@@ -1,4 +1,4 @@
-"""What all kinds of scenes are built from: panels, boxes, models, shapes, lights, skies, the camera, motion, haze."""
+"""Builds the parts of all kinds of scenes: panels, boxes, models, shapes, lights, skies, the camera, motion, haze."""
 
 import math
 import pathlib
@@ -12,7 +12,7 @@ import shapes
 
 
 def towards(location, target):
-    """The pose of a camera or a light at `location` that looks at `target`."""
+    """Returns the pose of a camera or a light at `location` that looks at `target`."""
     turn = (Vector(target) - Vector(location)).to_track_quat("-Z", "Y")
     return Matrix.Translation(location) @ turn.to_matrix().to_4x4()
 
@@ -27,7 +27,7 @@ def hdris():
 
 
 class Builder:
-    """`scale_m` is the extent that patterns are made for: about 1 in rooms, less in close-ups."""
+    """Builds a scene; `scale_m` is the extent that patterns are made for: about 1 in rooms, less in close-ups."""
 
     def __init__(self, rng, models, textures, folder):
         self.rng, self.models, self.textures, self.folder = rng, models, textures, folder
@@ -37,7 +37,7 @@ class Builder:
         self.movable = []
 
     def pick(self, models):
-        """A random model; in place of one to skip its successor, so that other draws stay when one becomes skipped."""
+        """Picks a random model, for a skipped one its successor, so that other draws stay when one becomes skipped."""
         first = self.rng.randrange(len(models))
         return next(m for m in models[first:] + models if not furniture.is_skipped(m))
 
@@ -48,7 +48,7 @@ class Builder:
         return materials.glowing(self.rng, self.textures, self.folder, strength, vector_of)
 
     def panel(self, rectangles, matrix, material):
-        """Rectangles (x0, y0, x1, y1) in the panel's own plane, metres; its front faces +z."""
+        """Builds rectangles (x0, y0, x1, y1) in the panel's own plane, in metres; its front faces +z."""
         corners, faces = [], []
         for x0, y0, x1, y1 in rectangles:
             faces.append(tuple(range(len(corners), len(corners) + 4)))
@@ -63,7 +63,7 @@ class Builder:
         return panel
 
     def boxes(self, bounds, material):
-        """One object of axis-aligned boxes (low, high)."""
+        """Builds one object of axis-aligned boxes (low, high)."""
         corners, faces = [], []
         for low, high in bounds:
             first = len(corners)
@@ -84,7 +84,7 @@ class Builder:
         return box
 
     def light(self, kind, location, target, power_w, size_m):
-        """`size_m` is a diameter; for a SUN, degrees."""
+        """Adds a light; `size_m` is a diameter, or degrees for a SUN."""
         data = bpy.data.lights.new("light", kind)
         data.energy = power_w
         data.color = (1, self.rng.uniform(0.7, 1), self.rng.uniform(0.5, 1))
@@ -144,7 +144,7 @@ class Builder:
             self.hdri_sky(1, ("city", "courtyard", "forest", "sunrise", "sunset"))
 
     def camera(self, location, target, lens_mm, blur=0.25):
-        """`blur` is the share of views with a depth of field."""
+        """Adds the camera; `blur` is the share of views with a depth of field."""
         data = bpy.data.cameras.new("camera")
         data.lens = lens_mm
         data.clip_start, data.clip_end = 0.001, 1000
@@ -156,7 +156,7 @@ class Builder:
             distance = (Vector(target) - Vector(location)).length
             data.dof.use_dof = True
             data.dof.focus_distance = distance * self.rng.uniform(0.6, 1.1)
-            # Out of focus by up to some 3 % of the picture's width at infinity.
+            # Points at infinity are blurred over up to some 3 % of the picture's width.
             diameter_m = self.rng.uniform(0.005, 0.03) * data.dof.focus_distance * 36 / lens_mm
             data.dof.aperture_fstop = lens_mm / 1000 / diameter_m
 
@@ -170,7 +170,7 @@ class Builder:
         return root
 
     def shape(self, location, size_m, name=None, material=None):
-        """A shape standing on `location`."""
+        """Adds a shape that stands on `location`."""
         rng = self.rng
         shape = shapes.mesh(rng, name or rng.choice(list(shapes.MESH)), size_m)
         shape.location = location
@@ -202,7 +202,7 @@ class Builder:
         self.scale_m = scale_m
 
     def motion(self, extent_m):
-        """Motion blur: the camera turns and shifts, or some of the movable objects do."""
+        """Adds motion blur: the camera turns and shifts, or some of the movable objects do."""
         rng, scene = self.rng, bpy.context.scene
         scene.render.use_motion_blur = True
         if rng.random() < 0.4 or not self.movable:
@@ -227,6 +227,6 @@ class Builder:
                 point.interpolation = "LINEAR"
 
     def haze(self, low, high, depth):
-        """A box of thin fog, of the given optical depth along its diagonal."""
+        """Adds a box of thin fog with the given optical depth along its diagonal."""
         density = depth / (Vector(high) - Vector(low)).length
         self.box(low, high, materials.haze(self.rng, density))

@@ -1,4 +1,4 @@
-"""Scenes of what reconstruction finds hard: grilles, thin rails, lettering, glass, mirrors, walls in dim indirect light."""
+"""Builds scenes that are hard to reconstruct: grilles, thin rails, lettering, glass, mirrors, dim indirect light."""
 
 import math
 
@@ -9,7 +9,7 @@ import materials
 import shapes
 
 UPRIGHT = Matrix.Rotation(math.pi / 2, 4, "X")
-WIDTH, DEPTH, HEIGHT = 4.0, 4.0, 2.6  # metres, of the room; its middle is the origin, the camera looks along +y
+WIDTH, DEPTH, HEIGHT = 4.0, 4.0, 2.6  # the room's, in metres; its middle is the origin, the camera looks along +y
 SIGNS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789&%$#?!@abcdefghijklmnopqrstuvwxyz"
 
 
@@ -26,7 +26,7 @@ def shell(b):
 
 
 def place_for(b):
-    """A random upright plane in front of the far wall, a little turned; its z axis faces the camera."""
+    """Returns a random upright plane in front of the far wall, a little turned; its z axis faces the camera."""
     rng = b.rng
     spot = Vector((rng.uniform(-1.2, 1.2), rng.uniform(-0.2, 1.9), rng.uniform(0, 0.9)))
     return Matrix.Translation(spot) @ Matrix.Rotation(rng.uniform(-0.6, 0.6), 4, "Z") @ UPRIGHT
@@ -37,7 +37,7 @@ def finish(b):
 
 
 def bars(b, matrix, width, height, step, thick, material):
-    """Upright and level bars of a grille, as boxes in its plane."""
+    """Builds the upright and level bars of a grille, as boxes in its plane."""
     across = [((-width / 2 + i * step, 0, 0), (-width / 2 + i * step + thick, height, thick)) for i in range(int(width / step))]
     if b.rng.random() < 0.6:
         rise = step * b.rng.choice((1, 1, 2))
@@ -57,7 +57,7 @@ def grille(b):
 
 
 def rail(b):
-    """Posts and wires across the view."""
+    """Builds posts and wires across the view."""
     rng = b.rng
     y, height, thick = rng.uniform(-0.6, 1.5), rng.uniform(0.5, 1.1), rng.uniform(0.003, 0.02)
     step = rng.uniform(0.08, 0.4)
@@ -88,7 +88,7 @@ def lettering(b):
 
 
 def pane(b):
-    """A sheet of glass, thin or thick, before other things."""
+    """Builds a sheet of glass, thin or thick, before other things."""
     rng = b.rng
     w, h, thick = rng.uniform(0.3, 1), rng.uniform(0.4, 1.4), rng.choice((0.004, 0.01, 0.05))
     sheet = b.boxes([((-w / 2, 0, 0), (w / 2, h, thick))], materials.glass(rng))
@@ -111,7 +111,7 @@ def mirror(b):
 
 
 def vessels(b):
-    """Glasses, bottles and polished vases in a row."""
+    """Builds glasses, bottles and polished vases in a row."""
     rng = b.rng
     spot, turn = Vector((rng.uniform(-1, 0.3), rng.uniform(-0.9, 1.2), 0)), rng.uniform(-0.4, 0.4)
     top = rng.choice((0, 0.4, 0.75))
@@ -131,7 +131,7 @@ def vessels(b):
 
 
 def lights(b):
-    """Lamps that are seen, or that reach the walls by way of the ceiling or from behind a screen alone."""
+    """Adds lamps that are seen, or whose light reaches the walls only over the ceiling or from behind a screen."""
     rng = b.rng
     kind = rng.choice(("lamp", "lamp", "uplight", "screened", "window"))
     b.plain_sky(rng.uniform(0.02, 0.2))

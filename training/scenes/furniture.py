@@ -1,4 +1,4 @@
-"""Models of Sweet Home 3D catalogues (.sh3f: a zip of OBJ, MTL and textures)."""
+"""Reads models of Sweet Home 3D catalogues (.sh3f: a zip of OBJ, MTL and textures)."""
 
 import json
 import pathlib
@@ -9,13 +9,13 @@ from mathutils import Matrix, Vector
 
 import shapes
 
-# {catalogue file name: {model path: why}}, written by probe.py
+# SKIP is {catalogue file name: {model path: why}}; probe.py writes it.
 SKIP = json.loads(pathlib.Path(__file__).with_name("skip.json").read_text())
 LEFT_OUT_CATEGORIES = ("Doors and windows", "Doors", "Windows", "Staircases")
 
 
 class Model:
-    """One catalogue entry; size_m is (width, depth, height)."""
+    """Holds one catalogue entry; size_m is (width, depth, height)."""
 
     def __init__(self, archive, entry, about):
         self.archive = archive
@@ -41,7 +41,7 @@ class Model:
         with zipfile.ZipFile(self.archive) as archive:
             archive.extractall(folder, [n for n in archive.namelist() if n.startswith(prefix)])
         bpy.ops.object.select_all(action="DESELECT")
-        # Some hold degenerate faces, which crash Blender unless removed.
+        # Some models hold degenerate faces, which crash Blender unless removed.
         bpy.ops.wm.obj_import(filepath=str(pathlib.Path(folder) / self.path), validate_meshes=True)
         parts = [o for o in bpy.context.selected_objects if o.type == "MESH"]
         if not any(o.data.polygons for o in parts):
@@ -66,7 +66,7 @@ def fit(parts, size_m):
 
 
 def read_catalogue(archive_path):
-    """Models that can be imported, among them those that probe.py found to be unusable."""
+    """Returns the models that can be imported, among them those that probe.py found to be unusable."""
     with zipfile.ZipFile(archive_path) as archive:
         text = archive.read("PluginFurnitureCatalog.properties").decode("latin-1")
     entries, about = {}, {}
@@ -86,7 +86,7 @@ def is_skipped(model):
 
 
 def read_textures(archive_path):
-    """(archive, member) of the photographs large enough to cover a floor or a wall."""
+    """Returns (archive, member) of the photographs large enough to cover a floor or a wall."""
     with zipfile.ZipFile(archive_path) as archive:
         return [
             (archive_path, i.filename)

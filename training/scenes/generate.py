@@ -1,9 +1,9 @@
 #!/usr/bin/python3
 """Renders many seeded views, one Blender process each; run it again to go on after a stop.
 
-A view is whole once its folder has its final name. A view that is not worth keeping leaves NAME.dropped (its
-view.json), one that crashes Blender or runs out of time NAME.failed with the log's end; remove either to try again.
-In the end manifest.jsonl lists all views of the folder; for that alone give no seeds, as 0:0.
+A view is whole once its folder has its final name. A view that is not worth keeping leaves NAME.dropped, its view.json.
+A view that crashes Blender or runs out of time leaves NAME.failed with the log's end. Remove either to try again.
+In the end manifest.jsonl lists all views of the folder; to write nothing else, give no seeds, as in 0:0.
 """
 
 import argparse
@@ -25,7 +25,7 @@ def parse():
     parser.add_argument("--frame", type=int, help="each view is a window of a frame of this size")
     parser.add_argument("--spp", type=int, nargs="+", default=[1, 2, 4, 8, 16, 32, 64])
     parser.add_argument("--reference-spp", type=int, default=512)
-    parser.add_argument("--reference-psnr", type=float, help="noise at which a reference has samples enough, dB")
+    parser.add_argument("--reference-psnr", type=float, help="noise at which a reference has enough samples, dB")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--timeout-s", type=float, default=1500)
     return parser.parse_args()
@@ -58,7 +58,7 @@ def run_view(final, arguments, timeout_s, script=SCRIPT):
 
 
 def write_manifest(folder):
-    """manifest.jsonl: what every view is and whose models it shows; the files of dropped ones are gone."""
+    """Writes manifest.jsonl: what every view is and whose models it shows. The files of dropped views are gone."""
     lines = []
     for path in sorted([*folder.glob("view-*[0-9]/view.json"), *folder.glob("view-*.dropped")]):
         record = json.loads(path.read_text())

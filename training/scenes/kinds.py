@@ -1,4 +1,4 @@
-"""Scenes other than rooms: studio shots, table tops, models under the sky, landscapes, architecture."""
+"""Builds scenes other than rooms: studio shots, table tops, models under the sky, landscapes, architecture."""
 
 import math
 
@@ -24,7 +24,7 @@ def studio_lights(b, reach):
 
 
 def studio(b):
-    """An object before a backdrop."""
+    """Builds an object before a backdrop."""
     rng = b.rng
     model = b.pick(b.models) if rng.random() < 0.7 else None
     reach = max(model.size_m) if model else 1
@@ -47,7 +47,7 @@ def studio(b):
 
 
 def tabletop(b):
-    """A close look at small things on a table: shapes, small models, books, balls in rows."""
+    """Builds a close look at small things on a table: shapes, small models, books, balls in rows."""
     rng = b.rng
     b.scale_m = 0.25
     b.box((-1, -0.7, -0.04), (1, 0.7, 0), b.surface(plain=0.02))
@@ -88,7 +88,7 @@ def tabletop(b):
 
 
 def pile(b, spot):
-    """Books lying on one another."""
+    """Piles books on one another."""
     rng, z = b.rng, 0
     for _ in range(rng.randint(2, 7)):
         x, y, height = rng.uniform(0.06, 0.1), rng.uniform(0.08, 0.13), rng.uniform(0.01, 0.04)
@@ -108,7 +108,7 @@ def fence(b, x0, x1, y, height):
 
 
 def outdoor(b):
-    """Models and shapes on a plain before walls, fences and trees."""
+    """Builds models and shapes on a plain before walls, fences and trees."""
     rng = b.rng
     b.panel([(-40, -40, 40, 40)], Matrix(), b.surface(plain=0.02))
     for _ in range(rng.randint(1, 4)):
@@ -133,7 +133,7 @@ def outdoor(b):
 
 
 def landscape(b):
-    """Hills with rocks, trees, huts and grass."""
+    """Builds hills with rocks, trees, huts and grass."""
     rng = b.rng
     b.scale_m = rng.uniform(1, 5)
     extent = 60
@@ -174,7 +174,7 @@ def landscape(b):
 
 
 def facade(b, x, y, width, height, depth):
-    """A house whose front, at y, has rows of framed windows."""
+    """Builds a house whose front, at y, has rows of framed windows."""
     rng = b.rng
     b.box((x, y, 0), (x + width, y + depth, height), b.surface(plain=0.05))
     across, up = rng.uniform(1, 2.2), rng.uniform(1.8, 3)
@@ -210,7 +210,7 @@ def street(b):
 
 
 def arcade(b):
-    """Stone walls with arches from the wall factory, and columns."""
+    """Builds stone walls with arches from the wall factory, and columns."""
     rng = b.rng
     settings = dict(WallStart=-8, WallEnd=8, WallTop=rng.uniform(4, 7), Depth=0.6, DepthMinimum=0.4, DepthVariance=0.1)
     settings |= dict(Width=rng.uniform(0.5, 1.2), Height=rng.uniform(0.3, 0.6), HeightMinimum=0.2, EdgeOffset=0.3)

@@ -1,4 +1,4 @@
-"""Seeded materials: procedural and photographed surfaces, glass, metal, light, haze, a finish for imported models."""
+"""Makes seeded materials: procedural and photographed surfaces, glass, metal, light, haze; refinishes imported ones."""
 
 import colorsys
 import pathlib
@@ -107,7 +107,7 @@ def ramp_of(tree, rng, height, hue):
 
 
 def pattern(tree, rng, vector, hue=None):
-    """(colour, height) sockets of a procedural texture."""
+    """Adds a procedural texture; returns its (colour, height) sockets."""
     make = rng.choice(PATTERNS)
     node = make(tree, rng)
     tree.links.new(vector, node.inputs["Vector"])
@@ -166,7 +166,7 @@ def picture(rng, textures, folder, vector_of):
 
 
 def surface(rng, textures, folder, plain=0.25, scale_m=1, hue=None):
-    """A floor, wall, cloth or object; coordinates are the object's own, patterns are of the order of scale_m."""
+    """Makes a floor, wall, cloth or object; coordinates are the object's own, patterns are of the order of scale_m."""
     if rng.random() < plain:
         material, tree, shader = new_material("plain")
         shader.inputs["Base Color"].default_value = colour(rng, 0.3, 0.9, hue)
@@ -220,7 +220,7 @@ def light_emitter(rng, strength):
 
 
 def glowing(rng, textures, folder, strength, vector_of):
-    """A screen, a sign or a lit pattern: a photograph or a procedural texture drives the emission."""
+    """Makes a screen, a sign or a lit pattern: a photograph or a procedural texture drives the emission."""
     material, tree, shader = new_material("glowing")
     vector = vector_of(tree)
     if rng.random() < 0.5:
@@ -234,7 +234,7 @@ def glowing(rng, textures, folder, strength, vector_of):
 
 
 def haze(rng, density):
-    """A homogeneous volume; density in 1/m."""
+    """Makes a homogeneous volume; `density` is in 1/m."""
     material = bpy.data.materials.new("haze")
     material.use_nodes = True
     tree = material.node_tree
@@ -249,7 +249,7 @@ def haze(rng, density):
 
 def refinish(objects, rng):
     """Varies how imported materials reflect: as found, glossy, rough, metal or glass; textures stay."""
-    # A dict, as a set's order of Blender objects, and with it every later draw, changes from run to run.
+    # A dict keeps the order; a set's order of Blender objects, and with it every later draw, changes from run to run.
     for material in dict.fromkeys(m for o in objects if o.type == "MESH" for m in o.data.materials if m):
         shader = material.use_nodes and material.node_tree.nodes.get("Principled BSDF")
         if not shader:

@@ -1,9 +1,10 @@
 #!/usr/bin/python3
-"""Renders real pairs for training: what users have, full-size renders of few samples and ordinary small ones of many.
+"""Renders pairs as users have them, for training: full-size renders of few samples, ordinary small ones of many.
 
-Each seed is a scene, of which --windows views of 192x192 are kept, packed by ../pack.py: OUT/view-SEED-WINDOW.safetensors.
-A scene leaves OUT/view-SEED.done once its views are packed, .failed with the log's end if Blender crashed or ran out of
-time. Run it again to go on after a stop. Every tenth seed is held out: it has all pairs of samples and a cleaner reference.
+Each seed is a scene, of which --windows views of 192x192 are kept. ../pack.py packs a view as
+OUT/view-SEED-WINDOW.safetensors. A scene leaves OUT/view-SEED.done once its views are packed, or .failed with the log's
+end if Blender crashed or ran out of time. Run it again to go on after a stop. Every tenth seed is held out: it has all
+pairs of samples and a cleaner reference.
 """
 
 import argparse
@@ -21,7 +22,7 @@ import pack
 
 SCRIPT = pathlib.Path(__file__).with_name("render.py")
 FRAMES = (384, 512, 768, 1024)  # sizes of the frames that views are windows of
-# Samples of the small render at each scale; with 1, 2 and 4 at full size they cost as much again.
+# These samples of the small render cost as much as 1, 2 and 4 samples at full size.
 LOW_SPP = {2: (4, 8, 16), 4: (16, 32, 64), 8: (64, 128, 256)}
 GUIDE_SPP = (2, 4, 8)
 
@@ -31,7 +32,7 @@ def parse():
     parser.add_argument("--out", required=True, type=pathlib.Path)
     parser.add_argument("--catalogue", required=True, nargs="+")
     parser.add_argument("--seeds", required=True, help="FIRST:LAST, the last excluded")
-    parser.add_argument("--kind", help="of scene; by default the seed decides")
+    parser.add_argument("--kind", help="kind of scene; by default the seed decides")
     parser.add_argument("--windows", type=int, default=2)
     parser.add_argument("--size", type=int, default=192)
     parser.add_argument("--jobs", type=int, default=2)
@@ -44,7 +45,7 @@ def held_out(seed):
 
 
 def renders(seed):
-    """Arguments of render.py: which renders a seed has. Drawn apart from the scene, which they do not change."""
+    """Returns render.py's arguments for the renders of a seed. Drawing them does not change the scene."""
     rng = random.Random(f"renders {seed}")
     low, guides, reference = dict(LOW_SPP), GUIDE_SPP, (64, 192)
     if not held_out(seed):

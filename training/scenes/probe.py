@@ -4,8 +4,8 @@
 training/scenes/probe.py CATALOGUE.sh3f ...
 
 The models of one Blender process are a batch; where one crashes it, the model is tried again alone, and the rest go on.
-What skip.json has stays there, as the scenes of seeds depend on it. A model whose texture is missing is usable:
-materials.refinish leaves the texture out.
+Entries of skip.json stay there, as the scenes of seeds depend on them. A model whose texture is missing is usable:
+materials.refinish removes the texture.
 """
 
 import json
@@ -20,7 +20,7 @@ HERE = pathlib.Path(__file__).parent
 
 
 def probe(model, folder):
-    """Why the model cannot be used, or None."""
+    """Returns why the model cannot be used, or None."""
     import bpy
     import numpy
 
@@ -49,7 +49,7 @@ def probe(model, folder):
 
 
 def work(catalogue, results, first, count):
-    """Inside Blender: a line for each model before it is tried, and one with the outcome after."""
+    """Runs inside Blender; writes a line for each model before it is tried, and one with the outcome after."""
     import furniture
 
     models = furniture.read_catalogue(catalogue)[first : first + count]
@@ -60,7 +60,7 @@ def work(catalogue, results, first, count):
 
 
 def batch(catalogue, folder, first, count):
-    """[(path, why or None)] of the models that were tried; the last may have crashed Blender."""
+    """Returns [(path, why or None)] of the models that were tried; the last may have crashed Blender."""
     results = pathlib.Path(folder) / "results"
     results.write_text("")
     command = ["blender", "-b", "--factory-startup", "--python-exit-code", "9", "-P", __file__, "--"]

@@ -2,7 +2,7 @@
 
 blender -b --factory-startup -P training/scenes/render.py -- --out VIEW --seed 7 --catalogue A.sh3f [...] --spp 1 2 4
 
-Run again, it goes on with the files that are missing. VIEW/view.json tells what the files are; it has `noise` once all
+Another run goes on with the files that are missing. VIEW/view.json tells what the files are; it has `whole` once all
 are there. A view that is flat, black, white or too noisy to learn from leaves only view.json, with `dropped`.
 With several folders after --out, each is another window of the same frame (--frame).
 """
@@ -31,8 +31,8 @@ import shapes
 import test_scenes
 
 faulthandler.enable()
-VERSION = 2  # of the generator: of what a seed gives
-# Shares of 0 are for --kind alone: to raise one changes what seeds give.
+VERSION = 2  # the generator's, raised when a seed gives another scene
+# A kind with a share of 0 is for --kind alone; raising a share changes the scenes that seeds give.
 KINDS = {
     "room": (room.room, 36),
     "tabletop": (kinds.tabletop, 18),
@@ -46,19 +46,19 @@ LAYERS = (
     "diffuse_direct diffuse_indirect diffuse_color glossy_direct glossy_indirect glossy_color "
     "transmission_direct transmission_indirect transmission_color emit environment normal z"
 ).split()
-# `fusion` has what a fusion reads; `light` has emission and environment too, which complete what is seen directly.
+# `fusion` has the layers that a fusion reads; `light` adds emission and environment, which are seen directly.
 LAYER_SETS = {
     "all": LAYERS,
     "fusion": LAYERS[:6],
     "light": [*LAYERS[:6], "emit", "environment"],
 }
 MOST_RELMSE = 0.01
-WINDOW_STEP = 8  # pixels; smaller renders of a window then have whole pixels
-PILOT_SPP = 32  # of a half, to tell how many samples it needs
+WINDOW_STEP = 8  # pixels; windows lie on multiples of it, so that their smaller renders have whole pixels
+PILOT_SPP = 32  # samples of a half's pilot, which tells how many the half needs
 
 
 def scaled(text):
-    """SCALE:SPP"""
+    """Parses SCALE:SPP."""
     scale, spp = map(int, text.split(":"))
     return scale, spp
 
@@ -68,21 +68,21 @@ def parse():
     parser.add_argument("--out", required=True, type=pathlib.Path, nargs="+", help="a folder for each window")
     parser.add_argument("--seed", required=True, type=int)
     parser.add_argument("--catalogue", required=True, nargs="+")
-    parser.add_argument("--kind", choices=[*KINDS, *test_scenes.KINDS], help="default: one for training, by seed")
+    parser.add_argument("--kind", choices=[*KINDS, *test_scenes.KINDS], help="default: a kind for training, by seed")
     parser.add_argument("--width", type=int, default=192)
     parser.add_argument("--height", type=int, default=192)
     parser.add_argument("--frame", type=int, default=0, help="the view is a random window of a frame of this size")
-    parser.add_argument("--spp", type=int, nargs="*", default=[], help="renders with layers")
+    parser.add_argument("--spp", type=int, nargs="*", default=[], help="samples of renders with layers")
     parser.add_argument("--layers", choices=LAYER_SETS, default="fusion")
-    parser.add_argument("--guides", type=int, nargs="*", default=[], help="renders of albedo and normal for their own sake")
-    parser.add_argument("--plain-spp", type=int, nargs="*", default=[], help="renders with the colour only")
-    parser.add_argument("--lrhs", type=scaled, nargs="*", default=[], help="SCALE:SPP, every SCALE-th pixel")
-    parser.add_argument("--lowres", type=scaled, nargs="*", default=[], help="SCALE:SPP, ordinary smaller renders")
-    parser.add_argument("--lowres-layers", action="store_true", help="the smaller renders have layers too")
-    parser.add_argument("--reference-spp", type=int, default=0, help="at most, of both halves together")
-    parser.add_argument("--reference-parts", type=int, nargs=2, help="samples of two unequal parts, with layers, instead")
-    parser.add_argument("--least-psnr", type=float, default=34, help="a view with a noisier reference is dropped, dB")
-    parser.add_argument("--reference-psnr", type=float, help="enough: fewer samples, if these will have this noise, dB")
+    parser.add_argument("--guides", type=int, nargs="*", default=[], help="samples of renders of albedo and normal")
+    parser.add_argument("--plain-spp", type=int, nargs="*", default=[], help="samples of renders of the colour only")
+    parser.add_argument("--lrhs", type=scaled, nargs="*", default=[], help="SCALE:SPP, render every SCALE-th pixel")
+    parser.add_argument("--lowres", type=scaled, nargs="*", default=[], help="SCALE:SPP of ordinary smaller renders")
+    parser.add_argument("--lowres-layers", action="store_true", help="give the smaller renders layers too")
+    parser.add_argument("--reference-spp", type=int, default=0, help="most samples of both reference halves together")
+    parser.add_argument("--reference-parts", type=int, nargs=2, help="samples of two reference parts with layers")
+    parser.add_argument("--least-psnr", type=float, default=34, help="drop a view with a noisier reference, dB")
+    parser.add_argument("--reference-psnr", type=float, help="take fewer samples if they reach this noise, dB")
     parser.add_argument("--depth", choices=("16", "32"), default="32", help="bits a channel")
     parser.add_argument("--threads", type=int, default=1)
     args = parser.parse_args(sys.argv[sys.argv.index("--") + 1 :])
@@ -110,7 +110,7 @@ def set_up(args):
 
 
 def choose_layers(scene, names, albedo=None):
-    """Passes beside the colour; albedo and normal come with any other unless told."""
+    """Selects the passes beside the colour; albedo and normal come with any other pass unless `albedo` is given."""
     layer = scene.view_layers[0]
     for name in LAYERS:
         setattr(layer, "use_pass_" + name, name in names)
@@ -119,7 +119,7 @@ def choose_layers(scene, names, albedo=None):
 
 @contextlib.contextmanager
 def smaller(scene, scale, nearest):
-    """Renders are 1/scale of the size; if nearest, their samples are those of each cell's top-left full-size pixel."""
+    """Makes renders 1/scale of the size; if nearest, a pixel has the samples of the top-left full-size pixel in it."""
     render, camera = scene.render, scene.camera.data
     size = render.resolution_x, render.resolution_y
     if any(n % scale for n in size):
@@ -139,7 +139,7 @@ def smaller(scene, scale, nearest):
 
 @contextlib.contextmanager
 def unlit(scene):
-    """Paths end where albedo and normal are known: at the first surface that is not a mirror or glass."""
+    """Ends paths where albedo and normal are known: at the first surface that is not a mirror or glass."""
     bounces = scene.cycles.diffuse_bounces
     scene.cycles.diffuse_bounces = 0
     yield
@@ -147,7 +147,7 @@ def unlit(scene):
 
 
 def render(scene, path, spp, seed):
-    """Returns the seconds it took."""
+    """Renders to `path` and returns the seconds it took."""
     scene.cycles.samples = spp
     scene.cycles.seed = seed
     partial = path.with_suffix(".part.exr")
@@ -160,7 +160,7 @@ def render(scene, path, spp, seed):
 
 
 def read_colour(path):
-    """[H, W, 3], float32."""
+    """Reads the colour of a render as float32 [H, W, 3]."""
     image = oiio.ImageBuf(str(path))
     pixels = image.get_pixels(oiio.FLOAT)
     names = [name.split(".", 1)[-1] for name in image.spec().channelnames]
@@ -173,9 +173,9 @@ def srgb(linear):
 
 
 def noise(a, b, share=0.5):
-    """{"relmse", "psnr"} of the mean of two independent renders by their samples, from their difference.
+    """Returns {"relmse", "psnr"} of the mean of two independent renders by their samples, from their difference.
 
-    `share` of the samples are a's. The variance of the difference is 1 / (share (1 - share)) that of the mean.
+    `share` of the samples are a's. The variance of the difference is 1 / (share (1 - share)) times that of the mean.
     """
     mean, error = share * a + (1 - share) * b, (a - b) * (share * (1 - share)) ** 0.5
     relmse = 0.5 * error**2 / (mean**2 + 0.01)
@@ -188,7 +188,7 @@ def too_noisy(noise, least_psnr):
 
 
 def dull(linear):
-    """Whether a picture shows hardly anything, in words, or None."""
+    """Returns in a word why a picture shows hardly anything, or None if it shows something."""
     shown = srgb(linear).mean(axis=2)
     if (shown < 0.02).mean() > 0.6:
         return "black"
@@ -200,7 +200,7 @@ def dull(linear):
 
 
 def probe(scene, rng, folder, reference_spp, least_psnr):
-    """Two small renders give (exposure, their mean at it, why the view is to be dropped or None).
+    """Makes two small renders; returns (exposure, their mean at it, why the view is to be dropped or None).
 
     The exposure brings the mean display value to a random 0.28..0.5.
     """
@@ -226,7 +226,7 @@ def probe(scene, rng, folder, reference_spp, least_psnr):
 
 
 def choose_window(rng, small, args):
-    """[left, top, right, bottom] in parts of the frame, of a window of which `small` shows something; or None."""
+    """Returns a window in which `small` shows something, [left, top, right, bottom] in parts of the frame, or None."""
     width, height = args.width / args.frame, args.height / args.frame
     for _ in range(12):
         left, top = rng.uniform(0, 1 - width), rng.uniform(0, 1 - height)
@@ -253,7 +253,7 @@ def models_used(models):
 
 
 class View:
-    """The files of a view and view.json, its record, which is written after each of them."""
+    """Holds the files of a view and its record, view.json, which is written after each file."""
 
     def __init__(self, args, index, scene, record):
         self.args, self.scene, self.record = args, scene, record
@@ -264,7 +264,7 @@ class View:
         (self.out / "view.json").write_text(json.dumps(self.record, indent=1) + "\n")
 
     def renders(self, name, spp, seed, **about):
-        """The path of a render; made unless it is there."""
+        """Returns the path of a render, and makes the render unless it is there."""
         path = self.out / name
         if not path.exists() or name not in self.record["files"]:
             seconds = render(self.scene, path, spp, (self.noise_seed + seed) % 2**31)
@@ -273,7 +273,7 @@ class View:
         return path
 
     def merges(self, name, parts):
-        """The path of a render that takes the place of its parts (or a single one): their mean by samples."""
+        """Replaces parts of a render, or a single one, by their mean by samples; returns the path of the mean."""
         path, files = self.out / name, self.record["files"]
         if name not in files:
             spp = [files[part]["spp"] for part in parts]
@@ -377,7 +377,7 @@ def build_scene(args, rng, folder):
 def main():
     args = parse()
     rng = random.Random(args.seed)
-    # Add-ons draw from these.
+    # Add-ons draw from these generators.
     random.seed(args.seed)
     numpy.random.seed(args.seed)
     with tempfile.TemporaryDirectory() as folder:
@@ -392,7 +392,7 @@ def main():
                 record = json.loads(record_path.read_text())
                 if record.get("window"):
                     set_window(scene, record["window"])
-                render(scene, pathlib.Path(folder) / "warm.exr", 1, 1)  # so that no time includes the scene's preparation
+                render(scene, pathlib.Path(folder) / "warm.exr", 1, 1)  # no time is to include the scene's preparation
             else:
                 if not probed:
                     spp = args.reference_spp or sum(args.reference_parts or ())

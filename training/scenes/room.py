@@ -1,4 +1,4 @@
-"""A furnished room: textured shell with a window, models along the walls and on tables, lamps."""
+"""Builds a furnished room: textured shell with a window, models along the walls and on tables, lamps."""
 
 import math
 
@@ -9,7 +9,10 @@ import materials
 
 
 def shell(b, width, depth, height):
-    """Floor, ceiling and four walls around the origin, all facing inwards; returns the window's centre and size."""
+    """Builds floor, ceiling and four walls around the origin, all facing inwards.
+
+    Returns the window's centre, its width, and the sign of the side on which it is.
+    """
     rng = b.rng
     x, y = width / 2, depth / 2
     b.panel([(-x, -y, x, y)], Matrix(), b.surface(plain=0.05))
@@ -19,7 +22,7 @@ def shell(b, width, depth, height):
     upright = Matrix.Rotation(math.pi / 2, 4, "X")
     window_w, window_h, sill = rng.uniform(0.8, 0.6 * depth), rng.uniform(0.8, 1.5), rng.uniform(0.3, 0.9)
     window_side = rng.choice((1, 3))
-    # Turned by a quarter from the far wall (+y): 0 far, 1 left, 2 near, 3 right.
+    # Each side is the far wall (+y) turned by a quarter more: 0 far, 1 left, 2 near, 3 right.
     for side in range(4):
         length, distance = ((width, y), (depth, x))[side % 2]
         half = length / 2
@@ -68,7 +71,7 @@ def overlaps(a, c):
 
 
 def spot_for(b, model, width, depth):
-    """Against the far, left or right wall facing inwards, or free-standing; (location, quarter turns)."""
+    """Returns (location, quarter turns): against the far, left or right wall facing inwards, or free-standing."""
     rng, w, d = b.rng, model.size_m.x, model.size_m.y
     side = rng.choice((0, 0, 1, 3, 4))
     if side == 4:
@@ -109,7 +112,7 @@ def furnish(b, width, depth, eye):
 
 
 def lamps(b, width, depth, height, window):
-    """Daylight from the window, lamps under the ceiling, or both; absolute power does not matter."""
+    """Adds daylight from the window, lamps under the ceiling, or both; absolute power does not matter."""
     rng = b.rng
     centre, window_w, sign = window
     lighting = rng.choice(("day", "day", "evening", "both"))

@@ -1,4 +1,4 @@
-"""Shapes made by code: Blender's primitives and the add-ons that it ships with, trees, rocks, terrain, grass."""
+"""Makes shapes by code: Blender's primitives, shapes of the add-ons it ships with, trees, rocks, terrain, grass."""
 
 import ast
 import math
@@ -23,7 +23,7 @@ def enable_add_ons():
 
 
 def bounds(parts):
-    """The lowest and the highest corner of meshes' common bounding box, and the middle of its bottom."""
+    """Returns the lowest and the highest corner of meshes' common bounding box, and the middle of its bottom."""
     corners = [o.matrix_world @ Vector(c) for o in parts for c in o.bound_box]
     low = Vector(min(c[i] for c in corners) for i in range(3))
     high = Vector(max(c[i] for c in corners) for i in range(3))
@@ -121,12 +121,12 @@ MESH = {
     "rock": rock,
     "dome": dome,
 }
-# Thin struts suit these.
+# Thin struts suit these shapes.
 LATTICES = ("dome", "sponge", "solid", "sphere", "torus", "super toroid")
 
 
 def mesh(rng, name, size_m):
-    """A named shape of MESH, standing on the origin, smooth but for its edges."""
+    """Makes a named shape of MESH that stands on the origin, smooth but for its edges."""
     operator, settings = MESH[name](rng)
     part = stand(made_by(operator, **settings), size_m)[0]
     part.data.use_auto_smooth = True
@@ -150,12 +150,12 @@ def wall(**settings):
 
 
 def tree(rng, height_m):
-    """(trunk, leaves) of a Sapling tree; leaves may be missing."""
+    """Makes a Sapling tree; returns (trunk, leaves), of which leaves may be None."""
     presets = sorted((pathlib.Path(addon_utils.paths()[0]) / "add_curve_sapling" / "presets").glob("*.py"))
     settings = ast.literal_eval(rng.choice(presets).read_text())
     known = bpy.ops.curve.tree_add.get_rna_type().properties
     settings = {k: v for k, v in settings.items() if k in known}
-    # Older presets have one value in place of one for each level.
+    # Older presets have a single value in place of one for each level.
     arrays = [k for k in settings if getattr(known[k], "is_array", False) and not hasattr(settings[k], "__len__")]
     settings |= {k: [settings[k]] * known[k].array_length for k in arrays}
     settings |= dict(seed=rng.randint(0, 9999), bevel=True, bevelRes=1, resU=2, do_update=True)
@@ -169,7 +169,7 @@ def tree(rng, height_m):
 
 
 def terrain(rng, extent_m, height_m):
-    """An extent_m wide square of hills around the origin."""
+    """Makes an extent_m wide square of hills around the origin."""
     kind = rng.choice(("hetero_terrain", "ridged_multi_fractal", "hybrid_multi_fractal", "multi_fractal", "fractal"))
     settings = dict(subdivision_x=160, subdivision_y=160, random_seed=rng.randint(0, 9999), noise_type=kind)
     settings |= dict(noise_size=rng.uniform(0.3, 1), strata_type=rng.choice(("0", "0", "1", "2")), edge_falloff="0")
@@ -179,13 +179,13 @@ def terrain(rng, extent_m, height_m):
 
 
 def height_at(land, x, y):
-    """Height of a terrain at (x, y); 0 beside it."""
+    """Returns the height of a terrain at (x, y), or 0 beside the terrain."""
     hit, point, _, _ = land.ray_cast(Vector((x, y, 1000)), Vector((0, 0, -1)))
     return point.z if hit else 0
 
 
 def blades(rng, count, extent_m, height_m, ground):
-    """Grass: `count` thin triangles over a square; ground(x, y) gives their feet."""
+    """Makes grass, `count` thin triangles over a square; ground(x, y) gives the height of their feet."""
     corners, faces = [], []
     for i in range(count):
         x, y = rng.uniform(-0.5, 0.5) * extent_m, rng.uniform(-0.5, 0.5) * extent_m

@@ -1,4 +1,4 @@
-"""Scenes of the test set: layouts, materials and models that no training uses."""
+"""Builds the scenes of the test set, of layouts, materials and models that no training uses."""
 
 import colorsys
 import math
@@ -38,12 +38,12 @@ def ramp(node, height, *stops):
 
 
 def tint(rng, value, most=0.8):
-    """An RGB of the given HSV value and a random saturation up to `most`."""
+    """Returns an RGB of the given HSV value and a random saturation up to `most`."""
     return colorsys.hsv_to_rgb(rng.random(), rng.uniform(0, most), value)
 
 
 def shaded(rng, name, make):
-    """A material of make(node, position) -> (colour, height or None, roughness or a socket of it)."""
+    """Returns a material of make(node, position) -> (colour, height or None, roughness or a socket of it)."""
     material, tree, shader = materials.new_material(name)
     node = nodes_of(material)
     shade, height, roughness = make(node, node("TexCoord").outputs["Object"])
@@ -168,17 +168,17 @@ def concrete(rng):
 
 
 class Set:
-    """Models by their names, and the walls they stand before."""
+    """Places models by their names, and the walls they stand before."""
 
     def __init__(self, b):
         self.b, self.rng = b, b.rng
         self.by_name = {m.name: m for m in b.models}
 
     def put(self, name, x, y, z=0, degrees=0):
-        """Returns the height of its top."""
+        """Places a model and returns the height of its top."""
         root = self.b.place(self.by_name[name], (x, y, z), math.radians(degrees))
         for material in {m for part in root.children for m in part.data.materials if m}:
-            # Most files say 1, at which glass cannot be seen.
+            # Most files have 1, at which glass cannot be seen.
             material.node_tree.nodes["Principled BSDF"].inputs["IOR"].default_value = 1.45
         return z + self.by_name[name].size_m.z
 
@@ -186,7 +186,7 @@ class Set:
         return self.by_name[name].size_m.x
 
     def row(self, names, x0, x1, y, z, turn=25):
-        """Names drawn until the row is full."""
+        """Places models with names drawn at random until the row is full."""
         x = x0
         while True:
             name = self.rng.choice(names)
@@ -199,7 +199,7 @@ class Set:
         return self.b.panel([(-half, -half, half, half)], Matrix(), material)
 
     def wall(self, material, x0, x1, y, height, degrees=0):
-        """Upright in front of a viewer at the origin who is turned by `degrees` to the left."""
+        """Builds a wall in front of a viewer at the origin who is turned by `degrees` to the left."""
         turn = Matrix.Rotation(math.radians(degrees), 4, "Z")
         return self.b.panel([(x0, 0, x1, height)], turn @ Matrix.Translation((0, y, 0)) @ UPRIGHT, material)
 
@@ -309,7 +309,7 @@ def courtyard(b):
     s.put(rng.choice(("dog", "cat", "rabbit")), 0.2, -0.8, 0, rng.uniform(-60, 60))
     s.put(rng.choice(("bicycle", "scooter2", "child_swing")), 3.2, 2.2, 0, rng.uniform(0, 90))
     sky = b.nishita_sky(1)
-    # From behind the camera, where no wall is.
+    # The sun shines from behind the camera, where no wall is.
     sky.sun_rotation, sky.sun_elevation = math.pi + rng.uniform(-0.9, 0.9), math.radians(rng.uniform(30, 50))
     sky.sun_size, sky.sun_intensity = math.radians(2), 1
     b.camera((rng.uniform(-2, 2), -5.2, rng.uniform(1.5, 2.6)), (0, 1.4, 0.7), rng.uniform(26, 34), blur=0)

@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """Renders the public test set, or its first views, one Blender process each; run it again to go on after a stop.
 
-Models of Scopia.sh3f in layouts of test_scenes.py, neither of which any training uses. Each view: HRLS of 1 to 8 spp
-(with layers), plain renders of 16 and 32 spp, LRHS of three scales, an ordinary small render, and the reference.
+The views show models of Scopia.sh3f in layouts of test_scenes.py; no training uses either. Each view has HRLS of 1 to
+8 spp (with layers), plain renders of 16 and 32 spp, LRHS of three scales, an ordinary small render, and the reference.
 """
 
 import argparse
@@ -11,7 +11,7 @@ import pathlib
 import generate
 
 CATALOGUE = "/usr/share/sweethome3d/furniture/Scopia.sh3f"
-# (kind, seed); any first views of the list are varied.
+# A view is (kind, seed); any first views of the list are varied.
 VIEWS = [
     ("gallery", 1),
     ("courtyard", 2),
@@ -37,12 +37,12 @@ def parse():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", required=True, type=pathlib.Path)
     parser.add_argument("--catalogue", default=CATALOGUE)
-    parser.add_argument("--views", type=int, default=len(VIEWS), help="how many, from the first")
+    parser.add_argument("--views", type=int, default=len(VIEWS), help="number of views, from the first")
     parser.add_argument("--size", type=int, default=512)
     parser.add_argument("--reference-spp", type=int, default=512)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--timeout-s", type=float, default=7200)
-    parser.add_argument("--look", action="store_true", help="only 16 spp, to look at")
+    parser.add_argument("--look", action="store_true", help="render only 16 spp, to look at")
     return parser.parse_args()
 
 

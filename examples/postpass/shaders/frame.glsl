@@ -1,4 +1,4 @@
-// Bindings and addressing of all passes.
+// Declares the bindings and the addressing of all passes.
 #include "params.h"
 
 layout(local_size_x = kGroup, local_size_y = kGroup) in;
@@ -17,28 +17,28 @@ ivec2 small_size() { return full_size() / int(constants.scale); }
 
 bool inside(ivec2 pixel, ivec2 size) { return all(lessThan(pixel, size)); }
 
-// Of passes whose invocations go down kStrip pixels each, the first one.
+// Returns the first pixel of an invocation that goes down a strip of kStrip pixels.
 ivec2 strip_start() { return ivec2(gl_GlobalInvocationID.xy) * ivec2(1, kStrip); }
 
-// Of channel c of a planar image.
+// Returns the index of a pixel of channel c in a planar image.
 uint at(uint c, ivec2 pixel, ivec2 size) { return (c * size.y + pixel.y) * size.x + pixel.x; }
 
-// In history and guides.
+// Returns the index of a pixel in a slot of history or guides.
 uint slot_at(uint slot, ivec2 pixel, ivec2 size) { return at(slot, pixel, size); }
 
-// Light as the eye takes it, [0, 1), and back.
+// Maps light to [0, 1) as the eye takes it, and back.
 vec3 tone(vec3 light) { return 1 - exp(-max(light, 0)); }
 vec3 untone(vec3 toned) { return -log(max(1 - toned, 1e-4)); }
 
 vec3 srgb(vec3 x) { return mix(12.92 * x, 1.055 * pow(max(x, 0.0031308), vec3(1 / 2.4)) - 0.055, greaterThan(x, vec3(0.0031308))); }
 
-// The point of the image, in pixels from its top-left corner, as a direction.
+// Returns the direction to a point of the image, given in pixels from the top-left corner.
 vec3 direction_of(Camera camera, vec2 point, vec2 size) {
   const vec2 ndc = 2 * point / size - 1;
   return normalize(camera.forward.xyz + ndc.x * camera.right.xyz - ndc.y * camera.up.xyz);
 }
 
-// Where a point of the world is in the image, in pixels; its depth along `forward` is z.
+// Returns where a point of the world is in the image, in pixels; z is its depth along `forward`.
 vec3 project(Camera camera, vec3 point, vec2 size) {
   const vec3 to = point - camera.position.xyz;
   const float depth = dot(to, camera.forward.xyz);

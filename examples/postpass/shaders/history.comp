@@ -1,9 +1,10 @@
-// Blends the fused image with what it was in the frames before, at the place where this pixel's surface was then.
+// Blends the fused image with its history, taken where the pixel's surface was in the last frame.
 //
-// Motion is that of the first surface at the pixel's centre. A neighbour of that place in the last frame is taken as far
-// as its depth and normal agree, and the mean of those is moved to where this frame's neighbourhood makes it likely
-// (variance clipping, Salvi 2016). All means are of toned light, so that a bright pixel counts no more than it shows. An
-// invocation goes down a strip of pixels, so that each row is toned once for the three that it is a neighbour of.
+// Motion is that of the first surface at the pixel's centre. Neighbours of the surface's place in the last
+// frame count only if their depth and normal agree, and their mean is clamped to the range that this frame's
+// neighbourhood makes likely (variance clipping, Salvi 2016). All means are of toned light, so that a bright
+// pixel counts no more than it shows. An invocation goes down a strip of pixels, so that it tones each row
+// once for the three rows that the row is a neighbour of.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"
@@ -13,14 +14,14 @@ vec3 fused_at(ivec2 pixel, ivec2 size) {
   return tone(vec3(fused[at(0, pixel, size)], fused[at(1, pixel, size)], fused[at(2, pixel, size)]));
 }
 
-const float kSnap = 1e-3;  // pixels of motion, and weights, that are none
+const float kSnap = 1e-3;  // motion, in pixels, and weights below this count as none
 
-// Catmull-Rom weights of the four samples around a place between the middle two.
+// Returns the Catmull-Rom weights of four samples around a place between the middle two.
 vec4 cubic(float x) {
   return vec4(((2 - x) * x - 1) * x, (3 * x - 5) * x * x + 2, ((4 - 3 * x) * x + 1) * x, (x - 1) * x * x) / 2;
 }
 
-// Sums over three pixels side by side, edges replicated, and the one in the middle.
+// Holds sums over three pixels side by side, edges replicated, and the pixel in the middle.
 struct Row {
   vec3 middle, sum, square;
 };
@@ -36,7 +37,7 @@ Row row_at(ivec2 pixel, ivec2 size) {
   return row;
 }
 
-// `mean` and `deviation`: of the 3x3 pixels around.
+// Blends a pixel; `mean` and `deviation` are those of the 3x3 pixels around it.
 void blend(ivec2 pixel, ivec2 size, vec3 now, vec3 mean, vec3 deviation) {
   const Ray ray = Ray(constants.camera.position.xyz, direction_of(constants.camera, pixel + 0.5, vec2(size)));
   const Hit hit = intersect(ray);
@@ -45,8 +46,8 @@ void blend(ivec2 pixel, ivec2 size, vec3 now, vec3 mean, vec3 deviation) {
   const uint slot = constants.slot, last = 1 - slot;
   guides[slot_at(slot, pixel, size)] = vec4(hit.normal, depth);
 
-  // By a cubic filter, kept from ringing; and, with the number of frames, by a linear one of what agrees, for where not
-  // all of it does.
+  // A cubic filter, clamped to keep it from ringing, gives the color where all neighbours agree. Elsewhere a
+  // linear filter of those that agree gives it. The number of frames always comes from the linear filter.
   vec3 cubic_sum = vec3(0), low = vec3(1), high = vec3(0);
   vec4 linear_sum = vec4(0);
   float linear_weight = 0;

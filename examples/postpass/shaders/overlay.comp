@@ -3,7 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"
 
-// From '!' to '_', a glyph of 3x5 pixels each: five rows of three bits, the top one first, as octal digits.
+// Each character from '!' to '_' has a glyph of 3x5 pixels: five rows of three bits, top row first, in octal.
 const uint kFirst = 33, kLast = 95;
 const uint kGlyphs[] = uint[](
     022202u, 055000u, 057575u, 036236u, 041241u, 025253u, 022000u,           // ! " # $ % & '

@@ -1,4 +1,4 @@
-// What the host and the shaders share: included by C++ and GLSL.
+// Declares what the host and the shaders share; C++ and GLSL include it.
 #ifndef POSTPASS_PARAMS_H
 #define POSTPASS_PARAMS_H
 
@@ -11,7 +11,7 @@ struct vec4 {
 };
 #endif
 
-// Bindings of the one descriptor set. Images are floats.
+// Lists the bindings of the one descriptor set. Images are floats.
 const uint kConstants = 0;
 const uint kLrhs = 1;         // (3, height / scale, width / scale)
 const uint kHrls = 2;         // (18, height, width): color, albedo, normal, diffuse, specular, variance
@@ -28,14 +28,14 @@ const uint kStrip = 8;  // rows of an invocation of kVariance and kHistory
 const uint kColor = 0, kAlbedo = 3, kNormal = 6, kDiffuse = 9, kSpecular = 12, kVariance = 15;
 const uint kHrlsChannels = 18;
 
-// What is shown; kBlended is kFused with the history.
+// Lists the views that can be shown; kViewBlended is kViewFused with the history.
 const uint kViewLrhs = 0, kViewHrls = 1, kViewFused = 2, kViewConverged = 3, kViewBlended = 4;
 
 const uint kTextColumns = 32, kTextRows = 12;
 
 struct Camera {
   vec4 position;
-  vec4 right;  // to the edge of the image, from its centre; both are at a distance of 1
+  vec4 right;  // right and up lead from the image's centre to its edges, in the plane at distance 1
   vec4 up;
   vec4 forward;
 };
@@ -43,19 +43,19 @@ struct Camera {
 struct Constants {
   Camera camera;
   Camera last_camera;
-  uint width;  // of HRLS; a multiple of scale
+  uint width;  // the width of HRLS, a multiple of scale
   uint height;
   uint scale;
   uint lrhs_samples;
   uint hrls_samples;
-  uint frame;  // the seed of its noise
-  uint slot;   // of history and guides: this frame's, the other one is the last frame's
-  uint history_frames;      // those before this one that may be blended in
-  uint accumulated_frames;  // before this one
+  uint frame;  // the seed of the frame's noise
+  uint slot;   // this frame's slot of history and guides; the other slot is the last frame's
+  uint history_frames;      // earlier frames that may be blended in
+  uint accumulated_frames;  // frames accumulated before this one
   uint text_rows;
-  float history_weight;  // of this frame, once there are enough before it
+  float history_weight;  // this frame's weight, once there are enough earlier ones
   float history_tolerance;
-  uint text[kTextRows * kTextColumns / 4];  // ASCII, four to one, the first one lowest
+  uint text[kTextRows * kTextColumns / 4];  // ASCII, four characters in each, the first in the lowest byte
 };
 
 #ifdef __cplusplus

@@ -1,13 +1,13 @@
-// A room with a lamp at its ceiling, boxes and balls. Metres, y up.
+// Describes a room with a lamp at its ceiling, boxes and balls, in metres with y up.
 
 struct Ray {
   vec3 origin;
-  vec3 direction;  // of length 1
+  vec3 direction;  // a vector of length 1
 };
 
 struct Hit {
   float t;
-  vec3 normal;  // outwards
+  vec3 normal;  // points outwards
   uint object;
 };
 
@@ -24,7 +24,7 @@ const vec4 kMirror = vec4(0.62, 0.3, 0.7, 0.3), kRed = vec4(0.05, 0.17, 1.12, 0.
 const float kMiss = 1e30;
 const float kNear = 1e-3;
 
-// Where the ray enters the ball, or leaves it if that is ahead and it is within.
+// Returns the distance at which the ray enters the ball, or leaves it if the ray starts inside.
 float hit_ball(Ray ray, vec4 ball) {
   const vec3 to = ball.xyz - ray.origin;
   const float along = dot(to, ray.direction);
@@ -34,10 +34,10 @@ float hit_ball(Ray ray, vec4 ball) {
   return reach > 0 && t > kNear ? t : kMiss;
 }
 
-// Axes turned about y; sine and cosine.
+// Turns the axes about y by the angle of this sine and cosine.
 vec3 turn(vec3 v, vec2 angle) { return vec3(angle.y * v.x - angle.x * v.z, v.y, angle.x * v.x + angle.y * v.z); }
 
-// Where the ray enters a box around the origin.
+// Returns the distance at which the ray enters a box around the origin.
 float hit_box(Ray ray, vec3 half_size, out vec3 normal) {
   const vec3 inverse = 1 / ray.direction;
   const vec3 middle = -ray.origin * inverse, reach = half_size * abs(inverse);
@@ -69,7 +69,7 @@ void take_box(inout Hit hit, Ray ray, vec3 centre, vec3 half_size, vec2 angle, u
   if (t < hit.t) hit = Hit(t, turn(normal, vec2(-angle.x, angle.y)), object);
 }
 
-// The room is closed: there always is one.
+// Returns the first hit. There always is one, as the room is closed.
 Hit intersect(Ray ray) {
   const vec3 ahead = mix(kRoomLow, kRoomHigh, greaterThan(ray.direction, vec3(0)));
   const vec3 exits = (ahead - ray.origin) / ray.direction;
@@ -88,7 +88,8 @@ Hit intersect(Ray ray) {
   return hit;
 }
 
-// What comes through from a lamp at a distance: glass is clear to it, as there are no caustics otherwise.
+// Returns the share of a lamp's light that comes through from a distance. Glass lets most of it pass, because
+// the path tracer has no caustics.
 float visible(Ray ray, float distance) {
   vec3 normal;
   float t = min(hit_ball(ray, kGold), min(hit_ball(ray, kMirror), hit_ball(ray, kRed)));

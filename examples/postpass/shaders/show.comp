@@ -1,11 +1,11 @@
-// Tone-maps what is to be shown, as sRGB.
+// Tone-maps the view that is shown, to sRGB.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"
 
 layout(push_constant) uniform Push { uint view; };
 
-// The kernel of Keys 1981.
+// Returns the kernel of Keys 1981.
 float cubic(float x) {
   x = abs(x);
   return x < 1 ? (1.5 * x - 2.5) * x * x + 1 : x < 2 ? ((2.5 - 0.5 * x) * x - 4) * x + 2 : 0;

@@ -1,8 +1,9 @@
-// A path tracer: one invocation traces all paths of a pixel, of LRHS or with all layers of HRLS.
+// Traces paths: one invocation traces all paths of a pixel, for LRHS or for all layers of HRLS.
 //
-// Layers are what Cycles gives, as the models were trained on: albedo and normal are of the first surface that does
-// not mirror or refract, a lamp has its light, up to 1, for albedo and no normal; normals are in camera space, x to the
-// right, y up and z away from the camera; diffuse and specular are light, albedo included, by what the path does first.
+// Layers are those of Cycles, which the models were trained on. Albedo and normal are those of the first
+// surface that neither mirrors nor refracts; a lamp has its light, up to 1, as albedo, and no normal. Normals
+// are in camera space: x to the right, y up and z away from the camera. Diffuse and specular are light,
+// albedo included, sorted by the path's first scattering.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"
@@ -11,13 +12,13 @@
 layout(constant_id = 0) const bool kFull = true;
 
 const uint kMostVertices = 6, kMostDiffuse = 3;
-const float kMostIndirect = 4;  // what a sample's indirect light is clamped to, as against fireflies
+const float kMostIndirect = 4;  // the limit of a sample's indirect light, against fireflies
 const float kPi = 3.14159265;
-const float kFilterSigma = 0.38;  // of the pixel filter, in pixels: Cycles' Blackman-Harris window
+const float kFilterSigma = 0.38;  // width of the pixel filter in pixels, like Cycles' Blackman-Harris
 
 uint random_state;
 
-// PCG hash (Jarzynski and Olano 2020).
+// Returns a number in [0, 1) by a PCG hash (Jarzynski and Olano 2020).
 float random() {
   random_state = random_state * 747796405u + 2891336453u;
   const uint word = ((random_state >> ((random_state >> 28) + 4)) ^ random_state) * 277803737u;
@@ -40,7 +41,7 @@ vec3 on_sphere(vec2 u) {
   return vec3(r * cos(phi), r * sin(phi), z);
 }
 
-// Of a surface between air and glass; `cosine` on the side the ray comes from.
+// Returns the reflectance between air and glass; `cosine` is on the side that the ray comes from.
 float fresnel(float cosine, float eta) {
   const float refracted = 1 - eta * eta * (1 - cosine * cosine);
   if (refracted <= 0) return 1;
@@ -53,7 +54,7 @@ struct Path {
   vec3 color, albedo, normal, diffuse, specular;
 };
 
-// Light of the lamp that a matte surface sends on, per albedo.
+// Returns the lamp's light that a matte surface reflects, divided by its albedo.
 vec3 lamp_light(vec3 point, vec3 normal, vec2 u) {
   const vec2 place = kLampCentre + (2 * u - 1) * kLampHalf;
   const vec3 to = vec3(place.x, kRoomHigh.y, place.y) - point;
@@ -70,7 +71,7 @@ Path trace(Ray ray) {
   vec3 throughput = vec3(1), features = vec3(1);
   bool has_features = false;
   uint diffuse_count = 0;
-  uint first = 0;  // what the path does first: 1 diffuse, 2 specular, 3 transmission
+  uint first = 0;  // the path's first scattering: 1 diffuse, 2 specular, 3 transmission
   for (uint vertex = 0; vertex < kMostVertices; ++vertex) {
     const Hit hit = intersect(ray);
     const vec3 point = ray.origin + hit.t * ray.direction;
@@ -94,7 +95,7 @@ Path trace(Ray ray) {
     bool ends = false;
     uint does = 0;
     if (surface.kind == kGlowing) {
-      // Of matte surfaces, lamp_light() has it.
+      // lamp_light() has counted the lamp already if the path met a matte surface.
       if (diffuse_count == 0 && cosine > 0) light = throughput * kEmission;
       ends = true;
     } else if (surface.kind == kClear) {

@@ -1,5 +1,6 @@
-// The models' variance layer: of each channel of HRLS, over 3x3 pixels, edges replicated. An invocation goes down a strip of
-// pixels, so that each row is read once for the three that it is a neighbour of.
+// Computes the models' variance layer: the variance of each color channel of HRLS over 3x3 pixels, edges
+// replicated. An invocation goes down a strip of pixels, so that it reads each row once for the three rows
+// that the row is a neighbour of.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"

@@ -1,4 +1,4 @@
-"""The demo as a user runs it: PROGRAM FOLDER headless|measure|window."""
+"""Tests the demo as a user runs it: test_postpass.py PROGRAM FOLDER headless|measure|window."""
 
 import contextlib
 import os
@@ -17,7 +17,7 @@ PROGRAM, FOLDER = sys.argv[1], pathlib.Path(sys.argv[2])
 
 
 def run(*arguments, fails=False):
-    """What it prints; on both streams where it fails."""
+    """Returns what the program prints; where it is to fail, on both streams."""
     done = subprocess.run([PROGRAM, *map(str, arguments)], capture_output=True, text=True, timeout=500)
     if fails:
         assert done.returncode != 0, done.stdout
@@ -49,13 +49,13 @@ class Headless(unittest.TestCase):
             self.assertIn("validation messages: 0", printed)
 
     def test_three_hundred_frames_allocate_nothing(self):
-        for in_flight in (2, 3):  # without the validation layer, which does allocate
+        for in_flight in (2, 3):  # no --validate, as the validation layer allocates
             printed = run("--headless", "--size", "16x16", "--frames", 308, "--history", "--in-flight", in_flight,
                           "--check-allocations")  # fmt: skip
             frames, host, vulkan = numbers(printed, "allocations in " + ALLOCATIONS)
             self.assertGreaterEqual(frames, 300)
             self.assertEqual((host, vulkan), (0, 0))
-            # They are counted: the first frames, for which the driver compiles, have some.
+            # Allocations are counted: the first frames, for which the driver compiles, have some.
             self.assertGreater(numbers(printed, "allocations in the first " + ALLOCATIONS)[1], 0)
             for part in ("LRHS", "HRLS", "fusion", "history", "show", "frame"):
                 mean, *percentiles = numbers(printed, rf"{part} +" + r" *([\d.]+)" * 5)
@@ -139,7 +139,7 @@ class Measure(unittest.TestCase):
             printed, r"flicker: fused ([\d.]+), with history ([\d.]+), converged \(64 samples\) ([\d.]+)"
         )
         self.assertLess(blended, fused / 2)
-        self.assertLess(fused, converged + 2)  # as docs/postpass.md states
+        self.assertLess(fused, converged + 2)  # the bound that docs/postpass.md states
         lrhs, hrls, still, still_blended = numbers(
             printed, r"bicubic ([\d.]+), HRLS ([\d.]+), fused ([\d.]+), with history ([\d.]+)"
         )
@@ -153,7 +153,7 @@ class Measure(unittest.TestCase):
 
 
 class Display:
-    """An X server of its own, whose screen is a file."""
+    """Runs an X server of its own, whose screen is a file."""
 
     def __enter__(self):
         shutil.rmtree(FOLDER / "screen", ignore_errors=True)
@@ -177,7 +177,10 @@ class Display:
                               text=True).stdout  # fmt: skip
 
     def screen(self):
-        """[480, 640, 3], out of an XWD file: big-endian words, a map of colours, pixels of four bytes, B G R first."""
+        """Returns [480, 640, 3] from an XWD file.
+
+        The file holds big-endian words, a map of colours and pixels of four bytes, B G R first.
+        """
         content = (FOLDER / "screen" / "Xvfb_screen0").read_bytes()
         header = numpy.frombuffer(content, ">u4", 25)
         start = int(header[0]) + 12 * int(header[19])
@@ -225,7 +228,7 @@ class Window(unittest.TestCase):
             place = dict(part.split("=") for part in display.xdotool("getwindowgeometry", "--shell", window).split())
             left, top = int(place["X"]), int(place["Y"])
             end = time.monotonic() + 60
-            while True:  # until the window has been drawn at its new size
+            while True:  # waits until the window has been drawn at its new size
                 shot = display.screen()[top : top + 256, left : left + 320]
                 if shot.shape == (256, 320, 3) and shot[-32:, -32:].std() > 0.01:
                     break

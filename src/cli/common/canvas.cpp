@@ -36,7 +36,7 @@ std::optional<Canvas> fit(const Windows& lrhs, const Windows& hrls, int scale) {
     return Canvas{scale, lrhs.data, hrls.data};
   }
   if (!displays_match) return std::nullopt;
-  // In LRHS pixels from the display window's corner, which both files share.
+  // These are LRHS pixels, counted from the display window's corner, which both files share.
   const Box2i cells(divide_down(hrls.data.min - hrls.display.min, scale),
                     divide_down(hrls.data.max - hrls.display.min, scale));
   if (!cells.intersects(moved(lrhs.data, -lrhs.display.min))) return std::nullopt;

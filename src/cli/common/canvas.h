@@ -1,4 +1,4 @@
-// How an LRHS and an HRLS file lie over each other. Windows are as in OpenEXR: `max` is the last pixel.
+// Finds how an LRHS and an HRLS file lie over each other. Windows are as in OpenEXR: `max` is the last pixel.
 #pragma once
 
 #include <Imath/ImathBox.h>
@@ -15,25 +15,25 @@ struct Windows {
 
 inline Windows windows_of(const Imf::Header& header) { return {header.dataWindow(), header.displayWindow()}; }
 
-// What is fused: hrls is `scale` times lrhs, each in its file's own pixel coordinates.
+// Holds the windows to fuse: hrls is `scale` times lrhs, each in the pixel coordinates of its own file.
 struct Canvas {
   int scale = 0;
   Imath::Box2i lrhs, hrls;
 };
 
-// The data windows where these are `scale` apart; else, where the display windows are, the cells that HRLS's
-// data window touches. Empty when neither are, or LRHS has no data there.
+// Returns the data windows if HRLS's is `scale` times LRHS's; when the display windows fit too, both data
+// windows must also start at the same place. Else, if the display windows fit, returns the LRHS pixels that
+// HRLS's data window touches. Returns none when nothing fits or LRHS has no data there.
 std::optional<Canvas> fit(const Windows& lrhs, const Windows& hrls, int scale);
 
-// Whether both data windows start at the same place of the picture, to within a cell.
+// Returns whether both data windows start at the same place of the picture, to within one LRHS pixel.
 bool starts_agree(const Windows& lrhs, const Windows& hrls, int scale);
 
-// Returns the part of `canvas` that its full-size window `kept` takes: the cells it touches and `halo` more
-// on each side, as far as the canvas goes.
+// Returns the part of `canvas` for its full-size window `kept`: the LRHS pixels that the window touches and
+// `halo` more on each side, within the canvas.
 Canvas part_of(const Canvas& canvas, const Imath::Box2i& kept, int halo);
 
-// `image`, whose pixels are those of `from`, seen through the window `to`: cropped, and its edge repeated
-// where it has none.
+// Crops `image`, which covers the window `from`, to the window `to`; repeats its edge where it has no pixels.
 Image seen_through(Image image, const Imath::Box2i& from, const Imath::Box2i& to);
 
 }  // namespace raymeld::cli

@@ -1,4 +1,4 @@
-// The program's commands: each adds itself to the command line; its work is done while that is parsed.
+// Declares the program's commands. Each adds itself to the command line and runs while that is parsed.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -13,7 +13,7 @@ void add_graph(CLI::App& app);
 void add_tune(CLI::App& app);
 void add_trade(CLI::App& app);
 void add_conform(CLI::App& app);
-// Commands that no help lists: man and completion print what the build installs.
+// Adds man and completion, which print files that the build installs. No help lists them.
 void add_documents(CLI::App& app);
 
 }  // namespace raymeld::cli

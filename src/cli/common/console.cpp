@@ -15,14 +15,14 @@ namespace {
 
 std::atomic<bool> printed = false;
 std::mutex stderr_mutex;
-bool bar_is_drawn = false;  // on a terminal, on the line that is written next
+bool bar_is_drawn = false;  // it is on the terminal's current line
 
 void wipe_bar() {
   if (bar_is_drawn) std::fputs("\r\033[K", stderr);
   bar_is_drawn = false;
 }
 
-// Where stderr takes nothing any more there is nobody left to tell.
+// Ignores errors: there is no other place to report that stderr cannot be written.
 void say(const std::string& text) {
   const std::lock_guard lock(stderr_mutex);
   wipe_bar();

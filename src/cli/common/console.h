@@ -12,30 +12,29 @@
 
 namespace raymeld::cli {
 
-// To stdout, at once. Throws Error.
+// Writes to stdout and flushes it. Throws Error.
 void print(const std::string& text);
 
-// Says if print() was called with any text: a second object of JSON would then make stdout unreadable.
+// Returns whether print() was called with any text; a second JSON object would then make stdout unreadable.
 bool has_printed();
 
-// Indented, ending with \n; bytes of file names that are no UTF-8 are replaced.
+// Returns indented text that ends with \n. Bytes that are not UTF-8, as in some file names, are replaced.
 std::string json_text(const nlohmann::ordered_json& json);
 
-// "raymeld: error: MESSAGE" to stderr.
+// Writes "raymeld: error: MESSAGE" to stderr.
 void complain(const std::string& message);
 
 struct Warning {
   std::string message;
-  uint64_t count = 1;  // of the values or pixels concerned
+  uint64_t count = 1;  // number of values or pixels concerned
 };
 
 nlohmann::ordered_json to_json(const std::vector<Warning>& warnings);
 
-// What the program says on stderr beside errors. Threads may say things at once, each with a Console of its
-// own.
+// Writes notes and warnings to stderr. Several threads may write at a time, each with a Console of its own.
 class Console {
  public:
-  // `about`: begins every message, such as "frame 7: ".
+  // Every message begins with `about`, such as "frame 7: ".
   explicit Console(bool notes, std::string about = "") : notes_(notes), about_(std::move(about)) {}
 
   bool notes() const { return notes_; }
@@ -49,7 +48,7 @@ class Console {
   std::vector<Warning> warnings_;
 };
 
-// How far a long piece of work is: a bar on a terminal, a line every few seconds elsewhere.
+// Shows the progress of long work: a bar on a terminal, a line every few seconds elsewhere.
 class ProgressBar {
  public:
   explicit ProgressBar(const Console& console);
@@ -57,7 +56,7 @@ class ProgressBar {
   ProgressBar(const ProgressBar&) = delete;
   ProgressBar& operator=(const ProgressBar&) = delete;
 
-  void update(double share);  // in [0, 1]
+  void update(double share);  // the share is in [0, 1]
 
  private:
   using Clock = std::chrono::steady_clock;

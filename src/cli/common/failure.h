@@ -1,4 +1,4 @@
-// The one place where exceptions become messages and exit statuses.
+// Turns exceptions into messages and exit statuses; no other file does that.
 #pragma once
 
 #include <string>
@@ -12,7 +12,7 @@ struct Failure {
   std::string message;
 };
 
-// What the exception that is being handled means to the user. To be called in a catch block.
+// Returns the message and exit status for the exception being handled. Must be called in a catch block.
 Failure current_failure();
 
 }  // namespace raymeld::cli

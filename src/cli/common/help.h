@@ -1,4 +1,4 @@
-// The texts of --help and what else is made of the tree of commands and options.
+// Makes the texts of --help, the manual and the completion script from the tree of commands and options.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -7,7 +7,7 @@
 
 namespace raymeld::cli {
 
-// The group of the options that --help leaves to --help-all.
+// Names the group of options that only --help-all shows.
 inline constexpr const char* kMoreOptions = "More options";
 
 // Groups options as they were added, wraps their texts and leaves kMoreOptions to --help-all.
@@ -19,30 +19,29 @@ class HelpFormatter : public CLI::Formatter {
   std::string make_option_desc(const CLI::Option* option) const override;
 };
 
-// A check for options that name a file to write: its name must end in this, such as ".exr", in either case.
-// The hint says what else the user may have wanted.
+// Returns a check that a file's name ends in `extension`, such as ".exr", in either case. The check's error
+// ends with `hint`, which says what else the user may have wanted.
 CLI::Validator ends_in(const std::string& extension, const std::string& hint = "");
 
-// The names that the value of an option can have, such as auto, fp32 and fp16; empty where it can be
-// anything.
+// Returns the names that an option's value can be, such as auto, fp32 and fp16; empty if it can be any text.
 std::vector<std::string> choices(const CLI::Option& option);
 
-// Stands for the value of an option, such as "auto|fp32|fp16" or "FILE"; empty for a flag.
+// Returns the placeholder of an option's value, such as "auto|fp32|fp16" or "FILE"; empty for a flag.
 std::string value_text(const CLI::Option& option);
 
-// What an option does, and its default where it has one.
+// Returns an option's description with its default, if it has one, and a mark if it is required.
 std::string option_text(const CLI::Option& option);
 
-// The options of a command that have names, in the order in which they were added.
+// Returns the options of a command that have names, in the order in which they were added.
 std::vector<const CLI::Option*> named_options(const CLI::App& command);
 
-// The commands that the help of the program lists.
+// Returns the commands that the help of the program lists.
 std::vector<const CLI::App*> shown_commands(const CLI::App& app);
 
-// A page for man, of all commands.
+// Returns the manual page, with all commands.
 std::string man_page(const CLI::App& app);
 
-// A script that completes commands, options and their values in bash.
+// Returns a script that completes commands, options and their values in bash.
 std::string bash_completion(const CLI::App& app);
 
 }  // namespace raymeld::cli

@@ -10,10 +10,10 @@ const std::vector<std::string> kColor = {"color"};
 
 namespace {
 
-// The bits of a floating-point number of IEEE 754.
+// Describes a floating-point type of IEEE 754 by two bit patterns.
 template <typename Bits>
 struct Format {
-  Bits exponent, largest;  // all ones; kLargestHalf
+  Bits exponent, largest;  // all bits of the exponent; 65504, the largest half
 };
 
 template <typename Bits>

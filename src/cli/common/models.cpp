@@ -11,7 +11,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// "x4" is 4; none: not a scale.
+// Returns 4 for "x4", and none for a text that is not a scale.
 std::optional<int> scale_of(const std::string& text) {
   for (const int scale : {2, 4, 8}) {
     if (text == fmt::format("x{}", scale)) return scale;
@@ -47,7 +47,7 @@ Curve stock_curve() {
     const fs::path file = folder / "curve.json";
     if (fs::is_regular_file(file, error)) return load_curve(file);
   }
-  throw Error("there is no curve.json, which says what models cost and bring, beside the stock models; {}",
+  throw Error("there is no curve.json, which has the times and PSNR of models, beside the stock models; {}",
               what_models_there_are());
 }
 

@@ -1,4 +1,4 @@
-// Where models come from: a file, or a stock model by name.
+// Finds and loads models: files, or stock models by name.
 #pragma once
 
 #include <cstdint>
@@ -11,23 +11,23 @@
 
 namespace raymeld::cli {
 
-// What model_file() finds, or of a scale such as "x4" its default_model(). Throws Error, listing the models
-// there are.
+// Returns model_file() of a name or a file, and default_model() of a scale such as "x4". Throws Error,
+// listing the models that exist.
 std::filesystem::path find_model(const std::string& wanted);
 
-// The models of a scale that stock_curve() knows. Throws Error when there are none.
+// Returns the points of stock_curve() for the stock models of a scale. Throws Error when there are none.
 std::vector<CurvePoint> models_of(int scale);
 
-// At the level kBalanced of the curve.
+// Returns the file of the model at the level kBalanced of the curve.
 std::filesystem::path default_model(int scale);
 
-// The file curve.json in the first of model_folders() that has one. Throws Error.
+// Loads curve.json from the first of model_folders() that has one. Throws Error.
 Curve stock_curve();
 
-// Models of one frame after another, of which most have the same.
+// Loads the models of successive frames, most of which have the same model.
 class LastModel {
  public:
-  // What the file was when it was loaded, if it is the one that was asked for last. Throws Error.
+  // Returns the model in `file`. Does not read it again if the last call asked for it too. Throws Error.
   std::shared_ptr<const Model> load(const std::filesystem::path& file);
 
  private:

@@ -10,16 +10,16 @@
 
 namespace raymeld::cli {
 
-// Throws Error, naming the output, when one cannot be written where it is to go, or is the same file as
-// another or as one of `inputs`. To be asked before long work; says nothing about room on the disk.
+// Throws Error, naming the output, when an output cannot be written to its place, or is the same file as
+// another one or as one of `inputs`. Serves before long work; does not look at the room on the disk.
 void check_outputs(std::span<const std::filesystem::path> outputs,
                    std::span<const std::filesystem::path> inputs);
 
 // Throws Error unless each of the outputs has a folder that can be written to.
 void check_folders(std::span<const std::filesystem::path> outputs);
 
-// The files of one run, which appear at its end: whole, in the order of add(), one after the other, so that
-// where the last is there all are. Without commit() nothing stays, and older files stay as they were.
+// Holds the files of one run until commit() makes them appear: whole, one by one in the order of add(), so
+// that all exist if the last one does. Without commit() no file stays, and older files are unchanged.
 class StagedFiles {
  public:
   StagedFiles() = default;
@@ -27,9 +27,9 @@ class StagedFiles {
   StagedFiles(const StagedFiles&) = delete;
   StagedFiles& operator=(const StagedFiles&) = delete;
 
-  // Calls `write` and waits for the disk to have it. Throws Error.
+  // Calls `write` and waits until the disk has the file's content. Throws Error.
   void add(const std::filesystem::path& file, const std::function<void(AtomicFile&)>& write);
-  // Makes the folder unless it is there. Throws Error.
+  // Makes the folder unless it exists. Throws Error.
   void add_folder(const std::filesystem::path& folder);
   // Throws Error.
   void commit();
@@ -39,7 +39,7 @@ class StagedFiles {
   std::vector<std::filesystem::path> folders_;  // made by add_folder()
 };
 
-// (C, H, W) as a NumPy file of little-endian float32. Format:
+// Writes values of shape (C, H, W) as a NumPy file of little-endian float32. Format:
 // https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html, version 1.0. Throws Error.
 void write_npy(AtomicFile& file, std::span<const float> values, size_t channels, size_t height, size_t width);
 

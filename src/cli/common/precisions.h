@@ -1,4 +1,4 @@
-// What --precision may be.
+// Lists the values of --precision.
 #pragma once
 
 #include <map>

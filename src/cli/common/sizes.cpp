@@ -21,7 +21,7 @@ TileSize lrhs_size(const Model& model, const std::string& size) {
   const uint32_t scale = model.architecture().scale;
   const TileSize full = parse_size(size);
   if (full.width % scale != 0 || full.height % scale != 0) {
-    throw Error("--size {} is no multiple of the scale {} of model {}", size, scale, model.name());
+    throw Error("--size {} is not a multiple of the scale {} of model {}", size, scale, model.name());
   }
   const TileSize lrhs{full.height / scale, full.width / scale};
   check_lrhs_size(lrhs);

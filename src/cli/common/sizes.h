@@ -7,10 +7,11 @@
 
 namespace raymeld::cli {
 
-// Height and width of `size`, "WxH" in pixels. Throws Error.
+// Parses `size`, "WxH" in pixels. Throws Error.
 TileSize parse_size(const std::string& size);
 
-// The LRHS size of fused images of `size`, "WxH". Throws Error, also where that is no multiple of the scale.
+// Returns the LRHS size for fused images of `size`, "WxH". Throws Error, also when `size` is not a multiple
+// of the model's scale.
 TileSize lrhs_size(const Model& model, const std::string& size);
 
 }  // namespace raymeld::cli

@@ -11,7 +11,7 @@
 namespace raymeld::cli {
 namespace {
 
-// The number that `text` begins with, and what follows.
+// Splits `text` into the number that it begins with, or NaN, and the rest.
 std::pair<double, std::string> number_of(const std::string& text) {
   double value = NAN;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
@@ -34,7 +34,7 @@ std::string wish_text(const Wish& wish) {
   return "";
 }
 
-// A model on the device, for the frame at hand.
+// Gives the times of models on the device, for the frame at hand.
 struct Timer {
   const FuseArguments& arguments;
   const Device& device;
@@ -43,7 +43,7 @@ struct Timer {
   bool sequence;
   FrameTimes times{device};
 
-  // None: it was not measured and is not to be.
+  // Returns none if the model was not measured and `measures` is false.
   std::optional<double> of(const CurvePoint& point, bool measures) {
     FuseArguments own = arguments;
     own.model = point.model;
@@ -64,7 +64,7 @@ struct Timer {
 
 struct Candidates {
   std::vector<Candidate> all;
-  bool measured = true;  // on this device; else as the curve says
+  bool measured = true;  // times are of this device; else they are the curve's
 };
 
 Candidates candidates_of(const std::vector<CurvePoint>& points, Timer& timer, bool measures) {
@@ -82,7 +82,7 @@ Candidates candidates_of(const std::vector<CurvePoint>& points, Timer& timer, bo
 
 FrameTraits read_traits(const FuseArguments& arguments, LastModel& models) {
   FuseFiles files = open_files(arguments, models);
-  Console silent(false);  // what is wrong with the pixels is said when they are read for good
+  Console silent(false);  // warnings come when the pixels are read to be fused
   const ColorPair colors = load_colors(arguments, files, silent);
   return traits_of(colors.lrhs, colors.hrls, files.phase);
 }
@@ -95,7 +95,7 @@ std::string text_of(const Choice& choice, const std::string& best, size_t models
               : fmt::format(", the best of {}", models);
   if (choice.probability) {
     text +=
-        fmt::format("; {:.1f} dB expected, give or take {:.1f}: reaches it with a probability of {:.0f} %",
+        fmt::format("; {:.1f} +- {:.1f} dB expected, which reaches the target with a probability of {:.0f} %",
                     choice.estimate_db, choice.error_db, 100 * *choice.probability);
   }
   return text;
@@ -158,14 +158,13 @@ Choice choose_model(const FuseArguments& arguments, bool sequence, const Device&
 
   console.note(text_of(choice, front.back().point.model, points.size()));
   if (wish.kind == Wish::Kind::kBudget && chosen->time_ms > wish.value)
-    console.warn(
-        fmt::format("{} is not enough: the fastest takes {}", choice.wish, duration_text(chosen->time_ms)),
-        1);
+    console.warn(fmt::format("{} is too short: the fastest model takes {}", choice.wish,
+                             duration_text(chosen->time_ms)),
+                 1);
   if (choice.probability.value_or(1) < 0.5)
-    console.warn(
-        fmt::format("{} is not to be expected of any model: {}, the best, is taken, with {:.1f} dB expected",
-                    choice.wish, choice.model, choice.estimate_db),
-        1);
+    console.warn(fmt::format("no model is expected to reach {}: using {}, the best, with {:.1f} dB expected",
+                             choice.wish, choice.model, choice.estimate_db),
+                 1);
   return choice;
 }
 

@@ -1,4 +1,4 @@
-// Which model fuse takes, where it is asked for a quality or a time instead of a name.
+// Chooses the model of fuse when the user asks for a quality, a time or a PSNR and names no model.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -9,16 +9,17 @@
 
 namespace raymeld::cli {
 
-// From "fast", "balanced", "high" or a number from 0 to 100. Throws Error.
+// Parses "fast", "balanced", "high" or a number from 0 to 100. Throws Error.
 std::optional<Wish> parse_quality(const std::string& text);
-// From "16ms" or "2s". Throws Error.
+// Parses "16ms" or "2s". Throws Error.
 std::optional<Wish> parse_budget(const std::string& text);
-// From a number of dB. Throws Error.
+// Parses a number of dB. Throws Error.
 std::optional<Wish> parse_target(const std::string& text);
 
-// Chooses among the stock models of the frame's scale, for the frame of `arguments` (without patterns), whose
-// wish must be there, or for a sequence of frames like it. Measures the device for a budget, unless it did
-// before; reads the colors for a target PSNR. Says what it chose and why. Throws Error.
+// Chooses among the stock models of the frame's scale by the quality, time or PSNR that `arguments` must ask
+// for. The paths in `arguments` are no patterns; with `sequence` the choice is for a sequence of such frames.
+// Measures models on the device for a budget, unless that was done before, and reads the colors for a target
+// PSNR. Notes the choice and its reason. Throws Error.
 Choice choose_model(const FuseArguments& arguments, bool sequence, const Device& device, LastModel& models,
                     Console& console);
 

@@ -1,5 +1,5 @@
-// The parts of the command `fuse`, in the order in which it runs them. A frame is opened, read, fused and
-// written; a sequence (sequence.h) does these steps in threads, and nothing else.
+// Declares the parts of the command `fuse`, in the order in which it runs them. A frame is opened, read,
+// fused and written; a sequence (sequence.h) runs these same steps in threads.
 #pragma once
 
 #include <memory>
@@ -17,28 +17,28 @@
 
 namespace raymeld::cli {
 
-// What becomes of a frame with values that --precision fp16 cannot hold.
+// Selects what happens to a frame with values that --precision fp16 cannot hold.
 enum class Overflow { kError, kWarn, kRedo };
 
-// What becomes of a frame whose LRHS and HRLS do not belong together.
+// Selects what happens to a frame whose LRHS and HRLS do not belong together.
 enum class PairCheck { kRefuse, kWarn, kOff };
 
-// What a model is to be chosen by: see choice.h.
+// Holds the quality, time or PSNR that a model is chosen by; see choice.h.
 struct Wish {
   enum class Kind { kLevel, kBudget, kTarget };
   Kind kind = Kind::kLevel;
-  double value = 0;  // from 0 to 100; ms a frame; PSNR in dB
+  double value = 0;  // level from 0 to 100; ms a frame; PSNR in dB
 };
 
 struct Choice {
   std::string wish, model;
-  std::optional<double> time_ms;      // of a frame, where it was measured on the device
-  double loss_db = 0;                 // of PSNR, against the best model
-  std::optional<double> probability;  // that a target is reached
+  std::optional<double> time_ms;      // time of a frame, if measured on the device
+  double loss_db = 0;                 // PSNR below that of the best model
+  std::optional<double> probability;  // probability of reaching the target
   double estimate_db = 0, error_db = 0;
 };
 
-// Of one frame, or of a sequence: then some of the paths are patterns.
+// Holds the options for one frame, or for a sequence, of which some paths are patterns.
 struct FuseArguments {
   std::string lrhs, hrls, output, model, device, reference, preview, before_after, dump;
   Precision precision = Precision::kAuto;
@@ -48,20 +48,20 @@ struct FuseArguments {
   std::string sampling = "auto", output_type = "auto";
   std::vector<std::string> map, lrhs_map;
   float exposure_stops = 0;
-  float input_exposure = 0;  // 0: what the model asks for
+  float input_exposure = 0;  // 0: the exposure that the model asks for
   uint64_t max_memory_mib = 0;
   std::optional<Wish> wish = {};
-  std::optional<Choice> choice = {};        // of `model`, where there was a wish
-  std::optional<Imath::Box2i> window = {};  // what is fused, in HRLS's pixels; none: its data window
-  bool changed_only = false;                // since the last frame of a sequence
+  std::optional<Choice> choice = {};        // the choice of `model`, if no name was given
+  std::optional<Imath::Box2i> window = {};  // the part to fuse, in HRLS's pixels; none: its data window
+  bool changed_only = false;                // compute only changes since a sequence's last frame
   bool keep_layers = false, profile = false, dry_run = false, json = false, quiet = false, verbose = false;
 
   std::vector<std::filesystem::path> inputs() const;
-  // Without the folder of --dump.
+  // Leaves out the folder of --dump.
   std::vector<std::filesystem::path> outputs() const;
-  std::filesystem::path dump_folder() const;  // without a last slash
-  std::filesystem::path last_dumped() const;  // the file in it that is written last
-  // Whether what was fused is measured against, or shown beside, the images it was made of.
+  std::filesystem::path dump_folder() const;  // has no slash at its end
+  std::filesystem::path last_dumped() const;  // the file in that folder that is written last
+  // Returns whether the inputs are measured or shown beside the fused image.
   bool compares() const { return !reference.empty() || !before_after.empty(); }
   bool notes() const { return !quiet && !json; }
 
@@ -71,22 +71,22 @@ struct FuseArguments {
   }
 };
 
-// Who says where LRHS samples lie. Where neither an option nor the file does, the pixels of both files show
-// it, or do not: then LRHS is taken for an ordinary small render.
+// Names the source of the phase of LRHS samples. If neither an option nor the file gives it, it is found from
+// the pixels of both files; if these do not show it, LRHS is taken for an ordinary small render.
 enum class PhaseSource { kOption, kFile, kPair, kDefault };
 
-// The files, open, with all that can be known before their pixels are read.
+// Holds the open files and all that is known before their pixels are read.
 struct FuseFiles {
   ExrFile lrhs, hrls;
   LayerMap lrhs_map, hrls_map;
-  Windows lrhs_windows, hrls_windows;  // of the colour's part
+  Windows lrhs_windows, hrls_windows;  // windows of the parts that hold the color
   std::shared_ptr<const Model> model;
-  Canvas frame, canvas;          // all that HRLS takes; what is fused of it: the window and a halo
-  Imath::Box2i window;           // of the output, within HRLS's data window
-  ConstantLayers absent_layers;  // that the model takes and does without
-  float phase = 0;               // of LRHS samples; see FuserOptions; examine() finds what is not said
+  Canvas frame, canvas;          // the whole frame; the part that is fused: the window and a halo
+  Imath::Box2i window;           // the output's window, within HRLS's data window
+  ConstantLayers absent_layers;  // layers that the model takes and HRLS lacks
+  float phase = 0;               // see FuserOptions; examine() finds it if neither option nor file gives it
   PhaseSource phase_source = PhaseSource::kDefault;
-  PairFindings pair;  // by examine()
+  PairFindings pair;  // set by examine()
   std::optional<ExrFile> reference;
   LayerMap reference_map;
 
@@ -94,37 +94,37 @@ struct FuseFiles {
 };
 
 struct FuseImages {
-  Image lrhs, hrls;                   // of the canvas: (3, h, w) and (K, s h, s w), all finite
-  ConstantLayers constants;           // of HRLS, that `hrls` does not hold; absent ones too
-  float exposure = 1;                 // of the whole frame, see FuserOptions
+  Image lrhs, hrls;                   // the canvas: (3, h, w) and (K, s h, s w), all finite
+  ConstantLayers constants;           // constant and absent layers, which `hrls` does not hold
+  float exposure = 1;                 // the whole frame's exposure, see FuserOptions
   std::optional<Image> reference;     // (3, H, W) of the window
-  std::vector<ExrRawChannel> passed;  // of passed_channels(), as they are
+  std::vector<ExrRawChannel> passed;  // the channels of passed_channels(), unchanged
 };
 
 struct FuseResult {
   Image fused;  // (3, H, W) of the window
   FuseReport report;
-  double time_ms = 0;  // of Fuser::fuse(), which a budget is for
+  double time_ms = 0;  // time of Fuser::fuse(), which --budget limits
   Tiling tiling;
   uint64_t allocated_bytes = 0;
-  Storage storage = Storage::kFloat32;  // 32 bits too where every tile was computed again in them
+  Storage storage = Storage::kFloat32;  // 32 bits also if every tile was computed again in them
 };
 
-// A part of the work on a frame and how long it took.
+// Holds the time of one part of the work on a frame.
 struct Phase {
   const char* name;
   double time_ms;
 };
 
-// A frame on its way, as far as it is. One thread at a time may have it.
+// Holds a frame and the results of the steps that it has passed. One thread at a time may use it.
 struct FuseFrame {
-  FuseArguments arguments;  // without patterns
+  FuseArguments arguments;  // paths are no patterns
   Console console;
   FuseFiles files;
   FuseImages images;
   FuseResult result;
   StagedFiles staged;
-  std::vector<Phase> phases = {};  // those that are over, in their order
+  std::vector<Phase> phases = {};  // finished phases, in their order
 
   // Drops the inputs, often the largest part of a frame's memory, unless outputs show them.
   void drop_inputs() {
@@ -132,25 +132,24 @@ struct FuseFrame {
   }
 };
 
-// The command for one frame. Throws Error and Cancelled; then no output is left behind.
+// Runs the command for one frame. Throws Error and Cancelled, and then leaves no output behind.
 void run_fuse(const FuseArguments& arguments);
 
-// Throws Error when a file, a layer or a model is missing, or sizes or windows do not fit.
+// Opens the files. Throws Error when a file, a layer or a model is missing, or sizes or windows do not fit.
 FuseFiles open_files(const FuseArguments& arguments, LastModel& models);
 
-// The channels of HRLS that the output holds as they are: alpha, or all but the colour.
+// Returns the channels of HRLS that are copied to the output: alpha, or with `keep_layers` all but the color.
 std::vector<std::string> passed_channels(const FuseFiles& files, bool keep_layers);
 
-// The frame's (3, h, w), all finite.
+// Reads the whole frame's LRHS, (3, h, w), all finite.
 Image load_lrhs(FuseFiles& files, Console& console);
 
-// Whether a layer has little noise however few the samples are.
+// Returns whether a layer has little noise even when samples are few.
 inline bool is_guide(const std::string& layer) { return layer == "albedo" || layer == "normal"; }
 
-// Finds from the whole frame's pixels what nobody says of them: where LRHS samples lie and how bright LRHS
-// is, which it makes as bright as HRLS. Warns of a pair that hardly belongs together. Throws Error where it
-// cannot.
-// `layers`: what `hrls` holds, color first.
+// Finds from the whole frame's pixels where LRHS samples lie, unless that is given, and how bright LRHS is,
+// and makes LRHS as bright as HRLS. Warns of a pair that hardly belongs together, and throws Error for one
+// that does not, as far as --pair-check says so. `layers` are the layers in `hrls`, color first.
 void examine(const FuseArguments& arguments, FuseFiles& files, Image& lrhs, const Image& hrls,
              std::span<const std::string> layers, Console& console);
 
@@ -160,13 +159,13 @@ struct ColorPair {
 // Reads the whole frame's colors, (3, h, w) and (3 or more, s h, s w), all finite, and examines them.
 ColorPair load_colors(const FuseArguments& arguments, FuseFiles& files, Console& console);
 
-// What radiance is multiplied by for the network, with the frame's LRHS.
+// Returns the factor that radiance is multiplied by for the network; `lrhs` is the whole frame's.
 float exposure_for(const FuseArguments& arguments, const Model& model, const Image& lrhs);
 
-// open_files(), and asks whether the outputs can be written. Throws Error.
+// Calls open_files() and checks that the outputs can be written. Throws Error.
 std::unique_ptr<FuseFrame> open_frame(const FuseArguments& arguments, Console console, LastModel& models);
 
-// All that is read of the files, so that what becomes of them while the frame is fused makes no difference.
+// Reads all that is needed of the files, so that changing them while the frame is fused makes no difference.
 // Throws Error.
 void load_frame(FuseFrame& frame);
 
@@ -175,7 +174,7 @@ FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& file
 
 const char* precision_name(Storage storage);
 
-// What --dry-run shows of a frame. Throws Error.
+// These return the plan of a frame that --dry-run shows. They throw Error.
 std::string plan_text(const FuseArguments& arguments, FuseFiles& files, const Device& device,
                       Console& console);
 nlohmann::ordered_json plan_json(const FuseArguments& arguments, FuseFiles& files, const Device& device,
@@ -195,20 +194,20 @@ class PhaseTimer {
   Stopwatch watch_;
 };
 
-// Fuses frames one after another. What was made for a frame serves the next ones for as long as their model,
-// size and sampling are the same; each comes out as if it were the only one.
+// Fuses frames one after another. A frame's Fuser is used for the next frames too while their model, size,
+// sampling and constant layers are the same. Each result is that of a frame fused alone.
 class FrameFuser {
  public:
   // `device` must outlive this.
   explicit FrameFuser(const Device& device);
   ~FrameFuser();
 
-  // Begins to compile, in a thread of its own, what the frame is likely to take by all that is known before
-  // its pixels are read. Says so where the device has no kernels on disk yet.
+  // Starts a thread that compiles the kernels which the frame will probably need, judged without its pixels.
+  // Notes that it compiles if the device has no kernels on disk yet.
   void prepare(const FuseFrame& frame);
 
-  // All frames must have the same options. Stages what --dump asks for. Throws Error, and Cancelled when
-  // `progress` says so; then the next frame may still work.
+  // Fuses a frame and stages the files of --dump. All frames must have the same options. Throws Error, and
+  // Cancelled when `progress` returns false; the next frame may still work then.
   void fuse(FuseFrame& frame, const Progress& progress);
 
  private:
@@ -221,8 +220,7 @@ class FrameFuser {
   std::unique_ptr<Made> made_;
 };
 
-// Stages all that is to be written, the image itself last, and measures it where there is a reference.
-// Throws Error and Cancelled.
+// Stages all outputs, the fused image last; measures it if there is a reference. Throws Error and Cancelled.
 QualityTable stage_outputs(FuseFrame& frame);
 
 }  // namespace raymeld::cli

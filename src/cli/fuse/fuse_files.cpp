@@ -39,7 +39,7 @@ std::string window_text(const Imath::Box2i& window) {
   return fmt::format("{},{},{},{}", window.min.x, window.min.y, width_of(window), height_of(window));
 }
 
-// Like "512 x 512", with the display window where that has another size.
+// Writes the data window's size, such as "512 x 512", and the display window's if it differs.
 std::string size_text(const Windows& windows) {
   const std::string data = size_text(windows.data), display = size_text(windows.display);
   return data == display ? data : fmt::format("{} (display window {})", data, display);
@@ -69,7 +69,7 @@ Canvas find_canvas(const ExrFile& lrhs, const Windows& lrhs_windows, const ExrFi
               needed_sizes(lrhs_windows, scales));
 }
 
-// Where LRHS samples lie and who says so. Where nobody does, the phase is preliminary.
+// Returns the phase of LRHS samples and its source. The phase is preliminary if the source is kDefault.
 std::pair<float, PhaseSource> said_phase(const std::string& option, const ExrFile& lrhs, uint32_t scale) {
   const auto* mark = lrhs.header().findTypedAttribute<Imf::StringAttribute>("raymeldSampling");
   const std::string file = mark ? mark->value() : "";
@@ -87,7 +87,7 @@ ConstantLayers absent_layers(const LayerMap& hrls, const Architecture& model) {
   return absent;
 }
 
-// Throws Error unless the reference is as large as what it is to be compared with.
+// Throws Error unless the reference is as large as HRLS.
 void check_reference(const ExrFile& reference, const LayerMap& map, const ExrFile& hrls,
                      const Imath::Box2i& hrls_window) {
   const Imath::Box2i window = color_windows(reference, map).data;
@@ -96,7 +96,7 @@ void check_reference(const ExrFile& reference, const LayerMap& map, const ExrFil
               reference.path().string(), size_text(window), hrls.path().string(), size_text(hrls_window));
 }
 
-// What is written of HRLS: its data window, or the part of it that was asked for. Throws Error.
+// Returns the window to write: HRLS's data window, or the part of it that --window asks for. Throws Error.
 Imath::Box2i find_window(const FuseArguments& arguments, const ExrFile& hrls, const Imath::Box2i& data) {
   if (!arguments.window) return data;
   const Imath::Box2i& window = *arguments.window;
@@ -105,12 +105,12 @@ Imath::Box2i find_window(const FuseArguments& arguments, const ExrFile& hrls, co
               window_text(data), hrls.path().string());
 }
 
-// Returns what is computed for a window.
+// Returns the part of `frame` that is computed for a window.
 Canvas find_canvas(const Canvas& frame, const Imath::Box2i& window, const Architecture& model) {
   return part_of(frame, window, int(receptive_halo(model)));
 }
 
-// How many pixels of the canvas LRHS has no data for.
+// Returns the number of pixels of the canvas that LRHS has no data for.
 uint64_t pixels_outside(const Windows& lrhs, const Imath::Box2i& canvas) {
   const auto area = [](const Imath::Box2i& window) {
     return uint64_t(std::max(width_of(window), 0)) * uint64_t(std::max(height_of(window), 0));
@@ -127,13 +127,13 @@ void check_passed_channels(const FuseFiles& files, bool keep_layers) {
     if (window != files.hrls_windows.data) {
       throw Error(
           "HRLS '{}': channel '{}' has another data window than the colour, {} instead of {}, and "
-          "cannot be passed through",
+          "cannot be copied",
           files.hrls.path().string(), name, size_text(window), size_text(files.hrls_windows.data));
     }
     if (can_be_cropped(channel, files.window)) continue;
     throw Error(
-        "HRLS '{}': channel '{}' has one sample for {} x {} pixels and passes through; --window {} must "
-        "start at and span multiples of these",
+        "HRLS '{}': channel '{}' has one sample for {} x {} pixels; --window {} must start at and span "
+        "multiples of these, as the channel is copied",
         files.hrls.path().string(), name, channel.x_sampling, channel.y_sampling, window_text(files.window));
   }
 }
@@ -142,12 +142,12 @@ void check_written(const FuseArguments& arguments, const Model& model) {
   std::vector<fs::path> inputs = arguments.inputs(), outputs = arguments.outputs();
   inputs.push_back(model.file());
   if (!arguments.dump.empty()) {
-    // A folder that is there already is asked through a name inside it.
+    // A folder that exists is checked through the name of a file inside it.
     std::error_code error;
     const fs::path dump = arguments.dump_folder();
     const bool is_folder = fs::is_directory(dump, error);
     if (!is_folder && fs::exists(dump, error)) {
-      throw Error("--dump '{}': there is a file of that name, and it has to be a folder", arguments.dump);
+      throw Error("--dump '{}' must be a folder, and there is a file of that name", arguments.dump);
     }
     outputs.push_back(is_folder ? arguments.last_dumped() : dump);
   }

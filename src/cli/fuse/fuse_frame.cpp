@@ -30,7 +30,7 @@ void dump_layers(const fs::path& folder, Fuser& fuser, const Image& fused, Stage
   }
 }
 
-// Of what 16 bits could not hold.
+// Warns of values that 16 bits could not hold, or throws Error for them if --overflow asks for that.
 void report_overflow(const FuseArguments& arguments, const FuseReport& report, uint32_t tiles,
                      Console& console) {
   if (report.redone_tiles > 0) {
@@ -40,11 +40,10 @@ void report_overflow(const FuseArguments& arguments, const FuseReport& report, u
   }
   if (report.status.saturated == 0) return;
   const std::string what = fmt::format(
-      "{} values within the network passed the largest 16-bit float, 65504; --precision fp32 has room for "
-      "them",
+      "{} values within the network passed the largest 16-bit float, 65504; --precision fp32 can hold them",
       report.status.saturated);
   if (arguments.overflow == Overflow::kError)
-    throw Error("{}, --overflow redo takes it where needed, --overflow warn keeps the image", what);
+    throw Error("{}, --overflow redo uses it where needed, --overflow warn keeps the image", what);
   console.warn(what, report.status.saturated);
 }
 
@@ -75,7 +74,7 @@ struct FrameFuser::Made {
   std::shared_ptr<const Model> model;
   float phase;
   ConstantLayers constants;
-  uint32_t height, width;  // of LRHS
+  uint32_t height, width;  // LRHS's size
   Storage storage;
   Fuser fuser;
 
@@ -95,11 +94,11 @@ struct FrameFuser::Made {
   }
 };
 
-// Kernels of a graph that is planned without the pixels, which may ask for another one: of constant layers.
-// Most kernels are those of the other graph too.
+// Compiles the kernels of a graph that is planned without the pixels. Constant layers may lead to another
+// graph, most of whose kernels are the same.
 struct FrameFuser::Preparation {
   std::vector<std::shared_ptr<const Kernel>> kernels = {};
-  std::atomic<bool> compiles = false;  // kernels that are not on disk, which has been said
+  std::atomic<bool> compiles = false;  // kernels are not on disk, and a note has said so
   std::exception_ptr failure = {};
   std::jthread thread = {};
 
@@ -117,8 +116,7 @@ struct FrameFuser::Preparation {
     cache.save();
   }
 
-  // Returns whether to show progress. Drivers do not say whether they have a kernel on disk, so that time
-  // tells.
+  // Returns whether to show progress. Drivers do not say whether they have a kernel on disk, so time decides.
   bool takes_long(const Device& device, const Console& console) {
     constexpr std::chrono::seconds kLong{1};
     if (!compiles && std::chrono::steady_clock::now() - start > kLong) say_it_compiles(device, console);
@@ -155,7 +153,7 @@ void FrameFuser::prepare(const FuseFrame& frame) {
 
 FrameFuser::Made& FrameFuser::made_for(FuseFrame& frame) {
   if (made_ && made_->suits(frame)) return *made_;
-  made_.reset();  // its memory is the next one's
+  made_.reset();  // frees its memory for the next one
   const PhaseTimer timer(frame, "prepare");
   const auto preparation = std::exchange(preparation_, nullptr);
   if (preparation) preparation->thread.join();
@@ -180,7 +178,7 @@ void FrameFuser::fuse(FuseFrame& frame, const Progress& progress) try {
   result.storage = made.storage;
   const FuseImages& images = frame.images;
   Image fused;
-  // Some drivers compile a kernel when it first runs, so times are taken of a second run.
+  // Some drivers compile a kernel when it first runs, so a second run is timed.
   if (arguments.profile) fuser.fuse(images.lrhs, images.hrls, fused, progress, images.exposure);
   const PhaseTimer timer(frame, "fuse");
   const Stopwatch watch;
@@ -199,7 +197,7 @@ void FrameFuser::fuse(FuseFrame& frame, const Progress& progress) try {
   if (!arguments.dump.empty()) dump_layers(arguments.dump_folder(), fuser.last(), fused, frame.staged);
   result.fused = seen_through(std::move(fused), frame.files.canvas.hrls, frame.files.window);
 } catch (...) {
-  made_.reset();  // in whatever state it is; the next frame's is made anew
+  made_.reset();  // its state is unknown; the next frame gets a new one
   throw;
 }
 

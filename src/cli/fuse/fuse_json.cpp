@@ -1,4 +1,4 @@
-// What the program says of a frame in JSON.
+// Writes the reports on a frame as JSON.
 #include "cli/fuse/choice.h"
 #include "cli/fuse/fuse_report.h"
 #include "io/exr_window.h"

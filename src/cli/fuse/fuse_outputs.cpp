@@ -23,7 +23,7 @@ Imf::PixelType output_type(const std::string& wanted, Imf::PixelType of_hrls) {
   return wanted == "half" ? Imf::HALF : Imf::FLOAT;
 }
 
-// What made the image.
+// Names the precision of the image, with the number of tiles that were computed in fp32 instead.
 std::string precision_text(const FuseResult& result) {
   const std::string name = precision_name(result.storage);
   const uint32_t redone = result.report.redone_tiles;
@@ -37,7 +37,7 @@ Imf::Header output_header(const FuseFiles& files, const FuseResult& result) {
     header.insert(name, Imf::StringAttribute(value));
   };
   header.dataWindow() = files.window;
-  header.erase("raymeldSampling");  // true of HRLS, not of what became of it
+  header.erase("raymeldSampling");  // true of HRLS, not of the fused image
   set("raymeldVersion", RAYMELD_VERSION);
   set("raymeldPrecision", precision_text(result));
   const auto& metadata = files.model->metadata();
@@ -47,7 +47,7 @@ Imf::Header output_header(const FuseFiles& files, const FuseResult& result) {
   return header;
 }
 
-// A grey colour has no three names of its own.
+// Returns HRLS's own channel names for --keep-layers, else R, G, B. A grey color does not have three names.
 ChannelTriple color_names(const FuseFiles& files, bool keep_layers) {
   const ChannelTriple& own = files.hrls_map.layers.at("color").terms[0];
   return keep_layers && own[0] != own[1] ? own : ChannelTriple{"R", "G", "B"};
@@ -72,8 +72,8 @@ void stage_image(FuseFrame& frame) {
                        clamped);
 }
 
-// The images that fused is measured against and shown beside, all (3, H, W) of the window. The halo of
-// what is fused is wider than what cubic interpolation reads around a pixel.
+// Holds the inputs that the fused image is compared with, (3, H, W) of the window. The canvas's halo is wider
+// than the neighbourhood that cubic interpolation reads.
 struct Comparison {
   Image bicubic, hrls;
 };
@@ -124,7 +124,7 @@ QualityTable stage_outputs(FuseFrame& frame) {
   std::optional<Comparison> comparison;
   if (frame.arguments.compares()) comparison = make_comparison(frame.files, frame.images);
   stage_previews(frame, comparison);
-  // It comes last: it gets its name only when everything else is there.
+  // The image comes last: it gets its name only when all other files have theirs.
   stage_image(frame);
   if (!frame.images.reference) return {};
   const Image& reference = *frame.images.reference;

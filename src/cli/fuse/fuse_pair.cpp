@@ -1,4 +1,4 @@
-// What the pixels of a pair say of its files.
+// Checks by their pixels whether a pair of files belongs together.
 #include <string_view>
 
 #include "cli/fuse/fuse.h"
@@ -6,7 +6,7 @@
 namespace raymeld::cli {
 namespace {
 
-// How LRHS would have to be turned to show what HRLS shows; empty where it does not help.
+// Returns how LRHS would have to be turned to show the same as HRLS; empty if turning does not help.
 std::string_view turn_of(Relation relation) {
   switch (relation) {
     case Relation::kMirrored:
@@ -22,10 +22,10 @@ std::string_view turn_of(Relation relation) {
 
 std::string refusal(const FuseFiles& files) {
   const std::string_view turn = turn_of(files.pair.relation);
-  std::string text =
-      fmt::format("LRHS '{}' does not show what HRLS '{}' shows: their structures correlate by {:.2f}",
-                  files.lrhs.path().string(), files.hrls.path().string(), files.pair.correlation);
-  return turn.empty() ? text : fmt::format("{}, but LRHS {} does show it", text, turn);
+  std::string text = fmt::format(
+      "LRHS '{}' and HRLS '{}' show different things: the correlation of their structures is {:.2f}",
+      files.lrhs.path().string(), files.hrls.path().string(), files.pair.correlation);
+  return turn.empty() ? text : fmt::format("{}; LRHS {} would match", text, turn);
 }
 
 }  // namespace
@@ -50,17 +50,18 @@ void examine(const FuseArguments& arguments, FuseFiles& files, Image& lrhs, cons
     return;
   }
   if (found.is_refused() && arguments.pair_check == PairCheck::kRefuse)
-    throw Error("{}; --pair-check warn fuses them nevertheless", refusal(files));
+    throw Error("{}; --pair-check warn fuses them anyway", refusal(files));
   if (found.is_refused()) console.warn(refusal(files), 1);
   if (found.relation == Relation::kDoubtful) {
-    console.warn(fmt::format("LRHS '{}' hardly resembles HRLS '{}': their structures correlate by {:.2f}",
-                             files.lrhs.path().string(), files.hrls.path().string(), found.correlation),
-                 1);
+    console.warn(
+        fmt::format("LRHS '{}' hardly resembles HRLS '{}': the correlation of their structures is {:.2f}",
+                    files.lrhs.path().string(), files.hrls.path().string(), found.correlation),
+        1);
   }
   if (found.brightness == 1) return;
   console.warn(
       fmt::format("LRHS '{}' is {:.3g} times as bright as HRLS '{}' and is divided by that; --pair-check off "
-                  "takes it as it is",
+                  "leaves it as it is",
                   files.lrhs.path().string(), 1 / found.brightness, files.hrls.path().string()),
       1);
   for (float& value : lrhs.data) value = std::clamp(value * found.brightness, -65504.0f, 65504.0f);

@@ -1,4 +1,4 @@
-// Values of the options of fuse, from their texts; each throws Error where a text is none.
+// Parses the values of fuse's options. Each function throws Error for a text that is not valid.
 #pragma once
 
 #include <Imath/ImathBox.h>
@@ -8,12 +8,10 @@
 
 namespace raymeld::cli {
 
-// 0 for "auto" and 1 for "off".
+// Returns 0 for "auto" and 1 for "off".
 float parse_exposure(const std::string& text);
 
-// None for "auto" and 0 for "off".
-
-// From "X,Y,WIDTH,HEIGHT".
+// Parses "X,Y,WIDTH,HEIGHT".
 std::optional<Imath::Box2i> parse_window(const std::string& text);
 
 }  // namespace raymeld::cli

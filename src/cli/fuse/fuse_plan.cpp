@@ -1,4 +1,4 @@
-// --dry-run: how a frame would be fused.
+// Shows how a frame would be fused, for --dry-run.
 #include "cli/fuse/fuse_report.h"
 #include "io/exr_window.h"
 

@@ -1,4 +1,4 @@
-// What the program says of a frame on stderr, and its tables on stdout.
+// Writes the lines about a frame for stderr, and its tables for stdout.
 #include "cli/fuse/fuse_report.h"
 
 #include <fmt/ranges.h>
@@ -13,7 +13,7 @@ std::string size_text(const Imath::Box2i& window) {
   return fmt::format("{} x {}", width_of(window), height_of(window));
 }
 
-// Returns an empty text where all of HRLS is fused.
+// Returns an empty text if all of HRLS is fused.
 std::string window_text(const FuseFiles& files) {
   const Imath::Box2i& window = files.window;
   if (window == files.hrls_windows.data) return "";
@@ -44,7 +44,7 @@ std::string profile_text(const FuseFrame& frame) {
   return text + row("total", total.time_ms, total.flop, total.bytes);
 }
 
-// Costs add up where layers are missing together; empty where none is known.
+// Adds up the costs of absent layers; all of them together have a measured cost. Empty if no cost is known.
 std::string cost_text(const ConstantLayers& absent) {
   double db = 0;
   size_t known = 0;
@@ -65,7 +65,7 @@ std::string absent_text(const ConstantLayers& absent) {
   return fmt::format("no {}{}", fmt::join(names, ", "), cost_text(absent));
 }
 
-// Says which view layer is read where a file has several.
+// Says which view layer is read if a file has several.
 void add_view_layers(const char* role, const LayerMap& map, std::vector<std::string>& found) {
   if (map.others.empty()) return;
   found.push_back(fmt::format("{} has several view layers, and '{}{}{}' is read; others are {}", role,
@@ -73,7 +73,7 @@ void add_view_layers(const char* role, const LayerMap& map, std::vector<std::str
                               fmt::join(map.others, " or ")));
 }
 
-// Says what LRHS is and how that is known.
+// Says how LRHS was sampled and how that is known.
 std::string sampling_text(const FuseFiles& files) {
   const std::string what = files.phase > 0
                                ? "an ordinary small render"
@@ -83,11 +83,11 @@ std::string sampling_text(const FuseFiles& files) {
       case PhaseSource::kOption:
         return "as --lrhs-sampling says";
       case PhaseSource::kFile:
-        return "as it says itself";
+        return "as its file says";
       case PhaseSource::kPair:
         return "as the pixels show";
       case PhaseSource::kDefault:
-        return "which the pixels do not show";
+        return "as the pixels do not show another kind";
     }
     return "";
   };
@@ -153,7 +153,7 @@ std::string device_text(const FuseArguments& arguments, const FuseFiles& files, 
 }
 
 std::string found_text(const std::vector<std::string>& findings) {
-  return fmt::format("found {}", fmt::join(findings, "; "));
+  return fmt::format("found: {}", fmt::join(findings, "; "));
 }
 
 std::vector<std::string> opening_lines(const FuseArguments& names, const FuseFrame& frame,
@@ -172,10 +172,10 @@ std::string channels_text(const FuseArguments& names, const FuseFiles& files) {
 std::string took_text(const FuseFrame& frame, double total_ms) {
   const FuseReport& report = frame.result.report;
   std::string text = fmt::format(
-      "{:.0f} ms on the device, {:.0f} ms in all, {:.0f} MiB of its memory; input exposure {:.4g}",
+      "{:.0f} ms on the device, {:.0f} ms in total, {:.0f} MiB of device memory; input exposure {:.4g}",
       report.device_ms, total_ms, double(frame.result.allocated_bytes) / kMebibyte, report.exposure);
   if (report.kept_share > 0) {
-    text += fmt::format("; {:.0f} % of the frame is the last one's, as nothing changed there",
+    text += fmt::format("; {:.0f} % of the frame is copied from the last one, as nothing changed there",
                         100 * report.kept_share);
   }
   return text;

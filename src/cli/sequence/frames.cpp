@@ -39,8 +39,9 @@ Range parse_range(std::string_view text) {
     valid = take_number(text, range.last) && (!take(text, 'x') || take_number(text, range.step));
   }
   if (!valid || !text.empty()) {
-    throw Error("'{}' is no frame and no range of frames; expected such as 7, 1-240 or 1-240x2, from 0 to {}",
-                whole, kLastFrame);
+    throw Error(
+        "'{}' is neither a frame nor a range of frames; expected such as 7, 1-240 or 1-240x2, from 0 to {}",
+        whole, kLastFrame);
   }
   if (range.first > range.last) throw Error("'{}' ends before it begins", whole);
   if (range.step == 0) throw Error("'{}' has a step of 0", whole);

@@ -6,12 +6,12 @@
 
 namespace raymeld::cli {
 
-// From one thread to another, value by value: each waits for the other, so that no more values are alive than
-// the two work on.
+// Passes values from one thread to another, one at a time. Each thread waits for the other, so that no more
+// values are alive than the two work on.
 template <typename Value>
 class Handover {
  public:
-  // Waits until the value has been taken; false: it was not, as this is closed.
+  // Waits until the value has been taken. Returns false if it was not, because this was closed.
   bool put(Value value) {
     std::unique_lock lock(mutex_);
     if (closed_) return false;
@@ -21,7 +21,7 @@ class Handover {
     return !value_;
   }
 
-  // Waits for a value; none when this is closed.
+  // Waits for a value. Returns none when this is closed.
   std::optional<Value> take() {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [&] { return value_ || closed_; });
@@ -45,7 +45,7 @@ class Handover {
   bool closed_ = false;
 };
 
-// Closes a Handover at the end of a scope, however that is left.
+// Closes a Handover at the end of a scope, also when an exception leaves it.
 template <typename Value>
 class ClosedAtEnd {
  public:

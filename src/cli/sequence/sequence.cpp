@@ -25,7 +25,7 @@ std::vector<Outcome> all_frames(const SequenceArguments& sequence, const FuseArg
   return outcomes;
 }
 
-// Notes the lines that differ from those `said` before, and keeps them there.
+// Notes the lines that differ from those in `said`, and then stores all lines there.
 void note_new(const Console& console, const std::vector<std::string>& lines, std::vector<std::string>& said) {
   said.resize(lines.size());
   for (size_t i = 0; i < lines.size(); ++i) {
@@ -34,8 +34,8 @@ void note_new(const Console& console, const std::vector<std::string>& lines, std
   said = lines;
 }
 
-// The three steps of a frame are a thread's each. Only what is handed over from one to the next is seen by
-// both: a frame with its outcome.
+// Runs each of the three steps of a frame in a thread of its own. Two threads share only the frame that one
+// hands over to the next, with its outcome.
 class Pipeline {
  public:
   Pipeline(const FuseArguments& patterns, const Device& device, LastModel& models,
@@ -58,7 +58,7 @@ class Pipeline {
   struct Job {
     Outcome* outcome;
     std::unique_ptr<FuseFrame> frame = nullptr;
-    double spent_ms = 0;  // without the time in which it waited for its turn
+    double spent_ms = 0;  // excludes the time in which it waited for its turn
   };
 
   void read();
@@ -72,15 +72,15 @@ class Pipeline {
   LastModel& models_;
   std::vector<Outcome>& outcomes_;
   FrameFuser fuser_;
-  bool prepared_ = false;  // of read()'s thread, as is what it prepares until the first frame is handed over
+  bool prepared_ = false;  // only read()'s thread uses it, and fuser_ until the first frame is handed over
   Console console_;
   Handover<Job> read_, fused_;
-  std::vector<std::string> channels_;  // said last by read()'s thread
-  std::vector<std::string> opening_;   // said last by fuse()'s thread
-  bool device_lost_ = false;           // of fuse()'s thread
+  std::vector<std::string> channels_;  // lines that read()'s thread noted last
+  std::vector<std::string> opening_;   // lines that fuse()'s thread noted last
+  bool device_lost_ = false;           // only fuse()'s thread uses it
 };
 
-// Whether the step was done. What goes wrong is the frame's alone, but for an interrupt and a lost device.
+// Returns whether the step was done. An error fails this frame; an interrupt or a lost device ends the run.
 template <typename Step>
 bool Pipeline::attempt(Job& job, const Step& step) try {
   const Stopwatch watch;
@@ -153,14 +153,14 @@ void Pipeline::write() {
   }
 }
 
-// Of any frame, as all frames' are the same.
+// Checks the folders of one frame's outputs, as all frames have the same folders.
 void check_output_folders(const FuseArguments& frame) {
   std::vector<std::filesystem::path> outputs = frame.outputs();
   if (!frame.dump.empty()) outputs.push_back(frame.dump_folder());
   check_folders(outputs);
 }
 
-// Of the first frame that would be fused, how.
+// Prints which frames would be fused and skipped, and the plan for the first one to fuse.
 void show_plan(const FuseArguments& patterns, std::span<const Outcome> outcomes, LastModel& models,
                const Device* device) {
   const std::vector<int> frames = frames_that(Status::kUnfinished, outcomes),
@@ -186,7 +186,7 @@ void run_sequence(const SequenceArguments& sequence, const FuseArguments& given)
   const Stopwatch watch;
   FuseArguments patterns = given;
   check_patterns(patterns, sequence.frames);
-  // What is wrong with all frames alike is said once, before the first.
+  // Errors that all frames share are reported once, before the first frame.
   for (const auto& map : {patterns.map, patterns.lrhs_map}) parse_layer_choice(map);
   LastModel models;
   if (!patterns.model.empty()) models.load(find_model(patterns.model));
@@ -194,7 +194,7 @@ void run_sequence(const SequenceArguments& sequence, const FuseArguments& given)
   const std::vector<int> unfinished = frames_that(Status::kUnfinished, outcomes);
   const auto device = unfinished.empty() ? nullptr : Device::create({.selector = patterns.device});
   if (patterns.wish && device) {
-    // One model for all, as the first frame asks for it.
+    // The model that suits the first frame is used for all.
     Console console(patterns.notes());
     patterns.take(choose_model(of_frame(patterns, unfinished.front()), true, *device, models, console));
   }

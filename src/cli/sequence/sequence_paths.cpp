@@ -23,14 +23,15 @@ constexpr std::array<PathOption, 7> kPathOptions = {
      {"--preview-before-after", &FuseArguments::before_after, true},
      {"--dump", &FuseArguments::dump, true}}};
 
-// `path` with its folder as the file system knows it, so that two names of a file are equal.
+// Makes the folder of `path` canonical, so that two names of one file are equal.
 std::string with_full_folder(const std::string& path) {
   const fs::path given = path.substr(0, path.find_last_not_of('/') + 1);
   std::error_code error;
   return fs::weakly_canonical(fs::absolute(given.parent_path() / "."), error) / given.filename();
 }
 
-// The number is in file names only, so that folders are looked at once and not for each frame.
+// Throws Error when an output is written twice or is an input. Only file names have frame numbers, so folders
+// are resolved once and not for each frame.
 void check_distinct(FuseArguments patterns, std::span<const int> frames) {
   for (const PathOption& option : kPathOptions) {
     std::string& path = patterns.*option.path;
@@ -46,7 +47,7 @@ void check_distinct(FuseArguments patterns, std::span<const int> frames) {
   };
   std::set<std::string> outputs;
   each_path(true, [&](const std::string& path) {
-    if (!outputs.insert(path).second) throw Error("cannot write '{}': it is an output twice", path);
+    if (!outputs.insert(path).second) throw Error("cannot write '{}': two outputs have this name", path);
   });
   each_path(false, [&](const std::string& path) {
     if (outputs.contains(path)) throw Error("cannot write '{}': it is an input of the sequence", path);
@@ -66,8 +67,8 @@ FuseArguments of_frame(const FuseArguments& patterns, int frame) {
 void check_no_patterns(const FuseArguments& arguments) {
   for (const PathOption& option : kPathOptions) {
     if (is_pattern(arguments.*option.path)) {
-      throw Error("{} '{}' has a # for the number of a frame; --frames says which frames there are",
-                  option.name, arguments.*option.path);
+      throw Error("{} '{}' has a # for the number of a frame, which needs --frames", option.name,
+                  arguments.*option.path);
     }
   }
 }

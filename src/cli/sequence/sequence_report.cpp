@@ -38,7 +38,7 @@ std::vector<int> frames_that(Status status, std::span<const Outcome> outcomes) {
 }
 
 std::string exposure_hint(std::span<const Outcome> outcomes) {
-  std::vector<std::pair<float, int>> exposures;  // with the frame
+  std::vector<std::pair<float, int>> exposures;  // exposure and frame
   for (const Outcome& outcome : outcomes) {
     if (outcome.status == Status::kFused) exposures.emplace_back(outcome.exposure, outcome.frame);
   }

@@ -1,4 +1,4 @@
-// What the program says of a sequence at its end.
+// Reports on a sequence at its end.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -14,14 +14,14 @@ struct Outcome {
   int frame = 0;
   Status status = Status::kUnfinished;
   std::string error = {};
-  float exposure = 0;                                               // of a fused frame
-  nlohmann::ordered_json facts = nlohmann::ordered_json::object();  // with --json, of a fused frame
+  float exposure = 0;                                               // set for a fused frame
+  nlohmann::ordered_json facts = nlohmann::ordered_json::object();  // set for a fused frame, with --json
 };
 
 std::vector<int> frames_that(Status status, std::span<const Outcome> outcomes);
 
-// Says that the exposures of fused frames differ by more than a twentieth, and which one to give to all;
-// empty where they do not.
+// Returns a hint that the exposures of fused frames differ by more than a twentieth, with the one to give to
+// all frames; empty if they do not.
 std::string exposure_hint(std::span<const Outcome> outcomes);
 
 std::string summary_text(std::span<const Outcome> outcomes, double total_ms);

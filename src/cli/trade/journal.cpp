@@ -12,12 +12,12 @@
 namespace raymeld::cli {
 namespace {
 
-// Bytes of file names that are no UTF-8 are replaced.
+// Replaces bytes that are not UTF-8, as in some file names.
 std::string text_of(const nlohmann::json& json) {
   return json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
-// Of a line that was written to its end, false otherwise.
+// Adds a line's values. Returns false if the line was not written to its end.
 bool read_line(const std::string& line, std::map<std::string, Journal::Values>& values) try {
   const nlohmann::json json = nlohmann::json::parse(line);
   values[json.at(0)] = json.at(1).get<Journal::Values>();
@@ -30,7 +30,7 @@ bool read_line(const std::string& line, std::map<std::string, Journal::Values>& 
 
 Journal::Journal(const std::filesystem::path& file, const std::string& subject) : path_(file) {
   const std::string first = text_of(subject);
-  uintmax_t size = 0;  // of the lines that are whole
+  uintmax_t size = 0;  // size of the whole lines in bytes
   std::ifstream stream(file);
   std::string line;
   if (std::getline(stream, line) && !stream.eof() && line == first) {

@@ -1,5 +1,4 @@
-// Measurements that are on the disk as soon as they are made, so that a long command goes on after it was
-// stopped.
+// Writes measurements to the disk as soon as they are made, so that a command that was stopped can continue.
 #pragma once
 
 #include <cstdio>
@@ -16,17 +15,17 @@ class Journal {
  public:
   using Values = std::vector<double>;
 
-  // Goes on with `file` where it was begun for the same `subject`: all that the measurements depend on beside
-  // their names. Else begins it anew. Throws Error.
+  // Continues `file` if it was begun for the same `subject`, which holds all that measurements depend on
+  // beside their names. Else begins a new file. Throws Error.
   Journal(const std::filesystem::path& file, const std::string& subject);
 
   size_t size() const { return values_.size(); }
 
-  // What the journal has under `name`; else what `measure` gives, which it then has, if all of it is finite.
-  // Throws Error, and whatever `measure` does.
+  // Returns the values that the journal has under `name`. If it has none, calls `measure` and keeps its
+  // values if all are finite. Throws Error, and what `measure` throws.
   Values get(const std::string& name, const std::function<Values()>& measure);
 
-  // Once nothing is to be gone on with.
+  // Removes the file; called when the command has finished.
   void remove();
 
  private:

@@ -23,7 +23,8 @@ TestView load_view(const fs::path& folder) try {
     const TestRender render{folder / name, entry.at("spp"), entry.value("scale", 1u),
                             entry.value("seconds", 0.0)};
     if (render.spp == 0 || render.scale == 0)
-      throw Error("file {} has {} samples, scale {}", name, render.spp, render.scale);
+      throw Error("file {} has {} samples and scale {}, expected at least 1 of each", name, render.spp,
+                  render.scale);
     if (!fs::is_regular_file(render.file)) throw Error("there is no file {}", name);
     if (name.starts_with("reference")) {
       view.references.push_back(render.file);
@@ -40,7 +41,7 @@ TestView load_view(const fs::path& folder) try {
   for (auto* renders : {&view.lrhs, &view.hrls, &view.plain})
     std::ranges::sort(*renders, {}, &TestRender::spp);
   if (view.hrls.empty() || view.lrhs.empty() || view.references.empty())
-    throw Error("there are {} HRLS, {} LRHS and {} references, expected one of each at least",
+    throw Error("there are {} HRLS, {} LRHS and {} references, expected at least one of each",
                 view.hrls.size(), view.lrhs.size(), view.references.size());
   view.cost = fit_cost(all);
   return view;
@@ -48,7 +49,7 @@ TestView load_view(const fs::path& folder) try {
   throw Error("test set '{}': {}", (folder / kManifest).string(), error.what());
 }
 
-// As a share of the pixels of full size.
+// Returns the number of samples for each full-size pixel.
 double samples(const TestRender& render) {
   return double(render.spp) / (double(render.scale) * render.scale);
 }
@@ -88,7 +89,7 @@ std::vector<TestView> find_views(const fs::path& folder) {
     if (fs::is_regular_file(entry.path() / kManifest, error)) folders.push_back(entry.path());
   }
   if (folders.empty())
-    throw Error("test set '{}': there is no {} in it, nor in its folders", folder.string(), kManifest);
+    throw Error("test set '{}': there is no {} in it or in its folders", folder.string(), kManifest);
   std::ranges::sort(folders);
   std::vector<TestView> views;
   for (const fs::path& path : folders) views.push_back(load_view(path));

@@ -1,4 +1,4 @@
-// A test set on the disk: scenes, each rendered with few and with many samples, and what that took.
+// Reads a test set: scenes, each rendered with few and with many samples, and the times of the renders.
 #pragma once
 
 #include <filesystem>
@@ -13,42 +13,43 @@ namespace raymeld::cli {
 struct TestRender {
   std::filesystem::path file;
   uint32_t spp = 0;
-  uint32_t scale = 1;  // of LRHS: one of scale x scale pixels
-  double seconds = 0;  // that the render took
+  uint32_t scale = 1;  // LRHS has one pixel for scale x scale
+  double seconds = 0;  // time of the render
 
-  double full_seconds() const { return seconds * scale * scale; }  // of as many samples for all pixels
+  double full_seconds() const { return seconds * scale * scale; }  // time for as many samples in all pixels
 };
 
-// What a render of a scene takes, by the samples of each pixel: a line through the times of all its renders.
+// Gives the time of rendering a scene as a line over the samples a pixel, fitted to the times of its renders.
 struct RenderCost {
-  double seconds = 0, seconds_per_sample = 0;  // of all pixels
+  double seconds = 0, seconds_per_sample = 0;  // all pixels together
 
   double of(uint32_t spp, uint32_t scale = 1) const {
     return (seconds + seconds_per_sample * spp) / (double(scale) * scale);
   }
 };
 
-// Whatever else a machine does makes a render slower and never faster, so the line has a quarter of the times
-// below it: the least sum of relative deviations, counted three times where they are below.
+// Fits a line that has a quarter of the times below it, as other work of a machine makes a render slower and
+// never faster. Minimizes the sum of relative deviations, in which times below the line count three times.
 RenderCost fit_cost(const std::vector<TestRender>& renders);
 
 struct TestView {
   std::string name;
   std::vector<TestRender> lrhs = {}, hrls = {},
-                          plain = {};  // each by samples; `plain`: full-size renders, HRLS among them
+                          plain = {};  // each sorted by samples; `plain`: full-size renders, HRLS among them
   std::vector<std::filesystem::path> references = {};
   RenderCost cost = {};
 };
 
-// Of a folder's view.json, or of those in its folders, by name: {"files": {NAME: {"spp", "seconds", "scale",
-// "layers"}}}. Names that begin with "reference" are halves of the truth, those with a scale that begin with
-// "lrhs" are LRHS, those of which the layers are "fusion" HRLS. Throws Error naming the file.
+// Reads a folder's view.json, or those of its subfolders in the order of their names: {"files": {NAME:
+// {"spp", "seconds", "scale", "layers"}}}. Files whose names begin with "reference" are halves of the
+// reference, files with a scale whose names begin with "lrhs" are LRHS, and full-size files with the layers
+// "fusion" are HRLS. Throws Error, naming the file.
 std::vector<TestView> find_views(const std::filesystem::path& folder);
 
-// (3, H, W), the mean of the halves. Throws Error.
+// Returns the mean of the reference's halves, (3, H, W). Throws Error.
 Image load_reference(const TestView& view);
 
-// An LRHS and an HRLS render of a view.
+// Holds an LRHS and an HRLS render of a view.
 struct TestPair {
   const TestView* view;
   const TestRender *lrhs, *hrls;
@@ -56,11 +57,11 @@ struct TestPair {
   double render_seconds() const { return view->cost.of(lrhs->spp, lrhs->scale) + view->cost.of(hrls->spp); }
 };
 
-// HRLS of the fewest samples, and LRHS that has as many in all, or about. Throws Error where there is no LRHS
-// of that scale.
+// Returns the HRLS of the fewest samples and the LRHS whose total of samples is nearest to it. Throws Error
+// when there is no LRHS of that scale.
 TestPair first_pair(const TestView& view, uint32_t scale);
 
-// All of which neither has more than twice the samples of the other in all.
+// Returns all pairs in which neither render has more than twice the other's total of samples.
 std::vector<TestPair> balanced_pairs(const TestView& view, uint32_t scale);
 
 }  // namespace raymeld::cli

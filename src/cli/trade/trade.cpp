@@ -21,8 +21,8 @@ struct TradeArguments {
   bool quick = false;
 };
 
-// Every combination that makes sense: direct kernels are no faster where blocks are left out, and how many
-// are does not depend on the precision.
+// Returns each model in fp32, and in fp16 if the device supports it, with automatic and with direct kernels.
+// `quick` leaves only fp32 with automatic kernels.
 std::vector<TradeSetting> settings_of(const std::vector<std::string>& models, const DeviceInfo& device,
                                       bool quick) {
   std::vector<TradeSetting> settings;
@@ -50,7 +50,7 @@ std::vector<TradeSetting> plain_ones(const std::vector<TradeSetting>& settings) 
   return plain;
 }
 
-// Those whose scale the test set has LRHS of.
+// Returns the models that were asked for, or else the stock models of whose scale the test set has LRHS.
 std::vector<std::string> usable_models(const std::vector<std::string>& asked, const TestView& view) {
   std::vector<std::string> models;
   for (const std::string& name : asked.empty() ? stock_models() : asked) {
@@ -89,14 +89,14 @@ std::string summary(const Trade& trade) {
   return text;
 }
 
-// A line that tells whether a file is still the same one.
+// Returns a line that differs when the file was changed.
 std::string stamp(const fs::path& file) {
-  std::error_code error;  // then the number that stands for it
+  std::error_code error;  // ignored: what a missing file has for numbers is written
   return fmt::format("{} {} {}\n", fs::absolute(file).string(), fs::file_size(file, error),
                      fs::last_write_time(file, error).time_since_epoch().count());
 }
 
-// What measurements depend on beside view and setting.
+// Returns all that measurements depend on beside view and setting.
 std::string subject_of(const Trade& trade, const std::vector<TradeSetting>& settings, const fs::path& data) {
   std::string text = fmt::format("{}{} {}\n{}\n", stamp(fs::canonical("/proc/self/exe")), trade.device.name,
                                  trade.device.driver, fs::canonical(data).string());
@@ -123,7 +123,7 @@ void run(const TradeArguments& arguments) {
   const Image reference = load_reference(trade.views.front());
   trade.width = reference.width, trade.height = reference.height;
   if (!arguments.curve.empty() && trade.views.size() < kLeastScenes)
-    throw Error("--curve takes {} views at least, and test set '{}' has {}", kLeastScenes, arguments.data,
+    throw Error("--curve needs at least {} views, and test set '{}' has {}", kLeastScenes, arguments.data,
                 trade.views.size());
   std::error_code error;
   fs::create_directories(folder, error);
@@ -134,15 +134,15 @@ void run(const TradeArguments& arguments) {
   trade.device = device->info();
   const std::vector<TradeSetting> settings =
       settings_of(usable_models(arguments.models, trade.views.front()), trade.device, arguments.quick);
-  if (settings.empty()) throw Error("test set '{}' has no LRHS that any model takes", arguments.data);
+  if (settings.empty()) throw Error("test set '{}' has no LRHS of the scale of any model", arguments.data);
   Console console(true);
   console.note(
       fmt::format("{} settings, {} views, on {}", settings.size(), trade.views.size(), trade.device.name));
   Journal journal(folder / "measured.jsonl", subject_of(trade, settings, arguments.data));
-  if (journal.size() > 0) console.note(fmt::format("going on after {} measurements", journal.size()));
+  if (journal.size() > 0) console.note(fmt::format("continuing after {} measurements", journal.size()));
   trade.settings = measure_settings(trade.views, settings, *device, journal, console);
   if (!arguments.quick) {
-    console.note("pairs of renders");
+    console.note("measuring pairs of renders");
     trade.pairs = measure_pairs(trade.views, plain_ones(settings), *device, journal, console);
   }
   trade.strips = strips_of(trade, *device);
@@ -163,38 +163,40 @@ void run(const TradeArguments& arguments) {
 void add_trade(CLI::App& app) {
   auto arguments = std::make_shared<TradeArguments>();
   CLI::App* command = app.add_subcommand(
-      "trade",
-      "Measures what speed costs in quality: models, precisions, kernels and adaptation over a test set");
+      "trade", "Measures quality, time and memory of models, precisions and kernels over a test set");
   command
       ->add_option("--data", arguments->data,
-                   "Reads the test set from this folder of views, or of one view; without it the sample pair")
+                   "Reads the test set from this folder, of one view or of a folder for each view; without "
+                   "it the sample pair")
       ->type_name("DIR");
   command
       ->add_option("-o,--output", arguments->output,
                    "Writes trade.csv, trade.json and the report trade.html here")
       ->type_name("DIR")
       ->capture_default_str();
-  command->add_option("--device", arguments->device,
-                      "Runs on this Vulkan device: an index of raymeld devices, a UUID or part of a name");
+  command->add_option(
+      "--device", arguments->device,
+      "Runs on this Vulkan device: its index in raymeld devices, its UUID or part of its name");
   command
       ->add_option("--model", arguments->models,
                    "Measures these models: names, scales such as x4, or files; without it all stock models")
       ->delimiter(',');
-  command->add_option("--views", arguments->views, "Measures only the first views, this many")
+  command->add_option("--views", arguments->views, "Measures only the first N views")
       ->type_name("N")
       ->check(CLI::Range(size_t{1}, size_t{1'000'000}));
   CLI::Option* quick = command->add_flag(
       "--quick", arguments->quick,
       "Measures only one setting of each model, in fp32, and one pair of renders of each view");
   command
-      ->add_option(
-          "--curve", arguments->curve,
-          "Writes what fuse --quality, --budget and --target-psnr choose by, as models/curve.json is")
+      ->add_option("--curve", arguments->curve,
+                   "Writes the curve that fuse --quality, --budget and --target-psnr choose by, such as "
+                   "models/curve.json")
       ->type_name("FILE")
       ->excludes(quick);
   command->footer(
       "Example:\n  raymeld trade --data TEST -o report\n"
-      "Where it was stopped, the same command goes on: measured.jsonl in its folder holds what it has.");
+      "When it was stopped, the same command continues it: measured.jsonl in the folder holds the "
+      "measurements.");
   command->callback([arguments] { run(*arguments); });
 }
 

@@ -1,4 +1,4 @@
-// How raymeld trade measures.
+// Measures settings and pairs of renders for raymeld trade.
 #include <algorithm>
 #include <cmath>
 #include <deque>
@@ -16,7 +16,7 @@ namespace {
 using reference::Planes;
 
 constexpr size_t kRounds = 3;
-constexpr int kTruthSide = 16;  // LRHS pixels of what the reference computes
+constexpr int kTruthSide = 16;  // side of the part that the reference computes, in LRHS pixels
 
 FuseArguments arguments_of(const TestPair& pair, const TradeSetting& setting) {
   FuseArguments arguments;
@@ -30,7 +30,7 @@ FuseArguments arguments_of(const TestPair& pair, const TradeSetting& setting) {
   return arguments;
 }
 
-// A pair of renders, read as a setting's model takes them.
+// Reads a pair of renders as a setting's model takes them.
 std::unique_ptr<FuseFrame> load(const TestPair& pair, const TradeSetting& setting, LastModel& models) {
   const FuseArguments arguments = arguments_of(pair, setting);
   auto frame = std::unique_ptr<FuseFrame>(
@@ -39,12 +39,12 @@ std::unique_ptr<FuseFrame> load(const TestPair& pair, const TradeSetting& settin
   return frame;
 }
 
-// A Fuser and what it was made for.
+// Measures frames with one FrameFuser, after a first run that is not measured.
 class Bench {
  public:
   explicit Bench(const Device& device) : fuser_(device) {}
 
-  // The frame as `setting` fuses it; its model must be the one that the frame was loaded for.
+  // Fuses and measures the frame with `setting`, whose model must be the one that the frame was loaded for.
   TradeResult measure(const TestPair& pair, FuseFrame& frame, const TradeSetting& setting) {
     frame.arguments = arguments_of(pair, setting);
     const auto go_on = [](double) { return !interrupted(); };
@@ -60,7 +60,7 @@ class Bench {
   bool warm_ = false;
 };
 
-// The color of HRLS, as it is in the images that fuse() takes.
+// Returns the color of HRLS from the images that fuse() takes.
 Image color_of(const FuseFrame& frame) {
   const Image& hrls = frame.images.hrls;
   Image color(hrls.width, hrls.height, 3);
@@ -74,9 +74,9 @@ Planes planes_of(const Image& image) {
   return planes;
 }
 
-// The middle of a frame, small enough for the reference, and what that makes of it.
+// Holds the middle of a frame, small enough for the scalar reference, and the reference's output for it.
 struct Truth {
-  Image lrhs, hrls;  // as FuseImages
+  Image lrhs, hrls;  // parts of FuseImages
   Planes output;
 
   Truth(const FuseFrame& frame) {
@@ -112,7 +112,7 @@ struct Truth {
                  .value;
   }
 
-  // The largest difference, in steps of an 8-bit sRGB display.
+  // Returns the largest difference, in steps of an 8-bit sRGB display.
   double error(const FuseFrame& frame, const TradeSetting& setting, const Device& device) const {
     FuseArguments arguments = frame.arguments;
     arguments.precision = setting.precision;
@@ -143,7 +143,7 @@ std::string name_of(const TradeSetting& setting) {
   return fmt::format("{} {} {}", setting.model, int(setting.precision), int(setting.kernels));
 }
 
-// Views with their first pairs, each read for a model when it is first asked for.
+// Holds views with their first pairs, each read for one model when it is first asked for.
 class LoadedViews {
  public:
   struct Loaded {
@@ -164,7 +164,7 @@ class LoadedViews {
   }
 
  private:
-  const TradeSetting& setting_;  // any of the model
+  const TradeSetting& setting_;  // any setting of the model
   LastModel& models_;
   std::map<std::string, std::unique_ptr<Loaded>> views_;
 };
@@ -185,7 +185,7 @@ TradeResult result_from(const std::string& view, const Journal::Values& values) 
           .quality = {values.at(2), values.at(3), values.at(4)}};
 }
 
-// Of the first view.
+// Measures the errors of a model's settings against the scalar reference, on the first view.
 void measure_errors(std::vector<SettingResults*>& of_model, LoadedViews& loaded, const TestView& view,
                     const Device& device, Journal& journal) {
   std::optional<Truth> truth;
@@ -258,7 +258,7 @@ Journal::Values measure_plain(const TestRender& render, const Image& reference) 
   return {quality.psnr_db, quality.relmse_bcr};
 }
 
-// Means over views, by model, scale and samples.
+// Computes means over views for each model, scale and number of samples.
 class RenderMeans {
  public:
   void add(const RenderResults& one) {
@@ -269,7 +269,7 @@ class RenderMeans {
     sum.psnr_db += one.psnr_db, sum.relmse += one.relmse;
   }
 
-  // Those that all views have.
+  // Returns the means of what all views have.
   std::vector<RenderResults> of(size_t views) const {
     std::vector<RenderResults> means;
     const double share = 1.0 / double(views);
@@ -327,7 +327,7 @@ std::vector<TradeStrip> make_strips(const std::vector<TestView>& views,
   std::ranges::sort(results, {}, [](const TradeResult& result) { return result.quality.psnr_db; });
   const size_t last = results.size() - 1;
   std::vector<std::pair<size_t, std::string>> shown{{0, last > 0 ? ": the worst" : ""}};
-  if (last > 1) shown.push_back({results.size() / 2, ": the middle one"});
+  if (last > 1) shown.push_back({results.size() / 2, ": the median"});
   if (last > 0) shown.push_back({last, ": the best"});
 
   std::vector<TradeStrip> strips;

@@ -2,7 +2,7 @@
 
 namespace raymeld::cli {
 
-// src/cli/trade/trade.html.
+// Holds the text of src/cli/trade/trade.html.
 extern const char* const kTradePage;
 
 }  // namespace raymeld::cli

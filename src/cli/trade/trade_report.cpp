@@ -1,4 +1,4 @@
-// What raymeld trade tells of what it measured.
+// Writes the measurements of raymeld trade as JSON, CSV and HTML, and makes a curve of them.
 #include <fmt/ranges.h>
 
 #include <algorithm>
@@ -15,10 +15,10 @@ namespace {
 using Json = nlohmann::ordered_json;
 using Values = std::vector<double>;
 
-// Kernels round differently, which is worth no time: the figures of docs/ have two decimals.
+// Smaller steps do not count: kernels round differently, and the figures of docs/ have two decimals.
 constexpr double kLeastStepDb = 0.01;
 
-// RFC 4648.
+// Encodes bytes as RFC 4648 defines it.
 std::string base64(std::span<const char> bytes) {
   constexpr std::string_view kDigits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
   std::string text;
@@ -31,7 +31,7 @@ std::string base64(std::span<const char> bytes) {
   return text;
 }
 
-// q from 0 to 1, linear between neighbours.
+// Interpolates linearly between neighbours; `q` is from 0 to 1.
 double quantile(Values values, double q) {
   std::ranges::sort(values);
   const double at = q * double(values.size() - 1);
@@ -73,7 +73,7 @@ const char* kernels_of(const TradeSetting& setting) {
   return setting.kernels == KernelChoice::kDirect ? "direct" : "auto";
 }
 
-// Of the settings of each scale, by what `cost` says.
+// Marks the settings on the front of cost and PSNR of their scale.
 template <typename Cost>
 std::vector<bool> fronts(const std::vector<SettingResults>& settings, const Cost& cost) {
   std::vector<bool> result(settings.size());

@@ -1,4 +1,4 @@
-// Pictures of images and their errors.
+// Draws images with their errors.
 #include <algorithm>
 
 #include "cli/trade/trade.h"
@@ -11,7 +11,7 @@ constexpr int kMostSide = 256, kStep = 32;
 
 Imath::Box2i window_of(const Image& image) { return {{0, 0}, {image.width - 1, image.height - 1}}; }
 
-// The window of that size with the largest sum of a (1, H, W).
+// Returns the corner of the window of this size with the largest sum of errors, (1, H, W).
 Imath::V2i worst_window(const Image& errors, int width, int height) {
   Imath::V2i worst(0, 0);
   double most = -1;

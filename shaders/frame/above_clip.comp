@@ -9,17 +9,13 @@
 
 layout(local_size_x = 64, local_size_y = 2) in;
 #include "invocation.glsl"
-#ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
-  Floats exposure;  // and its inverse
-  Values target;
-  Highlights p;
+  ADDRESS(Floats, exposure)  // and its inverse
+  ADDRESS(Values, target)
+  AboveClip p;
 };
-#else
-layout(push_constant) uniform Push { Highlights p; };
-layout(std430, binding = 2) readonly buffer Exposure { float v[2]; } exposure;
-layout(std430, binding = 3) writeonly buffer Target { STORAGE v[]; } target;
-#endif
+BUFFER(2, readonly, Exposure, float, exposure)
+BUFFER(3, writeonly, Target, STORAGE, target)
 
 void main() {
   uvec3 id = global_invocation_id();

@@ -9,17 +9,13 @@
 
 layout(local_size_x = 64, local_size_y = 2) in;
 #include "invocation.glsl"
-#ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
-  Values light, albedo, target;
-  Relight p;
+  ADDRESS(Values, light) ADDRESS(Values, albedo) ADDRESS(Values, target)
+  Remodulate p;
 };
-#else
-layout(push_constant) uniform Push { Relight p; };
-layout(std430, binding = 1) readonly buffer Light { STORAGE v[]; } light;
-layout(std430, binding = 2) readonly buffer Albedo { STORAGE v[]; } albedo;
-layout(std430, binding = 3) writeonly buffer Target { STORAGE v[]; } target;
-#endif
+BUFFER(1, readonly, Light, STORAGE, light)
+BUFFER(2, readonly, Albedo, STORAGE, albedo)
+BUFFER(3, writeonly, Target, STORAGE, target)
 #include "strip.glsl"
 
 void main() {

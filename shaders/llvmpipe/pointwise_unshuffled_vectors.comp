@@ -23,7 +23,7 @@ layout(push_constant) uniform Push {
   Floats bias;
   Floats source;
   Floats target;
-  PointwiseCells p;
+  PointwiseUnshuffled p;
 };
 #define KEEPS_ORDER
 #include "uniform.glsl"

@@ -15,23 +15,15 @@ layout(constant_id = 1) const uint kChannels = 27;  // of the image
 layout(constant_id = 2) const uint kOutputs = 6;
 layout(constant_id = 3) const uint kRelu = 0;
 layout(constant_id = 4) const uint kWeightColumns = 4;  // a multiple of kSide
-#ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
   Floats weights;
   Floats bias;
-  Values source;
-  Values target;
-  PointwiseCells p;
+  ADDRESS(Values, source)
+  ADDRESS(Values, target)
+  PointwiseUnshuffled p;
 };
-#else
-layout(push_constant) uniform Push {
-  Floats weights;
-  Floats bias;
-  PointwiseCells p;
-};
-layout(std430, binding = 1) readonly buffer Source { STORAGE v[]; } source;
-layout(std430, binding = 2) writeonly buffer Target { STORAGE v[]; } target;
-#endif
+BUFFER(1, readonly, Source, STORAGE, source)
+BUFFER(2, writeonly, Target, STORAGE, target)
 
 void main() {
   uvec2 cell = global_invocation_id().xy;

@@ -12,18 +12,14 @@
 
 layout(local_size_x = 64, local_size_y = 2) in;
 #include "invocation.glsl"
-#ifdef DATA_BY_ADDRESS
 layout(push_constant) uniform Push {
-  Values color, albedo, lrhs, target;
-  JointLight p;
+  ADDRESS(Values, color) ADDRESS(Values, albedo) ADDRESS(Values, lrhs) ADDRESS(Values, target)
+  Demodulate p;
 };
-#else
-layout(push_constant) uniform Push { JointLight p; };
-layout(std430, binding = 1) readonly buffer Color { STORAGE v[]; } color;
-layout(std430, binding = 2) readonly buffer Albedo { STORAGE v[]; } albedo;
-layout(std430, binding = 3) readonly buffer Lrhs { STORAGE v[]; } lrhs;
-layout(std430, binding = 4) writeonly buffer Target { STORAGE v[]; } target;
-#endif
+BUFFER(1, readonly, Color, STORAGE, color)
+BUFFER(2, readonly, Albedo, STORAGE, albedo)
+BUFFER(3, readonly, Lrhs, STORAGE, lrhs)
+BUFFER(4, writeonly, Target, STORAGE, target)
 #include "strip.glsl"
 #define UPSAMPLED p.of
 #include "lrhs.glsl"
@@ -53,7 +49,7 @@ float firefly_limit(float luminances[kStrip + 2][3], uint row) {
 
 vec3 irradiance_at(uint y, uint x) { return vec3(lrhs_at(3, y, x), lrhs_at(4, y, x), lrhs_at(5, y, x)); }
 
-void light(uvec2 pixel, vec3 own) {
+void demodulate(uvec2 pixel, vec3 own) {
   Bilinear at = bilinear_at(pixel, p.of.phase, p.of.inverse_scale, uvec2(p.of.lrhs_width, p.of.lrhs_height));
   vec3 corners[4] = {irradiance_at(at.low.y, at.low.x), irradiance_at(at.low.y, at.high.x),
                      irradiance_at(at.high.y, at.low.x), irradiance_at(at.high.y, at.high.x)};
@@ -91,6 +87,6 @@ void main() {
     }
   }
   [[unroll]] for (uint k = 0; k < kStrip; ++k) {
-    if (strip.wanted[k]) light(strip.pixels[k], own[k] * firefly_limit(luminances, k));
+    if (strip.wanted[k]) demodulate(strip.pixels[k], own[k] * firefly_limit(luminances, k));
   }
 }

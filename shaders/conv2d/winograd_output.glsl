@@ -1,0 +1,97 @@
+// Declares what winograd_output.comp reads and writes, transforms tiles and stores them. llvmpipe/winograd_output_vectors.comp
+// shares it. To be included after winograd.glsl.
+#include "border.glsl"
+layout(constant_id = 1) const uint kShuffle = 1;
+layout(constant_id = 2) const uint kRelu = 0;
+layout(constant_id = 3) const uint kResiduals = 0;
+layout(constant_id = 4) const uint kPairs = 0;  // the width is even, so that the target and residuals are accessed in pairs
+layout(constant_id = 5) const uint kBorders = 0;  // the bias is a table, see border.glsl
+layout(push_constant) uniform Push {
+  ADDRESS(Pairs, products)
+  ADDRESS(Floats, bias)
+  ADDRESS(Values, target)
+  ADDRESS(Values, residual0) ADDRESS(Values, residual1) ADDRESS(Values, residual2)
+  WinogradOutput p;
+};
+BUFFER(1, readonly, Products, float, products)
+BUFFER(2, readonly, Bias, float, bias)
+BUFFER(3, writeonly, Target, STORAGE, target)
+// The products are bound in place of residuals that are missing.
+BUFFER(4, readonly, Residual0, STORAGE, residual0)
+BUFFER(5, readonly, Residual1, STORAGE, residual1)
+BUFFER(6, readonly, Residual2, STORAGE, residual2)
+
+float bias_at(uint o, uint y, uint x, float inside) {
+  return kBorders != 0 ? bias.v[border_case(y, x, p.full_height, p.width) * p.channels + o] : inside;
+}
+
+float activated(float value) { return kRelu != 0 ? rectified(value) : value; }
+
+// Returns where the target or a residual has output channel o of a pixel.
+uint shuffled_address(uint o, uint y, uint x, uint rows_mask, uint plane) {
+  uint row = kShuffle * y + o / kShuffle % kShuffle, column = kShuffle * x + o % kShuffle;
+  return address(o / (kShuffle * kShuffle), row & rows_mask, column, plane, kShuffle * p.width);
+}
+
+void store(uint o, uint y, uint x, float value) {
+  if (y >= p.height || x >= p.width) return;
+  value = activated(value);
+  uint from = shuffled_address(o, y, x, p.residual_rows_mask, p.residual_plane);
+  if (kResiduals > 0) value += float(residual0.v[from]);
+  if (kResiduals > 1) value += float(residual1.v[from]);
+  if (kResiduals > 2) value += float(residual2.v[from]);
+  target.v[shuffled_address(o, y, x, p.rows_mask, p.plane)] = STORAGE(storable(value));
+}
+
+// Stores two values that are neighbours in the target, the first of them where x is even. Storage has 32 bits.
+void store_pair(uint o, uint y, uint x, vec2 values) {
+  if (y >= p.height || x >= p.width) return;
+  values = vec2(activated(values.x), activated(values.y));
+  uint from = shuffled_address(o, y, x, p.residual_rows_mask, p.residual_plane);
+  if (kResiduals > 0) values += READ_VALUES(residual0, from);
+  if (kResiduals > 1) values += READ_VALUES(residual1, from);
+  if (kResiduals > 2) values += READ_VALUES(residual2, from);
+  uint to = shuffled_address(o, y, x, p.rows_mask, p.plane);
+  WRITE_VALUES(target, to, values);
+}
+
+// Computes A^T m in place, of two columns or rows at once; the first kTile elements are the result.
+void transform(inout vec2 m[kMostSide]) {
+  if (kSide == 4) {
+    m[0] += m[1] + m[2];
+    m[1] -= m[2] + m[3];
+  } else if (kSide == 6) {
+    vec2 sum = m[1] + m[2], difference = m[1] - m[2], sum2 = m[3] + m[4], difference2 = m[3] - m[4];
+    m[0] += sum + sum2;
+    m[1] = difference + 2.0 * difference2;
+    m[2] = sum + 4.0 * sum2;
+    m[3] = difference + 8.0 * difference2 + m[5];
+  }
+}
+
+// Transforms the rows of both tiles, whose columns have been, and adds the bias.
+void finish(uint o, uvec2 corners[2], inout vec2 result[kMostSide][kMostSide]) {
+  float inside = bias.v[o];
+  [[unroll]] for (uint y = 0; y < kTile; ++y) {
+    transform(result[y]);
+    [[unroll]] for (uint side = 0; side < 2; ++side) {
+      [[unroll]] for (uint x = 0; x < kTile; ++x)
+        result[y][x][side] += bias_at(o, corners[side].y + y, corners[side].x + x, inside);
+    }
+  }
+}
+
+void store_tiles(uint o, uvec2 corners[2], vec2 result[kMostSide][kMostSide]) {
+  [[unroll]] for (uint y = 0; y < kTile; ++y) {
+    [[unroll]] for (uint side = 0; side < 2; ++side) {
+      uint y0 = corners[side].y + y, x0 = corners[side].x;
+      [[unroll]] for (uint x = 0; x < kTile; ++x) {
+        if (kPairs == 0) {
+          store(o, y0, x0 + x, result[y][x][side]);
+        } else if (x % 2 == 0) {
+          store_pair(o, y0, x0 + x, vec2(result[y][x][side], result[y][x + 1][side]));
+        }
+      }
+    }
+  }
+}

@@ -1,0 +1,88 @@
+// 1x1 convolutions of what is unshuffled, which read the cells of the image where they lie.
+
+#include "layers/conv2d.h"
+#include "params.h"
+
+namespace raymeld {
+namespace {
+
+constexpr uint32_t kMostOutputs = 6;     // output channels of an invocation, each with a sum for every column
+constexpr uint32_t kUnshuffledLocal = 64;    // cells of a workgroup of pointwise_layout.comp
+constexpr uint32_t kVectorsPixels = 64;  // of a row, and a workgroup of pointwise_cells_vectors.comp
+
+struct Layout {
+  uint32_t side, channels;   // of the image
+  uint32_t outputs, blocks;  // blocks of so many output channels, the last one padded
+  uint32_t weight_columns;   // a multiple of side
+};
+
+// The layout of both shaders: [block][channel][row][output][column], the columns again and again, zeros where
+// channels end early.
+void pack_weights(std::byte* target, const Convolution& conv, const Layout& layout) {
+  auto* next = reinterpret_cast<float*>(target);
+  for (uint32_t block = 0; block < layout.blocks; ++block) {
+    for (uint32_t row = 0; row < layout.channels * layout.side; ++row) {
+      for (uint32_t o = block * layout.outputs; o < (block + 1) * layout.outputs; ++o) {
+        for (uint32_t x = 0; x < layout.weight_columns; ++x)
+          *next++ =
+              o < conv.channels_out ? conv.weight_at(o, row * layout.side + x % layout.side, 0, 0) : 0.0f;
+      }
+    }
+  }
+}
+
+// Graph::vector(), or 0 where pointwise_cells_vectors.comp does not know such layout. The same for all sizes
+// of a frame, as the weights' layout follows it.
+uint32_t vector_of_unshuffled(const Graph& graph, uint32_t side) {
+  const uint32_t vector = graph.vector();
+  const bool possible =
+      vector > 0 && RAYMELD_LANES % vector == 0 && vector % side == 0 && graph.storage() == Storage::kFloat32;
+  return possible ? vector : 0;
+}
+
+// Whether that shader can number the vectors and the rows of layout.
+bool has_numbers(const Convolution& conv, uint32_t vector) {
+  static_assert(kVectorsPixels * sizeof(float) <= Graph::kGuardBytes);
+  return conv.height <= kUniformNumbers && divide_up(conv.in.shape.width, 2 * vector) <= kUniformNumbers;
+}
+
+}  // namespace
+
+void conv2d_pointwise_unshuffled(Graph& graph, const Convolution& conv) {
+  if (conv.options.shuffle > 1 || !conv.options.residuals.empty())
+    throw Error("layer {}: a 1x1 that is unshuffled has no shuffle and no residuals", conv.name);
+  const uint32_t side = conv.options.unshuffle, vector = vector_of_unshuffled(graph, side);
+  const bool by_vectors = vector > 0 && has_numbers(conv, vector);
+  const uint32_t blocks = divide_up(conv.channels_out, kMostOutputs);
+  const Layout layout{.side = side,
+                      .channels = conv.in.shape.channels,
+                      .outputs = divide_up(conv.channels_out, blocks),
+                      .blocks = blocks,
+                      .weight_columns = vector > 0 ? vector : side};
+  const uint64_t weight_bytes =
+      uint64_t{blocks} * layout.outputs * layout.channels * side * layout.weight_columns * sizeof(float);
+  const uint32_t weights = graph.constant(conv.name + ".weight", weight_bytes,
+                                          [=](std::byte* target) { pack_weights(target, conv, layout); });
+  Pass pass = pass_of(graph, conv.name, shaders::kPointwiseUnshuffled,
+                      {constant_binding(weights, true),
+                       constant_binding(bias_constant(graph, conv, blocks * layout.outputs), true),
+                       read_binding(conv.in), write_binding(conv.out)},
+                      by_vectors);
+  pass.constants = {side, layout.channels, layout.outputs, conv.options.relu, layout.weight_columns};
+  pass.set_push(params::PointwiseUnshuffled{graph.plane(conv.in),
+                                            conv.in.shape.width,
+                                            graph.plane(conv.out),
+                                            conv.height,
+                                            conv.channels_out,
+                                            {0, 1, 2, 3}});
+  if (by_vectors) {
+    pass.groups = {divide_up(conv.in.shape.width, kVectorsPixels), blocks, conv.height};
+  } else {
+    pass.groups = {divide_up(conv.width, kUnshuffledLocal), conv.height, blocks};
+  }
+  pass.flop = conv.flop();
+  pass.bytes = tensor_bytes(graph, conv) + static_cast<double>(weight_bytes);
+  graph.add(std::move(pass));
+}
+
+}  // namespace raymeld
