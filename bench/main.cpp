@@ -7,6 +7,7 @@
 
 #include "bench.h"
 #include "error.h"
+#include "platform/folders.h"
 
 namespace raymeld::bench {
 
@@ -17,7 +18,7 @@ const Device& device() {
 }
 
 PipelineCache& cache() {
-  static PipelineCache cache(device(), PipelineCache::default_folder());
+  static PipelineCache cache(device(), default_cache_folder());
   return cache;
 }
 
@@ -31,9 +32,19 @@ std::vector<float> random_values(size_t count, uint32_t seed) {
 
 const std::vector<Conv2dShape>& shapes() {
   static const std::vector<Conv2dShape> all{
-      {128, 128, 64, 64, 3}, {128, 128, 320, 64, 1}, {128, 128, 64, 256, 3}, {512, 512, 64, 64, 3},
-      {512, 512, 18, 64, 3}, {128, 128, 432, 24, 3}, {128, 128, 40, 16, 3},  {128, 128, 72, 24, 1},
-      {512, 512, 43, 16, 3}, {512, 512, 16, 16, 3},  {512, 512, 16, 8, 3},   {512, 512, 64, 3, 3}};
+      {.height = 128, .width = 128, .channels_in = 64, .channels_out = 64, .kernel = 3},
+      {.height = 128, .width = 128, .channels_in = 320, .channels_out = 64, .kernel = 1},
+      {.height = 128, .width = 128, .channels_in = 64, .channels_out = 256, .kernel = 3},
+      {.height = 512, .width = 512, .channels_in = 64, .channels_out = 64, .kernel = 3},
+      {.height = 512, .width = 512, .channels_in = 18, .channels_out = 64, .kernel = 3},
+      {.height = 128, .width = 128, .channels_in = 432, .channels_out = 24, .kernel = 3},
+      {.height = 128, .width = 128, .channels_in = 40, .channels_out = 16, .kernel = 3},
+      {.height = 128, .width = 128, .channels_in = 72, .channels_out = 24, .kernel = 1},
+      {.height = 512, .width = 512, .channels_in = 43, .channels_out = 16, .kernel = 3},
+      {.height = 512, .width = 512, .channels_in = 16, .channels_out = 16, .kernel = 3},
+      {.height = 512, .width = 512, .channels_in = 16, .channels_out = 8, .kernel = 3},
+      {.height = 512, .width = 512, .channels_in = 64, .channels_out = 3, .kernel = 3},
+  };
   return all;
 }
 

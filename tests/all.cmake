@@ -7,6 +7,10 @@ foreach(name ${unit_tests})
     RAYMELD_ALLOWED_SKIPS=${CMAKE_CURRENT_SOURCE_DIR}/allowed-skips.txt)
 endforeach()
 
+# Sources are as clang-format leaves them.
+find_program(CLANG_FORMAT clang-format REQUIRED)
+add_test(NAME format COMMAND ${PYTHON_EXECUTABLE} ${PROJECT_SOURCE_DIR}/scripts/lint --format)
+
 # A project outside raymeld's tree uses the installed package.
 add_test(NAME package COMMAND ${CMAKE_COMMAND} -DCPACK=${CMAKE_CPACK_COMMAND} -DBUILD=${PROJECT_BINARY_DIR} -DLIBDIR=${CMAKE_INSTALL_LIBDIR}
   -DSOURCE=${CMAKE_CURRENT_SOURCE_DIR}/package -DMODEL=${PROJECT_SOURCE_DIR}/tests/golden/tiny-x2.safetensors
@@ -34,7 +38,7 @@ set_tests_properties(matrix PROPERTIES FIXTURES_REQUIRED sid COST 200)
 add_test(NAME sanitize COMMAND ${PROJECT_SOURCE_DIR}/scripts/sanitize --some)
 set_tests_properties(sanitize PROPERTIES RUN_SERIAL TRUE)
 
-set_tests_properties(package blender training evaluation drivers matrix sanitize slurm soak trade_page
+set_tests_properties(format package blender training evaluation drivers matrix sanitize slurm soak trade_page
   PROPERTIES LABELS all)
 # A machine may be busy, and some of these tests build.
 set_tests_properties(${unit_tests} drivers matrix sanitize package evaluation training blender PROPERTIES TIMEOUT 3000)

@@ -56,7 +56,8 @@ Requests network_requests(uint64_t pixels, int steps, int groups, int blocks, in
   Requests requests;
   int now = 0;
   const auto make = [&](uint64_t floats_per_pixel, int first_use) {
-    requests.push_back({pixels * floats_per_pixel * 4, first_use, first_use});
+    requests.push_back(
+        {.size_bytes = pixels * floats_per_pixel * 4, .first_use = first_use, .last_use = first_use});
     return requests.size() - 1;
   };
   const auto use = [&](size_t i) { requests[i].last_use = now; };
@@ -98,7 +99,7 @@ TEST(Arena, NothingNeedsNothing) {
 }
 
 TEST(Arena, SingleIsRoundedUp) {
-  const Requests requests = {{1000, 3, 7}};
+  const Requests requests = {{.size_bytes = 1000, .first_use = 3, .last_use = 7}};
   const ArenaPlan plan = plan_arena(requests, 256);
   EXPECT_EQ(plan.offset_bytes[0], 0u);
   EXPECT_EQ(plan.size_bytes, 1024u);
@@ -106,21 +107,34 @@ TEST(Arena, SingleIsRoundedUp) {
 }
 
 TEST(Arena, ZeroSizeTakesNoRoom) {
-  const Requests requests = {{0, 0, 9}, {512, 0, 9}, {0, 4, 4}};
+  const Requests requests = {
+      {.size_bytes = 0, .first_use = 0, .last_use = 9},
+      {.size_bytes = 512, .first_use = 0, .last_use = 9},
+      {.size_bytes = 0, .first_use = 4, .last_use = 4},
+  };
   const ArenaPlan plan = plan_arena(requests, 256);
   expect_sound(plan, requests, 256);
   EXPECT_EQ(plan.size_bytes, 512u);
 }
 
 TEST(Arena, AllOverlappingAddUp) {
-  const Requests requests = {{100, 0, 5}, {200, 5, 9}, {300, 1, 8}, {1, 5, 5}};
+  const Requests requests = {
+      {.size_bytes = 100, .first_use = 0, .last_use = 5},
+      {.size_bytes = 200, .first_use = 5, .last_use = 9},
+      {.size_bytes = 300, .first_use = 1, .last_use = 8},
+      {.size_bytes = 1, .first_use = 5, .last_use = 5},
+  };
   const ArenaPlan plan = plan_arena(requests, 4);
   expect_sound(plan, requests, 4);
   EXPECT_EQ(plan.size_bytes, 100u + 200u + 300u + 4u);
 }
 
 TEST(Arena, DisjointShareOnePlace) {
-  const Requests requests = {{100, 0, 1}, {300, 2, 3}, {200, 4, 4}};
+  const Requests requests = {
+      {.size_bytes = 100, .first_use = 0, .last_use = 1},
+      {.size_bytes = 300, .first_use = 2, .last_use = 3},
+      {.size_bytes = 200, .first_use = 4, .last_use = 4},
+  };
   const ArenaPlan plan = plan_arena(requests, 4);
   EXPECT_EQ(plan.size_bytes, 300u);
   EXPECT_EQ(plan.offset_bytes, (std::vector<uint64_t>{0, 0, 0}));
@@ -128,13 +142,21 @@ TEST(Arena, DisjointShareOnePlace) {
 
 // A buffer that is written at the dispatch where another is read for the last time must not share its memory.
 TEST(Arena, LifetimesAreInclusive) {
-  const Requests requests = {{64, 0, 1}, {64, 1, 2}};
+  const Requests requests = {
+      {.size_bytes = 64, .first_use = 0, .last_use = 1},
+      {.size_bytes = 64, .first_use = 1, .last_use = 2},
+  };
   EXPECT_EQ(plan_arena(requests, 64).size_bytes, 128u);
 }
 
 // Placing the largest first would put 3 above 4 and need 13.
 TEST(Arena, ChainThatDefeatsLargestFirst) {
-  const Requests requests = {{6, 0, 1}, {4, 1, 2}, {3, 2, 3}, {5, 3, 4}};
+  const Requests requests = {
+      {.size_bytes = 6, .first_use = 0, .last_use = 1},
+      {.size_bytes = 4, .first_use = 1, .last_use = 2},
+      {.size_bytes = 3, .first_use = 2, .last_use = 3},
+      {.size_bytes = 5, .first_use = 3, .last_use = 4},
+  };
   const ArenaPlan plan = plan_arena(requests, 1);
   expect_sound(plan, requests, 1);
   EXPECT_EQ(plan.size_bytes, 10u);
@@ -165,7 +187,8 @@ TEST(Arena, RandomChainsReachTheBound) {
   for (int i = 0; i < 2000; ++i) {
     Requests requests(uniform(random, 1, 30));
     for (size_t t = 0; t < requests.size(); ++t) {
-      requests[t] = {uint64_t(uniform(random, 1, 1000)), int(t), int(t) + 1};
+      requests[t] = {
+          .size_bytes = uint64_t(uniform(random, 1, 1000)), .first_use = int(t), .last_use = int(t) + 1};
     }
     const ArenaPlan plan = plan_arena(requests, 16);
     expect_sound(plan, requests, 16);
@@ -189,12 +212,18 @@ TEST(Arena, NetworksReachTheBound) {
 
 TEST(Arena, RefusesWhatHasNoPlan) {
   const uint64_t most = std::numeric_limits<uint64_t>::max();
-  EXPECT_THROW(plan_arena(Requests{{1, 0, 0}}, 0), Error);
-  EXPECT_THROW(plan_arena(Requests{{1, 2, 1}}, 4), Error);
-  EXPECT_THROW(plan_arena(Requests{{most, 0, 0}}, 256), Error);
-  EXPECT_THROW(plan_arena(Requests{{most / 2 + 1, 0, 0}, {most / 2 + 1, 0, 0}}, 1), Error);
-  EXPECT_THROW(peak_live_bytes(Requests{{most, 0, 0}, {1, 0, 0}}, 1), Error);
-  const Requests largest = {{most, 0, 0}};
+  EXPECT_THROW(plan_arena(Requests{{.size_bytes = 1, .first_use = 0, .last_use = 0}}, 0), Error);
+  EXPECT_THROW(plan_arena(Requests{{.size_bytes = 1, .first_use = 2, .last_use = 1}}, 4), Error);
+  EXPECT_THROW(plan_arena(Requests{{.size_bytes = most, .first_use = 0, .last_use = 0}}, 256), Error);
+  EXPECT_THROW(plan_arena(Requests{{.size_bytes = most / 2 + 1, .first_use = 0, .last_use = 0},
+                                   {.size_bytes = most / 2 + 1, .first_use = 0, .last_use = 0}},
+                          1),
+               Error);
+  EXPECT_THROW(peak_live_bytes(Requests{{.size_bytes = most, .first_use = 0, .last_use = 0},
+                                        {.size_bytes = 1, .first_use = 0, .last_use = 0}},
+                               1),
+               Error);
+  const Requests largest = {{.size_bytes = most, .first_use = 0, .last_use = 0}};
   expect_sound(plan_arena(largest, 1), largest, 1);
 }
 

@@ -57,7 +57,7 @@ CallerDevice::CallerDevice(bool storage_16bit, bool addresses, bool matrices) : 
   messenger_ = make_messenger(vk_, external_.instance, messages_);
   external_.physical_device = physical_devices(vk_, external_.instance).front();
   external_.storage_16bit = storage_16bit;
-  const DeviceInfo has = describe(vk_, external_.physical_device, 0);
+  const DeviceInfo has = device_info(vk_, external_.physical_device, 0);
   external_.buffer_device_address = addresses && has.buffer_device_address;
   external_.image_writes = has.image_writes;
   external_.cooperative_matrix = matrices && has.cooperative_matrix;

@@ -1,4 +1,4 @@
-// Tests how fuse chooses a model by --quality, --budget or --target-psnr.
+// Tests how fuse chooses a model by --quality or --budget.
 #include <fmt/format.h>
 
 #include "choice/curve.h"
@@ -21,12 +21,12 @@ class CliChoice : public Cli {
     environment_["RAYMELD_MODELS"] = (folder_ / "models").string();
     for (const char* name : {"x4-a", "x4-b", "x4-c"})
       fs::copy_file(tiny_model(), folder_ / fmt::format("models/{}.safetensors", name));
-    // The expected PSNR is a constant, whatever the frame holds.
-    const auto point = [](const char* model, double time_ms, double psnr_db) {
-      return CurvePoint{model, 4, time_ms, psnr_db, {psnr_db, 0, 0, 2}};
-    };
     save_curve(folder_ / "models/curve.json",
-               {"device", "set", {point("x4-c", 80, 30.21), point("x4-a", 10, 30), point("x4-b", 20, 30.2)}});
+               {.device = "device",
+                .data = "set",
+                .points = {{.model = "x4-c", .scale = 4, .time_ms = 80, .psnr_db = 30.21},
+                           {.model = "x4-a", .scale = 4, .time_ms = 10, .psnr_db = 30},
+                           {.model = "x4-b", .scale = 4, .time_ms = 20, .psnr_db = 30.2}}});
   }
 
   static std::vector<std::string> wish(const std::vector<std::string>& more) {
@@ -116,24 +116,6 @@ TEST_F(CliChoice, BudgetChoosesByTheTimesOfThisDevice) {
   EXPECT_NE(run(wish({"--budget", "1s"})).err.find("measuring"), std::string::npos);
 }
 
-TEST_F(CliChoice, TargetSaysHowSureItIs) {
-  EXPECT_EQ(chosen("--target-psnr", "29").at("model"), "x4-a");
-  const Json likely = chosen("--target-psnr", "30.1");
-  EXPECT_EQ(likely.at("model"), "x4-b");
-  EXPECT_NEAR(likely.at("expected_psnr_db"), 30.2, 1e-9);
-  EXPECT_NEAR(likely.at("expected_error_db"), 2, 1e-9);
-  EXPECT_NEAR(likely.at("probability"), 0.5199, 1e-4);
-  const ProcessResult result = run(wish({"--target-psnr", "34.21"}));
-  EXPECT_EQ(result.exit_status, 0);
-  EXPECT_NE(result.err.find("x4-c"), std::string::npos);
-  EXPECT_NE(result.err.find("with a probability of 2 %"), std::string::npos) << result.err;
-  EXPECT_NE(result.err.find(
-                "warning: no model is expected to reach --target-psnr 34.21: using x4-c, the best, with "
-                "30.2 dB expected"),
-            std::string::npos)
-      << result.err;
-}
-
 TEST_F(CliChoice, SequencesTakeOneModel) {
   fs::copy_file(folder_ / "high.exr", folder_ / "high.1.exr");
   fs::copy_file(folder_ / "high.exr", folder_ / "high.2.exr");
@@ -154,7 +136,6 @@ TEST_F(CliChoice, WishesThatCannotBe) {
     expect_usage({"--quality", level}, "expected high, balanced, fast or a number from 0 to 100");
   for (const char* time : {"16", "0ms", "-1s", "2m", "ms", "infs"})
     expect_usage({"--budget", time}, "expected a time such as 16ms or 2s");
-  for (const char* db : {"33dB", "inf", "x"}) expect_usage({"--target-psnr", db}, "expected a number of dB");
   expect_usage({"--quality", "fast", "--budget", "1s"}, "excludes");
   expect_usage({"--quality", "fast", "--model", "x4-a"}, "excludes");
   write_file(folder_ / "models/curve.json", "[]");

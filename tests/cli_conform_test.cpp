@@ -49,7 +49,8 @@ TEST_F(Cli, ConformKeepsAndComparesNothingWithoutNetworks) {
   for (const char* option : {"--values", "--against"}) {
     const ProcessResult result = run({"conform", "--suite", "shuffles,joint", option, "values.json"});
     EXPECT_EQ(result.exit_status, 2);
-    EXPECT_NE(result.err.find("--values and --against need the suite 'network'"), std::string::npos) << result.err;
+    EXPECT_NE(result.err.find("--values and --against need the suite 'network'"), std::string::npos)
+        << result.err;
     EXPECT_EQ(result.out, "");
     EXPECT_FALSE(std::filesystem::exists(folder_ / "values.json"));
   }

@@ -362,7 +362,10 @@ TEST_F(Cli, DegradeKeepsEveryFourthPixelOfEachType) {
   ExrOutput output;
   output.source = Imf::Header(window(0, 0, 32, 24), window(0, 0, 32, 24));
   for (int c = 0; c < 3; ++c) output.planes.push_back({kColorNames[c], Imf::FLOAT, image.plane(c)});
-  ExrRawChannel id{"id", Imf::UINT, 1, 1, window(0, 0, 32, 24), std::vector<char>(32 * 24 * 4)};
+  ExrRawChannel id{.name = "id",
+                   .type = Imf::UINT,
+                   .data_window = window(0, 0, 32, 24),
+                   .bytes = std::vector<char>(32 * 24 * 4)};
   for (size_t i = 0; i < id.bytes.size(); ++i) id.bytes[i] = char(i * 7 + i / 256);
   output.pass_through.push_back(id);
   write_exr(folder_ / "full.exr", output);

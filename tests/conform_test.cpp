@@ -124,7 +124,7 @@ TEST_F(CollectorTest, WhatADeviceLacksIsNotTried) {
 TEST(Report, ComplainsOfFailuresAndWhereNothingPassed) {
   using conform::Report;
   const auto layer = [](const char* name) {
-    return conform::Case{name, "", reference::Precision::kFp32, ""};
+    return conform::Case{.layer = name, .kernel = "", .precision = reference::Precision::kFp32, .shape = ""};
   };
   Report report;
   EXPECT_NE(report.complaint().find("no case passed"), std::string::npos);
@@ -139,7 +139,7 @@ TEST(Report, ComplainsOfFailuresAndWhereNothingPassed) {
 }
 
 // Only tiles that the shader can make of a device's matrices are tried.
-TEST(Ways, AreOfPossibleTilesOfMatrices) {
+TEST(Methods, AreOfPossibleTilesOfMatrices) {
   DeviceInfo device;
   const auto tiles = [&](std::optional<CooperativeMatrix> matrix, uint32_t kernel) {
     device.cooperative_matrix = matrix;
@@ -148,8 +148,12 @@ TEST(Ways, AreOfPossibleTilesOfMatrices) {
       if (method.kernel.algorithm == Algorithm::kMatrix) found.push_back(method.kernel.matrix);
     return found;
   };
-  const CooperativeMatrix matrix{16, 16, 16, 32, 1024, 49152}, wide{16, 64, 16, 32, 1024, 49152},
-      deep{16, 16, 32, 32, 1024, 32768};
+  const CooperativeMatrix matrix{
+      .m = 16, .n = 16, .k = 16, .subgroup_size = 32, .max_invocations = 1024, .max_shared_bytes = 49152};
+  const CooperativeMatrix wide{
+      .m = 16, .n = 64, .k = 16, .subgroup_size = 32, .max_invocations = 1024, .max_shared_bytes = 49152};
+  const CooperativeMatrix deep{
+      .m = 16, .n = 16, .k = 32, .subgroup_size = 32, .max_invocations = 1024, .max_shared_bytes = 32768};
   for (const uint32_t kernel : {1u, 3u}) {
     const std::vector<MatrixTiles> both = tiles(matrix, kernel);
     ASSERT_EQ(both.size(), 2u);
@@ -158,7 +162,8 @@ TEST(Ways, AreOfPossibleTilesOfMatrices) {
     EXPECT_EQ(tiles(wide, kernel), std::vector{MatrixTiles{}});
   }
   EXPECT_EQ(tiles(deep, 1).size(), 2u);
-  EXPECT_EQ(tiles(deep, 3), (std::vector{MatrixTiles{deep, 16, 1, 2, 32}}));  // the other takes 56 KiB
+  const MatrixTiles smaller{.matrix = deep, .outputs = 16, .rows = 1, .subgroups = 2, .channels = 32};
+  EXPECT_EQ(tiles(deep, 3), std::vector{smaller});  // the other takes 56 KiB
   EXPECT_TRUE(is_possible(conform::network_methods(device, 0).back().kernel.matrix, 3));
   device.cooperative_matrix = wide;
   EXPECT_FALSE(is_possible(conform::network_methods(device, 0).back().kernel.matrix, 1));

@@ -196,10 +196,18 @@ TEST_F(ConstantLayersTest, TakeNoWork) {
 }
 
 TEST_F(ConstantLayersTest, WithoutThemTheGraphHasNoTablesOfBiases) {
+  struct Case {
+    ConstantLayers constants;
+    bool has_tables;
+  };
   for (const Architecture& a : architectures()) {
     const Model model = model_of(make_subject(a, 1, 1, 7));
-    for (const auto& [constants, has_tables] :
-         {std::pair(ConstantLayers{}, false), {kAbsent, false}, {kConstant, a.hrls_kernel > 1}}) {
+    const Case cases[] = {
+        {.constants = {}, .has_tables = false},
+        {.constants = kAbsent, .has_tables = false},
+        {.constants = kConstant, .has_tables = a.hrls_kernel > 1},
+    };
+    for (const auto& [constants, has_tables] : cases) {
       const FusePlan plan = plan_fusion(model, 3, 4, gpu().info(), options_without(constants));
       bool found = false;
       for (const ConstantRecord& constant : plan.graph.constants())

@@ -84,11 +84,16 @@ TEST_F(DeterminismTest, EveryTilingOfFastKernelsRepeatsAndAgreesWithinRounding) 
 
 TEST_F(DeterminismTest, EverySplitOfTheWorkGivesTheSameBits) {
   for (const Kernels& kernels : {Kernels{}, default_kernels(gpu().info())}) {
-    const Fused whole = fuse({.kernels = kernels, .work_limits = WorkLimits{1e12, 1e12}});
+    const Fused whole =
+        fuse({.kernels = kernels, .work_limits = WorkLimits{.dispatch_work = 1e12, .submit_work = 1e12}});
     EXPECT_EQ(whole.submits, 1);
     int submits = whole.submits;
-    for (const WorkLimits& limits :
-         {WorkLimits{1e12, 1e6}, {1e12, 1e5}, {1e5, 1e6}, {3e4, 1e5}, {1e3, 1e12}, {1, 1}}) {
+    const WorkLimits tried[] = {
+        {.dispatch_work = 1e12, .submit_work = 1e6}, {.dispatch_work = 1e12, .submit_work = 1e5},
+        {.dispatch_work = 1e5, .submit_work = 1e6},  {.dispatch_work = 3e4, .submit_work = 1e5},
+        {.dispatch_work = 1e3, .submit_work = 1e12}, {.dispatch_work = 1, .submit_work = 1},
+    };
+    for (const WorkLimits& limits : tried) {
       const Fused split = fuse({.kernels = kernels, .work_limits = limits});
       EXPECT_TRUE(same_bits(split.values, whole.values))
           << limits.dispatch_work << ", " << limits.submit_work;
@@ -103,7 +108,12 @@ TEST_F(DeterminismTest, EverySplitOfAJointFilterGivesTheSameBits) {
   const Subject subject = make_subject(joint_architecture(2), 20, 70, 1);
   const Model model(conform::model_file(subject.architecture, subject.weights), "joint");
   Image whole, split;
-  for (const WorkLimits& limits : {WorkLimits{1e12, 1e12}, {1e5, 1e6}, {1e4, 1e12}}) {
+  const WorkLimits tried[] = {
+      {.dispatch_work = 1e12, .submit_work = 1e12},
+      {.dispatch_work = 1e5, .submit_work = 1e6},
+      {.dispatch_work = 1e4, .submit_work = 1e12},
+  };
+  for (const WorkLimits& limits : tried) {
     Fuser fuser(gpu(), model, 20, 70, {.kernels = default_kernels(gpu().info()), .work_limits = limits},
                 shared_cache_folder());
     fuser.fuse(image_of(subject.lrhs), image_of(subject.hrls), whole.data.empty() ? whole : split);

@@ -66,9 +66,11 @@ TEST_F(DynamicSizeTest, EverySizeHasTheBitsOfAFusionMadeForIt) {
     raymeld_kernels kernels = RAYMELD_KERNELS_AUTO;
   };
   const Case cases[] = {
-      {small_architecture(2)},
-      {guided_architecture(2), RAYMELD_PRECISION_FP16, RAYMELD_KERNELS_DIRECT},
-      {cells_architecture(2)},
+      {.architecture = small_architecture(2)},
+      {.architecture = guided_architecture(2),
+       .precision = RAYMELD_PRECISION_FP16,
+       .kernels = RAYMELD_KERNELS_DIRECT},
+      {.architecture = cells_architecture(2)},
   };
   for (const Case& at : cases) {
     use(at.architecture);
@@ -214,8 +216,8 @@ TEST_F(DynamicSizeTest, AnotherNetworkDoesNotFit) {
   other.input("y", {4, 4, 3});
   wider.input("x", {8, 9, 64});
   larger.plan();
-  EXPECT_ERROR(other.plan_within(larger), "no smaller one");
-  EXPECT_ERROR(wider.plan_within(larger), "no smaller one");
+  EXPECT_ERROR(other.plan_within(larger), "not of the same network for smaller frames");
+  EXPECT_ERROR(wider.plan_within(larger), "not of the same network for smaller frames");
 }
 
 }  // namespace

@@ -125,10 +125,13 @@ TEST_F(ExposureTest, IsThatOfTheHostButForRoundings) {
     Precision precision;
     bool addressed;
   };
-  for (const auto& [precision, addressed] : {Case{Precision::kFp32, false},
-                                             {Precision::kFp32, true},
-                                             {Precision::kFp16, false},
-                                             {Precision::kFp16, true}}) {
+  const Case cases[] = {
+      {.precision = Precision::kFp32, .addressed = false},
+      {.precision = Precision::kFp32, .addressed = true},
+      {.precision = Precision::kFp16, .addressed = false},
+      {.precision = Precision::kFp16, .addressed = true},
+  };
+  for (const auto& [precision, addressed] : cases) {
     if (addressed && !device_->info().buffer_device_address) continue;
     Fuser fuser(
         *device_, model, 6, 9,

@@ -113,7 +113,8 @@ TEST_P(EveryStorage, ReadsHalfFloatAndUint) {
   Imf::Header header = header_of(37, 41);
   header.compression() = GetParam().compression;
   if (GetParam().is_tiled) header.setTileDescription({16, 8, Imf::ONE_LEVEL});
-  write_parts(directory / "a.exr", {{header, {"h.R", "f", "u"}, {Imf::HALF, Imf::FLOAT, Imf::UINT}}});
+  write_parts(directory / "a.exr",
+              {{.header = header, .names = {"h.R", "f", "u"}, .types = {Imf::HALF, Imf::FLOAT, Imf::UINT}}});
   ExrFile file(directory / "a.exr");
   const Image image = file.read(Names{"u", "h.R", "f"});
   ASSERT_EQ(image.width, 37);
@@ -144,7 +145,8 @@ TEST(Exr, WindowsThatDiffer) {
   TemporaryDirectory directory;
   // The data window adds overscan on the left and above, and crops on the right and below.
   const Imf::Header header(Box2i({0, 0}, {15, 11}), Box2i({-7, -4}, {8, 5}));
-  write_parts(directory / "a.exr", {{header, {"G", "R"}, {Imf::FLOAT, Imf::HALF}}});
+  write_parts(directory / "a.exr",
+              {{.header = header, .names = {"G", "R"}, .types = {Imf::FLOAT, Imf::HALF}}});
   ExrFile file(directory / "a.exr");
   EXPECT_EQ(file.header().displayWindow(), Box2i({0, 0}, {15, 11}));
   EXPECT_EQ(file.header().dataWindow(), Box2i({-7, -4}, {8, 5}));
@@ -159,7 +161,7 @@ TEST(Exr, DecreasingLineOrderIsNotUpsideDown) {
   TemporaryDirectory directory;
   Imf::Header header = header_of(5, 40);
   header.lineOrder() = Imf::DECREASING_Y;
-  write_parts(directory / "a.exr", {{header, {"Y"}, {Imf::FLOAT}}});
+  write_parts(directory / "a.exr", {{.header = header, .names = {"Y"}, .types = {Imf::FLOAT}}});
   ExrFile file(directory / "a.exr");
   expect_truth(file.read(Names{"Y"}), 0, 0, {0, 0});
 }
@@ -168,7 +170,7 @@ TEST(Exr, TheFullSizeLevelOfAMipMap) {
   TemporaryDirectory directory;
   Imf::Header header = header_of(33, 20);
   header.setTileDescription({8, 8, Imf::MIPMAP_LEVELS});
-  write_parts(directory / "a.exr", {{header, {"Y"}, {Imf::FLOAT}}});
+  write_parts(directory / "a.exr", {{.header = header, .names = {"Y"}, .types = {Imf::FLOAT}}});
   ExrFile file(directory / "a.exr");
   const Image image = file.read(Names{"Y"});
   EXPECT_EQ(image.width, 33);
@@ -180,7 +182,8 @@ TEST(Exr, SubSampledChannelsRepeatTheirSamples) {
   Imf::Header header(Box2i({0, 0}, {7, 7}), Box2i({-4, 2}, {3, 7}));
   header.channels().insert("RY", Imf::Channel(Imf::HALF, 2, 2));
   header.channels().insert("BY", Imf::Channel(Imf::FLOAT, 4, 1));
-  write_parts(directory / "a.exr", {{header, {"Y", "RY", "BY"}, {Imf::HALF, Imf::HALF, Imf::FLOAT}}});
+  write_parts(directory / "a.exr",
+              {{.header = header, .names = {"Y", "RY", "BY"}, .types = {Imf::HALF, Imf::HALF, Imf::FLOAT}}});
   ExrFile file(directory / "a.exr");
   EXPECT_EQ(file.channel("RY").x_sampling, 2);
   EXPECT_EQ(file.channel("BY").y_sampling, 1);
@@ -200,9 +203,11 @@ TEST(Exr, SubSampledChannelsRepeatTheirSamples) {
 
 TEST(Exr, PartsNameTheirChannels) {
   TemporaryDirectory directory;
-  std::vector<TestPart> parts = {{header_of(6, 5), {"A", "R"}, {Imf::HALF, Imf::HALF}},
-                                 {header_of(6, 5), {"albedo.R", "other.R"}, {Imf::HALF, Imf::FLOAT}},
-                                 {header_of(6, 5), {"Z"}, {Imf::FLOAT}}};
+  std::vector<TestPart> parts = {
+      {.header = header_of(6, 5), .names = {"A", "R"}, .types = {Imf::HALF, Imf::HALF}},
+      {.header = header_of(6, 5), .names = {"albedo.R", "other.R"}, .types = {Imf::HALF, Imf::FLOAT}},
+      {.header = header_of(6, 5), .names = {"Z"}, .types = {Imf::FLOAT}},
+  };
   parts[0].header.setName("rgba");
   parts[1].header.setName("albedo");
   parts[2].header.setName("deep water");
@@ -223,10 +228,12 @@ TEST(Exr, PartsNameTheirChannels) {
 // The parts may be the two eyes of a stereo file. A part that is named after its layer needs no second name.
 TEST(Exr, PartsThatHoldTheSameChannels) {
   TemporaryDirectory directory;
-  std::vector<TestPart> parts = {{header_of(6, 5), {"V.Combined.R", "V.Emit.R"}, {Imf::HALF, Imf::HALF}},
-                                 {header_of(6, 5), {"A.R", "V.Combined.R"}, {Imf::HALF, Imf::HALF}},
-                                 {header_of(6, 5), {"R", "Z"}, {Imf::HALF, Imf::HALF}},
-                                 {header_of(6, 5), {"Z"}, {Imf::HALF}}};
+  std::vector<TestPart> parts = {
+      {.header = header_of(6, 5), .names = {"V.Combined.R", "V.Emit.R"}, .types = {Imf::HALF, Imf::HALF}},
+      {.header = header_of(6, 5), .names = {"A.R", "V.Combined.R"}, .types = {Imf::HALF, Imf::HALF}},
+      {.header = header_of(6, 5), .names = {"R", "Z"}, .types = {Imf::HALF, Imf::HALF}},
+      {.header = header_of(6, 5), .names = {"Z"}, .types = {Imf::HALF}},
+  };
   for (size_t i = 0; i < parts.size(); ++i)
     parts[i].header.setName(Names{"left", "V.Combined", "A", "far"}[i]);
   write_parts(directory / "a.exr", parts);
@@ -242,8 +249,11 @@ TEST(Exr, PartsThatHoldTheSameChannels) {
 TEST(Exr, PartsOfDifferentWindowsAreNotReadTogether) {
   TemporaryDirectory directory;
   std::vector<TestPart> parts = {
-      {header_of(6, 5), {"R"}, {Imf::HALF}},
-      {Imf::Header(Box2i({0, 0}, {5, 4}), Box2i({1, 1}, {3, 3})), {"R"}, {Imf::HALF}}};
+      {.header = header_of(6, 5), .names = {"R"}, .types = {Imf::HALF}},
+      {.header = Imf::Header(Box2i({0, 0}, {5, 4}), Box2i({1, 1}, {3, 3})),
+       .names = {"R"},
+       .types = {Imf::HALF}},
+  };
   parts[0].header.setName("a");
   parts[1].header.setName("b");
   write_parts(directory / "a.exr", parts);
@@ -254,7 +264,8 @@ TEST(Exr, PartsOfDifferentWindowsAreNotReadTogether) {
 
 TEST(Exr, RawChannelsAreTheStoredBits) {
   TemporaryDirectory directory;
-  write_parts(directory / "a.exr", {{header_of(3, 2), {"id", "h"}, {Imf::UINT, Imf::HALF}}});
+  write_parts(directory / "a.exr",
+              {{.header = header_of(3, 2), .names = {"id", "h"}, .types = {Imf::UINT, Imf::HALF}}});
   ExrFile file(directory / "a.exr");
   const ExrRawChannel raw = file.read_raw("id");
   EXPECT_EQ(raw.type, Imf::UINT);
@@ -268,7 +279,7 @@ TEST(Exr, RawChannelsAreTheStoredBits) {
 
 TEST(Exr, UnknownChannelsAreNamed) {
   TemporaryDirectory directory;
-  write_parts(directory / "a.exr", {{header_of(3, 2), {"R"}, {Imf::HALF}}});
+  write_parts(directory / "a.exr", {{.header = header_of(3, 2), .names = {"R"}, .types = {Imf::HALF}}});
   ExrFile file(directory / "a.exr");
   EXPECT_ERROR(file.read(Names{"R", "Q"}), "a.exr", "'Q'");
   EXPECT_ERROR(file.read_raw("Q"), "a.exr", "'Q'");
@@ -304,7 +315,8 @@ TEST(Exr, TruncatedFilesAreRefusedAtEveryLength) {
     Imf::Header header = header_of(64, 48);
     header.compression() = Imf::ZIP_COMPRESSION;
     if (is_tiled) header.setTileDescription({16, 16, Imf::ONE_LEVEL});
-    write_parts(directory / "whole.exr", {{header, {"B", "G", "R"}, {Imf::HALF, Imf::HALF, Imf::FLOAT}}});
+    write_parts(directory / "whole.exr",
+                {{.header = header, .names = {"B", "G", "R"}, .types = {Imf::HALF, Imf::HALF, Imf::FLOAT}}});
     const std::string whole = test::read_file(directory / "whole.exr");
     for (size_t size = 0; size < whole.size(); size += size < 600 ? 7 : 97) {
       test::write_file(directory / "cut.exr", whole.substr(0, size));
@@ -320,7 +332,7 @@ TEST(Exr, UnfinishedFilesAreRefused) {
   TemporaryDirectory directory;
   Imf::Header header = header_of(16, 16);
   header.compression() = Imf::NO_COMPRESSION;
-  write_parts(directory / "a.exr", {{header, {"R"}, {Imf::HALF}}});
+  write_parts(directory / "a.exr", {{.header = header, .names = {"R"}, .types = {Imf::HALF}}});
   std::string bytes = test::read_file(directory / "a.exr");
   // The file ends with a table of 16 offsets of 8 bytes, and 16 lines of 8 bytes of head and 32 of pixels.
   const size_t table = bytes.size() - 16 * (8 + 32) - 16 * 8;
@@ -334,7 +346,7 @@ TEST(Exr, DamagedFilesAreRefusedOrRead) {
   TemporaryDirectory directory;
   Imf::Header header = header_of(24, 24);
   header.compression() = Imf::PIZ_COMPRESSION;
-  write_parts(directory / "a.exr", {{header, {"R"}, {Imf::HALF}}});
+  write_parts(directory / "a.exr", {{.header = header, .names = {"R"}, .types = {Imf::HALF}}});
   const std::string whole = test::read_file(directory / "a.exr");
   int refused = 0;
   for (size_t at = whole.size() - 200; at < whole.size(); ++at) {
@@ -365,7 +377,7 @@ TEST(Exr, WhatIsNoFileOfImages) {
 
 TEST(Exr, FilesThatMayNotBeRead) {
   TemporaryDirectory directory;
-  write_parts(directory / "a.exr", {{header_of(3, 2), {"R"}, {Imf::HALF}}});
+  write_parts(directory / "a.exr", {{.header = header_of(3, 2), .names = {"R"}, .types = {Imf::HALF}}});
   ASSERT_EQ(chmod((directory / "a.exr").c_str(), 0), 0);
   ASSERT_EQ(chmod(directory.path().c_str(), 0755), 0);
   const bool is_root = geteuid() == 0;  // root may read everything

@@ -64,7 +64,12 @@ std::vector<float> noise(size_t count) {
 template <typename T>
 ExrRawChannel raw_channel(const std::string& name, Imf::PixelType type, const Box2i& window,
                           const std::vector<T>& values, int sampling = 1) {
-  ExrRawChannel raw{name, type, sampling, sampling, window, {}};
+  ExrRawChannel raw{.name = name,
+                    .type = type,
+                    .x_sampling = sampling,
+                    .y_sampling = sampling,
+                    .data_window = window,
+                    .bytes = {}};
   raw.bytes.resize(values.size() * sizeof(T));
   std::memcpy(raw.bytes.data(), values.data(), raw.bytes.size());
   return raw;

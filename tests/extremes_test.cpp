@@ -58,7 +58,8 @@ Fused fuse_once(const Model& model, const Planes& lrhs, const Planes& hrls, cons
 
 // Returns the size of the Winograd tile that the kernels choose for a 3x3 convolution, or 0.
 int most_tile(const Kernels& kernels) {
-  const uint32_t tile = kernels.conv2d({8, 8, 4, 4, 3}).winograd_tile();
+  const Conv2dShape shape{.height = 8, .width = 8, .channels_in = 4, .channels_out = 4, .kernel = 3};
+  const uint32_t tile = kernels.conv2d(shape).winograd_tile();
   return tile > 1 ? int(tile) : 0;
 }
 

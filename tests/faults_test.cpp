@@ -71,7 +71,8 @@ class FaultsTest : public testing::Test {
   Subject subject_ = make_subject(least_architecture(), 12, 40, 1);
   Model model_ = model_of(subject_);
   // These options make several submits and every kind of call.
-  const FuserOptions all_{.profile = true, .work_limits = WorkLimits{1e5, 3e5}};
+  const FuserOptions all_{.profile = true,
+                          .work_limits = WorkLimits{.dispatch_work = 1e5, .submit_work = 3e5}};
 };
 
 // Returns whether the function is called before there is a tile that could be made smaller.
@@ -220,7 +221,8 @@ TEST_F(FaultsTest, ALostDeviceEndsATuning) {
   if (!device->info().buffer_device_address) GTEST_SKIP() << "there is one kernel only to be measured";
   PipelineCache pipelines(*device, {});
   Tuning tuning;
-  const Conv2dShape known{8, 8, 4, 4, 1}, shape{16, 16, 4, 4, 3};
+  const Conv2dShape known{.height = 8, .width = 8, .channels_in = 4, .channels_out = 4, .kernel = 1};
+  const Conv2dShape shape{.height = 16, .width = 16, .channels_in = 4, .channels_out = 4, .kernel = 3};
   tuning.entries[known] = {};
   // The direct kernel, which comes first, takes 17 waits at most.
   interposed().fault = {.function = "vkWaitForFences", .call = 20, .code = VK_ERROR_DEVICE_LOST};
@@ -297,7 +299,7 @@ TEST_F(FaultsTest, NoMemoryAtAllIsAnErrorThatSaysHowMuchWasAsked) {
   for (int allocation = 1; allocation <= 7; ++allocation) {
     interposed().fault = {"vkAllocateMemory", allocation, VK_ERROR_OUT_OF_DEVICE_MEMORY, true};
     const std::string error = run(caller, {}).error;
-    for (const char* part : {"allocating ", "VK_ERROR_OUT_OF_DEVICE_MEMORY", "MiB were to be taken in all",
+    for (const char* part : {"allocating ", "VK_ERROR_OUT_OF_DEVICE_MEMORY", "MiB in all",
                              "the smallest tile does not fit", "another device"})
       EXPECT_TRUE(contains(error, part)) << error << "\nlacks " << part;
   }

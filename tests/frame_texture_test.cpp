@@ -207,12 +207,20 @@ TEST_F(FrameTextureTest, FloatsHaveTheBitsOfBuffers) {
   reference::Architecture with_variance = small_architecture(2);
   with_variance.hrls_layers.push_back(reference::LayerKind::kVariance);
   const Case cases[] = {
-      {make_subject(small_architecture(2), 6, 9, 1)},
-      {make_subject(small_architecture(2), 10, 9, 2), RAYMELD_PRECISION_FP16, RAYMELD_KERNELS_DIRECT, 3,
-       kReadOnly},
-      {make_subject(small_architecture(2), 20, 30, 4), RAYMELD_PRECISION_FP32, RAYMELD_KERNELS_DIRECT, 2},
-      {make_subject(with_variance, 6, 9, 5), RAYMELD_PRECISION_FP32, RAYMELD_KERNELS_DIRECT, 3, kReadOnly,
-       true},
+      {.subject = make_subject(small_architecture(2), 6, 9, 1)},
+      {.subject = make_subject(small_architecture(2), 10, 9, 2),
+       .precision = RAYMELD_PRECISION_FP16,
+       .kernels = RAYMELD_KERNELS_DIRECT,
+       .border = 3,
+       .layout = kReadOnly},
+      {.subject = make_subject(small_architecture(2), 20, 30, 4),
+       .kernels = RAYMELD_KERNELS_DIRECT,
+       .border = 2},
+      {.subject = make_subject(with_variance, 6, 9, 5),
+       .kernels = RAYMELD_KERNELS_DIRECT,
+       .border = 3,
+       .layout = kReadOnly,
+       .variance = true},
   };
   for (const Case& at : cases) {
     Subject subject = at.subject;

@@ -43,7 +43,8 @@ TEST_F(FrameTimesTest, AreKeptByWhatTheyDependOn) {
   EXPECT_FALSE(times.known(model_, 6, 8, other));
   other = options;
   other.kernels = default_kernels(gpu().info());
-  const bool differ = other.kernels.conv2d({64, 64, 32, 32, 3}).algorithm != Algorithm::kDirect;
+  const Conv2dShape shape{.height = 64, .width = 64, .channels_in = 32, .channels_out = 32, .kernel = 3};
+  const bool differ = other.kernels.conv2d(shape).algorithm != Algorithm::kDirect;
   EXPECT_EQ(times.known(model_, 6, 8, other).has_value(), !differ);
   other = options;
   other.constants = {{"albedo", {}}};
@@ -56,7 +57,7 @@ TEST_F(FrameTimesTest, AreTheFirstAndTheMedianOfTheFurther) {
   size_t asked = 0;
   double now_ms = 1000;
   FrameTimes times(gpu(), {}, [&] { return now_ms += asked++ % 2 ? frames_ms.at(asked / 2 - 1) : 100; });
-  EXPECT_EQ(times.measure(model_, 6, 8, {}), (FrameTime{50, 7}));
+  EXPECT_EQ(times.measure(model_, 6, 8, {}), (FrameTime{.first_ms = 50, .further_ms = 7}));
   EXPECT_EQ(asked, 2 * frames_ms.size());
 }
 

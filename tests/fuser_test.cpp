@@ -351,14 +351,15 @@ TEST_F(FuserTest, SplitDispatchesGiveTheSameBits) {
   const Model model = model_of(subject);
   const std::vector<float> expected = fuse_once(model, subject, {});
   for (const double flop : {1.0, 3e4, 1e6}) {
-    EXPECT_EQ(fuse_once(model, subject, {.work_limits = WorkLimits{flop, 8 * flop}}), expected) << flop;
+    const WorkLimits limits{.dispatch_work = flop, .submit_work = 8 * flop};
+    EXPECT_EQ(fuse_once(model, subject, {.work_limits = limits}), expected) << flop;
   }
 }
 
 TEST_F(FuserTest, ProgressRisesToOneAndCancels) {
   const Subject subject = make_subject(small_architecture(2), 27, 30, 10);
   const Model model = model_of(subject);
-  const WorkLimits several_submits{1e5, 8e5};
+  const WorkLimits several_submits{.dispatch_work = 1e5, .submit_work = 8e5};
   Fuser fuser = make_fuser(model, subject, tiled(model, subject, {.work_limits = several_submits}));
   std::vector<double> shares;
   const std::vector<float> expected = fuse(fuser, subject.lrhs, subject.hrls, [&](double share) {

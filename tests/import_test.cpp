@@ -140,7 +140,7 @@ class ImportTest : public testing::Test {
 
   // Returns a context with a device of raymeld's own, on the physical device that the exporter has.
   static Context own_context(const CallerDevice& exporter) {
-    const std::string uuid = describe(exporter.vk(), exporter.external().physical_device, 0).uuid;
+    const std::string uuid = device_info(exporter.vk(), exporter.external().physical_device, 0).uuid;
     raymeld_context_desc desc;
     desc.selector = uuid.c_str();
     return Context(desc);
@@ -286,7 +286,7 @@ TEST_F(ImportTest, TheDescriptorIsTakenOverOnSuccessOnly) {
           "expected");
   raymeld_import_desc part = with(&Desc::dedicated, VkBool32{VK_TRUE});
   part.memory_size_bytes += 4096;
-  refused(context, part, RAYMELD_ERROR_DEVICE, "as the memory is dedicated");
+  refused(context, part, RAYMELD_ERROR_DEVICE, "since the memory is dedicated");
   refused(context, with(&Desc::memory_type_index, 31u), RAYMELD_ERROR_DEVICE, "memory of type 31");
   const int file = open(file_.c_str(), O_RDWR | O_CLOEXEC);
   refused(context, with(&Desc::fd, file), RAYMELD_ERROR_DEVICE, "importing memory");
@@ -307,7 +307,7 @@ TEST_F(ImportTest, TheDescriptorIsTakenOverOnSuccessOnly) {
 // Drivers for CPUs map any file descriptor, so a file in memory will do.
 TEST_F(ImportTest, DmaBufs) {
   const CallerDevice importer;
-  const DeviceInfo info = describe(importer.vk(), importer.external().physical_device, 0);
+  const DeviceInfo info = device_info(importer.vk(), importer.external().physical_device, 0);
   if (!info.dma_buf || !info.is_cpu) GTEST_SKIP() << "the device takes no dma_bufs that a test could make";
   const Context context(context_desc(importer.external()));
   Fusion fusion(context, SharedModel(file_), fusion_desc(subject_));

@@ -143,7 +143,7 @@ TEST(LayerMap, AlbedoFallsBackToTheDiffuseColourAndSaysSo) {
   EXPECT_EQ(read_from(map, "albedo"), triple("V.DiffCol"));
   EXPECT_TRUE(contains(map.layers.at("albedo").note, "no Denoising Albedo"));
   EXPECT_EQ(read_from(map, "normal"), triple("V.Normal", "XYZ"));
-  EXPECT_TRUE(contains(describe(map), "[there is no Denoising Albedo]"));
+  EXPECT_TRUE(contains(layer_map_text(map), "[there is no Denoising Albedo]"));
 }
 
 TEST(LayerMap, PlainRgbStandsInForCombined) {
@@ -155,7 +155,7 @@ TEST(LayerMap, PlainRgbStandsInForCombined) {
   EXPECT_EQ(map.alpha, "A");
   EXPECT_EQ(map.layers.at("variance").terms, (std::vector{ChannelTriple{"R", "G", "B"}}));
   EXPECT_EQ(read_from(map, "albedo"), triple("V.Denoising Albedo"));
-  EXPECT_TRUE(contains(describe(map), "R, G, B  [there is no Combined]"));
+  EXPECT_TRUE(contains(layer_map_text(map), "R, G, B  [there is no Combined]"));
   const LayerMap both = map_layers(plain + rgb("V.Combined") + passes);
   EXPECT_EQ(read_from(both, "color"), triple("V.Combined"));
   EXPECT_FALSE(both.alpha.has_value());  // A belongs to another picture
@@ -325,7 +325,7 @@ TEST(LayerMap, NamesEachAlternativeOnce) {
 }
 
 TEST(LayerMap, DescribesTheWholeMapping) {
-  const std::string text = describe(map_layers(blender_old("ViewLayer")));
+  const std::string text = layer_map_text(map_layers(blender_old("ViewLayer")));
   for (const std::string part : {"preset cycles, view layer 'ViewLayer'",
                                  "color    ViewLayer.Combined.R, ViewLayer.Combined.G, ViewLayer.Combined.B",
                                  "(ViewLayer.DiffCol.R, ", ") * ((ViewLayer.DiffDir.R",

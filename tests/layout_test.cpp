@@ -16,15 +16,15 @@ const fs::path kSource = source_path("src");
 // Maps each folder of src/ to the others that its sources may include. Files in src/ itself are for all.
 const std::map<std::string, std::set<std::string>> kBelow = {
     {"platform", {}},
-    {"engine", {}},
+    {"engine", {"platform"}},
     {"reference", {}},
     {"io", {"platform"}},
     {"layers", {"engine"}},
-    {"model", {"engine", "io", "layers"}},
-    {"fusion", {"engine", "io", "layers", "model"}},
+    {"model", {"engine", "io", "layers", "platform"}},
+    {"fusion", {"engine", "io", "layers", "model", "platform"}},
     {"choice", {"engine", "fusion", "io", "model", "platform"}},
     {"conform", {"engine", "fusion", "io", "layers", "model", "platform", "reference"}},
-    {"api", {"engine", "fusion", "io", "model"}},
+    {"api", {"engine", "fusion", "io", "model", "platform"}},
     {"cli/common", {"choice", "engine", "fusion", "io", "model", "platform"}},
     {"cli/fuse", {"cli/common", "choice", "engine", "fusion", "io", "model", "platform"}},
     {"cli/sequence", {"cli/common", "cli/fuse", "platform"}},
@@ -34,7 +34,9 @@ const std::map<std::string, std::set<std::string>> kBelow = {
       "model", "platform"}},
 };
 
-std::string room_of(const fs::path& file) { return file.parent_path().lexically_relative(kSource).string(); }
+std::string folder_of(const fs::path& file) {
+  return file.parent_path().lexically_relative(kSource).string();
+}
 
 std::vector<fs::path> sources() {
   std::vector<fs::path> files;
@@ -47,32 +49,69 @@ TEST(Layout, IncludesRunDown) {
   const std::regex include(R"re(#include "([^"]+)")re");
   size_t seen = 0;
   for (const fs::path& file : sources()) {
-    const std::string room = room_of(file), content = read_file(file);
-    ASSERT_TRUE(room == "." || kBelow.contains(room)) << room << " is no room";
+    const std::string folder = folder_of(file), content = read_file(file);
+    ASSERT_TRUE(folder == "." || kBelow.contains(folder)) << folder << " is not in kBelow";
     for (std::sregex_iterator at(content.begin(), content.end(), include), end; at != end; ++at) {
       const fs::path included = kSource / (*at)[1].str();
       if (!fs::exists(included)) continue;  // it lies in shaders/ or include/
-      const std::string other = room_of(included);
+      const std::string other = folder_of(included);
       ++seen;
-      if (other == room || other == ".") continue;
-      EXPECT_TRUE(room != "." && kBelow.at(room).contains(other)) << file << " includes " << included;
+      if (other == folder || other == ".") continue;
+      EXPECT_TRUE(folder != "." && kBelow.at(folder).contains(other)) << file << " includes " << included;
     }
   }
   EXPECT_GT(seen, 400u);
 }
 
-TEST(Layout, RoomsAreSmallAndNoSourceIsInNone) {
+TEST(Layout, FoldersAreSmallAndNoSourceIsInNone) {
   std::map<std::string, int> sizes;
-  for (const fs::path& file : sources()) sizes[room_of(file)] += file.extension() == ".cpp";
+  for (const fs::path& file : sources()) sizes[folder_of(file)] += file.extension() == ".cpp";
   EXPECT_EQ(sizes["."], 0);
-  for (const auto& [room, size] : sizes) EXPECT_LE(size, 20) << room;
+  for (const auto& [folder, size] : sizes) EXPECT_LE(size, 20) << folder;
 }
 
 TEST(Layout, EngineKnowsNoNetwork) {
   for (const fs::path& file : sources()) {
-    if (room_of(file) != "engine") continue;
+    if (folder_of(file) != "engine") continue;
     for (const char* word : {"LRHS", "HRLS"})
       EXPECT_EQ(read_file(file).find(word), std::string::npos) << file << " speaks of " << word;
+  }
+}
+
+// The kernels of a layer have names of their own, and so have the passes of exposure().
+const std::map<std::string, std::string> kLayerOfShader = {
+    {"conv2d_matrix", "conv2d"},    {"pointwise", "conv2d"},         {"pointwise_unshuffled", "conv2d"},
+    {"winograd_input", "conv2d"},   {"winograd_multiply", "conv2d"}, {"winograd_output", "conv2d"},
+    {"winograd_weights", "conv2d"}, {"exposure_sums", "exposure"}};
+
+std::set<std::string> names_in(const fs::path& file, const char* pattern) {
+  const std::string content = read_file(file);
+  const std::regex name(pattern);
+  std::set<std::string> names;
+  for (std::sregex_iterator at(content.begin(), content.end(), name), end; at != end; ++at)
+    names.insert((*at)[1].str());
+  return names;
+}
+
+TEST(Layout, ALayerHasOneNameEverywhere) {
+  std::set<std::string> shaders;
+  for (const auto& entry : fs::recursive_directory_iterator(source_path("shaders"))) {
+    if (entry.path().extension() != ".comp") continue;
+    const std::string name = std::regex_replace(entry.path().stem().string(), std::regex("_vectors$"), "");
+    const auto layer = kLayerOfShader.find(name);
+    shaders.insert(layer == kLayerOfShader.end() ? name : layer->second);
+  }
+  std::set<std::string> layers = names_in(kSource / "layers/layers.h", R"re(\nvoid (\w+)\(Graph& graph)re");
+  EXPECT_EQ(layers.erase("conv2d_chain"), 1u);
+  EXPECT_EQ(layers, shaders);
+
+  const auto references = names_in(kSource / "reference/reference.h", R"re(\nBounded (\w+)\()re");
+  std::set<std::string> cases;
+  for (const auto& entry : fs::directory_iterator(kSource / "conform"))
+    cases.merge(names_in(entry.path(), R"re((?:run\(|name = |\{)"(\w+))re"));
+  for (const std::string& layer : layers) {
+    EXPECT_TRUE(references.contains(layer)) << layer << " has no scalar reference";
+    EXPECT_TRUE(cases.contains(layer)) << layer << " has no cases in src/conform";
   }
 }
 

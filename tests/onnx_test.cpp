@@ -52,7 +52,7 @@ std::vector<Method> methods_of_image(size_t image, int kernel) {
 
 // Returns a convolution that copies channels. All kernels but Winograd give the same bits.
 Conv identity(int channels, int kernel) {
-  Conv conv{channels, channels, kernel, {}, {}};
+  Conv conv{.out = channels, .in = channels, .kernel = kernel, .weight = {}, .bias = {}};
   conv.weight.resize(size_t(channels) * channels * kernel * kernel);
   conv.bias.resize(size_t(channels));
   const int taps = kernel * kernel;
@@ -98,7 +98,7 @@ Conv square_conv(const OnnxVector& vector) {
   const OnnxArray& weights = vector.inputs[1];
   const auto [out, in, kh, kw] =
       std::tuple(weights.dims[0], weights.dims[1], weights.dims[2], weights.dims[3]);
-  Conv conv{out, in, std::max(kh, kw) == 1 ? 1 : 3, {}, {}};
+  Conv conv{.out = out, .in = in, .kernel = std::max(kh, kw) == 1 ? 1 : 3, .weight = {}, .bias = {}};
   conv.weight.resize(size_t(out) * in * conv.kernel * conv.kernel);
   for (int plane = 0; plane < out * in; ++plane)
     for (int y = 0; y < kh; ++y)
@@ -134,7 +134,10 @@ Places places(const OnnxVector& vector, int kernel) {
     const int both = std::max(0, ((size - 1) / strides[i]) * strides[i] + window - size);
     pads[i] = automatic == "SAME_LOWER" ? (both + 1) / 2 : both / 2;
   }
-  const Places found{strides[0], strides[1], kernel / 2 - pads[0], kernel / 2 - pads[1]};
+  const Places found{.stride_y = strides[0],
+                     .stride_x = strides[1],
+                     .first_y = kernel / 2 - pads[0],
+                     .first_x = kernel / 2 - pads[1]};
   EXPECT_GE(std::min(found.first_y, found.first_x), 0) << "more padding than the kernel's half";
   const std::vector<int>&in = vector.inputs[0].dims, &out = vector.output.dims;
   EXPECT_LT(found.first_y + found.stride_y * (out[2] - 1), in[2]);
@@ -191,7 +194,8 @@ void check_copied(const OnnxVector& vector) {
       EXPECT_TRUE(equal(sum_of(0).value, expected[i])) << "the reference, rounded once";
       for (const Method& method : methods(kernel)) {
         SCOPED_TRACE(fmt::format("kernel {}, {}", kernel, method.name));
-        const Planes device = run_conv2d({x[i], copy, relu, relu ? nullptr : &residuals[i]}, method);
+        const Planes device = run_conv2d(
+            {.x = x[i], .conv = copy, .relu = relu, .residual = relu ? nullptr : &residuals[i]}, method);
         EXPECT_TRUE(method.tile() > 0 || equal(device, expected[i]));
         EXPECT_TRUE(within_bounds(vector.op, device, {expected[i], sum_of(method.tile()).bound}));
       }

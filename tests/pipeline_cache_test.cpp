@@ -7,6 +7,7 @@
 #include <thread>
 
 #include "gpu.h"
+#include "platform/folders.h"
 #include "sealed_cache.h"
 
 namespace raymeld::test {
@@ -172,13 +173,13 @@ TEST_F(PipelineCacheTest, NowhereToWriteIsNoError) {
 TEST(PipelineCacheFolder, FollowsXdg) {
   setenv("XDG_CACHE_HOME", "/x/cache", 1);
   setenv("HOME", "/x/home", 1);
-  EXPECT_EQ(PipelineCache::default_folder(), "/x/cache/raymeld");
+  EXPECT_EQ(default_cache_folder(), "/x/cache/raymeld");
   setenv("XDG_CACHE_HOME", "relative", 1);  // a relative path is invalid by the XDG specification
-  EXPECT_EQ(PipelineCache::default_folder(), "/x/home/.cache/raymeld");
+  EXPECT_EQ(default_cache_folder(), "/x/home/.cache/raymeld");
   unsetenv("XDG_CACHE_HOME");
-  EXPECT_EQ(PipelineCache::default_folder(), "/x/home/.cache/raymeld");
+  EXPECT_EQ(default_cache_folder(), "/x/home/.cache/raymeld");
   unsetenv("HOME");
-  EXPECT_EQ(PipelineCache::default_folder(), "");
+  EXPECT_EQ(default_cache_folder(), "");
 }
 
 }  // namespace

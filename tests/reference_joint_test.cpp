@@ -53,7 +53,7 @@ TEST(Irradiance, DividesByTheAlbedoOfTheCorner) {
   expect_near(y, {2 / 1.0, 3 / 0.5, 7 / 1.4, 1 / 0.4, 0, 8 / 0.4});
 }
 
-TEST(Irradiance, OfCenteredSamplesByTheMeanOfTheCell) {
+TEST(Irradiance, DividesCenteredSamplesByTheMeanAlbedo) {
   Planes albedo(3, 2, 2);
   albedo.at(0, 0, 0) = 1, albedo.at(0, 1, 1) = 0.4;
   const Planes lrhs(3, 1, 1, {encoded(3), encoded(1), 0});
@@ -79,18 +79,19 @@ TEST(Irradiance, IsTheMeanOfLikeNeighbours) {
 }
 
 // Demodulates the color with one pixel of LRHS: `lrhs` is its color and irradiance, and its certainty is 3.
-Planes lit(const Planes& color, const Planes& albedo, const std::vector<double>& lrhs, double phase,
-           Transfer transfer) {
+Planes demodulated(const Planes& color, const Planes& albedo, const std::vector<double>& lrhs, double phase,
+                   Transfer transfer) {
   return demodulate(exact(color), exact(albedo), exact(Planes(6, 1, 1, lrhs)), 3, transfer, 2, phase, kFp32)
       .value;
 }
 
-double compressed(double light) { return std::log(1 + 0.2 * light) / 0.2; }
+double compressed(double x) { return std::log(1 + 0.2 * x) / 0.2; }
 
-TEST(Light, OfLrhsCountsAtItsPixelByItsCertainty) {
+TEST(Demodulate, LrhsCountsAtItsPixelByItsCertainty) {
   Planes albedo = uniform(3, 2, 2, 0.6);
   albedo.at(1, 0, 0) = 0.1;
-  const Planes y = lit(uniform(3, 2, 2, encoded(1)), albedo, {encoded(3), encoded(2), 0, 1, 2, 3}, 0, kLog);
+  const Planes y =
+      demodulated(uniform(3, 2, 2, encoded(1)), albedo, {encoded(3), encoded(2), 0, 1, 2, 3}, 0, kLog);
   const double one = compressed(1), brightness = 0.2126 + 2 * 0.7152 + 3 * 0.0722;
   expect_near(y, {compressed((1 + 3 * 3) / 4.0),
                   one,
@@ -114,8 +115,9 @@ TEST(Light, OfLrhsCountsAtItsPixelByItsCertainty) {
                   brightness});
 }
 
-TEST(Light, OfCenteredLrhsCountsInTheWholeCell) {
-  const Planes y = lit(uniform(3, 2, 2, 1), uniform(3, 2, 2, 0.1), {50, 60, 70, 1, 2, 3}, 0.5, kLinear);
+TEST(Demodulate, CenteredLrhsCountsInAllPixelsThatItCovers) {
+  const Planes y =
+      demodulated(uniform(3, 2, 2, 1), uniform(3, 2, 2, 0.1), {50, 60, 70, 1, 2, 3}, 0.5, kLinear);
   const double counts = 3.0 / 4;
   for (int c = 0; c < 3; ++c) {
     EXPECT_NEAR(y.at(c, 1, 0), compressed((2 + counts * (c + 1)) / (1 + counts)), 1e-12);
@@ -123,12 +125,12 @@ TEST(Light, OfCenteredLrhsCountsInTheWholeCell) {
   for (int i = 0; i < 4; ++i) EXPECT_NEAR(y.data[size_t(3 * 4 + i)], 1 + counts, 1e-12);
 }
 
-TEST(Light, FirefliesAreLimitedByTheSecondBrightestNeighbour) {
+TEST(Demodulate, FirefliesAreLimitedByTheSecondBrightestNeighbour) {
   const auto limited = [](const Planes& color, int y, int x) {
     const Bounded black = exact(Planes(6, 2, 2));
     const Planes albedo = uniform(3, 4, 4, 0.6);
-    const Planes light_of = demodulate(exact(color), exact(albedo), black, 0, kLinear, 2, 0, kFp32).value;
-    return std::array{light_of.at(0, y, x), light_of.at(1, y, x)};
+    const Planes result = demodulate(exact(color), exact(albedo), black, 0, kLinear, 2, 0, kFp32).value;
+    return std::array{result.at(0, y, x), result.at(1, y, x)};
   };
   Planes color = uniform(3, 4, 4, 0.5);
   for (int c : {0, 1, 2}) color.at(c, 1, 1) = 40;
@@ -146,7 +148,7 @@ TEST(Light, FirefliesAreLimitedByTheSecondBrightestNeighbour) {
   EXPECT_NEAR(limited(corner, 3, 3)[1], compressed(factor * 5), 1e-9);
 }
 
-TEST(Light, BrightnessIsUpsampledWithThePhase) {
+TEST(Demodulate, BrightnessIsUpsampledWithThePhase) {
   Planes lrhs(6, 1, 2);
   lrhs.at(4, 0, 1) = 1 / 0.7152;
   const Bounded dark = exact(Planes(3, 2, 4));
@@ -230,12 +232,13 @@ TEST(JointFilter, EveryGuideHasItsWidth) {
   EXPECT_NEAR(first(2, 0, 20), 0, 1e-12);
 }
 
-TEST(Remodulate, UndoesLight) {
+TEST(Remodulate, UndoesDemodulate) {
   const Planes color = random(3, 4, 6, 0, 2, 1), albedo = random(3, 4, 6, 0, 1, 2);
   for (const Transfer transfer : {kLinear, kLog}) {
-    const Bounded lit =
+    const Bounded demodulated =
         demodulate(exact(color), exact(albedo), exact(Planes(6, 2, 3)), 0, transfer, 2, 0, kFp32);
-    expect_near(remodulate(exact(slice(lit, 0, 3).value), exact(albedo), transfer, kFp32).value, color.data);
+    expect_near(remodulate(exact(slice(demodulated, 0, 3).value), exact(albedo), transfer, kFp32).value,
+                color.data);
   }
 }
 
@@ -260,8 +263,8 @@ TEST(Mix, OneLogitChoosesACandidate) {
       rec[size_t(3 + chosen)] = 80;
       const Planes y = mixed(rec, transfer);
       for (int c = 0; c < 3; ++c) {
-        const double relit = transfer == kLog ? encoded(c + 1) : c + 1;  // albedo + 0.4 is 1
-        const double candidate = chosen == 0 ? 0.1 * (c + 1) : chosen == 1 ? relit : 9 + chosen;
+        const double remodulated = transfer == kLog ? encoded(c + 1) : c + 1;  // albedo + 0.4 is 1
+        const double candidate = chosen == 0 ? 0.1 * (c + 1) : chosen == 1 ? remodulated : 9 + chosen;
         EXPECT_NEAR(y.at(c, 1, 0), rec[size_t(c)] + candidate, 1e-12) << chosen;
       }
     }
@@ -352,13 +355,14 @@ TEST_P(JointBounds, FloatMixStaysWithinAndOthersDoNot) {
     for (int c = 0; c < 3; ++c) {
       for (int row = 0; row < y.h; ++row) {
         for (int column = 0; column < y.w; ++column) {
-          const float lit = (std::exp(3 * float(low.at(3 + c, row, column))) - 1) / 8;
-          const float relit = std::log(1 + 8 * lit * (float(albedo.at(c, row, column)) + floor)) / 3;
+          const float irradiance = (std::exp(3 * float(low.at(3 + c, row, column))) - 1) / 8;
+          const float remodulated =
+              std::log(1 + 8 * irradiance * (float(albedo.at(c, row, column)) + floor)) / 3;
           float sum = 0, weights = 0;
           for (int i = 0; i < 5; ++i) {
             const float weight = std::exp(float(rec.at(3 + i, row, column)) - 2);
             sum += weight * (i == 0   ? float(low.at(c, row, column))
-                             : i == 1 ? relit
+                             : i == 1 ? remodulated
                                       : float(candidates.at(3 * (i - 2) + c, row, column)));
             weights += weight;
           }

@@ -24,18 +24,20 @@ Planes row(std::vector<double> values) {
   return {1, 1, w, std::move(values)};
 }
 
-Conv single(double weight, double bias) { return {1, 1, 1, {weight}, {bias}}; }
+Conv single(double weight, double bias) {
+  return {.out = 1, .in = 1, .kernel = 1, .weight = {weight}, .bias = {bias}};
+}
 
 TEST(Conv2d, OnesCountTheNeighbours) {
-  const Conv ones{1, 1, 3, std::vector<double>(9, 1.0), {0.5}};
+  const Conv ones{.out = 1, .in = 1, .kernel = 3, .weight = std::vector<double>(9, 1.0), .bias = {0.5}};
   const Planes y = conv2d(exact(Planes(1, 3, 3, std::vector<double>(9, 1.0))), ones, false, kFp32).value;
   EXPECT_EQ(y.data, (std::vector<double>{4.5, 6.5, 4.5, 6.5, 9.5, 6.5, 4.5, 6.5, 4.5}));
 }
 
 TEST(Conv2d, IsACorrelation) {
-  Conv above{1, 1, 3, std::vector<double>(9), {0}};
+  Conv above{.out = 1, .in = 1, .kernel = 3, .weight = std::vector<double>(9), .bias = {0}};
   above.weight[0 * 3 + 1] = 1;  // ky 0 and kx 1 are the pixel above
-  Conv right{1, 1, 3, std::vector<double>(9), {0}};
+  Conv right{.out = 1, .in = 1, .kernel = 3, .weight = std::vector<double>(9), .bias = {0}};
   right.weight[1 * 3 + 2] = 1;
   const Bounded x = exact(Planes(1, 2, 2, {1, 2, 3, 4}));
   EXPECT_EQ(conv2d(x, above, false, kFp32).value.data, (std::vector<double>{0, 0, 1, 2}));
@@ -43,7 +45,7 @@ TEST(Conv2d, IsACorrelation) {
 }
 
 TEST(Conv2d, ChannelsAreOutThenIn) {
-  const Conv conv{2, 3, 1, {1, 10, 100, 2, 20, 200}, {0, 1}};
+  const Conv conv{.out = 2, .in = 3, .kernel = 1, .weight = {1, 10, 100, 2, 20, 200}, .bias = {0, 1}};
   const Bounded y = conv2d(exact(Planes(3, 1, 2, {1, 2, 3, 4, 5, 6})), conv, false, kFp32);
   EXPECT_EQ(y.value.data, (std::vector<double>{531, 642, 1063, 1285}));
 }
@@ -98,7 +100,8 @@ TEST(Conv2d, OverflowOfHalfHasNoBound) {
 
 TEST(Conv2d, RefusesOtherShapes) {
   EXPECT_THROW(conv2d(exact(Planes(2, 1, 1)), single(1, 0), false, kFp32), std::invalid_argument);
-  EXPECT_THROW(conv2d(exact(row({1})), {1, 1, 3, {1}, {0}}, false, kFp32), std::invalid_argument);
+  const Conv one_weight{.out = 1, .in = 1, .kernel = 3, .weight = {1}, .bias = {0}};
+  EXPECT_THROW(conv2d(exact(row({1})), one_weight, false, kFp32), std::invalid_argument);
   const Bounded residual = exact(row({1, 2}));
   EXPECT_THROW(conv2d(exact(row({1})), single(1, 0), false, kFp32, {&residual}), std::invalid_argument);
 }

@@ -132,11 +132,17 @@ TEST_F(Sequence, TheLastRunOfAFileNameIsTheNumber) {
                 "--frames", frame})
         .err;
   };
-  for (const auto& [pattern, frame, path] : {std::array{"a.####.exr", "7", "'a.0007.exr'"},
-                                             {"a.#.exr", "12", "'a.12.exr'"},
-                                             {"a.##.exr", "12345", "'a.12345.exr'"},
-                                             {"C##/take#2.###", "0", "'C##/take#2.000'"},
-                                             {"./##", "3", "'./03'"}}) {
+  struct Case {
+    const char *pattern, *frame, *path;
+  };
+  const Case cases[] = {
+      {.pattern = "a.####.exr", .frame = "7", .path = "'a.0007.exr'"},
+      {.pattern = "a.#.exr", .frame = "12", .path = "'a.12.exr'"},
+      {.pattern = "a.##.exr", .frame = "12345", .path = "'a.12345.exr'"},
+      {.pattern = "C##/take#2.###", .frame = "0", .path = "'C##/take#2.000'"},
+      {.pattern = "./##", .frame = "3", .path = "'./03'"},
+  };
+  for (const auto& [pattern, frame, path] : cases) {
     const std::string err = missing(pattern, frame);
     EXPECT_NE(err.find(fmt::format("frame {}: cannot read {}", frame, path)), std::string::npos) << err;
   }

@@ -126,7 +126,11 @@ TEST(Tunings, SavedAndLoadedAtOnce) {
   tunings[0].order = 1, tunings[1].order = 2;
   for (uint32_t channels = 1; channels <= 40; ++channels) {
     for (Tuning& tuning : tunings)
-      tuning.entries[{64, 64, channels, channels * tuning.order, 3}] = {{}, double(tuning.order), 1};
+      tuning.entries[{.height = 64,
+                      .width = 64,
+                      .channels_in = channels,
+                      .channels_out = channels * tuning.order,
+                      .kernel = 3}] = {.kernel = {}, .time_ms = double(tuning.order), .direct_ms = 1};
   }
   save_tuning(file, tunings[0]);
   std::atomic<int> wrong = 0;

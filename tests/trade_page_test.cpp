@@ -16,34 +16,51 @@ using Json = nlohmann::json;
 
 constexpr const char* kPlots[] = {"time", "memory", "total", "scenes"};
 
-Json setting(int id, int scale, const char* model, const char* precision, const char* kernels, double time_ms,
-             double psnr_db, bool front) {
-  return {{"id", id},
-          {"scale", scale},
-          {"model", model},
-          {"precision", precision},
-          {"kernels", kernels},
+struct Setting {
+  int id, scale;
+  const char* model;
+  const char* precision = "fp32";
+  const char* kernels = "auto";
+  double time_ms, psnr_db;
+  bool front = true;
+};
+
+Json setting(const Setting& s) {
+  return {{"id", s.id},
+          {"scale", s.scale},
+          {"model", s.model},
+          {"precision", s.precision},
+          {"kernels", s.kernels},
           {"lrhs_spp", 16},
           {"hrls_spp", 1},
-          {"time_ms", {{"lower", time_ms * 0.9}, {"median", time_ms}, {"upper", time_ms * 1.2}}},
+          {"time_ms", {{"lower", s.time_ms * 0.9}, {"median", s.time_ms}, {"upper", s.time_ms * 1.2}}},
           {"memory_bytes", 64 << 20},
-          {"psnr_db", psnr_db},
+          {"psnr_db", s.psnr_db},
           {"relmse", 0.0036},
           {"fp64_error", 0.01},
-          {"time_front", front},
-          {"memory_front", front}};
+          {"time_front", s.front},
+          {"memory_front", s.front}};
 }
 
-Json render(int scale, const char* model, int lrhs_spp, int hrls_spp, double psnr_db, bool front) {
-  return {{"scale", scale},
-          {"model", model},
-          {"lrhs_spp", lrhs_spp},
-          {"hrls_spp", hrls_spp},
-          {"render_s", 1.5 * hrls_spp},
-          {"fuse_s", scale == 1 ? 0 : 0.5},
-          {"psnr_db", psnr_db},
+// A scale of 1 stands for a render that is not fused.
+struct Render {
+  int scale = 1;
+  const char* model = "";
+  int lrhs_spp = 0, hrls_spp = 1;
+  double psnr_db;
+  bool front = true;
+};
+
+Json render(const Render& r) {
+  return {{"scale", r.scale},
+          {"model", r.model},
+          {"lrhs_spp", r.lrhs_spp},
+          {"hrls_spp", r.hrls_spp},
+          {"render_s", 1.5 * r.hrls_spp},
+          {"fuse_s", r.scale == 1 ? 0 : 0.5},
+          {"psnr_db", r.psnr_db},
           {"relmse", 0.01},
-          {"front", front}};
+          {"front", r.front}};
 }
 
 // Returns a report of two views and four settings of two models of two scales. Settings 0 and 3 are defaults.
@@ -56,13 +73,20 @@ Json small_report() {
       {"views",
        {{{"name", "near"}, {"width", 64}, {"height", 48}}, {{"name", "far"}, {"width", 64}, {"height", 48}}}},
       {"settings",
-       {setting(0, 4, "x4-fast", "fp32", "auto", 500, 33.1, true),
-        setting(1, 4, "x4-fast", "fp32", "direct", 400, 33, true),
-        setting(2, 4, "x4-fast", "fp16", "auto", 900, 33.05, false),
-        setting(3, 8, "x8-fast", "fp32", "auto", 300, 31, true)}},
+       {setting({.id = 0, .scale = 4, .model = "x4-fast", .time_ms = 500, .psnr_db = 33.1}),
+        setting(
+            {.id = 1, .scale = 4, .model = "x4-fast", .kernels = "direct", .time_ms = 400, .psnr_db = 33}),
+        setting({.id = 2,
+                 .scale = 4,
+                 .model = "x4-fast",
+                 .precision = "fp16",
+                 .time_ms = 900,
+                 .psnr_db = 33.05,
+                 .front = false}),
+        setting({.id = 3, .scale = 8, .model = "x8-fast", .time_ms = 300, .psnr_db = 31})}},
       {"renders",
-       {render(1, "", 0, 1, 20, true), render(1, "", 0, 4, 26, false),
-        render(4, "x4-fast", 16, 1, 33, true)}},
+       {render({.psnr_db = 20}), render({.hrls_spp = 4, .psnr_db = 26, .front = false}),
+        render({.scale = 4, .model = "x4-fast", .lrhs_spp = 16, .psnr_db = 33})}},
       {"measurements", Json::array()},
       {"strips",
        {{{"title", "near: the worst of 2"},

@@ -16,21 +16,38 @@ class TunerTest : public GpuTest {
   TemporaryDirectory folder_;
 };
 
-constexpr CooperativeMatrix kMatrix{16, 16, 16, 32, 1024, 49152};
-constexpr Conv2dShape kSmall{16, 16, 5, 7, 3};
-constexpr Conv2dShape kSmall1x1{16, 16, 5, 7, 1};
+constexpr CooperativeMatrix kMatrix{
+    .m = 16, .n = 16, .k = 16, .subgroup_size = 32, .max_invocations = 1024, .max_shared_bytes = 49152};
+constexpr CooperativeMatrix kSmallMatrix{
+    .m = 8, .n = 8, .k = 8, .subgroup_size = 8, .max_invocations = 1024, .max_shared_bytes = 32768};
+constexpr Conv2dShape kSmall{.height = 16, .width = 16, .channels_in = 5, .channels_out = 7, .kernel = 3};
+constexpr Conv2dShape kSmall1x1{.height = 16, .width = 16, .channels_in = 5, .channels_out = 7, .kernel = 1};
+
+// example() has these.
+constexpr Conv2dShape kByWinograd{
+    .height = 128, .width = 128, .channels_in = 64, .channels_out = 64, .kernel = 3};
+constexpr Conv2dShape kByMatrices{
+    .height = 64, .width = 64, .channels_in = 64, .channels_out = 64, .kernel = 3};
+constexpr Conv2dShape kByVectors{
+    .height = 128, .width = 128, .channels_in = 320, .channels_out = 64, .kernel = 1};
 
 Tuning example() {
   Tuning tuning;
-  tuning.entries[{128, 128, 64, 64, 3}] = {
-      {.algorithm = Algorithm::kWinograd, .outputs = 24, .band = 512}, 1.5, 30};
-  tuning.entries[{128, 128, 64, 64, 3, 2}] = {
-      {.algorithm = Algorithm::kWinograd, .tile = 2, .order = 0}, 2.5, 30};
-  tuning.entries[{512, 512, 16, 8, 3}] = {{}, 3, 3};
-  tuning.entries[{64, 64, 64, 64, 3}] = {
-      {.algorithm = Algorithm::kMatrix, .matrix = {.matrix = kMatrix, .rows = 1}}, 0.5, 8};
-  tuning.entries[{128, 128, 320, 64, 1}] = {
-      {.algorithm = Algorithm::kPointwise, .band = 4096, .vector = 8}, 4, 20};
+  tuning.entries[kByWinograd] = {.kernel = {.algorithm = Algorithm::kWinograd, .outputs = 24, .band = 512},
+                                 .time_ms = 1.5,
+                                 .direct_ms = 30};
+  tuning.entries[{
+      .height = 128, .width = 128, .channels_in = 64, .channels_out = 64, .kernel = 3, .most_tile = 2}] = {
+      .kernel = {.algorithm = Algorithm::kWinograd, .tile = 2, .order = 0}, .time_ms = 2.5, .direct_ms = 30};
+  tuning.entries[{.height = 512, .width = 512, .channels_in = 16, .channels_out = 8, .kernel = 3}] = {
+      .kernel = {}, .time_ms = 3, .direct_ms = 3};
+  tuning.entries[kByMatrices] = {
+      .kernel = {.algorithm = Algorithm::kMatrix, .matrix = {.matrix = kMatrix, .rows = 1}},
+      .time_ms = 0.5,
+      .direct_ms = 8};
+  tuning.entries[kByVectors] = {.kernel = {.algorithm = Algorithm::kPointwise, .band = 4096, .vector = 8},
+                                .time_ms = 4,
+                                .direct_ms = 20};
   return tuning;
 }
 
@@ -104,28 +121,32 @@ TEST(Tuning, ADamagedFileIsNoTuning) {
 
 TEST(Tuning, ChoosesWhatWasMeasuredOrTheMostAlike) {
   const Conv2dChoice choose = example().kernels(device_with_addresses()).conv2d;
-  EXPECT_EQ(choose({128, 128, 64, 64, 3}).band, 512u);
-  EXPECT_EQ(choose({120, 160, 60, 64, 3}).outputs, 24u);
-  EXPECT_EQ(choose({128, 128, 60, 64, 3, 2}),
-            (Conv2dKernel{.algorithm = Algorithm::kWinograd, .tile = 2, .order = 0}));
-  EXPECT_EQ(choose({500, 500, 16, 6, 3}).algorithm, Algorithm::kDirect);
-  EXPECT_EQ(choose({128, 128, 3, 3, 1}).band, 4096u);
+  const Conv2dShape by_winograd{
+      .height = 120, .width = 160, .channels_in = 60, .channels_out = 64, .kernel = 3};
+  const Conv2dShape by_small_tiles{
+      .height = 128, .width = 128, .channels_in = 60, .channels_out = 64, .kernel = 3, .most_tile = 2};
+  const Conv2dShape direct{.height = 500, .width = 500, .channels_in = 16, .channels_out = 6, .kernel = 3};
+  const Conv2dShape pointwise{.height = 128, .width = 128, .channels_in = 3, .channels_out = 3, .kernel = 1};
+  EXPECT_EQ(choose(kByWinograd).band, 512u);
+  EXPECT_EQ(choose(by_winograd).outputs, 24u);
+  EXPECT_EQ(choose(by_small_tiles), (Conv2dKernel{.algorithm = Algorithm::kWinograd, .tile = 2, .order = 0}));
+  EXPECT_EQ(choose(direct).algorithm, Algorithm::kDirect);
+  EXPECT_EQ(choose(pointwise).band, 4096u);
 }
 
 TEST(Tuning, NeverAsksADeviceForWhatItCannot) {
   const Kernels plain = default_kernels(DeviceInfo{});
   EXPECT_FALSE(plain.addressed);
-  EXPECT_EQ(plain.conv2d({128, 128, 64, 64, 3}), Conv2dKernel{});
+  EXPECT_EQ(plain.conv2d(kByWinograd), Conv2dKernel{});
   Tuning tuning = example();
   tuning.addressed = true;
-  EXPECT_EQ(tuning.kernels(DeviceInfo{}).conv2d({128, 128, 64, 64, 3}), Conv2dKernel{});
+  EXPECT_EQ(tuning.kernels(DeviceInfo{}).conv2d(kByWinograd), Conv2dKernel{});
   tuning.addressed = false;
-  EXPECT_EQ(tuning.kernels(DeviceInfo{}).conv2d({128, 128, 64, 64, 3}), Conv2dKernel{});
+  EXPECT_EQ(tuning.kernels(DeviceInfo{}).conv2d(kByWinograd), Conv2dKernel{});
 
-  constexpr Conv2dShape kByMatrices{64, 64, 64, 64, 3};
   DeviceInfo device = device_with_addresses();
   EXPECT_EQ(tuning.kernels(device).conv2d(kByMatrices).winograd_tile(), 4u);
-  device.cooperative_matrix = CooperativeMatrix{8, 8, 8, 8, 1024, 32768};
+  device.cooperative_matrix = kSmallMatrix;
   EXPECT_EQ(tuning.kernels(device).conv2d(kByMatrices).winograd_tile(), 4u);
   device.cooperative_matrix = kMatrix;
   EXPECT_EQ(tuning.kernels(device).conv2d(kByMatrices).matrix.rows, 1u);
@@ -133,7 +154,6 @@ TEST(Tuning, NeverAsksADeviceForWhatItCannot) {
 }
 
 TEST(Tuning, ReadsByVectorsOfTheDevicesOwnOnly) {
-  constexpr Conv2dShape kByVectors{128, 128, 320, 64, 1};
   DeviceInfo device = device_with_addresses();
   EXPECT_EQ(example().kernels(device).conv2d(kByVectors).vector, 8u);
   device.vector_lanes = 16;
@@ -149,11 +169,15 @@ TEST(Tuning, ReadsByVectorsOfTheDevicesOwnOnly) {
 }
 
 TEST(Tuning, StartsTheSearchWithWhatFitsSharedMemory) {
-  EXPECT_EQ(first_matrix_guess(kMatrix, {128, 128, 64, 64, 3}).matrix.outputs, 64u);
-  EXPECT_EQ(first_matrix_guess(kMatrix, {128, 128, 64, 18, 3}).matrix.outputs, 32u);
-  const CooperativeMatrix small{8, 8, 8, 8, 1024, 32768};
-  for (const uint32_t kernel : {1u, 3u})
-    EXPECT_TRUE(is_possible(first_matrix_guess(small, {128, 128, 64, 256, kernel}).matrix, kernel));
+  Conv2dShape shape{.height = 128, .width = 128, .channels_in = 64, .channels_out = 64, .kernel = 3};
+  EXPECT_EQ(first_matrix_guess(kMatrix, shape).matrix.outputs, 64u);
+  shape.channels_out = 18;
+  EXPECT_EQ(first_matrix_guess(kMatrix, shape).matrix.outputs, 32u);
+  shape.channels_out = 256;
+  for (const uint32_t kernel : {1u, 3u}) {
+    shape.kernel = kernel;
+    EXPECT_TRUE(is_possible(first_matrix_guess(kSmallMatrix, shape).matrix, kernel));
+  }
 }
 
 DeviceInfo device_with_everything() {
@@ -162,7 +186,8 @@ DeviceInfo device_with_everything() {
   return device;
 }
 
-constexpr Conv2dShape kShape3x3{64, 64, 32, 32, 3};
+constexpr Conv2dShape kShape3x3{
+    .height = 64, .width = 64, .channels_in = 32, .channels_out = 32, .kernel = 3};
 
 // Returns what tune() finds for one shape of 16-bit storage where `time` says how long a kernel takes.
 Tuning::Entry tuned(const Conv2dShape& shape, const std::function<double(const Conv2dKernel&)>& time) {

@@ -1,10 +1,12 @@
-// 2D convolution (cross-correlation), kernel 1 or 3, stride 1, zero padding to the same size:
-//   out(o, y, x) = act(bias(o) + sum over i, kx, ky of weight(o, i, ky, kx) in(i, y + ky - r, x + kx - r)) + residuals
-// with r = kernel / 2; act is ReLU or nothing; residuals are added in their order, after the activation.
+// Computes a 2D convolution (cross-correlation) of kernel 1 or 3 with stride 1 and zero padding:
+//   out(o, y, x) = act(bias(o) + sum(o, y, x)) + residuals
+//   sum(o, y, x) = sum over i, kx, ky of weight(o, i, ky, kx) in(i, y + ky - r, x + kx - r)
+// Here r = kernel / 2, act is ReLU or nothing, and residuals are added in their order, after the activation.
 //
-// Each invocation computes kVectors * 4 output channels of kRows pixels in one column, so that a weight serves
-// kRows pixels and an input value all channels of the block. Neighbouring invocations are neighbours in x.
-// Weights: [channels_out / (4 kVectors)][channels_in][kx][ky][kVectors] vec4, zero where channels_out ends early.
+// Each invocation computes kVectors * 4 output channels of kRows pixels in one column, so that a weight
+// serves kRows pixels and an input value all channels of the block. Neighbouring invocations are
+// neighbours in x.
+// Weights lie as [channels_out / (4 kVectors)][channels_in][kx][ky][kVectors] vec4, padded with zeros.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -18,7 +20,7 @@ layout(constant_id = 1) const uint kVectors = 2;
 layout(constant_id = 2) const uint kRows = 4;
 layout(constant_id = 3) const uint kRelu = 0;
 layout(constant_id = 4) const uint kResiduals = 0;
-layout(constant_id = 5) const uint kSecondInput = 0;  // channels from p.channels_first on are those of a second input
+layout(constant_id = 5) const uint kSecondInput = 0;  // a second input has channels from p.channels_first on
 layout(constant_id = 6) const uint kBorders = 0;  // the bias is a table, see border.glsl
 
 layout(push_constant) uniform Push {
@@ -28,17 +30,17 @@ layout(std430, binding = 1) readonly buffer Weights { STORAGE4 weights[]; };
 layout(std430, binding = 2) readonly buffer Bias { vec4 bias[]; };
 layout(std430, binding = 3) readonly buffer Input { STORAGE in_data[]; };
 layout(std430, binding = 4) writeonly buffer Output { STORAGE out_data[]; };
-// Bound to the input where there are fewer residuals.
+// The input is bound in place of residuals that are missing.
 layout(std430, binding = 5) readonly buffer Residual0 { STORAGE residual0[]; };
 layout(std430, binding = 6) readonly buffer Residual1 { STORAGE residual1[]; };
 layout(std430, binding = 7) readonly buffer Residual2 { STORAGE residual2[]; };
-// Bound to the input where that is all.
+// The input is bound where there is no second input.
 layout(std430, binding = 8) readonly buffer Second { STORAGE second_data[]; };
 
 const uint kRadius = kKernel / 2;
 const uint kColumn = kRows + kKernel - 1;
 
-// Outside the image lies zero; unsigned wrap-around makes one comparison serve both edges.
+// Returns 0 outside the image; unsigned wrap-around makes one comparison serve both edges.
 float load(uint i, uint y, uint x) {
   bool inside = y < p.height && x < p.width;
   bool second = kSecondInput != 0 && i >= p.channels_first;

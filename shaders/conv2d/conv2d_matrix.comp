@@ -1,13 +1,15 @@
-// 2D convolution as in conv2d.comp, by cooperative matrices: 16-bit factors, 32-bit sums. sum(o, pixel) is a matrix product
-// of weights (o, i) and inputs (i, pixel), added up over chunks of kChannels input channels and, in each, over the taps.
+// Computes the same 2D convolution as conv2d.comp with cooperative matrices: 16-bit factors, 32-bit sums.
+// sum(o, pixel) is a matrix product of weights (o, i) and inputs (i, pixel), added up over chunks of
+// kChannels input channels and, in each chunk, over the taps.
 //
-// A workgroup makes kOutputs * kM output channels of kSubgroups * kRows rows of kColumns pixels, a subgroup kRows of these
-// rows; z is the block of output channels. A chunk of the input, with the border that the taps reach, is transposed on its
-// way into shared memory: the channels of a pixel lie side by side, so that each tap's matrix is only an offset away.
-// Weights: [block][chunk][kOutputs * kM][kTaps][kChannels], zero where channels end early.
+// A workgroup computes kOutputs * kM output channels of kSubgroups * kRows rows of kColumns pixels, and a
+// subgroup kRows of these rows; z is the block of output channels. A chunk of the input, with the border that
+// the taps reach, is transposed on its way into shared memory: the channels of a pixel lie side by side, so
+// that each tap's matrix is only an offset away.
+// Weights lie as [block][chunk][kOutputs * kM][kTaps][kChannels], zero where channels end early.
 //
-// With kUnshuffle r > 1, the input is space_to_depth() by r of what is bound; with kShuffle r > 1, pixel_shuffle() by r of
-// the result is stored, residuals being of the shuffled shape.
+// With kUnshuffle r > 1, the input is space_to_depth() by r of the bound image. With kShuffle r > 1,
+// pixel_shuffle() by r of the result is stored, and residuals have the shuffled shape.
 #version 450
 #pragma use_vulkan_memory_model
 #extension GL_GOOGLE_include_directive : require
@@ -32,7 +34,7 @@ layout(constant_id = 9) const uint kRelu = 0;
 layout(constant_id = 10) const uint kResiduals = 0;
 layout(constant_id = 11) const uint kUnshuffle = 1;
 layout(constant_id = 12) const uint kShuffle = 1;
-layout(constant_id = 13) const uint kSecondInput = 0;  // channels from p.channels_first on are those of a second input
+layout(constant_id = 13) const uint kSecondInput = 0;  // a second input has channels from p.channels_first on
 layout(constant_id = 14) const uint kBorders = 0;  // the bias is a table, see border.glsl
 
 layout(push_constant) uniform Push { Conv2dMatrix p; };
@@ -40,21 +42,22 @@ layout(std430, binding = 1) readonly buffer Weights { uvec4 weights[]; };
 layout(std430, binding = 2) readonly buffer Bias { float bias[]; };
 layout(std430, binding = 3) readonly buffer Input { STORAGE in_data[]; };
 layout(std430, binding = 4) writeonly buffer Output { STORAGE out_data[]; };
-// Bound to the input where there are fewer residuals.
+// The input is bound in place of residuals that are missing.
 layout(std430, binding = 5) readonly buffer Residual0 { STORAGE residual0[]; };
 layout(std430, binding = 6) readonly buffer Residual1 { STORAGE residual1[]; };
 layout(std430, binding = 7) readonly buffer Residual2 { STORAGE residual2[]; };
-// Bound to the input where that is all; not with kUnshuffle > 1.
+// The input is bound where there is no second input, as always with kUnshuffle > 1.
 layout(std430, binding = 8) readonly buffer Second { STORAGE second_data[]; };
 
-// Shared memory in steps of 16 bytes, as matrices are aligned: 8 halves. Where a matrix has a row, one step more lies
-// between rows, so that they fall into different banks.
+// Shared memory is counted in steps of 16 bytes (8 halves), to which matrices must be aligned. Rows of a
+// matrix are one step further apart than they are long, so that they fall into different banks.
 const uint kStep = 8;
 const uint kColumns = RAYMELD_MATRIX_COLUMNS, kRadius = kKernel / 2, kTaps = kKernel * kKernel;
 const uint kTileWidth = kColumns + 2 * kRadius, kTilePixels = (kSubgroups * kRows + 2 * kRadius) * kTileWidth;
 const uint kPixelSteps = kChannels / kStep, kPixelStride = kPixelSteps + 1;
 const uint kWeightSteps = kTaps * kChannels / kStep, kWeightStride = kWeightSteps + 1;
-// Once the tile was read, sums take its place: kM channels of a row of pixels, of each subgroup, 4 in a step.
+// Once the tile has been read, sums take its place: for each subgroup kM channels of
+// a row of pixels, 4 in a step.
 const uint kSumStride = kColumns / 4 + 2;
 const uint kTileSteps = kTilePixels * kPixelStride, kSumSteps = kSubgroups * kM * kSumStride;
 shared uvec4 tile[kTileSteps > kSumSteps ? kTileSteps : kSumSteps];
@@ -65,7 +68,7 @@ const uint kAcross = kColumns / kN, kPixels = kRows * kAcross;  // matrices of p
 #define MATRIX_B coopmat<float16_t, gl_ScopeSubgroup, kK, kN, gl_MatrixUseB>
 #define MATRIX_SUM coopmat<float, gl_ScopeSubgroup, kM, kN, gl_MatrixUseAccumulator>
 
-// Outside the image lies zero; unsigned wrap-around makes one comparison serve both edges.
+// Returns 0 outside the image; unsigned wrap-around makes one comparison serve both edges.
 float16_t load(uint i, uint y, uint x) {
   bool inside = i < p.channels_in && y < p.height && x < p.width;
   bool second = kSecondInput != 0 && i >= p.channels_first;
@@ -111,7 +114,7 @@ void main() {
   MATRIX_SUM sum[kOutputs * kPixels];
   [[unroll]] for (uint n = 0; n < kOutputs * kPixels; ++n) sum[n] = MATRIX_SUM(0.0);
   for (uint chunk = 0; chunk < chunks; ++chunk) {
-    barrier();  // until all have read the chunk before
+    barrier();  // all must have read the previous chunk
     share_tile(chunk * kChannels, y0, x0);
     share_weights((block * chunks + chunk) * kOutputs * kM * kWeightSteps);
     barrier();

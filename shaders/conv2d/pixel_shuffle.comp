@@ -1,5 +1,5 @@
-// Pixel shuffle by r (PyTorch's pixel_shuffle): out(c, r y + dy, r x + dx) = in(r r c + r dy + dx, y, x).
-// One invocation for each output element; z is the output channel.
+// Computes PyTorch's pixel_shuffle by r: out(c, r y + dy, r x + dx) = in(r r c + r dy + dx, y, x).
+// Each invocation computes one output element; z is the output channel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"

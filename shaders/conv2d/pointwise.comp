@@ -1,6 +1,7 @@
-// 1x1 convolution of kChannels input channels: all of them, or a part where there are too many for one dispatch; the sums
-// of the parts before are kept in between. The last part adds bias, ReLU and residuals as in conv2d.comp. An invocation
-// computes kOutputs output channels of one pixel; y is the block of output channels.
+// Computes a 1x1 convolution of kChannels input channels: all of them, or a part where they are too many for
+// one dispatch. Sums are kept from one part to the next. The first part starts with the bias; the last part
+// applies ReLU and adds residuals as in conv2d.comp. Each invocation computes kOutputs output channels of one
+// pixel; y is the block of output channels.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"

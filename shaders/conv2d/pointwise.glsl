@@ -1,4 +1,5 @@
-// Declares what pointwise.comp reads and writes, and stores its sums. llvmpipe/pointwise_vectors.comp shares it.
+// Declares the inputs and outputs of pointwise.comp and stores its sums.
+// llvmpipe/pointwise_vectors.comp includes it too.
 const uint kLanes = RAYMELD_LANES;  // sums of neighbouring pixels lie side by side
 layout(constant_id = 0) const uint kChannels = 64;
 layout(constant_id = 1) const uint kOutputs = 16;

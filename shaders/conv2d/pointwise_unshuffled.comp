@@ -1,6 +1,7 @@
-// 1x1 convolution of space_to_depth() by kSide: of cells of as many pixels, with ReLU or without. Each column of a cell is summed
-// up on its own, and then the columns, by halves; so does pointwise_cells_vectors.comp, which gives the same bits. An invocation
-// makes kOutputs output channels of one cell; z is the block of output channels.
+// Computes a 1x1 convolution of space_to_depth() by kSide, with ReLU or without. An unshuffled pixel is kSide
+// x kSide pixels of the image. Each of its columns is summed up on its own, and then the columns are added in
+// pairs. pointwise_unshuffled_vectors.comp does so too, and gives the same bits. Each invocation computes
+// kOutputs output channels of one unshuffled pixel; z is the block of output channels.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -11,7 +12,7 @@
 layout(local_size_x = 64) in;
 #include "invocation.glsl"
 layout(constant_id = 0) const uint kSide = 4;
-layout(constant_id = 1) const uint kChannels = 27;  // of the image
+layout(constant_id = 1) const uint kChannels = 27;  // channels of the image
 layout(constant_id = 2) const uint kOutputs = 6;
 layout(constant_id = 3) const uint kRelu = 0;
 layout(constant_id = 4) const uint kWeightColumns = 4;  // a multiple of kSide

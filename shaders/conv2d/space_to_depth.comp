@@ -1,5 +1,5 @@
-// Space to depth by r (PyTorch's pixel_unshuffle): out(r r c + r dy + dx, y, x) = in(c, r y + dy, r x + dx).
-// One invocation for each output element; z is the output channel.
+// Computes PyTorch's pixel_unshuffle by r: out(r r c + r dy + dx, y, x) = in(c, r y + dy, r x + dx).
+// Each invocation computes one output element; z is the output channel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"

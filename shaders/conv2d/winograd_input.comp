@@ -1,6 +1,6 @@
-// First of three steps of a convolution: B^T d B of every tile and channel of a band of rows; outside the image lies zero.
-// With kUnshuffle r > 1 the convolution reads space_to_depth() by r of the image that is bound. Each invocation makes two
-// tiles side by side; z is the channel.
+// Computes the first of three steps of a Winograd convolution: B^T d B of every tile and channel of a band of
+// rows, with zeros outside the image. With kUnshuffle r > 1 the convolution reads space_to_depth() by r of
+// the bound image. Each invocation transforms two tiles side by side; z is the channel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -12,7 +12,7 @@
 layout(local_size_x = 32) in;
 #include "invocation.glsl"
 layout(constant_id = 1) const uint kUnshuffle = 1;
-layout(constant_id = 2) const uint kPairs = 0;  // the width is even, so that rows of the source are read in pairs
+layout(constant_id = 2) const uint kPairs = 0;  // rows of the source are read in pairs, as the width is even
 layout(push_constant) uniform Push {
   ADDRESS(Values, source)
   ADDRESS(Pairs, transformed)
@@ -41,10 +41,10 @@ vec2 load_pair(uint c, uint y, uint x) {
 void main() {
   uint tile = 2 * global_invocation_id().x, channel = global_invocation_id().z;
   uvec2 corner = pair_corner(p.first_tile_row, p.tiles_x);
-  // Above and left of the image, unsigned numbers wrap around to far outside of it.
+  // Unsigned numbers wrap around above and left of the image, to far outside of it.
   uint y0 = corner.y - kKernel / 2, x0 = corner.x - kKernel / 2;
-  float columns[kMostSide][2 * kMostSide];  // of both tiles, [row][column]
-  vec2 even[kMostSide];                     // x0 is odd: the pair of columns that holds x0 + x
+  float columns[kMostSide][2 * kMostSide];  // [row][column] of both tiles
+  vec2 even[kMostSide];                     // the columns x0 + x - 1 and x0 + x; x0 is odd
   [[unroll]] for (uint y = 0; y < kSide; ++y) even[y] = kPairs != 0 ? load_pair(channel, y0 + y, x0 - 1) : vec2(0.0);
   [[unroll]] for (uint x = 0; x < kSide + kTile; x += 2) {
     vec2 d[kMostSide];

@@ -1,6 +1,7 @@
-// What the shaders of the first step share. To be included behind winograd.glsl.
+// Transforms the input in winograd_input.comp and llvmpipe/winograd_input_vectors.comp. It must be
+// included after winograd.glsl.
 
-// B^T d in place, of two columns or rows at once.
+// Computes B^T d in place, of two columns or rows at once.
 void transform(inout vec2 d[kMostSide]) {
   if (kSide == 4) {
     vec2 d1 = d[1];

@@ -1,6 +1,7 @@
-// Second of three steps of a convolution: at each position, products(o, tile) = sum over i of weight(o, i) * transformed(i,
-// tile), over kChannels input channels; with kAdd the sum continues that of the channels before. An invocation computes
-// kOutputs output channels of one tile; y is the block of output channels, z the position.
+// Computes the second of three steps of a Winograd convolution: at each position, products(o, tile) = sum
+// over i of weight(o, i) * transformed(i, tile), over kChannels input channels. With kAdd it continues the
+// sum of earlier channels. Each invocation computes kOutputs output channels of one tile; y is the block of
+// output channels, z the position.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"

@@ -1,10 +1,10 @@
-// Declares what winograd_output.comp reads and writes, transforms tiles and stores them. llvmpipe/winograd_output_vectors.comp
-// shares it. To be included after winograd.glsl.
+// Declares the inputs and outputs of winograd_output.comp, transforms tiles and stores them.
+// llvmpipe/winograd_output_vectors.comp includes it too. It must be included after winograd.glsl.
 #include "border.glsl"
 layout(constant_id = 1) const uint kShuffle = 1;
 layout(constant_id = 2) const uint kRelu = 0;
 layout(constant_id = 3) const uint kResiduals = 0;
-layout(constant_id = 4) const uint kPairs = 0;  // the width is even, so that the target and residuals are accessed in pairs
+layout(constant_id = 4) const uint kPairs = 0;  // target and residuals are accessed in pairs; even width
 layout(constant_id = 5) const uint kBorders = 0;  // the bias is a table, see border.glsl
 layout(push_constant) uniform Push {
   ADDRESS(Pairs, products)
@@ -27,7 +27,7 @@ float bias_at(uint o, uint y, uint x, float inside) {
 
 float activated(float value) { return kRelu != 0 ? rectified(value) : value; }
 
-// Returns where the target or a residual has output channel o of a pixel.
+// Returns the address of output channel o of a pixel in the target or in a residual.
 uint shuffled_address(uint o, uint y, uint x, uint rows_mask, uint plane) {
   uint row = kShuffle * y + o / kShuffle % kShuffle, column = kShuffle * x + o % kShuffle;
   return address(o / (kShuffle * kShuffle), row & rows_mask, column, plane, kShuffle * p.width);
@@ -43,7 +43,8 @@ void store(uint o, uint y, uint x, float value) {
   target.v[shuffled_address(o, y, x, p.rows_mask, p.plane)] = STORAGE(storable(value));
 }
 
-// Stores two values that are neighbours in the target, the first of them where x is even. Storage has 32 bits.
+// Stores two values that are neighbours in the target, the first at an even address. Storage must
+// have 32 bits.
 void store_pair(uint o, uint y, uint x, vec2 values) {
   if (y >= p.height || x >= p.width) return;
   values = vec2(activated(values.x), activated(values.y));
@@ -69,7 +70,7 @@ void transform(inout vec2 m[kMostSide]) {
   }
 }
 
-// Transforms the rows of both tiles, whose columns have been, and adds the bias.
+// Transforms the rows of both tiles, whose columns are transformed already, and adds the bias.
 void finish(uint o, uvec2 corners[2], inout vec2 result[kMostSide][kMostSide]) {
   float inside = bias.v[o];
   [[unroll]] for (uint y = 0; y < kTile; ++y) {

@@ -1,6 +1,8 @@
-// Before the three steps of a convolution: G g G^T of every pair of channels. Each invocation makes two, which are
-// neighbours in the layout that winograd_multiply.comp reads: [position][block][in][output]. Filters come as
-// [3 x 3][block][in][output]; p.count from one of the 9, or of the positions, to the next, is a multiple of all workgroups.
+// Transforms the weights before the three steps of a Winograd convolution: G g G^T of every pair of
+// channels. Each invocation computes two, which are neighbours in the layout that winograd_multiply.comp
+// reads: [position][block][in][output]. Filters have the layout [3 x 3][block][in][output]. p.count is the
+// number of elements from one of the 9 taps, or from one position, to the next, and a multiple of the
+// elements that a workgroup computes.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -20,9 +22,9 @@ BUFFER(2, writeonly, Transformed, float, transformed)
 
 vec2 load(uint at) { return READ_VALUES(filters, at); }
 
-// G g, of a column or a row of two filters. Each product with 1/24 or a multiple of it is rounded to nearest by
-// itself: then it is exact where it is a whole number, as tests ask. A division might not be, nor what a compiler
-// makes of two such products.
+// Computes G g of a column or a row of two filters. `precise` rounds each product with a multiple of 1/24 to
+// nearest by itself, so that results that are whole numbers are exact, as tests ask. A division might not be,
+// nor would two products that a compiler fused.
 void transform(vec2 g0, vec2 g1, vec2 g2, out vec2 u[kMostSide]) {
   vec2 outer = g0 + g2;
   u[0] = g0;

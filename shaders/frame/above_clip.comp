@@ -1,5 +1,5 @@
-// What LRHS has beyond the model's clip, scene linear and not exposed: max(0, x - clip / exposure), at most 65504, whatever
-// the exposure; NaN counts as 0. One invocation for each element; z is the channel.
+// Computes the radiance of LRHS above the clip, scene linear and not exposed: max(0, x - clip / exposure), at
+// most 65504 whatever the exposure; NaN counts as 0. Each invocation computes one element; z is the channel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -10,7 +10,7 @@
 layout(local_size_x = 64, local_size_y = 2) in;
 #include "invocation.glsl"
 layout(push_constant) uniform Push {
-  ADDRESS(Floats, exposure)  // and its inverse
+  ADDRESS(Floats, exposure)  // the exposure and its inverse
   ADDRESS(Values, target)
   AboveClip p;
 };
@@ -21,7 +21,7 @@ void main() {
   uvec3 id = global_invocation_id();
   if (id.x >= p.width || id.y >= p.height) return;
   float value = frame_value(p.frame, id.z, id.xy) - p.clip * exposure.v[1];
-  // Comparisons rather than max, whose result for NaN is undefined in GLSL.
+  // Compares instead of calling max, whose result for NaN is undefined in GLSL.
   value = value > 0.0 ? min(value, 65504.0) : 0.0;
   target.v[address(id.z, id.y, id.x, p.plane, p.width)] = STORAGE(storable(value));
 }

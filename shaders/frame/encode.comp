@@ -1,7 +1,7 @@
-// From a frame's image (scene linear) to the network's input. NaN becomes 0; infinities meet the clamps. Channels that
-// are one value everywhere are in no image.
-// One invocation for a strip of elements, which depend on nothing but themselves, so that a device need not wait for the
-// logarithm of each; z is the channel. With FRAME_IMAGE it is for three channels, all of what it fetches.
+// Encodes channels of a frame's image (scene linear) for the network. NaN becomes 0, and infinities are
+// clamped. Channels that are one value everywhere are in no image: their encoded values are push constants.
+// Each invocation encodes a strip of elements, which are independent, so that a device need not wait for the
+// logarithm of each; z is the channel. With FRAME_IMAGE it encodes the three channels that it fetches.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -51,7 +51,7 @@ void main() {
 #endif
     }
     [[unroll]] for (uint k = 0; k < kStrip; ++k) {
-      // Comparisons rather than min and max, whose result for NaN is undefined in GLSL.
+      // Compares instead of calling min and max, whose result for NaN is undefined in GLSL.
       float value = isnan(values[k]) ? 0.0 : values[k];
       value = value >= low ? value : low;
       value = value > high ? high : value;

@@ -1,5 +1,5 @@
-// Sums of the square root of luminance (Rec. 709) of LRHS's colors in [0, 65504], NaN as 0. An invocation takes every
-// p.stride-th pixel, and a workgroup writes one sum.
+// Sums up the square roots of LRHS's luminance (Rec. 709), of colors clamped to [0, 65504] and with NaN as 0.
+// An invocation takes every p.stride-th pixel, and a workgroup writes one sum.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -16,7 +16,7 @@ float luminance(uvec2 at) {
 #else
   vec3 color = vec3(frame_value(p.frame, 0, at), frame_value(p.frame, 1, at), frame_value(p.frame, 2, at));
 #endif
-  // Comparisons rather than max, whose result for NaN is undefined in GLSL.
+  // Compares instead of calling max, whose result for NaN is undefined in GLSL.
   [[unroll]] for (uint c = 0; c < 3; ++c) color[c] = color[c] > 0.0 ? min(color[c], 65504.0) : 0.0;
   return 0.2126 * color.r + 0.7152 * color.g + 0.0722 * color.b;
 }

@@ -1,6 +1,6 @@
-// The variance of HRLS's color as the network reads it: for each channel the mean over 3x3 pixels, edges replicated, of the
-// squared difference from their mean, encoded as encode.comp does. What is not finite counts as 0. One invocation for each
-// pixel, which makes three channels, all of what it fetches.
+// Computes the variance of HRLS's color as the network reads it: for each channel the mean over 3x3 pixels,
+// edges replicated, of the squared difference from their mean, encoded as encode.comp does. Values that are
+// not finite count as 0. Each invocation computes the three channels of a pixel, all that it fetches.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -37,7 +37,7 @@ void main() {
   vec3 colors[9], mean = vec3(0.0), squares = vec3(0.0);
   [[unroll]] for (int i = 0; i < 9; ++i) {
     colors[i] = color_at(ivec2(id.xy) + ivec2(i % 3, i / 3) - 1);
-    mean += colors[i] * kShare;  // the sum of nine of them could overflow
+    mean += colors[i] * kShare;  // the sum of nine colors could overflow
   }
   [[unroll]] for (int i = 0; i < 9; ++i) squares += (colors[i] - mean) * (colors[i] - mean);
   vec3 variance = squares * kShare * (exposure.v[0] * exposure.v[0]);

@@ -1,9 +1,10 @@
-// The image of a frame that a pass reads: floats in a storage buffer or, with FRAME_IMAGE, an image of Vulkan.
+// Declares the image of a frame that a pass reads: floats in a storage buffer or, with
+// FRAME_IMAGE, an image of Vulkan.
 #ifdef FRAME_IMAGE
 #extension GL_EXT_samplerless_texture_functions : require
 layout(binding = 1) uniform texture2D frame;
 
-// The unit vector that was folded into [-1, 1] x [-1, 1]: octahedral normals, Cigolle et al. 2014.
+// Returns the unit vector that was folded into [-1, 1] x [-1, 1]: octahedral normals, Cigolle et al. 2014.
 vec3 unfolded(vec2 folded) {
   vec3 v = vec3(folded, 1.0 - abs(folded.x) - abs(folded.y));
   vec2 sides = mix(vec2(-1.0), vec2(1.0), greaterThanEqual(v.xy, vec2(0.0)));

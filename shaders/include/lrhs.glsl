@@ -1,4 +1,4 @@
-// A sample of `lrhs`, whose size is in UPSAMPLED, and the bilinear sum of four.
+// Reads a sample of `lrhs`, whose size is in UPSAMPLED, and the bilinear sum of four samples.
 float lrhs_at(uint c, uint y, uint x) {
   return float(lrhs.v[address(c, y, x, UPSAMPLED.lrhs_plane, UPSAMPLED.lrhs_width)]);
 }

@@ -1,5 +1,5 @@
-// Push constants, read by the shaders and by C++. Sizes count elements; a plane is the number of elements from
-// one channel to the next.
+// Declares the push constants, which the shaders and C++ read. Sizes count elements; a plane is the number of
+// elements from one channel to the next.
 #ifndef RAYMELD_PARAMS_H
 #define RAYMELD_PARAMS_H
 
@@ -9,26 +9,27 @@ namespace raymeld::params {
 using uint = uint32_t;
 #endif
 
-// Where an image of floats lies in its binding: element (c, y, x) is at
+// Says where an image of floats lies in its binding: element (c, y, x) is at
 // offset + c * channel_stride + y * row_stride + x * pixel_stride.
 struct FrameView {
   uint offset;
   uint pixel_stride;
   uint row_stride;
   uint channel_stride;
-  uint unused;  // as large as a TextureView
+  uint unused;  // makes it as large as a TextureView
 };
 
-// And of an image: texel (x, y) is the first one, and what it holds is value * scale + bias.
+// Says where an image of Vulkan starts and how it is read: texel (x, y) is the first, and a texel
+// stands for value * scale + bias.
 struct TextureView {
   uint x;
   uint y;
   float scale;
   float bias;
-  uint octahedral;  // 0: the value is what is meant; else its first two channels are a normal
+  uint octahedral;  // 0: the value is read as it is; else its first two channels are a folded normal
 };
 
-// What a pass has of the image that it touches.
+// FRAME_VIEW is the view of the image that a pass reads or writes.
 #ifdef FRAME_IMAGE
 #define FRAME_VIEW TextureView
 #else
@@ -40,34 +41,35 @@ struct Conv2d {
   uint width;
   uint plane;
   uint channels_in;
-  uint channels_first;  // of the first of two inputs
+  uint channels_first;  // channels of the first input
   uint channels_out;
 };
 
-// Of the convolution between the shuffles; the planes are those of the tensors bound.
+// Describes a convolution between the shuffles; the planes are those of the bound tensors.
 struct Conv2dMatrix {
   uint height;
   uint width;
   uint plane_in;
   uint plane_out;
   uint channels_in;
-  uint channels_first;  // of the first of two inputs
+  uint channels_first;  // channels of the first input
   uint channels_out;
 };
 
-// One part of a 1x1 convolution, of a band of pixels.
+// Describes one part of a 1x1 convolution of a band of pixels.
 struct Pointwise {
   uint plane;
   uint channels_in;
-  uint first_channel;  // of the part, whose first one is bound
+  uint first_channel;  // the part's first channel, at which the bound source starts
   uint channels_out;
   uint blocks;
-  uint first_pixel;  // of the band
-  uint pixels;       // of the image
+  uint first_pixel;  // the band's first pixel
+  uint pixels;       // pixels of the whole image
   uint digits[4];    // 0 to 3: see uniform.glsl
 };
 
-// A 1x1 convolution of unshuffled cells; plane and width are of the image, plane_out of the output, which has `rows` rows.
+// Describes a 1x1 convolution of unshuffled pixels. plane and width are the image's; the output
+// has plane_out and `rows` rows.
 struct PointwiseUnshuffled {
   uint plane;
   uint width;
@@ -77,9 +79,9 @@ struct PointwiseUnshuffled {
   uint digits[4];  // 0 to 3: see uniform.glsl
 };
 
-// The steps of a convolution by tiles, one band of rows at a time: see winograd.glsl. plane is that of the tensor bound,
-// its row y is at y & rows_mask;
-// height and width are those of the convolution; tiles_x is even.
+// Describes the steps of a Winograd convolution, one band of rows at a time: see winograd.glsl. plane
+// belongs to the bound tensor, whose row y is at y & rows_mask; height and width are the
+// convolution's; tiles_x is even.
 struct WinogradInput {
   uint height;
   uint width;
@@ -88,7 +90,7 @@ struct WinogradInput {
   uint tiles_x;
   uint first_tile_row;
   uint channels;
-  uint first_channel;  // of those of the source
+  uint first_channel;  // the source's first channel, counted in the convolution
   uint position_stride;
   uint digits[4];  // 0 to 3: see uniform.glsl
 };
@@ -108,8 +110,8 @@ struct WinogradMultiply {
 };
 
 struct WinogradOutput {
-  uint height;       // up to the end of the band
-  uint full_height;  // of the convolution
+  uint height;       // rows up to the end of the band
+  uint full_height;  // the convolution's height
   uint width;
   uint plane;
   uint rows_mask;
@@ -117,12 +119,13 @@ struct WinogradOutput {
   uint residual_rows_mask;
   uint tiles_x;
   uint first_tile_row;
-  uint channels;  // a multiple of what a block has
+  uint channels;  // a multiple of a block's channels
   uint position_stride;
   uint digits[4];  // 0 to 3: see uniform.glsl
 };
 
-// Of the smaller image and of the larger one, whose sides are r times as long.
+// Describes a shuffle: height, width and plane belong to the smaller image, plane_large to the larger one,
+// whose sides are r times as long.
 struct Shuffle {
   uint height;
   uint width;
@@ -134,12 +137,12 @@ struct ExposureSums {
   FRAME_VIEW frame;
   uint height;
   uint width;
-  uint stride;  // from one pixel of an invocation to its next, in all of the image
+  uint stride;  // distance of the pixels that an invocation takes, counted over the whole image
 };
 
 struct FoundExposure {
   uint sums;
-  float root;  // of the key, times the number of pixels
+  float root;  // the square root of the key, times the number of pixels
 };
 
 struct Encode {
@@ -149,8 +152,8 @@ struct Encode {
   uint plane;
   uint log_transfer;  // 0: linear
   float clip;
-  uint channels[8];    // a byte for each: its kind in two bits, and above them the channel of the image it is read from
-  float constants[8];  // what channels are that are from RAYMELD_FIRST_CONSTANT and further
+  uint channels[8];    // a byte for each: the kind in two bits, and above them the image's channel
+  float constants[8];  // values of channels from RAYMELD_FIRST_CONSTANT on
 };
 
 struct Variance {
@@ -170,18 +173,18 @@ struct AboveClip {
   float clip;
 };
 
-// Of the LRHS size; plane_large and scale of the full one.
+// height, width and plane are of the LRHS size; plane_large and scale lead to the full size.
 struct Irradiance {
   uint height;
   uint width;
   uint plane;
   uint plane_large;
   uint scale;
-  uint centered;      // albedo and normal are the mean of the cell; 0: those of its top-left pixel
+  uint centered;      // 1: albedo and normal are means over scale x scale pixels; 0: the top-left one is read
   uint log_transfer;  // 0: linear
 };
 
-// Of the full size, and of an image of the LRHS size that is upsampled.
+// height, width and plane are of the full size, to which an image of the LRHS size is upsampled.
 struct Upsampled {
   uint height;
   uint width;
@@ -195,9 +198,9 @@ struct Upsampled {
 };
 
 struct Demodulate {
-  Upsampled of;
+  Upsampled upsampled;
   uint scale;            // a power of two
-  float lrhs_certainty;  // of a full-size pixel that LRHS tells of; HRLS has 1
+  float lrhs_certainty;  // certainty of a full-size pixel that LRHS shows; HRLS has 1
 };
 
 struct JointFilter {
@@ -217,50 +220,50 @@ struct Remodulate {
 
 struct Decode {
   FRAME_VIEW frame;
-  Upsampled of;
+  Upsampled upsampled;
   uint bilinear_base;  // 0: none
-  float clip;          // beyond it there are highlights; 0: there are none
+  float clip;          // radiance above it is added; 0: none is
 };
 
 #ifdef __cplusplus
 }  // namespace raymeld::params
 #endif
 
-// Of the joint base: what is added to an albedo before light is divided by it; what is filtered is
-// log(1 + COMPRESS x) / COMPRESS; the widths of the filter's guides, of which the brightness is encoded; a pixel brighter
-// than FIREFLY times its second brightest neighbour and FIREFLY_FLOOR is a firefly.
-#define RAYMELD_ALBEDO_FLOOR 0.4
-#define RAYMELD_COMPRESS 0.2
+// These constants belong to the joint base. Differences between guides are divided by the widths; the
+// brightness among them is encoded. A pixel brighter than FIREFLY times its second brightest neighbour
+// + FIREFLY_FLOOR is a firefly.
+#define RAYMELD_ALBEDO_FLOOR 0.4  // added to the albedo before radiance is divided by it
+#define RAYMELD_COMPRESS 0.2  // log(1 + COMPRESS x) / COMPRESS is filtered
 #define RAYMELD_ALBEDO_WIDTH 1.5
 #define RAYMELD_NORMAL_WIDTH 1.2
 #define RAYMELD_BRIGHTNESS_WIDTH 0.0667
-#define RAYMELD_JOINT_STRIP 4 // pixels that an invocation of the joint filter makes
+#define RAYMELD_JOINT_STRIP 4  // pixels that an invocation of the joint filter computes
 #define RAYMELD_FIREFLY 20.0
 #define RAYMELD_FIREFLY_FLOOR 1e-3
 
-// The width of a workgroup's pixels in conv2d_matrix.comp.
+// A workgroup of conv2d_matrix.comp is this many pixels wide.
 #define RAYMELD_MATRIX_COLUMNS 32
 
-// Tiles or pixels whose values of one channel lie side by side in the scratch of winograd_*.comp and pointwise.comp. Vectors
-// divide it: see vector.glsl.
+// The scratch of winograd_*.comp and pointwise.comp holds one channel of so many tiles or pixels side by
+// side. The length of a vector divides this number: see vector.glsl.
 #define RAYMELD_LANES 16
 
 #define RAYMELD_STRIP 4  // see strip.glsl
 
 #define RAYMELD_SUMMANDS 128  // see workgroup_sum.glsl
 
-// Which borders of the image a pixel touches; biases may depend on it, see border.glsl.
+// These bits say which borders of the image a pixel touches. Biases may depend on them: see border.glsl.
 #define RAYMELD_TOP 1
 #define RAYMELD_BOTTOM 2
 #define RAYMELD_LEFT 4
 #define RAYMELD_RIGHT 8
 #define RAYMELD_BORDER_CASES 16
 
-#define RAYMELD_FIRST_CONSTANT 56  // of the channels that encode.comp reads
-// How an input channel is encoded.
-#define RAYMELD_RADIANCE 0  // times the exposure, clamped to [0, clip], then the transfer function
+#define RAYMELD_FIRST_CONSTANT 56  // channels of encode.comp from here on are constants
+// A kind says how an input channel is encoded.
+#define RAYMELD_RADIANCE 0  // multiplied by the exposure, clamped to [0, clip], then put through the transfer function
 #define RAYMELD_ALBEDO 1    // clamped to [0, 1]
 #define RAYMELD_NORMAL 2    // clamped to [-1, 1]
-#define RAYMELD_VARIANCE 3  // as radiance, but times the square of the exposure
+#define RAYMELD_VARIANCE 3  // encoded like radiance, but multiplied by the square of the exposure
 
 #endif

@@ -1,10 +1,11 @@
-// The RAYMELD_STRIP pixels below each other that an invocation makes, so that a device has as many loads in flight. What lies
-// below the image is its last row again: selections rather than branches, in which drivers for CPUs load lane by lane.
+// Gives an invocation RAYMELD_STRIP pixels below each other, so that a device has as many loads in flight.
+// Pixels below the image are replaced by its last row. The code selects them rather than branches, since
+// drivers for CPUs load lane by lane in branches.
 const uint kStrip = RAYMELD_STRIP;
 
 struct Strip {
   uvec2 pixels[kStrip];
-  bool wanted[kStrip];  // to be stored
+  bool wanted[kStrip];  // false for pixels below the image, which are not stored
 };
 
 // Returns the strip of the invocation at `id`.

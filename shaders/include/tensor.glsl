@@ -1,4 +1,4 @@
-// The only addressing and the only storing of tensors. A tensor is planar: element (c, y, x) is at
+// Has all addressing and all storing of tensors. A tensor is planar: element (c, y, x) is at
 // c * plane + y * width + x. Storage is 16 or 32 bits wide, arithmetic always 32.
 #extension GL_EXT_control_flow_attributes : require
 
@@ -20,11 +20,13 @@ layout(std430, set = 0, binding = 0) buffer Status {
 
 uint address(uint c, uint y, uint x, uint plane, uint width) { return c * plane + y * width + x; }
 
-// ReLU of a sum. NaN and -infinity stay: sums of finite values that overflowed must reach decode, which counts them.
+// Returns ReLU of a sum. NaN and -infinity stay: sums of finite values that overflowed must
+// reach decode, which counts them.
 float rectified(float value) { return value < 0.0 && value >= -3.402823466e38 ? 0.0 : value; }
 
-// What STORAGE(value) may be made of. Beyond what 16 bits hold, values saturate and are counted; they are never
-// passed on as infinity. (A function that returned STORAGE would need 16-bit arithmetic, which is not required.)
+// Returns the value that STORAGE() can hold. Values beyond 16 bits saturate and are counted; they
+// are never passed on as infinity. (A function that returned STORAGE would need 16-bit
+// arithmetic, which is not required.)
 float storable(float value) {
 #ifdef STORAGE_F16
   if (abs(value) > 65504.0) {

@@ -1,4 +1,5 @@
-// The sum over a workgroup's invocations, which all of them get: by a fixed tree, so that it always has the same bits.
+// Returns the sum over a workgroup's invocations to all of them. It adds in a fixed tree, so that the
+// sum always has the same bits.
 layout(local_size_x = RAYMELD_SUMMANDS) in;
 #include "invocation.glsl"
 shared float summands[RAYMELD_SUMMANDS];

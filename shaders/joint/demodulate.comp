@@ -1,7 +1,8 @@
-// What the joint filter filters and what guides it: channels 0 to 2 are log(1 + compress * light) / compress, light
-// being HRLS without its fireflies and its albedo, averaged with that of LRHS; channel 3 is the certainty of it, channel
-// 4 the luminance of the upsampled irradiance. One invocation for a strip of pixels, so that each pixel's
-// luminance is computed once for the three rows that it is a neighbour of.
+// Computes the input of the joint filter and a guide. Channels 0 to 2 are log(1 + compress * x) / compress,
+// where x is the demodulated radiance of HRLS without its fireflies, averaged with the demodulated radiance
+// of LRHS. Channel 3 is the certainty of x, channel 4 the luminance of the upsampled irradiance.
+// Each invocation computes a strip of pixels, so that the luminance of a pixel is computed once and not for
+// each of the three rows that need it.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "bilinear.glsl"
@@ -21,7 +22,7 @@ BUFFER(2, readonly, Albedo, STORAGE, albedo)
 BUFFER(3, readonly, Lrhs, STORAGE, lrhs)
 BUFFER(4, writeonly, Target, STORAGE, target)
 #include "strip.glsl"
-#define UPSAMPLED p.of
+#define UPSAMPLED p.upsampled
 #include "lrhs.glsl"
 
 const vec3 kLuminance = vec3(0.2126, 0.7152, 0.0722);
@@ -29,13 +30,15 @@ const vec3 kLuminance = vec3(0.2126, 0.7152, 0.0722);
 vec3 color_at(ivec2 at) {
   vec3 rgb;
   for (uint c = 0; c < 3; ++c) {
-    rgb[c] = to_linear(float(color.v[address(c, at.y, at.x, p.of.plane, p.of.width)]), p.of.log_transfer);
+    rgb[c] = to_linear(float(color.v[address(c, at.y, at.x, p.upsampled.plane, p.upsampled.width)]),
+                       p.upsampled.log_transfer);
   }
   return rgb;
 }
 
-// What to multiply a pixel by so that it is no firefly: not many times as bright as the second brightest of its neighbours. It
-// is in the middle of the 3x3 luminances from `row` on; outside of the image it is dark.
+// Returns the factor, at most 1, that darkens a firefly to RAYMELD_FIREFLY times its second brightest
+// neighbour + RAYMELD_FIREFLY_FLOOR. The pixel is in the middle of the 3x3 luminances from `row` on,
+// which are 0 outside the image.
 float firefly_limit(float luminances[kStrip + 2][3], uint row) {
   float first = 0.0, second = 0.0;
   [[unroll]] for (uint i = 0; i < 9; ++i) {
@@ -50,36 +53,40 @@ float firefly_limit(float luminances[kStrip + 2][3], uint row) {
 vec3 irradiance_at(uint y, uint x) { return vec3(lrhs_at(3, y, x), lrhs_at(4, y, x), lrhs_at(5, y, x)); }
 
 void demodulate(uvec2 pixel, vec3 own) {
-  Bilinear at = bilinear_at(pixel, p.of.phase, p.of.inverse_scale, uvec2(p.of.lrhs_width, p.of.lrhs_height));
+  Bilinear at = bilinear_at(pixel, p.upsampled.phase, p.upsampled.inverse_scale,
+                            uvec2(p.upsampled.lrhs_width, p.upsampled.lrhs_height));
   vec3 corners[4] = {irradiance_at(at.low.y, at.low.x), irradiance_at(at.low.y, at.high.x),
                      irradiance_at(at.high.y, at.low.x), irradiance_at(at.high.y, at.high.x)};
-  bool centered = p.of.phase > 0.0;
+  bool centered = p.upsampled.phase > 0.0;
   float certainty = centered || (pixel & (p.scale - 1)) == uvec2(0) ? p.lrhs_certainty : 0.0;
   vec3 irradiance;
   [[unroll]] for (uint c = 0; c < 3; ++c) {
-    uint element = address(c, pixel.y, pixel.x, p.of.plane, p.of.width);
+    uint element = address(c, pixel.y, pixel.x, p.upsampled.plane, p.upsampled.width);
     float surface = float(albedo.v[element]) + RAYMELD_ALBEDO_FLOOR;
     irradiance[c] = blended(at, vec4(corners[0][c], corners[1][c], corners[2][c], corners[3][c]));
     float light = own[c] / surface;
     if (certainty > 0.0) {
-      float given = centered ? clamp(to_linear(irradiance[c], p.of.log_transfer), 0.0, 65504.0)
-                             : to_linear(lrhs_at(c, at.low.y, at.low.x), p.of.log_transfer) / surface;
+      float given = centered ? clamp(to_linear(irradiance[c], p.upsampled.log_transfer), 0.0, 65504.0)
+                             : to_linear(lrhs_at(c, at.low.y, at.low.x), p.upsampled.log_transfer) / surface;
       light = (light + certainty * given) / (1.0 + certainty);
     }
     target.v[element] = STORAGE(storable(log(1.0 + RAYMELD_COMPRESS * light) / RAYMELD_COMPRESS));
   }
-  target.v[address(3, pixel.y, pixel.x, p.of.plane, p.of.width)] = STORAGE(storable(1.0 + certainty));
-  target.v[address(4, pixel.y, pixel.x, p.of.plane, p.of.width)] = STORAGE(storable(dot(irradiance, kLuminance)));
+  target.v[address(3, pixel.y, pixel.x, p.upsampled.plane, p.upsampled.width)] =
+      STORAGE(storable(1.0 + certainty));
+  target.v[address(4, pixel.y, pixel.x, p.upsampled.plane, p.upsampled.width)] =
+      STORAGE(storable(dot(irradiance, kLuminance)));
 }
 
 void main() {
   uvec2 id = global_invocation_id().xy;
-  Strip strip = strip_at(id, uvec2(p.of.width, p.of.height));
+  Strip strip = strip_at(id, uvec2(p.upsampled.width, p.upsampled.height));
   vec3 own[kStrip];
   float luminances[kStrip + 2][3];
   [[unroll]] for (uint row = 0; row < kStrip + 2; ++row) {
     [[unroll]] for (uint column = 0; column < 3; ++column) {
-      ivec2 at = ivec2(id.x, kStrip * id.y) + ivec2(column, row) - 1, last = ivec2(p.of.width, p.of.height) - 1;
+      ivec2 at = ivec2(id.x, kStrip * id.y) + ivec2(column, row) - 1,
+            last = ivec2(p.upsampled.width, p.upsampled.height) - 1;
       ivec2 inside = clamp(at, ivec2(0), last);
       vec3 color = color_at(inside);
       luminances[row][column] = at == inside ? dot(color, kLuminance) : 0.0;

@@ -1,5 +1,6 @@
-// LRHS without the albedo of HRLS, to_network(to_linear(lrhs) / (albedo + floor)): the mean of 3x3 such pixels, edges
-// replicated, weighted by a binomial kernel and by how alike their albedo and normal are. One invocation for each pixel.
+// Demodulates LRHS by the albedo of HRLS, to_network(to_linear(lrhs) / (albedo + floor)), and writes the mean
+// of 3x3 such pixels, edges replicated, weighted by a binomial kernel and by how alike their albedo and
+// normal are. Each invocation computes one pixel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -23,7 +24,8 @@ Surface surface_of(uvec2 pixel) {
   return surface_of(address(0, pixel.y, pixel.x, p.plane_large, p.scale * p.width), p.plane_large);
 }
 
-// Of HRLS at a pixel of LRHS: what its top-left pixel shows, or the mean of its cell.
+// Returns the surface that HRLS shows at a pixel of LRHS: the top-left one of its scale x scale pixels
+// or, with p.centered, their mean.
 Surface surface_at(uvec2 at) {
   uvec2 corner = p.scale * at;
   if (p.centered == 0) return surface_of(corner);

@@ -1,7 +1,8 @@
-// One level of an a-trous filter (Dammertz et al. 2010): the mean of 3x3 pixels `step` apart, edges replicated, weighted
-// by a binomial kernel, by how alike their albedo, normal and brightness are, and by their certainty, channel 3, of which
-// the mean is passed on (normalized convolution, Knutsson and Westin 1993). One invocation filters a strip of pixels, `step`
-// apart below one another, which share what is around them.
+// Computes one level of an a-trous filter (Dammertz et al. 2010): the mean of 3x3 pixels `step` apart,
+// edges replicated, weighted by a binomial kernel, by how alike their albedo, normal and brightness are,
+// and by their certainty, channel 3. The mean certainty is passed on (normalized convolution, Knutsson
+// and Westin 1993). Each invocation filters a strip of pixels, `step` apart below one another, which
+// share the pixels around them.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"

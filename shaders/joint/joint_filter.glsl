@@ -1,5 +1,5 @@
-// Declares what joint_filter.comp reads and writes, weights its taps and stores its sums. llvmpipe/joint_filter_vectors.comp
-// shares it.
+// Declares the inputs and outputs of joint_filter.comp, weights its taps and stores its sums.
+// llvmpipe/joint_filter_vectors.comp includes it too.
 layout(push_constant) uniform Push {
   ADDRESS(Values, source) ADDRESS(Values, albedo) ADDRESS(Values, normal) ADDRESS(Values, brightness) ADDRESS(Values, target)
   JointFilter p;
@@ -24,7 +24,7 @@ struct Sums {
   precise float certainty, weight;
 };
 
-// Returns the row of a strip's pixels from `top` on, edges being replicated.
+// Returns the image's row that is `row` steps below row `top` of the image, edges being replicated.
 uint row_of(uint top, int row) { return uint(clamp(int(top) + row * int(p.step), 0, int(p.height) - 1)); }
 
 void add(inout Sums sums, Tap own, Tap tap, vec4 value, float kernel) {

@@ -1,6 +1,6 @@
-// The network's output with a joint base: a residual, plus the mean of five candidates weighted by the softmax of the
-// other channels. The candidates: upsampled LRHS, its upsampled irradiance times the albedo, and three levels of the
-// joint filter. One invocation for each pixel.
+// Computes the network's output with a joint base: a residual plus the mean of five candidates, weighted by
+// the softmax of the other channels of `rec`. The candidates are upsampled LRHS, its upsampled irradiance
+// times albedo + floor, and three levels of the joint filter. Each invocation computes one pixel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "bilinear.glsl"

@@ -1,5 +1,5 @@
-// Filtered light with the albedo again, as the network reads radiance. One invocation for a strip of elements, as in encode.comp; z is
-// the channel.
+// Multiplies filtered demodulated radiance by albedo + floor and encodes it as the network reads radiance.
+// Each invocation computes a strip of elements, as in encode.comp; z is the channel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"

@@ -1,8 +1,8 @@
-// Which invocation this is, as the built-in variables say. Some drivers for CPUs divide to find those, lane by lane. To be
-// included behind the workgroup's size.
+// Computes the ids that the built-in variables hold. Some drivers for CPUs divide to find those variables,
+// lane by lane. It must be included after the size of the workgroup.
 #extension GL_KHR_shader_subgroup_basic : require
 
-layout(constant_id = 29) const uint kIdLanes = 0;  // of a subgroup, where subgroups lie side by side; or 0
+layout(constant_id = 29) const uint kIdLanes = 0;  // lanes of subgroups that lie side by side, or 0
 
 uint local_invocation_index() {
   return kIdLanes == 0 ? gl_LocalInvocationIndex : gl_SubgroupID * kIdLanes + gl_SubgroupInvocationID;

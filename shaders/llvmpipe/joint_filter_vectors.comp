@@ -1,4 +1,5 @@
-// Computes what joint_filter.comp does on drivers that make vectors of kVector invocations: see vector.glsl.
+// Computes the same as joint_filter.comp on drivers that make vectors of kVector
+// invocations: see vector.glsl.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -13,8 +14,8 @@ layout(constant_id = 0) const uint kVector = 8;
 #include "uniform.glsl"
 #include "vector.glsl"
 
-// The pixel of a row that lies dx steps beside the invocation's column, `own`, edges being replicated; `first` is the column of
-// its vector.
+// Names the pixel of a row that lies dx steps beside the invocation's column, `own`, edges being replicated;
+// `first` is the column where the invocation's vector starts.
 struct Site {
   uint row, own, first;
   int dx;
@@ -25,7 +26,7 @@ float read(Floats from, uint channel, Site at) {
   uint64_t row = uint64_t(from) + 4ul * address(channel, at.row, 0, p.plane, p.width);
   float value = read_vector(Floats(row + uint64_t(int64_t(4 * (int(at.first) + at.dx * int(p.step))))), 0);
   if (at.dx == 0) return value;
-  float edge = Floats(row).v[at.dx < 0 ? 0 : p.width - 1];  // in a branch, lanes would read it one by one
+  float edge = Floats(row).v[at.dx < 0 ? 0 : p.width - 1];  // lanes would read it one by one in a branch
   int column = int(at.own) + at.dx * int(p.step);
   return column < 0 || column >= int(p.width) ? edge : value;
 }

@@ -1,10 +1,10 @@
-// Selects how shaders reach memory, whose cost depends on the driver. Activations lie in storage buffers or, with
-// DATA_BY_ADDRESS, are found by their address: drivers for CPUs then make one vector instruction of the accesses of all
-// lanes, and bring two floats at the price of one. Shaders that define WEIGHTS_BY_ADDRESS always find weights by address,
-// since drivers for CPUs read those once for all lanes.
+// Selects how shaders reach memory, whose cost depends on the driver. Activations lie in storage buffers or,
+// with DATA_BY_ADDRESS, are found by their address: drivers for CPUs then make one vector instruction of the
+// accesses of all lanes, and read two floats at the price of one. Shaders that define WEIGHTS_BY_ADDRESS
+// always find weights by address, since drivers for CPUs read those once for all lanes.
 //
-// A shader declares what it reads and writes twice: ADDRESS() among its push constants, BUFFER() after them. One of them
-// declares `name.v[]`, the other nothing.
+// A shader declares its inputs and outputs twice: ADDRESS() among its push constants, BUFFER() after them.
+// One of the two declares `name.v[]`, the other nothing.
 #if defined(DATA_BY_ADDRESS) || defined(WEIGHTS_BY_ADDRESS)
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_buffer_reference2 : require
@@ -24,7 +24,7 @@ layout(buffer_reference, std430, buffer_reference_align = 2) buffer Values { flo
 #ifdef DATA_BY_ADDRESS
 #define ADDRESS(type, name) type name;
 #define BUFFER(index, access, Block, element, name)
-// Floats `at` and at + 1, `at` being even.
+// These access floats `at` and at + 1, where `at` is even.
 #define READ_PAIR(name, at) floats(Pairs(uint64_t(name)).v[(at) / 2])
 #define WRITE_PAIR(name, at, values) Pairs(uint64_t(name)).v[(at) / 2] = pair(values)
 #else
@@ -35,7 +35,7 @@ layout(buffer_reference, std430, buffer_reference_align = 2) buffer Values { flo
 #define WRITE_PAIR(name, at, values) name.v[at] = (values).x, name.v[(at) + 1] = (values).y
 #endif
 
-// The same of activations, which may have 16 bits.
+// These do the same with activations, which may have 16 bits.
 #ifdef STORAGE_F16
 #define READ_VALUES(name, at) vec2(float(name.v[at]), float(name.v[(at) + 1]))
 #define WRITE_VALUES(name, at, values) name.v[at] = STORAGE((values).x), name.v[(at) + 1] = STORAGE((values).y)

@@ -1,6 +1,8 @@
-// pointwise_cells.comp for drivers that make vectors of kVector invocations: see vector.glsl. The lanes of a vector are pixels
-// side by side, of several cells; each sums up its own column of its cell, and then lanes are added. An invocation works on two
-// vectors of pixels; y is the block of output channels, z the row of cells.
+// Computes the same as pointwise_unshuffled.comp on drivers that make vectors of kVector invocations: see
+// vector.glsl. An unshuffled pixel is kSide x kSide pixels of the image. The lanes of a vector are pixels
+// side by side, which belong to several unshuffled pixels. Each lane sums up its own column of an unshuffled
+// pixel, and then lanes are added. An invocation works on two vectors of pixels; y is the block of output
+// channels, z the row of unshuffled pixels.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #extension GL_KHR_shader_subgroup_shuffle : require
@@ -12,7 +14,7 @@
 layout(local_size_x = 32) in;
 #include "invocation.glsl"
 layout(constant_id = 0) const uint kSide = 4;
-layout(constant_id = 1) const uint kChannels = 27;  // of the image
+layout(constant_id = 1) const uint kChannels = 27;  // channels of the image
 layout(constant_id = 2) const uint kOutputs = 6;
 layout(constant_id = 3) const uint kRelu = 0;
 layout(constant_id = 4) const uint kVector = 8;  // a multiple of kSide

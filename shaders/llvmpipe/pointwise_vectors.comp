@@ -1,6 +1,6 @@
-// Computes what pointwise.comp does on drivers that make vectors of kVector invocations: see vector.glsl. Nothing branches
-// and all loops unroll, so that a weight, whose address is the same for all lanes, is read once. A sum that is stored after
-// every kOrder channels keeps the loads in order: see vector.glsl.
+// Computes the same as pointwise.comp on drivers that make vectors of kVector invocations: see vector.glsl.
+// Nothing branches and all loops unroll, so that a weight, whose address is the same for all lanes, is read
+// once. A sum that is stored after every kOrder channels keeps the loads in order: see vector.glsl.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"

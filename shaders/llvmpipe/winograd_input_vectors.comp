@@ -1,7 +1,8 @@
-// winograd_input.comp with F(4, 3) for drivers that make vectors of eight invocations: see vector.glsl. The 64 pixels of a
-// vector's eight pairs of tiles are read as vectors of neighbours, which are transposed between the vertical transform and the
-// horizontal one. Rows of tiles must be whole numbers of vectors. Outside of the image `zeros` are read, 64 of them: compilers
-// make a load for each lane of what a condition chooses behind it.
+// Computes the same as winograd_input.comp with F(4, 3) on drivers that make vectors of eight invocations:
+// see vector.glsl. The 64 pixels of a vector's eight pairs of tiles are read as vectors of neighbours, which
+// are transposed between the vertical transform and the horizontal one. Rows of tiles must be whole numbers
+// of vectors. 64 `zeros` are read outside the image: if a condition chose values after the load, compilers
+// would make a load for each lane.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #extension GL_KHR_shader_subgroup_shuffle : require
@@ -15,7 +16,7 @@
 layout(local_size_x = 32) in;
 #include "invocation.glsl"
 const uint kVector = 8;
-const uint kColumns = 8;  // of a pair of tiles, without the one on either side
+const uint kColumns = 8;  // columns of a pair of tiles, without the border column on either side
 layout(push_constant) uniform Push {
   Floats source;
   Floats zeros;
@@ -26,12 +27,12 @@ layout(push_constant) uniform Push {
 #include "uniform.glsl"
 #include "vector.glsl"
 
-// What is at `address`, or zeros. A conditional of pointers would be a branch.
+// Returns the floats at `address`, or zeros. A conditional of pointers would be a branch.
 Floats where(bool inside, uint64_t address) {
   return Floats(uint64_t(zeros) ^ ((address ^ uint64_t(zeros)) & (0ul - uint64_t(inside))));
 }
 
-// Lane i of v[k] and lane k of v[i] change places. Were the lanes that change places constants, compilers would load each
+// Swaps lane i of v[k] with lane k of v[i]. If the lanes to swap were constants, compilers would load each
 // value by itself, right where it belongs.
 void transpose(inout float v[kVector]) {
   [[unroll]] for (uint side = kVector / 2; side > 0; side /= 2) {
@@ -49,7 +50,7 @@ void transpose(inout float v[kVector]) {
 void main() {
   uint first = first_of_vector().x, channel = uniform_number(gl_WorkGroupID.z);
   uint pairs = p.tiles_x / 2, row = quotient(first, pairs), left = kColumns * (first - row * pairs);
-  uint y0 = (p.first_tile_row + row) * kTile - kKernel / 2;  // above the image it wraps around
+  uint y0 = (p.first_tile_row + row) * kTile - kKernel / 2;  // wraps around above the image
   Floats rows[kMostSide], before[kMostSide], after[kMostSide];
   [[unroll]] for (uint y = 0; y < kSide; ++y) {
     bool inside = y0 + y < p.height;
@@ -58,8 +59,8 @@ void main() {
     before[y] = where(inside && left > 0, at - 4ul);
     after[y] = where(inside && left + kVector * kColumns < p.width, at + 4ul * kVector * kColumns);
   }
-  float columns[kMostSide][kColumns];  // of neighbours
-  vec2 sides[kMostSide];               // the column before and the one behind all of them
+  float columns[kMostSide][kColumns];  // [row][x] is column kVector * x + lane
+  vec2 sides[kMostSide];               // the columns before and after all of them
   [[unroll]] for (uint x = 0; x <= kColumns; x += 2) {
     vec2 d[kMostSide];
     [[unroll]] for (uint y = 0; y < kSide; ++y) {

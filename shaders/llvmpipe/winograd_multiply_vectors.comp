@@ -1,8 +1,8 @@
-// Computes what winograd_multiply.comp does on drivers that make vectors of kVector invocations: see vector.glsl. With
-// kPaired an invocation computes the products of two tiles that are kVector apart.
+// Computes the same as winograd_multiply.comp on drivers that make vectors of kVector invocations: see
+// vector.glsl. With kPaired an invocation computes the products of two tiles that are kVector apart.
 //
-// Nothing branches and all loops unroll, so that a weight, whose address is the same for all lanes, is read once. A sum that
-// is stored after every kOrder channels keeps the loads in order: see vector.glsl.
+// Nothing branches and all loops unroll, so that a weight, whose address is the same for all lanes, is read
+// once. A sum that is stored after every kOrder channels keeps the loads in order: see vector.glsl.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"

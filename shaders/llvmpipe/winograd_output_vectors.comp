@@ -1,5 +1,6 @@
-// Computes what winograd_output.comp does after winograd_multiply_vectors.comp with kPaired: the products of two tiles that
-// are kVector apart lie side by side. Each invocation computes two such tiles of kOutputs output channels, which z counts.
+// Computes the same as winograd_output.comp after winograd_multiply_vectors.comp with kPaired, where the
+// products of two tiles that are kVector apart lie side by side. Each invocation computes two such tiles of
+// kOutputs output channels; z counts these groups of channels.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -12,7 +13,7 @@ layout(local_size_x = 32) in;
 #include "invocation.glsl"
 #include "winograd_output.glsl"
 layout(constant_id = 6) const uint kVector = 8;
-layout(constant_id = 7) const uint kOutputs = 1;  // 2: both are neighbours in the target, whose pairs they are stored as
+layout(constant_id = 7) const uint kOutputs = 1;  // 2: both are neighbours in the target, stored as a pair
 #define KEEPS_ORDER
 #include "uniform.glsl"
 #include "vector.glsl"
@@ -23,7 +24,7 @@ void main() {
   uvec2 corners[2];
   [[unroll]] for (uint i = 0; i < 2; ++i)
     corners[i] = corner(tile + tile_of_pairs(i * kVector + gl_SubgroupInvocationID, kVector), p.first_tile_row, p.tiles_x);
-  vec2 result[2][kMostSide][kMostSide];  // [output channel][row][column], of both tiles
+  vec2 result[2][kMostSide][kMostSide];  // [output channel][row][column], a component for each tile
   [[unroll]] for (uint k = 0; k < kOutputs; ++k) {
     uint at = element(0, o + k, tile, p.position_stride, p.channels);
     [[unroll]] for (uint x = 0; x < kSide; ++x) {

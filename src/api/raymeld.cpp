@@ -16,9 +16,10 @@
 #include "engine/instance.h"
 #include "fusion/exposure.h"
 #include "fusion/fuser.h"
-#include "fusion/tuner.h"
+#include "fusion/fuser_options.h"
 #include "io/safetensors.h"
 #include "model/stock_models.h"
+#include "platform/folders.h"
 
 namespace {
 
@@ -171,7 +172,7 @@ class SharedBuffers {
 
 struct ContextState {
   std::optional<VkAllocationCallbacks> allocation_callbacks;
-  std::filesystem::path cache_folder = PipelineCache::default_folder();
+  std::filesystem::path cache_folder = default_cache_folder();
   std::unique_ptr<const Device> device;
   mutable SharedBuffers shared;
 };
@@ -233,10 +234,10 @@ ConstantLayers absent_layers(const raymeld_fusion_desc& desc, const Model& model
   return absent;
 }
 
-FuserOptions fuser_options(const raymeld_fusion_desc& desc, const ContextState& context, const Model& model) {
+FuserOptions options_of(const raymeld_fusion_desc& desc, const ContextState& context, const Model& model) {
   const Device& device = *context.device;
-  FuserOptions options;
-  options.storage = storage_for(static_cast<Precision>(desc.precision), device.info(), model);
+  FuserOptions options = fuser_options(device, model, static_cast<Precision>(desc.precision),
+                                       static_cast<KernelChoice>(desc.kernels), false, context.cache_folder);
   check_storage(device.info(), options.storage);
   options.max_memory_bytes = desc.max_memory_bytes;
   const bool centered = desc.lrhs_sampling == RAYMELD_SAMPLING_MODEL
@@ -248,15 +249,8 @@ FuserOptions fuser_options(const raymeld_fusion_desc& desc, const ContextState& 
   options.constants = absent_layers(desc, model);
   options.compute_variance = desc.compute_variance;
   options.compute_exposure = desc.exposure == 0 && !desc.changed_only;
-  const auto kernels = [&](Storage storage) {
-    return desc.kernels == RAYMELD_KERNELS_AUTO ? kernels_for(device, storage, context.cache_folder)
-                                                : Kernels{};
-  };
-  options.kernels = kernels(options.storage);
-  // Only raymeld_fuse() computes tiles again in fp32.
-  if (desc.precision == RAYMELD_PRECISION_AUTO && options.storage == Storage::kFloat16 &&
-      !options.frame_images.any())
-    options.fp32_kernels = kernels(Storage::kFloat32);
+  // Only raymeld_fuse() computes tiles again in fp32, and it takes no images of Vulkan.
+  if (options.frame_images.any()) options.fp32_kernels.reset();
   if (desc.memory) options.scratch = {desc.memory, desc.memory_offset_bytes, desc.memory_size_bytes};
   options.phase = lrhs_phase(centered, model.architecture().scale);
   return options;
@@ -402,7 +396,7 @@ DeviceInfo info_of(PFN_vkGetInstanceProcAddr get_instance_proc_addr, VkInstance 
   VulkanFunctions vk;
   vk.GetInstanceProcAddr = get_instance_proc_addr;
   vk.load_instance(instance);
-  return describe(vk, physical_device, 0);
+  return device_info(vk, physical_device, 0);
 }
 
 }  // namespace
@@ -441,7 +435,7 @@ struct raymeld_fusion_t {
                    const raymeld_fusion_desc& desc)
       : context(std::move(on)),
         model(std::move(of)),
-        options(fuser_options(desc, *context, model->model)),
+        options(options_of(desc, *context, model->model)),
         fuser(*context->device, model->model, desc.height, desc.width, options, context->cache_folder),
         layer_names(image_layers(model->model.architecture(), options.constants, options.compute_variance)),
         layers(texts_of(layer_names)) {}
@@ -601,7 +595,7 @@ raymeld_result raymeld_get_memory_needs(raymeld_context context, raymeld_model m
     const raymeld_fusion_desc asked = read(given(desc, "desc"), "raymeld_fusion_desc");
     check_desc(asked);
     const FusePlan plan =
-        plan_fusion(of, asked.height, asked.width, on.device->info(), fuser_options(asked, on, of));
+        plan_fusion(of, asked.height, asked.width, on.device->info(), options_of(asked, on, of));
     const VkMemoryRequirements memory = Buffer::requirements(*on.device, plan.graph.activation_bytes());
     raymeld_memory_needs known;
     known.size_bytes = memory.size;

@@ -7,6 +7,7 @@
 
 #include "engine/pipeline_cache.h"
 #include "fusion/plan.h"
+#include "platform/folders.h"
 
 namespace raymeld {
 
@@ -28,8 +29,7 @@ class FrameTimes {
   static constexpr double kMostPixels = 1 << 21;
 
   // Treats an absent, truncated or foreign file as an empty one. measure() explains `most_pixels`.
-  explicit FrameTimes(const Device& device,
-                      const std::filesystem::path& folder = PipelineCache::default_folder(),
+  explicit FrameTimes(const Device& device, const std::filesystem::path& folder = default_cache_folder(),
                       MillisecondClock clock = steady_ms, double most_pixels = kMostPixels);
 
   // Returns the times of a frame of (height, width) LRHS pixels, if they were measured before.
@@ -41,8 +41,7 @@ class FrameTimes {
   FrameTime measure(const Model& model, uint32_t height, uint32_t width, FuserOptions options);
 
   // Deletes the file, as its times are those of other kernels.
-  static void forget(const Device& device,
-                     const std::filesystem::path& folder = PipelineCache::default_folder());
+  static void forget(const Device& device, const std::filesystem::path& folder = default_cache_folder());
 
  private:
   const Device& device_;

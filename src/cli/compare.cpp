@@ -1,5 +1,6 @@
 #include <array>
 
+#include "choice/metrics.h"
 #include "cli/common/commands.h"
 #include "cli/common/help.h"
 #include "cli/common/inputs.h"
@@ -8,7 +9,6 @@
 #include "error.h"
 #include "io/layers_from_exr.h"
 #include "io/png.h"
-#include "choice/metrics.h"
 
 namespace raymeld::cli {
 namespace {

@@ -6,12 +6,13 @@
 
 #include "cli/common/commands.h"
 #include "cli/common/console.h"
-#include "platform/interrupt.h"
 #include "cli/common/outputs.h"
 #include "cli/common/versions.h"
 #include "conform/report.h"
 #include "conform/values.h"
 #include "engine/kernel_pool.h"
+#include "platform/folders.h"
+#include "platform/interrupt.h"
 
 namespace raymeld::cli {
 namespace {
@@ -120,7 +121,7 @@ void run(const ConformArguments& arguments) {
   const DeviceInfo& info = device->info();
   const Console console(!arguments.json);
   console.note(fmt::format("testing {} ({})", info.name, info.driver));
-  const std::filesystem::path folder = PipelineCache::default_folder();
+  const std::filesystem::path folder = default_cache_folder();
   Report report;
   conform::Values values{.device = info.name + ", " + info.driver};
   const conform::Options options{.extent = arguments.full ? conform::Extent::kFull : conform::Extent::kQuick,

@@ -5,11 +5,11 @@
 
 #include "cli/common/commands.h"
 #include "cli/common/help.h"
-#include "platform/interrupt.h"
 #include "cli/common/outputs.h"
 #include "error.h"
 #include "io/exr.h"
 #include "io/exr_window.h"
+#include "platform/interrupt.h"
 
 namespace raymeld::cli {
 namespace {

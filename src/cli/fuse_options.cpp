@@ -1,10 +1,10 @@
 #include <cmath>
 
-#include "cli/fuse/choice.h"
 #include "cli/common/commands.h"
-#include "cli/fuse/fuse_parse.h"
 #include "cli/common/help.h"
 #include "cli/common/precisions.h"
+#include "cli/fuse/choice.h"
+#include "cli/fuse/fuse_parse.h"
 #include "cli/sequence/sequence.h"
 
 namespace raymeld::cli {
@@ -120,29 +120,18 @@ void add_model(CLI::App& command, FuseArguments& a) {
           ->type_name("MODEL");
   CLI::Option* quality =
       add_parsed(
-          command, "--quality", a.wish, parse_quality,
+          command, "--quality", a.request, parse_quality,
           "Chooses the model: high, balanced (the default), fast, or a number N from 0, the fastest, to "
           "100, the best; in between, twice the time must bring at least (100 - N) / N * 0.1 dB")
           ->type_name("high|balanced|fast|N")
           ->excludes(model);
-  CLI::Option* budget =
-      add_parsed(
-          command, "--budget", a.wish, parse_budget,
-          "Chooses the best model that fuses a frame in this time, such as 16ms or 2s, without reading "
-          "and writing files; measures the models at this size, once on each device")
-          ->type_name("TIME")
-          ->group(kMoreOptions)
-          ->excludes(model)
-          ->excludes(quality);
-  add_parsed(
-      command, "--target-psnr", a.wish, parse_target,
-      "Chooses the fastest model that is expected to reach this PSNR, as estimated from the inputs; if "
-      "there is none, the best model")
-      ->type_name("DB")
+  add_parsed(command, "--budget", a.request, parse_budget,
+             "Chooses the best model that fuses a frame in this time, such as 16ms or 2s, without reading "
+             "and writing files; measures the models at this size, once on each device")
+      ->type_name("TIME")
       ->group(kMoreOptions)
       ->excludes(model)
-      ->excludes(quality)
-      ->excludes(budget);
+      ->excludes(quality);
 }
 
 void add_run(CLI::App& command, FuseArguments& a) {

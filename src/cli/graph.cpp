@@ -1,9 +1,9 @@
 // Shows what the engine would do for a frame; needs no device.
 #include "cli/common/commands.h"
 #include "cli/common/console.h"
-#include "cli/graph_text.h"
 #include "cli/common/models.h"
 #include "cli/common/sizes.h"
+#include "cli/graph_text.h"
 #include "model/network.h"
 
 namespace raymeld::cli {

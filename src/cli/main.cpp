@@ -9,8 +9,8 @@
 #include "cli/common/console.h"
 #include "cli/common/failure.h"
 #include "cli/common/help.h"
-#include "platform/interrupt.h"
 #include "error.h"
+#include "platform/interrupt.h"
 
 namespace {
 
@@ -27,7 +27,7 @@ int fail(const Failure& failure) try {
   return failure.status;
 }
 
-void describe(CLI::App& app) {
+void set_up(CLI::App& app) {
   app.set_version_flag("--version", "raymeld " RAYMELD_VERSION);
   app.require_subcommand(1);
   app.formatter(std::make_shared<HelpFormatter>());
@@ -72,7 +72,7 @@ int main(int argc, char** argv) try {
   wants_json = std::find(argv, argv + argc, std::string_view("--json")) != argv + argc;
   CLI::App app("raymeld: fuses a small many-sample render (LRHS) with a full-size few-sample one (HRLS)",
                "raymeld");
-  describe(app);
+  set_up(app);
   const int status = parse_and_run(app, argc, argv);
   if (std::fflush(stdout) != 0 || std::ferror(stdout))
     return fail({kError, "cannot write to standard output"});

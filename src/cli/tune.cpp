@@ -1,16 +1,17 @@
 // Measures a device, so that raymeld fuse knows its fastest kernels.
 #include <algorithm>
 
+#include "choice/frame_times.h"
 #include "cli/common/commands.h"
 #include "cli/common/console.h"
-#include "platform/interrupt.h"
 #include "cli/common/models.h"
 #include "cli/common/precisions.h"
 #include "cli/common/sizes.h"
-#include "choice/frame_times.h"
-#include "model/network.h"
 #include "fusion/plan.h"
 #include "fusion/tuner.h"
+#include "model/network.h"
+#include "platform/folders.h"
+#include "platform/interrupt.h"
 
 namespace raymeld::cli {
 namespace {
@@ -62,7 +63,7 @@ void measure(const Device& device, const std::filesystem::path& folder, Storage 
 
 void run(const TuneArguments& arguments) {
   const auto device = Device::create({arguments.device});
-  const std::filesystem::path folder = PipelineCache::default_folder();
+  const std::filesystem::path folder = default_cache_folder();
   if (folder.empty())
     throw Error(
         "there is no folder for the measurements: neither XDG_CACHE_HOME nor HOME is an absolute path");

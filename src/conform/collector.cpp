@@ -17,10 +17,10 @@ using reference::Planes;
 using reference::Precision;
 using reference::Worst;
 
-// In the words of `raymeld devices`; empty where the device has all.
+// Returns the name that `raymeld devices` has for the missing feature; empty where the device lacks none.
 std::string missing_feature(const DeviceInfo& device, const Method& method, Precision precision) {
   if (precision == Precision::kFp16 && !device.storage_16bit) return "16-bit storage";
-  // What no 1x1 convolution can do, no 3x3 can.
+  // Tiles that are impossible for a 1x1 convolution are impossible for a 3x3 too.
   if (method.kernel.algorithm == Algorithm::kMatrix && !is_possible(method.kernel.matrix, 1))
     return "cooperative matrix";
   const bool by_address = method.addressed || method.kernel.needs_addresses();
@@ -43,8 +43,10 @@ std::span<const Method> plain_methods() {
 
 std::vector<MatrixTiles> matrix_tiles(const DeviceInfo& device, uint32_t kernel) {
   const CooperativeMatrix matrix = device.cooperative_matrix.value_or(CooperativeMatrix{});
-  std::vector<MatrixTiles> tiles{{matrix, matrix.m, 1, 2, matrix.k},
-                                 {matrix, 2 * matrix.m, 2, 1, 2 * matrix.k}};
+  std::vector<MatrixTiles> tiles{
+      {.matrix = matrix, .outputs = matrix.m, .rows = 1, .subgroups = 2, .channels = matrix.k},
+      {.matrix = matrix, .outputs = 2 * matrix.m, .rows = 2, .subgroups = 1, .channels = 2 * matrix.k},
+  };
   std::erase_if(tiles, [&](const MatrixTiles& one) { return !is_possible(one, kernel); });
   if (tiles.empty()) tiles.push_back({});
   return tiles;
@@ -77,8 +79,15 @@ void Check::same_bits(const Planes& actual, const Planes& expected, const std::s
     for (int y = 0; y < expected.h; ++y) {
       for (int x = 0; x < expected.w; ++x) {
         const double a = actual.at(c, y, x), e = expected.at(c, y, x);
-        if (same(a, e) || a != e) continue;  // what differs in value is counted already
-        result = {std::numeric_limits<double>::infinity(), c, y, x, a, e, 0, result.failures + 1};
+        if (same(a, e) || a != e) continue;  // worst() has counted values that differ
+        result = {.ratio = std::numeric_limits<double>::infinity(),
+                  .c = c,
+                  .y = y,
+                  .x = x,
+                  .actual = a,
+                  .expected = e,
+                  .bound = 0,
+                  .failures = result.failures + 1};
       }
     }
   }

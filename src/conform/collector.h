@@ -7,35 +7,35 @@
 
 namespace raymeld::conform {
 
-// How a layer is computed: by which kernel, with activations in buffers or by address.
+// Says how a layer is computed: with which kernel, and with activations in buffers or by address.
 struct Method {
   std::string name;
   Conv2dKernel kernel = {};
   bool addressed = false;
 
-  // The arguments of reference::conv2d().
+  // These return the arguments of reference::conv2d() that have the same names.
   int tile() const { return int(kernel.winograd_tile()); }
   int units() const { return kernel.algorithm == Algorithm::kMatrix ? reference::kMatrixUnits : 1; }
 };
 
-// Of layers with one kernel.
+// Returns the methods of layers with a single kernel: in buffers and by address.
 std::span<const Method> plain_methods();
-// Two sizes of tiles, so small that a convolution has several: those that the device's matrices and its
-// shared memory allow. Where they allow none, one that is impossible, and so unsupported.
+// Returns two sizes of tiles, so small that a convolution has several, as far as the device's matrices and
+// shared memory allow them. Where they allow neither, returns impossible tiles, whose cases are unsupported.
 std::vector<MatrixTiles> matrix_tiles(const DeviceInfo& device, uint32_t kernel);
 
-// What a case's comparisons are handed to; its finding keeps the worst of them.
+// Makes the comparisons of a case and keeps the worst of them in the case's finding.
 class Check {
  public:
   explicit Check(Finding& finding) : finding_(finding) {}
 
-  // `what`: which of several comparisons this is.
+  // Checks values against their bounds. Where a case has several comparisons, `what` names this one.
   void within(const reference::Planes& actual, const reference::Bounded& expected,
               const std::string& what = {});
-  // The RMS error is at most so large.
+  // Checks that the RMS error is at most `allowed`.
   void rms(const reference::Planes& actual, const reference::Planes& truth, double allowed,
            const std::string& what);
-  // The same bits, or NaN for NaN.
+  // Checks for the same bits; any NaN equals any other.
   void same_bits(const reference::Planes& actual, const reference::Planes& expected,
                  const std::string& what = {});
   void that(bool holds, const std::string& otherwise);
@@ -54,15 +54,15 @@ class Collector {
   const Device& device() const { return target_.device; }
   const Options& options() const { return options_; }
   bool full() const { return options_.extent == Extent::kFull; }
-  // All awkward sizes, or some.
+  // Returns all awkward sizes in a full test, otherwise some.
   std::span<const reference::Size> sizes() const;
 
-  // One case, unless the device lacks what it takes.
+  // Runs one case, or reports it as unsupported where the device lacks a feature.
   void run(const std::string& layer, const Method& method, reference::Precision precision,
            const std::string& shape, const std::function<void(Check&)>& body) const;
-  // One that cannot be tried, for want of what `missing` names.
+  // Reports a case that cannot be tried; `missing` is the reason.
   void unsupported(const Case& of, const std::string& missing) const;
-  // Calls `body` for all ways in both precisions; matrices are of 16-bit storage only.
+  // Calls `body` for all methods in both precisions, but for matrices in 16 bits only.
   static void for_each(std::span<const Method> methods,
                        const std::function<void(const Method&, reference::Precision)>& body);
 

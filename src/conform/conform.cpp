@@ -5,10 +5,15 @@
 namespace raymeld::conform {
 
 std::span<const Suite> suites() {
-  static const std::vector<Suite> all{{"conv2d", conform_conv2d},        {"exposure", conform_exposure},
-                                      {"encode", conform_encode},        {"decode", conform_decode},
-                                      {"shuffles", conform_shuffles},    {"joint", conform_joint},
-                                      {"network", conform_network, true}};
+  static const std::vector<Suite> all{
+      {.name = "conv2d", .run = conform_conv2d},
+      {.name = "exposure", .run = conform_exposure},
+      {.name = "encode", .run = conform_encode},
+      {.name = "decode", .run = conform_decode},
+      {.name = "shuffles", .run = conform_shuffles},
+      {.name = "joint", .run = conform_joint},
+      {.name = "network", .run = conform_network, .networks = true},
+  };
   return all;
 }
 

@@ -1,5 +1,5 @@
-// The conformance test of a device and its driver: every layer by every kernel in both precisions at awkward
-// sizes, and whole tiny networks, against the scalar reference and its bounds.
+// Tests a device and its driver against the scalar reference and its bounds: every layer with every kernel in
+// both precisions at awkward sizes, and whole tiny networks.
 #pragma once
 
 #include <functional>
@@ -13,29 +13,29 @@
 
 namespace raymeld::conform {
 
-// What was tried.
+// Identifies a case.
 struct Case {
   std::string layer;   // "conv2d 3x3"
   std::string kernel;  // "F(2, 3) by address"
   reference::Precision precision = reference::Precision::kFp32;
-  std::string shape;  // sizes, channels, and whatever else tells the cases of one kernel apart
+  std::string shape;  // sizes, channels and all else that tells the cases of one kernel apart
 };
 
-// kUnsupported: the device lacks a feature that the kernel or the precision takes, or there is nothing to
-// compare with; nothing was tried.
+// kUnsupported means that nothing was tried: the device lacks a feature that the kernel or the precision
+// needs, or there is nothing to compare with.
 enum class Outcome { kPassed, kFailed, kUnsupported };
 
 struct Finding {
   Case of = {};
   Outcome outcome = Outcome::kPassed;
-  reference::Worst worst = {};  // of all comparisons of the case
-  std::string where = {};       // which of them that was, where there are several
-  double rms_ratio = 0;         // the largest RMS error over the one allowed, where that was asked
-  size_t values = 0;            // that were compared
-  std::string message = {};     // what failed, or the feature that is missing
+  reference::Worst worst = {};  // the worst value of all comparisons
+  std::string where = {};       // the name of its comparison, where the case has several
+  double rms_ratio = 0;         // largest RMS error / allowed RMS error, where the case checks it
+  size_t values = 0;            // number of values that were compared
+  std::string message = {};     // the failures, or the missing feature
 };
 
-// What networks gave on a device, by case.
+// Holds the outputs of networks on a device, by case.
 struct Values {
   std::string device;
   std::map<std::string, reference::Planes> outputs = {};
@@ -45,24 +45,24 @@ enum class Extent { kQuick, kFull };
 
 struct Options {
   Extent extent = Extent::kFull;
-  // What other devices gave. Two right values differ by no more than both bounds.
+  // Holds the outputs of other devices. Two right values differ by no more than the sum of both bounds.
   std::vector<Values> others = {};
-  Values* keep = nullptr;                          // where this device's own go
-  std::function<void(const Finding&)> on_finding;  // after each case; what it throws ends the test
+  Values* keep = nullptr;                          // receives this device's outputs
+  std::function<void(const Finding&)> on_finding;  // called after each case; an exception in it ends the test
 };
 
 class Collector;
 
-// All cases of one family of layers.
+// Runs all cases of one family of layers.
 struct Suite {
   std::string name;
   void (*run)(Collector&);
-  // Of whole networks: what Options::others and keep are of. Their Fusers save pipeline caches of their own.
+  // Marks whole networks: Options::others and keep are for them, and their Fusers save their own caches.
   bool networks = false;
 };
 std::span<const Suite> suites();
 
-// Runs a suite; an exception in a case is its failure, and the others go on.
+// Runs a suite. An exception in a case is a failure of that case, and the other cases run.
 void conform(const Suite& suite, const Target& target, const Options& options);
 
 }  // namespace raymeld::conform

@@ -1,6 +1,5 @@
 #include <fmt/format.h>
 
-#include <array>
 #include <optional>
 
 #include "conform/conv2d_trials.h"
@@ -23,17 +22,30 @@ using reference::slice;
 
 struct Trial {
   int in, out;
-  bool relu;
-  int residuals;
-  int second_input = 0;  // of the input channels, in a tensor of their own
+  bool relu = false;
+  int residuals = 0;
+  int second_input = 0;  // number of input channels in a second tensor
 };
 
-// Odd channel counts around the shader's blocks of 4 and 8, every kernel with every number of residuals.
-constexpr std::array k3x3{Trial{1, 1, false, 0},   Trial{3, 8, true, 0},     Trial{9, 5, false, 2},
-                          Trial{18, 8, true, 0},   Trial{2, 16, true, 3},    Trial{24, 3, false, 0},
-                          Trial{9, 5, true, 1, 4}, Trial{7, 4, false, 3, 1}, Trial{19, 9, true, 1}};
-constexpr std::array k1x1{Trial{4, 3, false, 3}, Trial{8, 4, true, 2}, Trial{7, 17, false, 1},
-                          Trial{16, 12, true, 0}, Trial{11, 9, false, 1, 7}};
+// Channel counts lie around the shaders' blocks of 4 and 8. Each kernel size has each number of residuals.
+constexpr Trial k3x3[] = {
+    {.in = 1, .out = 1},
+    {.in = 3, .out = 8, .relu = true},
+    {.in = 9, .out = 5, .residuals = 2},
+    {.in = 18, .out = 8, .relu = true},
+    {.in = 2, .out = 16, .relu = true, .residuals = 3},
+    {.in = 24, .out = 3},
+    {.in = 9, .out = 5, .relu = true, .residuals = 1, .second_input = 4},
+    {.in = 7, .out = 4, .residuals = 3, .second_input = 1},
+    {.in = 19, .out = 9, .relu = true, .residuals = 1},
+};
+constexpr Trial k1x1[] = {
+    {.in = 4, .out = 3, .residuals = 3},
+    {.in = 8, .out = 4, .relu = true, .residuals = 2},
+    {.in = 7, .out = 17, .residuals = 1},
+    {.in = 16, .out = 12, .relu = true},
+    {.in = 11, .out = 9, .residuals = 1, .second_input = 7},
+};
 
 std::string text_of(const Trial& s, const Size& size) {
   return fmt::format("{}{} -> {} channels{}, {} residuals, {} x {}",
@@ -49,24 +61,25 @@ Bounded expected(const Bounded& x, const Conv& conv, bool relu, Precision precis
   return reference::conv2d(x, conv, relu, precision, pointers, method.tile(), method.units());
 }
 
-// What a trial is filled with: `factor` is that of weights, bias and residuals.
+// Says how a trial is filled. Weights, bias and residuals are multiplied by `factor`.
 struct Values {
   Fill fill = Fill::kUniform;
   double factor = 1;
 };
 
-// Values whose sums are whole numbers. F(4, 3) divides weights by 24 in both directions, and sums up so much
-// that its inputs and weights are -1, 0 and 1 of these.
+// Returns values whose sums are whole numbers. F(4, 3) divides weights by 24 in both directions, so they are
+// multiples of 24 * 24. Its sums grow so large that inputs and multiples are -1, 0 and 1 only.
 Values whole_values(const Method& method) {
-  return method.tile() == 4 ? Values{Fill::kSigns, 24 * 24} : Values{Fill::kIntegers};
+  return method.tile() == 4 ? Values{.fill = Fill::kSigns, .factor = 24 * 24}
+                            : Values{.fill = Fill::kIntegers};
 }
 
-// A convolution of one trial in a run, and what it must give.
+// Holds a trial's convolution in a run and its expected results.
 struct Convolved {
   Tensor out;
   Bounded expected;
-  Planes in_floats;   // as a scalar computation has it
-  Planes magnitudes;  // S of F(4, 3)
+  Planes in_floats;   // the result of a scalar computation in floats
+  Planes magnitudes;  // winograd_magnitudes() of F(4, 3)
 };
 
 Convolved add_values(LayerRun& run, const Trial& trial, uint32_t kernel, const Size& size,
@@ -103,7 +116,7 @@ Convolved add_values(LayerRun& run, const Trial& trial, uint32_t kernel, const S
           method.tile() == 4 ? reference::winograd_magnitudes(exact(x), conv, 4) : Planes()};
 }
 
-// Within the bound, and with the RMS error of a scalar computation.
+// Compares values with their bounds, and their RMS error with that of a scalar computation.
 void check_random(Check& check, const LayerRun& run, const Convolved& random, const Method& method,
                   Precision precision) {
   const Planes actual = run.read(random.out), &truth = random.expected.value;
@@ -119,8 +132,8 @@ void check_whole(Check& check, const LayerRun& run, const Convolved& whole) {
     if (s >= 0x1p24) return check.that(false, fmt::format("integers: sums of {} are not exact", s));
 }
 
-// Random values within bounds, small integers exactly; as two convolutions of one graph, so that a driver
-// compiles their kernel once.
+// Compares random values with their bounds, and small integers exactly. Both convolutions are in one graph,
+// so that a driver compiles their kernel once.
 void check_values(Check& check, const Target& target, const Trial& trial, uint32_t kernel, const Size& size,
                   uint64_t seed, const Method& method, Precision precision) {
   LayerRun run(target, precision, method.addressed);
@@ -131,7 +144,7 @@ void check_values(Check& check, const Target& target, const Trial& trial, uint32
   check_whole(check, run, whole);
 }
 
-// Reads channels of a tensor and writes others of it, whose neighbours stay as they were.
+// Reads some channels of a tensor and writes others, whose neighbours must stay as they were.
 void check_slices(Check& check, const Target& target, const Method& method, Precision precision,
                   uint32_t kernel) {
   const Planes wide = round_to(random_planes(13, 9, 7, Fill::kUniform, 1), precision);
@@ -143,11 +156,12 @@ void check_slices(Check& check, const Target& target, const Method& method, Prec
   run.run();
   const Bounded before = exact(wide), after = exact(run.read(all));
   check.within(slice(after, 8, 3).value, expected(slice(before, 2, 5), conv, false, precision, {}, method));
-  check.same_bits(slice(after, 0, 8).value, slice(before, 0, 8).value, "the channels in front");
-  check.same_bits(slice(after, 11, 2).value, slice(before, 11, 2).value, "the channels after it");
+  check.same_bits(slice(after, 0, 8).value, slice(before, 0, 8).value, "channels before the output");
+  check.same_bits(slice(after, 11, 2).value, slice(before, 11, 2).value, "channels after the output");
 }
 
-// Of an unshuffled image, to be shuffled; with residuals where the shuffle is no pass of its own.
+// Unshuffles the input of a convolution and shuffles its output. The direct kernel shuffles in a pass of its
+// own, which allows no residual; the others get one.
 void check_shuffled(Check& check, const Target& target, const Method& method, Precision precision) {
   const int r = 2, in_channels = 2, out_channels = 3, h = 5, w = 35;
   const Planes x = round_to(random_planes(in_channels, r * h, r * w, Fill::kUniform, 1), precision);
@@ -175,8 +189,9 @@ void check_shuffled(Check& check, const Target& target, const Method& method, Pr
                reference::pixel_shuffle(expected(deep, conv, true, precision, bounded, method), r));
 }
 
-// A 1x1 of an unshuffled image, a slice of a tensor; by vectors it gives the bits of lane by lane.
-void check_cells(Check& check, const Target& target, const Method& method, Precision precision, int r) {
+// Unshuffles a slice of a tensor for a 1x1 convolution, with the same bits by vectors and lane by lane.
+void check_pointwise_unshuffled(Check& check, const Target& target, const Method& method, Precision precision,
+                                int r) {
   const int before = 1, in_channels = 3, out_channels = 13, h = 3, w = 19;
   const Planes x = round_to(random_planes(before + in_channels, r * h, r * w, Fill::kUniform, 1), precision);
   const Conv conv = round_to(random_conv(out_channels, r * r * in_channels, 1, Fill::kUniform, 2), precision);
@@ -195,12 +210,12 @@ void check_cells(Check& check, const Target& target, const Method& method, Preci
   run.run();
   const Bounded deep = reference::space_to_depth(slice(exact(x), before, in_channels), r);
   check.within(run.read(out), expected(deep, conv, true, precision, {}, method));
-  if (lanes) check.same_bits(run.read(out), run.read(*lanes), "lane by lane");
+  if (lanes) check.same_bits(run.read(out), run.read(*lanes), "by vectors and lane by lane");
 }
 
-// Rows of whole vectors, several of them; the bits are those of lane by lane.
+// Computes rows of several whole vectors, with the same bits by vectors and lane by lane.
 void check_vectors(Check& check, const Target& target, const Method& method, Precision precision) {
-  const Trial trial{9, 7, true, 1, 4};
+  const Trial trial{.in = 9, .out = 7, .relu = true, .residuals = 1, .second_input = 4};
   Method lane_by_lane = method;
   lane_by_lane.kernel.vector = 0;
   LayerRun run(target, precision, method.addressed);
@@ -209,12 +224,13 @@ void check_vectors(Check& check, const Target& target, const Method& method, Pre
   const Convolved lanes = add_values(run, trial, 3, size, {}, 1, lane_by_lane, precision);
   run.run();
   check.within(run.read(vectors.out), vectors.expected);
-  check.same_bits(run.read(vectors.out), run.read(lanes.out), "lane by lane");
+  check.same_bits(run.read(vectors.out), run.read(lanes.out), "by vectors and lane by lane");
 }
 
-// Every size with one trial, every trial with some sizes; then what depends on no trial. What takes long is
-// to compile kernels, so a quick test has two trials, of which each way has one in 32 bits and the other in
-// 16, and the rest is tried in 32 bits by one way and in 16 by the next.
+// Runs every size with one trial, every trial with some sizes, and then the cases that depend on no trial.
+// Compiling kernels takes most of the time. So a quick test has two trials, and each method runs one of them
+// in 32 bits and the other in 16. It runs each of the other cases in 32 bits with one method and in 16 bits
+// with the next.
 void run_values(Collector& collector, std::span<const Trial> trials, uint32_t kernel,
                 const std::string& layer) {
   const std::vector<Method> methods = conv2d_methods(collector.device().info(), kernel);
@@ -238,12 +254,12 @@ void run_values(Collector& collector, std::span<const Trial> trials, uint32_t ke
         [&](auto&&... arguments) { check_slices(arguments..., kernel); });
     if (kernel == 1) {
       for (const int r : {2, 4, 8}) {
-        run(fmt::format("of space to depth by {}, {} -> 13 channels, ReLU, 3 x 19", r, 3 * r * r),
-            [&](auto&&... arguments) { check_cells(arguments..., r); });
+        run(fmt::format("unshuffled by {}, {} -> 13 channels, ReLU, 3 x 19", r, 3 * r * r),
+            [&](auto&&... arguments) { check_pointwise_unshuffled(arguments..., r); });
       }
       return;
     }
-    run("of space to depth, to pixel shuffle, 8 -> 12 channels, 5 x 35", check_shuffled);
+    run("unshuffled and shuffled by 2, 8 -> 12 channels, ReLU, 5 x 35", check_shuffled);
     if (method.kernel.vector > 0)
       run("rows of whole vectors, 5 and 4 -> 7 channels, ReLU, 1 residual, 10 x 128", check_vectors);
   });
@@ -256,18 +272,18 @@ std::vector<Method> conv2d_methods(const DeviceInfo& device, uint32_t kernel) {
   for (const uint32_t tile : kernel == 1 ? std::vector<uint32_t>{4} : std::vector<uint32_t>{2, 4}) {
     const std::string name = kernel == 1 ? "pointwise" : fmt::format("F({}, 3)", tile);
     for (const bool addressed : {false, true}) {
-      // So small that there are several parts, blocks and bands.
-      methods.push_back({name + (addressed ? " by address" : ""),
-                         {.algorithm = kernel == 1 ? Algorithm::kPointwise : Algorithm::kWinograd,
-                          .tile = tile,
-                          .outputs = 5,
-                          .channels = 4,
-                          .band = 12,
-                          .order = 2},
-                         addressed});
+      // These parameters are so small that there are several parts, blocks and bands.
+      methods.push_back({.name = name + (addressed ? " by address" : ""),
+                         .kernel = {.algorithm = kernel == 1 ? Algorithm::kPointwise : Algorithm::kWinograd,
+                                    .tile = tile,
+                                    .outputs = 5,
+                                    .channels = 4,
+                                    .band = 12,
+                                    .order = 2},
+                         .addressed = addressed});
     }
     if (device.vector_lanes > 0) {
-      methods.push_back({name + " by vectors", methods.back().kernel, true});
+      methods.push_back({.name = name + " by vectors", .kernel = methods.back().kernel, .addressed = true});
       methods.back().kernel.vector = device.vector_lanes;
     }
   }

@@ -1,4 +1,4 @@
-// Convolutions of which some input channels are one value everywhere and in no tensor.
+// Tests convolutions with input channels that have one value everywhere and are in no tensor.
 #include <fmt/format.h>
 
 #include <array>
@@ -19,12 +19,12 @@ using reference::random_planes;
 using reference::Size;
 
 struct ConstantTrial {
-  uint32_t kernel = 3, shuffle = 1;       // before the convolution and, of a 3x3, behind it
-  std::vector<bool> front, second_input;  // which channels are constant
+  uint32_t kernel = 3, shuffle = 1;       // unshuffles by this before, and shuffles by it after a 3x3
+  std::vector<bool> front, second_input;  // true: the channel is constant
   int outputs = 9;
 };
 
-// Constants first, last, side by side and 0; with `behind`, in both inputs.
+// Constants are first, last and side by side, one of them is 0, and they are in both inputs.
 const std::array kTrials{
     ConstantTrial{.front = {true, false, false, true, true}, .second_input = {false, true, false, true}},
     ConstantTrial{.shuffle = 2, .front = {false, true, true, false}, .second_input = {}, .outputs = 12},
@@ -32,12 +32,16 @@ const std::array kTrials{
     ConstantTrial{.kernel = 1, .shuffle = 2, .front = {false, true, false, true}, .second_input = {}}};
 
 std::string text_of(const ConstantTrial& trial, const Size& size) {
-  return fmt::format("{} and {} channels -> {}{}, some constant, {} x {}", trial.front.size(),
-                     trial.second_input.size(), trial.outputs, trial.shuffle > 1 ? ", shuffled" : "", size.h,
-                     size.w);
+  return fmt::format("{}{} -> {} channels{}, some constant, {} x {}", trial.front.size(),
+                     trial.second_input.empty() ? "" : fmt::format(" and {}", trial.second_input.size()),
+                     trial.outputs,
+                     trial.shuffle == 1  ? ""
+                     : trial.kernel == 1 ? ", unshuffled by 2"
+                                         : ", unshuffled and shuffled by 2",
+                     size.h, size.w);
 }
 
-// The channels of an input, some with one value everywhere.
+// Holds the channels of an input; some have one value everywhere.
 struct Channels {
   Planes all, in_tensor;
   std::vector<std::optional<float>> constants;
@@ -64,7 +68,7 @@ Channels channels_of(const std::vector<bool>& constant, const Size& size, Fill f
   return result;
 }
 
-// A convolution in a run, and what it must give.
+// Holds a convolution in a run and its expected result.
 struct ConstantConvolved {
   Tensor out;
   Bounded expected;
@@ -108,7 +112,7 @@ void run_constants(Collector& collector) {
         const uint64_t seed = uint64_t(size.h * 1000 + size.w);
         collector.run(trial.kernel == 1 ? "conv2d 1x1" : "conv2d 3x3", method, precision,
                       text_of(trial, size), [&](Check& check) {
-                        // The weights of F(4, 3) are divided by 3: no integers.
+                        // F(4, 3) divides weights by multiples of 3, so its sums are not whole numbers.
                         const bool integers = method.tile() != 4;
                         LayerRun run(collector.target(), precision, method.addressed);
                         const ConstantConvolved random =

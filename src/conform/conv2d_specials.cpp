@@ -14,26 +14,27 @@ using reference::exact;
 using reference::Planes;
 using reference::Precision;
 
-// Several pointwise convolutions by one kernel.
+// Runs 1x1 convolutions of one channel with one kernel.
 struct Pointwise {
   Check& check;
   const Target& target;
   const Method& method;
   Precision precision;
 
-  // What the device makes of a row of pixels.
+  // Returns the device's result for a row of pixels.
   Planes row(const std::vector<float>& in, float weight, float bias, bool relu, Status& status) const {
     LayerRun run(target, precision, method.addressed);
     const Tensor x = run.input("in", reference::planes(1, 1, int(in.size()), in));
     const Tensor y = run.tensor("out", 1, 1, int(in.size()));
-    conv2d(run.graph(), "conv", x, y, run.weights({1, 1, 1, {weight}, {bias}}),
+    conv2d(run.graph(), "conv", x, y,
+           run.weights({.out = 1, .in = 1, .kernel = 1, .weight = {weight}, .bias = {bias}}),
            {.kernel = 1, .relu = relu, .how = method.kernel});
     run.run();
     status = run.status();
     return run.read(y);
   }
 
-  // in * weight + bias is `out`, with so many values beyond 16 bits.
+  // Checks that in * weight + bias is `out`, and that the device counts `saturated` values beyond 16 bits.
   void gives(const std::vector<float>& in, float weight, float bias, const std::vector<float>& out,
              uint32_t saturated, const std::string& what) const {
     Status status;
@@ -48,17 +49,16 @@ void check_large(const Pointwise& run) {
   if (run.precision == Precision::kFp32) {
     const std::vector<float> in{-0.0f,   FLT_MIN,  65519,    65520,     1e8f, 1e30f,
                                 FLT_MAX, -FLT_MAX, INFINITY, -INFINITY, NAN};
-    return run.gives(in, 1, 0, in, 0, "as they are");
+    return run.gives(in, 1, 0, in, 0, "times 1");
   }
-  run.gives({65504, -65504, 60000}, 1, 0, {65504, -65504, 60000}, 0, "as they are");
-  run.gives({65504, -65504, 40000, 2}, 2, 0, {65504, -65504, 65504, 4}, 3, "twice");
-  run.gives({65504, 65504 - 32}, 1, 15, {65504, 65472}, 1, "with a bias");  // 65519, 65487
+  run.gives({65504, -65504, 60000}, 1, 0, {65504, -65504, 60000}, 0, "times 1");
+  run.gives({65504, -65504, 40000, 2}, 2, 0, {65504, -65504, 65504, 4}, 3, "times 2");
+  run.gives({65504, 65504 - 32}, 1, 15, {65504, 65472}, 1, "plus 15");  // 65519, 65487
   run.gives({INFINITY, -INFINITY}, 1, 0, {65504, -65504}, 2, "infinities");
-  run.gives({1, 2, 3}, 1, 70000, {65504, 65504, 65504}, 3,
-            "beyond 16 bits by the bias, and nothing around the pixels");
+  run.gives({1, 2, 3}, 1, 70000, {65504, 65504, 65504}, 3, "plus 70000, counted inside the image only");
 }
 
-// Subnormals of fp32 may be flushed; those of halves are none in fp32.
+// Subnormals of fp32 may be flushed to 0. Subnormals of halves are normal numbers in fp32.
 void check_denormals(const Pointwise& run) {
   Status status;
   const bool half = run.precision == Precision::kFp16;
@@ -69,8 +69,8 @@ void check_denormals(const Pointwise& run) {
   run.check.within(run.row(in, 1, 0, false, status), expected);
 }
 
-// A NaN or -infinity that ReLU dropped would hide an overflow from the count in decode, or from that of what
-// saturates.
+// If ReLU dropped NaN or -infinity, it would hide an overflow from decode's count of values that are not
+// finite, or from the count of saturated values.
 void check_relu(const Pointwise& run) {
   Status status;
   const bool half = run.precision == Precision::kFp16;
@@ -85,15 +85,16 @@ struct Poison {
   int y, x;
 };
 
-// From where to where in one direction a kernel may change what it makes of a changed pixel: a pixel beside
-// it or, by F(m, 3), all of the tiles that these are in.
+// Returns the first and the last pixel in one direction whose result a changed pixel may change: its
+// neighbours or, with F(m, 3), all pixels of the tiles that hold these.
 std::pair<int, int> changed_range(int pixel, int size, const Method& method) {
   const int tile = std::max(method.tile(), 1);
   const int first = std::max(pixel - 1, 0) / tile * tile, last = (pixel + 1) / tile * tile + tile - 1;
   return {first, std::min(last, size - 1)};
 }
 
-// Neither the others nor a NaN or an infinity that has been lost.
+// Checks that the poisoned pixel changes results within its range and no others, and that no result hides a
+// NaN or an infinity that it reads.
 void check_spread(Check& check, const Poison& poison, const Planes& before, Planes after,
                   const Method& method) {
   const std::string what = fmt::format("{:g} at y {}, x {}", poison.value, poison.y, poison.x);
@@ -111,13 +112,14 @@ void check_spread(Check& check, const Poison& poison, const Planes& before, Plan
       }
     }
   }
-  check.within(after, exact(before), what + ", farther than its kernel reads");
-  check.that(changed > 0, what + " changed nothing");
-  check.that(hidden == 0, fmt::format("{}: {} values do not tell", what, hidden));
+  check.within(after, exact(before), what + ", results out of its reach");
+  check.that(changed > 0, what + ": no result changed");
+  check.that(hidden == 0, fmt::format("{}: {} results that read it are finite", what, hidden));
 }
 
-// Padding and the tails of tiles read nothing of a poisoned pixel, wherever that lies; where it is read,
-// finite values keep their bounds. Beyond 1e30 transforms overflow where direct sums do not.
+// Checks that padding and the tails of tiles read nothing of a poisoned pixel, wherever it lies. Finite
+// values must keep their bounds where they are read, but only up to 1e30: beyond, transforms overflow where
+// direct sums do not.
 void check_poison(Check& check, const Target& target, const Method& method, Precision precision) {
   const reference::Conv conv =
       round_to(reference::random_conv(9, 5, 3, reference::Fill::kUniform, 4), precision);
@@ -143,7 +145,7 @@ void check_poison(Check& check, const Target& target, const Method& method, Prec
     for (const float value : values) {
       Planes image = round_to(clean, precision);
       image.at(2, y, x) = round_to(value, precision);
-      poisoned.push_back({{value, y, x}, image, add(image)});
+      poisoned.push_back({.poison = {.value = value, .y = y, .x = x}, .image = image, .out = add(image)});
     }
   }
   run.run();

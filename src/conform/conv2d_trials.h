@@ -1,18 +1,18 @@
-// What conv2d.cpp and the other files of conv2d share.
+// Declares the functions that conv2d.cpp shares with the other files of conv2d.
 #pragma once
 
 #include "conform/collector.h"
 
 namespace raymeld::conform {
 
-// Every kernel of 1x1 or 3x3, with parts, blocks and bands so small that there are several of them.
+// Returns every kernel for a 1x1 or 3x3 convolution, cut into several parts, blocks and bands.
 std::vector<Method> conv2d_methods(const DeviceInfo& device, uint32_t kernel);
 
-// Denormals, infinities, NaN, what 16 bits cannot hold: by kernels of direct sums, which promise more than
-// bounds.
+// Tests denormals, infinities, NaN and values beyond 16 bits in 1x1 convolutions, whose direct sums promise
+// more than bounds, and one poisoned pixel in 3x3 convolutions.
 void run_specials(Collector& collector);
 
-// Input channels that are constant, and what that means where taps fall on zeros outside the image.
+// Tests constant input channels, also where taps fall on the zeros outside the image.
 void run_constants(Collector& collector);
 
 }  // namespace raymeld::conform

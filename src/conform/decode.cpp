@@ -23,7 +23,7 @@ struct Decoding {
   float phase = 0;
   float exposure = 1;
   size_t layout = 0;
-  float clip = 0;  // of highlights; 0: there are none
+  float clip = 0;  // 0: there is no radiance above the clip
 };
 
 struct Decoded {
@@ -31,22 +31,26 @@ struct Decoded {
   Status status;
 };
 
-// By the device; `base` and `bright` may be null.
+// Returns the device's result; `base` and `above_clip` may be null.
 Decoded decoded(Check& check, const Target& target, const Planes& rec, const Planes* base,
                 const Decoding& decoding, const Method& method, Precision precision,
-                const Planes* bright = nullptr) {
+                const Planes* above_clip = nullptr) {
   const Shape shape{uint32_t(rec.h), uint32_t(rec.w), uint32_t(rec.c)};
   const FrameImage frame(target.device, shape, frame_layouts()[decoding.layout]);
   LayerRun run(target, precision, method.addressed);
   const Tensor in = run.input("rec", rec);
-  Tensor lrhs, above_clip;
+  Tensor lrhs, above;
   if (base) lrhs = run.input("lrhs", *base);
-  if (bright) above_clip = run.input("above_clip", *bright);
+  if (above_clip) above = run.input("above_clip", *above_clip);
   decode(run.graph(), "decode", in,
-         {decoding.log ? Transfer::kLog : Transfer::kLinear, base ? &lrhs : nullptr, uint32_t(decoding.scale),
-          decoding.phase, bright ? &above_clip : nullptr, decoding.clip});
+         {.transfer = decoding.log ? Transfer::kLog : Transfer::kLinear,
+          .base = base ? &lrhs : nullptr,
+          .scale = uint32_t(decoding.scale),
+          .phase = decoding.phase,
+          .above_clip = above_clip ? &above : nullptr,
+          .clip = decoding.clip});
   run.run(frame.frame(kFusedSlot), decoding.exposure);
-  check.that(frame.touched_outside() == 0, "wrote around the image");
+  check.that(frame.touched_outside() == 0, "wrote outside the image");
   return {frame.read(), run.status()};
 }
 
@@ -59,19 +63,19 @@ void check_random(Check& check, const Target& target, const Size& size, const De
   const Planes base =
       round_to(reference::random_planes(3, size.h, size.w, reference::Fill::kUniform, seed + 1), precision);
   const Bounded upsampled = reference::bilinear(exact(base), s, decoding.phase);
-  // Highlights of all sizes, and none at every third sample.
-  Planes bright = reference::random_planes(3, size.h, size.w, reference::Fill::kUniform, seed + 2);
-  for (size_t i = 0; i < bright.data.size(); ++i)
-    bright.data[i] = i % 3 ? 1e4 * std::pow(bright.data[i], 4) : 0;
-  bright = round_to(bright, precision);
-  const Bounded highlight = reference::self_weighted(exact(bright), s, decoding.phase);
+  // Radiance above the clip is of all sizes, and 0 at every third sample.
+  Planes above_clip = reference::random_planes(3, size.h, size.w, reference::Fill::kUniform, seed + 2);
+  for (size_t i = 0; i < above_clip.data.size(); ++i)
+    above_clip.data[i] = i % 3 ? 1e4 * std::pow(above_clip.data[i], 4) : 0;
+  above_clip = round_to(above_clip, precision);
+  const Bounded upsampled_above = reference::self_weighted(exact(above_clip), s, decoding.phase);
   const bool has_above_clip = decoding.clip > 0;
   const Decoded result = decoded(check, target, rec, decoding.bilinear ? &base : nullptr, decoding, method,
-                                 precision, has_above_clip ? &bright : nullptr);
+                                 precision, has_above_clip ? &above_clip : nullptr);
   const Bounded expected = reference::decode(
       exact(rec), decoding.bilinear ? &upsampled : nullptr,
       decoding.log ? reference::Transfer::kLog : reference::Transfer::kLinear, Precision::kFp32,
-      decoding.exposure, has_above_clip ? &highlight : nullptr, decoding.clip);
+      decoding.exposure, has_above_clip ? &upsampled_above : nullptr, decoding.clip);
   check.within(result.image, expected);
   check.that(result.status.not_finite == 0, "counted values that are not finite");
 }
@@ -103,9 +107,9 @@ void check_not_finite(Check& check, const Target& target, const Method& method, 
   }
 }
 
-// What the output holds is limited after the exposure is undone, so that none of the range is lost. The log
-// transfer keeps of a value far below 1 / exposure no more than 1 + 8 x does; at 0.01 / exposure the bound
-// must still say something.
+// Checks that the output is clamped after the exposure is undone, so that none of the range is lost. The log
+// transfer keeps a value far below 1 / exposure only as precisely as 1 + 8 x does, but at 0.01 / exposure the
+// bound must still be small.
 void check_range(Check& check, const Target& target, const Method& method) {
   for (const float exposure : {0x1p-24f, 0x1p-7f, 1.0f, 0x1p7f, 0x1p24f}) {
     const std::array radiance{0.25, 60000.0, 65504.0, 1e6, std::min(0.01 / exposure, 60000.0)};
@@ -120,12 +124,12 @@ void check_range(Check& check, const Target& target, const Method& method) {
           exact(rec), nullptr, log ? reference::Transfer::kLog : reference::Transfer::kLinear,
           Precision::kFp32, exposure);
       for (size_t i = 0; i < radiance.size(); ++i) {
-        const bool tells = !log || radiance[i] * exposure >= 0.0099;
-        check.that(!tells || expected.bound.data[i] <= 2e-5 * radiance[i],
+        const bool precise = !log || radiance[i] * exposure >= 0.0099;
+        check.that(!precise || expected.bound.data[i] <= 2e-5 * radiance[i],
                    fmt::format("{}: the bound of {} is {}", what, radiance[i], expected.bound.data[i]));
-        check.that(
-            !tells || std::abs(expected.value.data[i] - std::min(radiance[i], 65504.0)) <= 2e-5 * radiance[i],
-            fmt::format("{}: the reference has {} for {}", what, expected.value.data[i], radiance[i]));
+        check.that(!precise || std::abs(expected.value.data[i] - std::min(radiance[i], 65504.0)) <=
+                                   2e-5 * radiance[i],
+                   fmt::format("{}: the reference has {} for {}", what, expected.value.data[i], radiance[i]));
       }
       const Decoding decoding{.log = log, .exposure = exposure};
       check.within(decoded(check, target, rec, nullptr, decoding, method, Precision::kFp32).image, expected,
@@ -147,16 +151,16 @@ void run_special(Collector& collector, const Method& method, Precision precision
   const Target& target = collector.target();
   collector.run("decode", method, precision, "bilinear base of a ramp, 1 x 4 x 12",
                 [&](Check& check) { check_ramp(check, target, method, precision); });
-  collector.run("decode", method, precision, "what is not finite, 1 x 1 x 8",
+  collector.run("decode", method, precision, "values that are not finite, 1 x 1 x 8",
                 [&](Check& check) { check_not_finite(check, target, method, precision); });
   if (precision != Precision::kFp32) return;  // fp16 does not hold the range
-  collector.run("decode", method, precision, "the range of half by any exposure, 1 x 1 x 4",
+  collector.run("decode", method, precision, "the range of halves at exposures from 2^-24 to 2^24, 1 x 1 x 5",
                 [&](Check& check) { check_range(check, target, method); });
-  collector.run("decode", method, precision, "beyond the range of half, 1 x 1 x 5",
+  collector.run("decode", method, precision, "values beyond the range of halves, 1 x 1 x 5",
                 [&](Check& check) { check_clamped(check, target, method); });
 }
 
-// Every transfer, base, scale and phase.
+// Returns all combinations of transfer, base, scale and phase.
 std::vector<Decoding> decodings() {
   std::vector<Decoding> all;
   for (const int scale : {2, 4, 8}) {
@@ -189,8 +193,8 @@ void conform_decode(Collector& collector) {
           fmt::format("x{}, {}, {}{}, exposure {:g}, layout {}, 3 x {} x {}", decoding.scale,
                       decoding.log ? "log" : "linear",
                       decoding.bilinear ? fmt::format("base at phase {:g}", decoding.phase) : "no base",
-                      decoding.clip > 0 ? ", above_clip" : "", decoding.exposure, decoding.layout,
-                      size.h * decoding.scale, size.w * decoding.scale),
+                      decoding.clip > 0 ? ", radiance above the clip" : "", decoding.exposure,
+                      decoding.layout, size.h * decoding.scale, size.w * decoding.scale),
           [&](Check& check) {
             check_random(check, collector.target(), size, decoding, i, method, precision);
           });

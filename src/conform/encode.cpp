@@ -27,8 +27,8 @@ struct Encoding {
   size_t layout = 0;
 };
 
-// Radiance of all sizes around 0 and up to beyond the clip, albedo and normals beyond their ranges, specials
-// in between.
+// Returns an image in which about half of the values are special ones. The others are radiance from around 0
+// to beyond the clip, or albedo and normals in and beyond their ranges.
 Planes image_of(LayerKind kind, const Size& size, const Encoding& encoding, uint64_t seed) {
   Planes image = reference::random_planes(3, size.h, size.w, reference::Fill::kSpecials, seed);
   if (kind != LayerKind::kRadiance && kind != LayerKind::kVariance) return image;
@@ -39,7 +39,7 @@ Planes image_of(LayerKind kind, const Size& size, const Encoding& encoding, uint
   return image;
 }
 
-// By the device; kinds of three channels each, as many as the image has.
+// Returns the device's result. Each three channels of the image have the next kind of kChannelKinds.
 Planes encoded(Check& check, const Target& target, const Planes& image, const Encoding& encoding,
                const Method& method, Precision precision) {
   const FrameImage frame(target.device, image, frame_layouts()[encoding.layout]);
@@ -50,7 +50,7 @@ Planes encoded(Check& check, const Target& target, const Planes& image, const En
   encode(run.graph(), "encode", kHrlsSlot, out, channels, encoding.log ? Transfer::kLog : Transfer::kLinear,
          encoding.clip);
   run.run(frame.frame(kHrlsSlot), encoding.exposure);
-  check.that(frame.touched_outside() == 0, "wrote around the image");
+  check.that(frame.touched_outside() == 0, "wrote outside the image");
   return run.read(out);
 }
 
@@ -69,8 +69,8 @@ void check_random(Check& check, const Target& target, const Size& size, const En
   check.within(encoded(check, target, image, encoding, method, precision), expected);
 }
 
-// Noise on a level that is far above it, as a wall's, in every other pixel; specials of all sizes in the
-// rest.
+// Every other run of 16 values is noise on a level far above it, as on an even wall. The other runs are as
+// image_of() makes them.
 void check_variance(Check& check, const Target& target, const Size& size, const Encoding& encoding,
                     uint64_t seed, const Method& method, Precision precision) {
   Planes image = image_of(LayerKind::kRadiance, size, encoding, seed);
@@ -88,11 +88,11 @@ void check_variance(Check& check, const Target& target, const Size& size, const 
                           encoding.clip, precision, encoding.exposure));
 }
 
-// Checks values known by hand, whose sums are exact: a pixel that is alone, the edge, and what is not finite.
+// Checks values known by hand, whose sums are exact: a single bright pixel, the edge, and a NaN.
 void check_exact_variance(Check& check, const Target& target, const Method& method, Precision precision) {
   constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
   const Planes row(1, 1, 5, {0, 0, 9, 0, kNaN});
-  Planes expected(1, 1, 5, {0, 18, 18, 18, 0});  // a third of 81 less 9
+  Planes expected(1, 1, 5, {0, 18, 18, 18, 0});  // 81 / 3 - 3^2
   const FrameImage frame(target.device, concat(concat(row, row), row));
   LayerRun run(target, precision, method.addressed);
   const Tensor out = run.tensor("out", 3, 1, 5);
@@ -103,7 +103,7 @@ void check_exact_variance(Check& check, const Target& target, const Method& meth
   check.within(run.read(out), bounded);
 }
 
-// What LRHS has beyond the clip, which takes part of the exposure's inverse only.
+// Checks radiance above the clip, which depends on the exposure only through clip / exposure.
 void check_above_clip(Check& check, const Target& target, const Size& size, const Encoding& encoding,
                       uint64_t seed, const Method& method, Precision precision) {
   const Planes image = image_of(LayerKind::kRadiance, size, encoding, seed);
@@ -115,7 +115,7 @@ void check_above_clip(Check& check, const Target& target, const Size& size, cons
   check.within(run.read(out), reference::above_clip(image, encoding.clip, precision, encoding.exposure));
 }
 
-// What is not finite, beyond the clip or out of range.
+// Checks values that are not finite, above the clip or out of range.
 void check_sanitised(Check& check, const Target& target, const Method& method, Precision precision) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
@@ -137,7 +137,7 @@ void check_sanitised(Check& check, const Target& target, const Method& method, P
 void conform_encode(Collector& collector) {
   constexpr std::array kExposures{1.0f, 0.013f, 770.0f, 0x1p-24f, 0x1p24f};
   Collector::for_each(plain_methods(), [&](const Method& method, Precision precision) {
-    collector.run("encode", method, precision, "what is not finite or out of range, 9 x 1 x 8",
+    collector.run("encode", method, precision, "values that are not finite or out of range, 9 x 1 x 8",
                   [&](Check& check) { check_sanitised(check, collector.target(), method, precision); });
     collector.run("variance", method, precision, "one bright pixel, 3 x 1 x 5",
                   [&](Check& check) { check_exact_variance(check, collector.target(), method, precision); });

@@ -15,19 +15,20 @@ using reference::Planes;
 using reference::Precision;
 using reference::Size;
 
-// What the device writes: the factor and its inverse.
+// Returns the exposure's factor and inverse as the device wrote them.
 Planes found(Check& check, const Target& target, const Planes& lrhs, float key, size_t layout,
              Precision precision) {
   const FrameImage frame(target.device, lrhs, frame_layouts()[layout]);
   LayerRun run(target, precision);
   exposure(run.graph(), "exposure", uint32_t(lrhs.h), uint32_t(lrhs.w), key);
   run.run(frame.frame(kLrhsSlot), 7);
-  check.that(frame.touched_outside() == 0, "wrote around the image");
+  check.that(frame.touched_outside() == 0, "wrote outside the image");
   const Exposure written = run.exposure();
   return {2, 1, 1, {written.factor, written.inverse}};
 }
 
-// Colors of a brightness, every other one a special value where `specials`; the same bits again.
+// Checks colors of one brightness; with `specials` about half of the values are special. A second run must
+// give the same bits.
 void check_random(Check& check, const Target& target, const Size& size, double brightness, bool specials,
                   size_t seed, Precision precision) {
   const Fill fill = specials ? Fill::kSpecials : Fill::kUniform;
@@ -38,7 +39,7 @@ void check_random(Check& check, const Target& target, const Size& size, double b
   const size_t layout = seed % frame_layouts().size();
   const Planes once = found(check, target, lrhs, key, layout, precision);
   check.within(once, reference::exposure(lrhs, key));
-  check.same_bits(found(check, target, lrhs, key, layout, precision), once, "again");
+  check.same_bits(found(check, target, lrhs, key, layout, precision), once, "second run");
 }
 
 // Checks images of one value, whose exposure is known.
@@ -49,18 +50,20 @@ void check_flat(Check& check, const Target& target, Precision precision) {
     float value;
     double exposure;
   };
-  const std::array<Case, 12> cases{{{0.25f, 1},
-                                    {1, 0.25},
-                                    {16, 0x1p-6},
-                                    {0, 1},
-                                    {-0.0f, 1},
-                                    {-3, 1},
-                                    {kNaN, 1},
-                                    {-kInfinity, 1},
-                                    {kInfinity, 0.25 / 65504},
-                                    {3e38f, 0.25 / 65504},
-                                    {0x1p-26f, 0x1p24},
-                                    {0x1p-60f, 0x1p24}}};
+  const Case cases[] = {
+      {.value = 0.25f, .exposure = 1},
+      {.value = 1, .exposure = 0.25},
+      {.value = 16, .exposure = 0x1p-6},
+      {.value = 0, .exposure = 1},
+      {.value = -0.0f, .exposure = 1},
+      {.value = -3, .exposure = 1},
+      {.value = kNaN, .exposure = 1},
+      {.value = -kInfinity, .exposure = 1},
+      {.value = kInfinity, .exposure = 0.25 / 65504},
+      {.value = 3e38f, .exposure = 0.25 / 65504},
+      {.value = 0x1p-26f, .exposure = 0x1p24},
+      {.value = 0x1p-60f, .exposure = 0x1p24},
+  };
   for (const auto& [value, exposure] : cases) {
     Planes lrhs(3, 5, 31);
     std::ranges::fill(lrhs.data, value);
@@ -69,7 +72,7 @@ void check_flat(Check& check, const Target& target, Precision precision) {
     check.within(
         found(check, target, lrhs, 0.25f, 0, precision),
         {Planes(2, 1, 1, {exposure, 1 / exposure}), Planes(2, 1, 1, {share * exposure, share / exposure})},
-        fmt::format("all {:g}", value));
+        fmt::format("every value {:g}", value));
   }
 }
 
@@ -80,7 +83,7 @@ void conform_exposure(Collector& collector) {
     collector.run("exposure", method, precision, "images of one value, 3 x 5 x 31",
                   [&](Check& check) { check_flat(check, collector.target(), precision); });
     std::vector<Size> sizes(collector.sizes().begin(), collector.sizes().end());
-    sizes.insert(sizes.end(), {{129, 131}, {150, 401}});  // of more pixels than there are invocations
+    sizes.insert(sizes.end(), {{129, 131}, {150, 401}});  // more pixels than invocations
     size_t seed = 0;
     for (const Size& size : sizes) {
       const double brightness = std::array{1.0, 1e-5, 3e4, 40.0}[seed % 4];

@@ -15,7 +15,7 @@ FrameImage::FrameImage(const Device& device, Shape shape, Layout layout) : shape
   view_.channel_stride = layout.interleaved ? 1 : h * view_.row_stride + layout.pixel_padding;
   const uint64_t floats =
       layout.interleaved ? uint64_t{h} * view_.row_stride : uint64_t{c} * view_.channel_stride;
-  // Memory::kReadback may need a flush of what surrounds the image.
+  // The host also writes around the image, and Memory::kReadback might need a flush for that.
   buffer_ = Buffer(device, layout.offset_bytes + floats * sizeof(float), Memory::kUpload, "frame image");
   view_.buffer = buffer_.handle();
   std::ranges::fill(values(), kUntouched);

@@ -8,8 +8,8 @@
 
 namespace raymeld::conform {
 
-// An image of floats in a buffer, laid out as a caller might, in memory that host and device see alike.
-// Everything that is not the image holds kUntouched.
+// Holds an image of floats in a buffer, laid out as a caller might do it, in memory that host and device both
+// see. Everything outside the image holds kUntouched.
 class FrameImage {
  public:
   static constexpr float kUntouched = -12345.0f;
@@ -21,15 +21,15 @@ class FrameImage {
     uint32_t row_padding = 0;    // floats after each row
   };
 
-  // Without a layout: planar, dense.
+  // These make an image of kUntouched; without a layout it is planar and dense.
   FrameImage(const Device& device, Shape shape) : FrameImage(device, shape, Layout{}) {}
   FrameImage(const Device& device, Shape shape, Layout layout);
-  // Filled.
+  // These make a copy of `image`.
   FrameImage(const Device& device, const reference::Planes& image) : FrameImage(device, image, Layout{}) {}
   FrameImage(const Device& device, const reference::Planes& image, Layout layout);
 
   FrameBinding binding() const { return {view_, shape_}; }
-  // A frame that has no other image.
+  // Returns a frame that has no other image.
   FrameBindings frame(FrameSlot slot) const {
     FrameBindings frame;
     frame[slot] = binding();
@@ -37,7 +37,7 @@ class FrameImage {
   }
   const FrameBuffer& view() const { return view_; }
   reference::Planes read() const;
-  // How many floats around the image no longer hold kUntouched.
+  // Returns how many floats around the image no longer hold kUntouched.
   size_t touched_outside() const;
 
  private:
@@ -50,8 +50,8 @@ class FrameImage {
   Buffer buffer_;
 };
 
-// The layouts that encode reads and decode writes in the suites: dense, interleaved, padded, at an offset
-// that is no multiple of the storage alignment.
+// Returns the layouts that encode reads and decode writes in the suites: dense, interleaved, padded, at an
+// offset that is no multiple of the storage alignment.
 std::span<const FrameImage::Layout> frame_layouts();
 
 }  // namespace raymeld::conform

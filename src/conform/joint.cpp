@@ -16,7 +16,7 @@ using reference::Precision;
 using reference::Size;
 using reference::slice;
 
-// What one run of a layer reads and how. The images hold what the device would store.
+// Describes one run of a layer. The images hold values as the device would store them.
 struct JointTrial {
   static constexpr float kCertainty = 10;
 
@@ -26,11 +26,14 @@ struct JointTrial {
   bool log;
   int scale;
   float phase;
-  Size size;  // of LRHS
+  Size size;  // the size of LRHS
   uint64_t seed;
 
   JointOptions options() const {
-    return {log ? Transfer::kLog : Transfer::kLinear, uint32_t(scale), phase, kCertainty};
+    return {.transfer = log ? Transfer::kLog : Transfer::kLinear,
+            .scale = uint32_t(scale),
+            .phase = phase,
+            .lrhs_certainty = kCertainty};
   }
   reference::Transfer transfer() const {
     return log ? reference::Transfer::kLog : reference::Transfer::kLinear;
@@ -38,11 +41,11 @@ struct JointTrial {
   double clip() const { return log ? 1000 : 100; }
   Size full() const { return {scale * size.h, scale * size.w}; }
   std::string shape() const {
-    return fmt::format("x{}, {}, phase {:g}, {} x {} of {} x {}", scale, log ? "log" : "linear", phase,
+    return fmt::format("x{}, {}, phase {:g}, {} x {} from {} x {}", scale, log ? "log" : "linear", phase,
                        full().h, full().w, size.h, size.w);
   }
 
-  // What `value` makes of numbers in [0, 1], both ends among them.
+  // Returns an image of value(u) with random u in [0, 1], both ends among them.
   template <typename Value>
   Planes image(int channels, const Size& of, uint64_t salt, const Value& value) const {
     Planes image =
@@ -50,12 +53,12 @@ struct JointTrial {
     for (double& v : image.data) v = value(std::clamp(0.55 * v + 0.5, 0.0, 1.0));
     return round_to(image, precision);
   }
-  // From 0 to the clip.
+  // Returns encoded radiance from 0 to the clip.
   Planes radiance(int channels, const Size& of, uint64_t salt) const {
     return image(channels, of, salt,
                  [&](double u) { return reference::apply(transfer(), clip() * std::pow(u, 4)); });
   }
-  // Color, albedo and normal, as one tensor.
+  // Returns color, albedo and normal as one tensor.
   Planes hrls() const {
     const Planes albedo = image(3, full(), 2, [](double u) { return u; });
     const Planes normal = image(3, full(), 3, [](double u) { return 2 * u - 1; });
@@ -73,7 +76,7 @@ void check_irradiance(Check& check, const JointTrial& c) {
   const Bounded all = exact(hrls), color = slice(exact(low), 0, 3);
   check.within(run.read(out), reference::irradiance(color, slice(all, 3, 3), slice(all, 6, 3), c.transfer(),
                                                     c.scale, c.phase, c.precision));
-  check.same_bits(run.read(lrhs.slice(0, 3)), color.value, "the channels beside");
+  check.same_bits(run.read(lrhs.slice(0, 3)), color.value, "channels before the output");
 }
 
 void check_demodulate(Check& check, const JointTrial& c) {
@@ -102,7 +105,7 @@ void check_filter(Check& check, const JointTrial& c) {
     Planes brightness;
     Tensor out, lane_by_lane;
   };
-  std::vector<Filtered> outputs;  // by brightness
+  std::vector<Filtered> outputs;  // one for each range of brightness
   for (const double range : {0.1, c.clip()}) {
     const Planes brightness =
         c.image(1, c.full(), 5, [&](double u) { return reference::apply(c.transfer(), 1 + range * u); });
@@ -153,7 +156,7 @@ void check_saturation(Check& check, const Target& target, const Method& method) 
              fmt::format("counted {} of 2 values as saturated", run.status().saturated));
 }
 
-// Logits of a few, and now and then of +-80.
+// Most logits are from -4 to 4, and some are -80 or 80.
 void check_mix(Check& check, const JointTrial& c) {
   const Planes low = c.radiance(6, c.size, 0), hrls = c.hrls(), filtered = c.radiance(9, c.full(), 4);
   const Planes rec = c.image(8, c.full(), 5, [](double u) { return u == 0 ? -80 : u == 1 ? 80 : 8 * u - 4; });
@@ -181,14 +184,14 @@ constexpr Layer kLayers[] = {{"irradiance", check_irradiance},
 }  // namespace
 
 void conform_joint(Collector& collector) {
-  constexpr size_t kCombinations = 2 * 3 * 2;  // of transfer, scale and phase
+  constexpr size_t kCombinations = 2 * 3 * 2;  // transfers, scales and phases
   const auto sizes = collector.sizes();
   std::vector<Method> methods(plain_methods().begin(), plain_methods().end());
   const uint32_t lanes = collector.device().info().vector_lanes;
   if (lanes > 0) methods.push_back({.name = "by vectors", .kernel = {.vector = lanes}});
   Collector::for_each(methods, [&](const Method& method, Precision precision) {
     for (const Layer& layer : kLayers) {
-      // 16 bits and the other layers are read by none.
+      // Only joint_filter() in 32 bits reads vectors.
       if (method.kernel.vector > 0 && (layer.check != check_filter || precision == Precision::kFp16))
         continue;
       for (size_t i = 0; i < std::max(kCombinations, sizes.size()); ++i) {
@@ -206,7 +209,7 @@ void conform_joint(Collector& collector) {
       }
     }
     if (precision != Precision::kFp16 || method.kernel.vector > 0) return;
-    collector.run("remodulate", method, precision, "what 16 bits cannot store, 1 x 1",
+    collector.run("remodulate", method, precision, "values beyond 16 bits, 1 x 1",
                   [&](Check& check) { check_saturation(check, collector.target(), method); });
   });
 }

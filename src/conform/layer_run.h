@@ -12,11 +12,11 @@
 
 namespace raymeld::conform {
 
-// What everything is tried on. All of it outlives what is made with it.
+// Holds the device that is tested and its caches. They outlive everything that is made with them.
 struct Target {
   const Device& device;
   PipelineCache& cache;
-  std::filesystem::path cache_folder;  // of `cache`, for a Fuser's own; empty: none on disk
+  std::filesystem::path cache_folder;  // folder of `cache` and of Fusers' own caches; empty: none
 };
 
 inline constexpr reference::Precision kPrecisions[] = {reference::Precision::kFp32,
@@ -27,16 +27,16 @@ std::string name_of(reference::Precision precision);
 // Runs all passes with descriptor set 0 and makes what they wrote visible to the host.
 void run_passes(const Device& device, const Program& program, const Graph& graph);
 
-// A graph run once: declare inputs, add layers to graph(), run(), read what came out of any of them.
+// Runs a graph once: declare inputs, add layers to graph(), call run(), then read() any layer's output.
 class LayerRun {
  public:
   LayerRun(const Target& target, reference::Precision precision, bool addressed = false);
 
   Graph& graph() { return graph_; }
-  // A tensor that run() fills, rounding to the storage type.
+  // Declares a tensor that run() fills with `values`, rounded to the storage type.
   Tensor input(const std::string& name, const reference::Planes& values);
   Tensor tensor(const std::string& name, int c, int h, int w);
-  // Keeps the weights for as long as the run.
+  // Keeps the weights as long as this object lives.
   ConvWeights weights(const reference::Conv& conv);
 
   void run(const FrameBindings& frame = {}, float exposure = 1);

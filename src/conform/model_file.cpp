@@ -14,7 +14,7 @@ using reference::LayerKind;
 using reference::Transfer;
 
 std::map<std::string, std::string> metadata_of(const Architecture& a) {
-  // Layers are known by kind here; one name for each kind and place will do.
+  // The reference knows layers only by kind, so one name for each kind and place is enough.
   std::vector<std::string> radiance{"color", "diffuse", "specular"}, layers;
   for (const LayerKind kind : a.hrls_layers) {
     if (kind == LayerKind::kRadiance) {

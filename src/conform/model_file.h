@@ -9,13 +9,11 @@
 
 namespace raymeld::conform {
 
-// A model's file as training/ writes it; `other` metadata take the place of what follows from the
-// architecture.
+// Returns a model's file as training/ writes it. Metadata in `other` replace those of the architecture.
 SafeTensors model_file(const reference::Architecture& architecture, const reference::Weights& weights,
                        const std::map<std::string, std::string>& other = {});
 
-// What a file of a model holds that is known to be right, as Model loaded it, for running the reference on
-// it.
+// These read a model's file for the reference. They do not check it, so Model must have loaded it before.
 reference::Architecture read_architecture(const std::filesystem::path& model);
 reference::Weights read_weights(const std::filesystem::path& model);
 

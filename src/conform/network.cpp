@@ -13,8 +13,8 @@ using reference::Bounded;
 using reference::Planes;
 using reference::Precision;
 
-// The reference's name of what a pass wrote: residuals and shuffles are part of its layers. Empty: only an
-// intermediate of one.
+// Returns the reference's name of a pass's output. Residuals and shuffles are part of the reference's layers,
+// so the name is empty for a pass that writes only an intermediate of a layer, and for decode.
 std::string reference_name(const std::string& pass, const Graph& graph, const Architecture& a) {
   if (pass.ends_with(".space_to_depth") || pass == "decode") return {};
   if (pass.ends_with(".pixel_shuffle")) return pass.substr(0, pass.find('.', 3));
@@ -58,7 +58,8 @@ std::map<std::string, Planes> in_floats(const Subject& subject, const NetworkTri
                                       trial.method.tile());
 }
 
-// Both keep their bounds of the same value, and their RMS errors, unless `rms` is 0.
+// Compares the output with those of other devices. Each is within the bound of the same expected value, so
+// they differ by at most twice the bound, and likewise by twice the allowed RMS error unless `rms` is 0.
 void agree(const Collector& collector, const std::string& name, const NetworkTrial& trial,
            const Planes& output, const Bounded& expected, double rms) {
   const std::string key = fmt::format("{}, {}, {}", name, trial.method.name, name_of(trial.precision));
@@ -67,14 +68,14 @@ void agree(const Collector& collector, const std::string& name, const NetworkTri
     const auto known = other.outputs.find(key);
     if (known == other.outputs.end()) {
       collector.unsupported({layer, trial.method.name, trial.precision, name},
-                            "that device has no such output");
+                            "the other device has no such output");
       continue;
     }
     collector.run(layer, trial.method, trial.precision, name, [&](Check& check) {
       Bounded near{known->second, expected.bound};
       for (double& bound : near.bound.data) bound *= 2;
       check.within(output, near);
-      if (rms > 0) check.rms(output, known->second, 2 * rms, "both");
+      if (rms > 0) check.rms(output, known->second, 2 * rms, "difference of both devices");
     });
   }
   if (collector.options().keep) collector.options().keep->outputs[key] = output;
@@ -114,17 +115,17 @@ std::vector<Method> network_methods(const DeviceInfo& device, size_t index) {
   std::vector<Method> methods{{.name = "direct"}};
   for (const uint32_t tile : {2u, 4u}) {
     const bool addressed = (index + tile / 2) % 2 == 0;
-    // Tiny networks have few channels: so that there are several parts and bands.
-    methods.push_back({fmt::format("F({}, 3){}", tile, addressed ? " by address" : ""),
-                       {.algorithm = Algorithm::kWinograd,
-                        .tile = tile,
-                        .outputs = 8,
-                        .channels = 8,
-                        .band = 64,
-                        .vector = addressed ? device.vector_lanes : 0},
-                       addressed});
+    // Tiny networks have few channels. With these parameters they have several parts and bands.
+    methods.push_back({.name = fmt::format("F({}, 3){}", tile, addressed ? " by address" : ""),
+                       .kernel = {.algorithm = Algorithm::kWinograd,
+                                  .tile = tile,
+                                  .outputs = 8,
+                                  .channels = 8,
+                                  .band = 64,
+                                  .vector = addressed ? device.vector_lanes : 0},
+                       .addressed = addressed});
   }
-  // Those of 3x3 convolutions serve the 1x1 too.
+  // Tiles that are possible for 3x3 convolutions are possible for 1x1 ones too.
   methods.push_back({.name = "matrices",
                      .kernel = {.algorithm = Algorithm::kMatrix, .matrix = matrix_tiles(device, 3).front()}});
   return methods;

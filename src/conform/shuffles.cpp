@@ -18,14 +18,16 @@ struct Shuffle {
   const char* name;
   void (*layer)(Graph&, const std::string&, const Tensor&, const Tensor&);
   Bounded (*truth)(const Bounded&, int);
-  bool deepens;  // to r * r as many channels
+  bool deepens;  // true: the output has r * r times as many channels
 
   Size in(const Size& small, int r) const { return deepens ? Size{r * small.h, r * small.w} : small; }
   int channels_in(int channels, int r) const { return deepens ? channels : r * r * channels; }
 };
 
-constexpr std::array kShuffles{Shuffle{"space_to_depth", space_to_depth, reference::space_to_depth, true},
-                               Shuffle{"pixel_shuffle", pixel_shuffle, reference::pixel_shuffle, false}};
+constexpr Shuffle kShuffles[] = {
+    {.name = "space_to_depth", .layer = space_to_depth, .truth = reference::space_to_depth, .deepens = true},
+    {.name = "pixel_shuffle", .layer = pixel_shuffle, .truth = reference::pixel_shuffle, .deepens = false},
+};
 
 Planes random_input(const Shuffle& shuffle, int channels, const Size& small, int r, Fill fill, uint64_t seed,
                     Precision precision) {
@@ -43,7 +45,7 @@ void check_whole(Check& check, const Target& target, const Shuffle& shuffle, con
   check.same_bits(run.read(out), expected);
 }
 
-// From a slice to a slice, whose neighbours stay as they were.
+// Shuffles from a slice to a slice, whose neighbours must stay as they were.
 void check_slices(Check& check, const Target& target, const Shuffle& shuffle, const Planes& x, int r,
                   Precision precision) {
   const Planes result = shuffle.truth(reference::exact(x), r).value;

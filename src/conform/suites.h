@@ -1,4 +1,4 @@
-// One function for each family of layers, in the file of its name.
+// Declares the function of each suite.
 #pragma once
 
 #include "conform/collector.h"

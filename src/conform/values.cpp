@@ -16,7 +16,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// JSON has neither NaN nor infinity: they are "nan", "inf" and "-inf".
+// JSON has neither NaN nor infinity, so they are written as "nan", "inf" and "-inf".
 Json to_json(const std::vector<double>& values) {
   Json json = Json::array();
   for (const double value : values)

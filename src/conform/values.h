@@ -1,4 +1,4 @@
-// The file of `raymeld conform --values`.
+// Writes and reads the file of `raymeld conform --values`.
 #pragma once
 
 #include <filesystem>
@@ -7,7 +7,7 @@
 
 namespace raymeld::conform {
 
-// JSON, whole or not at all. Throws Error.
+// Writes JSON, the whole file or nothing. Throws Error.
 void write_values(const std::filesystem::path& file, const Values& values);
 // Throws Error.
 Values read_values(const std::filesystem::path& file);

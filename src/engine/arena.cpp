@@ -16,7 +16,7 @@ bool meet(const ArenaRequest& a, const ArenaRequest& b) {
   return a.first_use <= b.last_use && b.first_use <= a.last_use;
 }
 
-// The requests with sizes rounded up. Their sum fits 64 bits, so no sum that planning makes can overflow.
+// Returns the requests with their sizes rounded up. Their sum fits 64 bits, so no later sum can overflow.
 std::vector<ArenaRequest> rounded(std::span<const ArenaRequest> requests, uint64_t alignment_bytes) {
   if (alignment_bytes == 0) throw Error("planning the arena: the alignment is 0 bytes");
   std::vector<ArenaRequest> result(requests.begin(), requests.end());
@@ -41,7 +41,7 @@ std::vector<ArenaRequest> rounded(std::span<const ArenaRequest> requests, uint64
 // Places the requests one by one in `order`, each at the lowest offset where it meets nothing placed before.
 ArenaPlan place(const std::vector<ArenaRequest>& requests, const std::vector<size_t>& order) {
   ArenaPlan plan{std::vector<uint64_t>(requests.size(), 0), 0};
-  std::vector<size_t> placed;  // by offset
+  std::vector<size_t> placed;  // sorted by offset
   for (const size_t i : order) {
     const ArenaRequest& r = requests[i];
     if (r.size_bytes == 0) continue;
@@ -61,9 +61,9 @@ ArenaPlan place(const std::vector<ArenaRequest>& requests, const std::vector<siz
 
 }  // namespace
 
-// Greedy, largest first; then, while a buffer sticks out above what is ever alive at once, that buffer goes
-// first and all are placed again (squeaky wheel optimisation: Joslin and Clements, 1999). The smallest plan
-// wins.
+// Places the largest first. While the plan is larger than the peak of live bytes, the buffer that ends last
+// goes first and all are placed again (squeaky wheel optimisation: Joslin and Clements, 1999). The smallest
+// plan wins.
 ArenaPlan plan_arena(std::span<const ArenaRequest> requests, uint64_t alignment_bytes) {
   const std::vector<ArenaRequest> all = rounded(requests, alignment_bytes);
   const uint64_t peak_bytes = peak_live_bytes(all, 1);

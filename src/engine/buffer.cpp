@@ -8,7 +8,7 @@
 namespace raymeld {
 namespace {
 
-// The first memory type that has `required` and as many of `preferred` as there are to be had.
+// Returns the first memory type that has `required` and `preferred`, else the first that has `required`.
 uint32_t find_memory_type(const Device& device, uint32_t allowed, VkMemoryPropertyFlags required,
                           VkMemoryPropertyFlags preferred, const std::string& name) {
   const VkPhysicalDeviceMemoryProperties& memory = device.memory();
@@ -35,7 +35,7 @@ uint32_t memory_type_for(const Device& device, uint32_t allowed, Memory memory, 
   throw Error("unknown memory kind for {}", name);
 }
 
-// What the host sees, some drivers take of the host's memory.
+// Throws OutOfMemory for the host's memory too: some drivers take memory that the host sees from there.
 void check_allocation(VkResult result, const std::string& what) {
   if (result == VK_ERROR_OUT_OF_HOST_MEMORY) throw OutOfMemory("{}: {}", what, result_name(result));
   check(result, what);
@@ -43,13 +43,13 @@ void check_allocation(VkResult result, const std::string& what) {
 
 }  // namespace
 
-// Without memory.
+// Creates the buffer without memory.
 VkMemoryRequirements Buffer::create(const Device& device, const std::string& name, const std::string& what) {
   device_ = &device;
   auto info = vk_struct<VkBufferCreateInfo>(VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO);
   info.size = size_bytes_;
   info.usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_SRC_BIT |
-               VK_BUFFER_USAGE_TRANSFER_DST_BIT | VK_BUFFER_USAGE_INDIRECT_BUFFER_BIT;
+               VK_BUFFER_USAGE_TRANSFER_DST_BIT;
   if (device.info().buffer_device_address) info.usage |= VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT;
   check(device.vk().CreateBuffer(device.handle(), &info, device.allocator(), &buffer_), what);
   device.name(VK_OBJECT_TYPE_BUFFER, buffer_, name);
@@ -104,8 +104,8 @@ Buffer::Buffer(const Device& device, uint64_t size_bytes, const MemoryRange& mem
   try {
     const VkMemoryRequirements needs = create(device, name, what);
     if (memory.offset_bytes % needs.alignment != 0 || memory.size_bytes < needs.size) {
-      throw Error("{}: {} bytes at {} are given, expected {} at a multiple of {}", what, memory.size_bytes,
-                  memory.offset_bytes, needs.size, needs.alignment);
+      throw Error("{}: the memory has {} bytes at offset {}, expected {} bytes at a multiple of {}", what,
+                  memory.size_bytes, memory.offset_bytes, needs.size, needs.alignment);
     }
     bind(memory.memory, memory.offset_bytes, what);
   } catch (...) {
@@ -117,7 +117,7 @@ Buffer::Buffer(const Device& device, uint64_t size_bytes, const MemoryRange& mem
 VkMemoryRequirements Buffer::requirements(const Device& device, uint64_t size_bytes) {
   Buffer buffer;
   buffer.size_bytes_ = size_bytes;
-  return buffer.create(device, "a question", "asking what memory buffers may have");
+  return buffer.create(device, "requirements", "asking what memory a buffer needs");
 }
 
 Buffer::~Buffer() {

@@ -12,29 +12,30 @@ enum class Memory {
   kReadback,  // the device writes, the host reads
 };
 
-// A storage buffer with memory of its own, or in the caller's. Move-only.
+// Holds a storage buffer, in memory of its own or in the caller's. It can be moved, but not copied.
 class Buffer {
  public:
   Buffer() = default;
-  // Throws Error, naming the buffer and its size: OutOfMemory when the device has no such memory left.
+  // Allocates the memory. Throws Error, which names the buffer and its size, and OutOfMemory when the device
+  // has no such memory left.
   Buffer(const Device& device, uint64_t size_bytes, Memory memory, const std::string& name);
-  // In memory that the caller keeps and that requirements() allow; never mapped. Throws Error.
+  // Places the buffer in the caller's memory, which requirements() must allow; never maps it. Throws Error.
   Buffer(const Device& device, uint64_t size_bytes, const MemoryRange& memory, const std::string& name);
   ~Buffer();
   Buffer(Buffer&& other) noexcept { *this = std::move(other); }
   Buffer& operator=(Buffer&& other) noexcept;
 
-  // What memory such a buffer may have. Throws Error.
+  // Returns what memory such a buffer needs. Throws Error.
   static VkMemoryRequirements requirements(const Device& device, uint64_t size_bytes);
 
   VkBuffer handle() const { return buffer_; }
   uint64_t size_bytes() const { return size_bytes_; }
   uint64_t allocated_bytes() const { return memory_ ? size_bytes_ : 0; }
-  // On the device; 0 where DeviceInfo::buffer_device_address is false.
+  // Returns the address on the device, or 0 where DeviceInfo::buffer_device_address is false.
   VkDeviceAddress address() const { return address_; }
-  // The host's view for the buffer's whole life; null when the host does not see the memory.
+  // Returns the host's view for the buffer's whole life, or null when the host does not see the memory.
   void* mapped() const { return mapped_; }
-  // Makes what the host wrote to mapped() visible to what is submitted from then on; needed for kDevice.
+  // Makes the host's writes to mapped() visible to work that is submitted from then on; needed for kDevice.
   void flush() const;
   // Makes the device's writes visible to the host; needed before reading mapped() of a kReadback buffer.
   void invalidate() const;
@@ -46,7 +47,7 @@ class Buffer {
 
   const Device* device_ = nullptr;
   VkBuffer buffer_ = VK_NULL_HANDLE;
-  VkDeviceMemory memory_ = VK_NULL_HANDLE;  // of its own
+  VkDeviceMemory memory_ = VK_NULL_HANDLE;  // null in the caller's memory
   void* mapped_ = nullptr;
   VkDeviceAddress address_ = 0;
   uint64_t size_bytes_ = 0;

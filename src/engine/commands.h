@@ -4,7 +4,7 @@
 
 namespace raymeld {
 
-// A command pool with command buffers that are recorded once and submitted often.
+// Holds a command pool with command buffers that are recorded once and submitted often.
 class Commands {
  public:
   explicit Commands(const Device& device, VkCommandPoolCreateFlags flags = 0);
@@ -14,7 +14,7 @@ class Commands {
 
   // Starts a new command buffer, which lives as long as this pool.
   VkCommandBuffer begin(const std::string& name);
-  // Starts one of this pool's anew, which must not be pending: of a pool with
+  // Starts one of this pool's command buffers anew. It must not be pending, and the pool needs
   // VK_COMMAND_POOL_CREATE_RESET_COMMAND_BUFFER_BIT.
   void restart(VkCommandBuffer commands);
   void end(VkCommandBuffer commands);
@@ -26,10 +26,10 @@ class Commands {
   VkCommandPool pool_ = VK_NULL_HANDLE;
 };
 
-// After it the host may read what shaders wrote, when the commands are done.
+// Records a barrier after which the host may read what shaders wrote, once the commands are done.
 void show_host(const Device& device, VkCommandBuffer commands);
 
-// A copy between two buffers of which the host fills or reads one: submits and waits. Throws Error.
+// Copies between two buffers, one of which the host fills or reads: submits and waits. Throws Error.
 void copy_now(const Device& device, VkBuffer from, VkBuffer to, const VkBufferCopy& region,
               const std::string& name);
 

@@ -1,4 +1,4 @@
-// Weights, biases and tables on a device, one copy for all Programs that have the same ones.
+// Keeps weights, biases and tables on a device, one copy for all Programs that have the same ones.
 #pragma once
 
 #include <cstddef>
@@ -15,11 +15,11 @@ struct Constants {
   Buffer buffer;
 };
 
-// Of one device. Any threads may use it.
+// Shares the constants of one device. Any threads may use it.
 class ConstantPool {
  public:
-  // Those with this content that somebody still has; else uploads them, submits and waits. Throws Error, and
-  // OutOfMemory.
+  // Returns the constants with this content that somebody still has; else uploads them, submits and waits.
+  // Throws Error, and OutOfMemory.
   std::shared_ptr<const Constants> get(const Device& device, std::vector<std::byte> content);
 
  private:

@@ -17,7 +17,7 @@ CooperativeMatrixFeatures::CooperativeMatrixFeatures(void* next, bool enable)
       subgroups(vk_struct<VkPhysicalDeviceSubgroupSizeControlFeaturesEXT>(
           VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_SIZE_CONTROL_FEATURES_EXT, next)) {
   matrix.cooperativeMatrix = memory_model.vulkanMemoryModel = enable;
-  memory_model.vulkanMemoryModelDeviceScope = enable;  // of which are atomics, once there is a memory model
+  memory_model.vulkanMemoryModelDeviceScope = enable;  // the atomics' scope under the memory model
   float16.shaderFloat16 = subgroups.computeFullSubgroups = enable;
 }
 

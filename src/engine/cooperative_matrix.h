@@ -1,5 +1,5 @@
-// Cooperative matrices (VK_KHR_cooperative_matrix): small matrix products that the lanes of a subgroup
-// compute together; tensor cores, where a device has them.
+// Finds and enables cooperative matrices (VK_KHR_cooperative_matrix): small matrix products that the lanes of
+// a subgroup compute together, with tensor cores where a device has them.
 #pragma once
 
 #include <array>
@@ -10,7 +10,8 @@
 
 namespace raymeld {
 
-// Products (m, k) x (k, n) of 16-bit floats, summed up in 32 bits, and what limits a workgroup with them.
+// Describes products (m, k) x (k, n) of 16-bit floats, summed in 32 bits, and the limits of a workgroup that
+// computes them.
 struct CooperativeMatrix {
   uint32_t m = 0;
   uint32_t n = 0;
@@ -22,8 +23,8 @@ struct CooperativeMatrix {
   bool operator==(const CooperativeMatrix&) const = default;
 };
 
-// What a device must enable for them, to be linked into VkDeviceCreateInfo's chain. Not to be copied: the
-// structures point to each other.
+// Holds the features that a device must enable for cooperative matrices, linked into VkDeviceCreateInfo's
+// chain. It cannot be copied: the structures point to each other.
 struct CooperativeMatrixFeatures {
   static constexpr std::array<const char*, 4> kExtensions{
       VK_KHR_COOPERATIVE_MATRIX_EXTENSION_NAME, VK_KHR_VULKAN_MEMORY_MODEL_EXTENSION_NAME,
@@ -33,7 +34,7 @@ struct CooperativeMatrixFeatures {
   VkPhysicalDeviceShaderFloat16Int8Features float16;
   VkPhysicalDeviceSubgroupSizeControlFeaturesEXT subgroups;
 
-  // In front of `next`, each feature off or on.
+  // Chains the structures in front of `next` and turns each feature off or on.
   CooperativeMatrixFeatures(void* next, bool enable);
   CooperativeMatrixFeatures(const CooperativeMatrixFeatures&) = delete;
   CooperativeMatrixFeatures& operator=(const CooperativeMatrixFeatures&) = delete;
@@ -41,12 +42,12 @@ struct CooperativeMatrixFeatures {
   bool all() const;
 };
 
-// The shape to compute with, of those a device lists: of 16-bit factors and 32-bit sums, shared by a
-// subgroup; 16x16x16 or else 16x8x16, or else the first.
+// Returns the shape to compute with, of those that a device lists: 16-bit factors and 32-bit sums, shared by
+// a subgroup. 16x16x16 is preferred, then 16x8x16, then the first. Returns null when none is usable.
 const VkCooperativeMatrixPropertiesKHR* choose_matrix(
     std::span<const VkCooperativeMatrixPropertiesKHR> listed);
 
-// Nothing where the device, or its driver, has no such matrices in compute shaders.
+// Returns nothing where the device, or its driver, has no such matrices in compute shaders.
 std::optional<CooperativeMatrix> find_cooperative_matrix(const VulkanFunctions& vk,
                                                          VkPhysicalDevice physical_device);
 

@@ -10,7 +10,7 @@
 namespace raymeld {
 namespace {
 
-// One for each queue, whichever Devices submit to it.
+// Returns the mutex of a queue, the same for all Devices that submit to it.
 std::shared_ptr<std::mutex> mutex_of(VkQueue queue) {
   static std::mutex guard;
   static std::map<VkQueue, std::weak_ptr<std::mutex>> mutexes;
@@ -29,7 +29,7 @@ VKAPI_ATTR VkBool32 VKAPI_CALL Device::pass_message_on(VkDebugUtilsMessageSeveri
                                                        const VkDebugUtilsMessengerCallbackDataEXT* data,
                                                        void* device) {
   auto& self = *static_cast<Device*>(device);
-  // Newer layers name the rule beside the text only.
+  // Newer layers name the rule beside the text and no longer in it.
   const char* rule = data->pMessageIdName ? data->pMessageIdName : "";
   const std::lock_guard lock(self.message_mutex_);
   if (self.on_message_) self.on_message_(fmt::format("{}: {}", rule, data->pMessage));
@@ -45,7 +45,7 @@ std::unique_ptr<Device> Device::create(const DeviceRequest& request) {
   const auto candidates = physical_devices(device->vk_, device->instance_);
   std::vector<DeviceInfo> infos;
   for (VkPhysicalDevice candidate : candidates) {
-    infos.push_back(describe(device->vk_, candidate, static_cast<uint32_t>(infos.size())));
+    infos.push_back(device_info(device->vk_, candidate, static_cast<uint32_t>(infos.size())));
   }
   const size_t chosen = select_device(infos, request.selector);
   device->adopt(candidates[chosen], static_cast<uint32_t>(chosen));
@@ -92,7 +92,7 @@ std::unique_ptr<Device> Device::wrap(const ExternalDevice& external) {
 Device::Device() : constants_(std::make_unique<ConstantPool>()), kernels_(std::make_unique<KernelPool>()) {}
 
 Device::~Device() {
-  kernels_.reset();  // what it keeps goes before the device
+  kernels_.reset();  // destroys the kernels that it keeps before the device
   if (device_ && fence_) vk_.DestroyFence(device_, fence_, allocator_);
   if (!owns_) return;
   if (device_) vk_.DestroyDevice(device_, nullptr);
@@ -118,12 +118,12 @@ void Device::create_instance(Validation validation) {
 
 void Device::adopt(VkPhysicalDevice physical_device, uint32_t index) {
   physical_device_ = physical_device;
-  info_ = describe(vk_, physical_device, index);
+  info_ = device_info(vk_, physical_device, index);
   vk_.GetPhysicalDeviceProperties(physical_device, &properties_);
   vk_.GetPhysicalDeviceMemoryProperties(physical_device, &memory_);
 }
 
-// A compute family without graphics runs beside a desktop's rendering, so it comes first.
+// Prefers a compute family without graphics, which runs beside a desktop's rendering.
 void Device::find_queue_family() {
   uint32_t count = 0;
   vk_.GetPhysicalDeviceQueueFamilyProperties(physical_device_, &count, nullptr);
@@ -165,7 +165,7 @@ void Device::create_device() {
   }
   if (info_.external_memory_fd) extensions.push_back(VK_KHR_EXTERNAL_MEMORY_FD_EXTENSION_NAME);
   if (info_.dma_buf) extensions.push_back(VK_EXT_EXTERNAL_MEMORY_DMA_BUF_EXTENSION_NAME);
-  info_.timeline_semaphore = false;  // nobody has one of this device
+  info_.timeline_semaphore = false;  // no caller can make a semaphore of this device
   auto info = vk_struct<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO);
   info.pNext = info_.cooperative_matrix ? static_cast<void*>(&matrix.matrix) : &storage;
   info.pEnabledFeatures = &features;
@@ -203,7 +203,7 @@ void Device::submit_and_wait(VkCommandBuffer commands) const {
   check(vk_.ResetFences(device_, 1, &fence_), "resetting a fence");
   submit(info, fence_);
   const VkResult waited = vk_.WaitForFences(device_, 1, &fence_, VK_TRUE, UINT64_MAX);
-  // The caller will free what the device may still be working on.
+  // The caller will free memory that the device may still be using.
   if (waited != VK_SUCCESS) {
     const std::lock_guard lock(*queue_mutex_);
     vk_.QueueWaitIdle(queue_);

@@ -1,4 +1,4 @@
-// All that has the device's lifetime: made by raymeld, or wrapped around the caller's own.
+// Holds all that lives as long as the device, whether raymeld made the device or the caller did.
 #pragma once
 
 #include <array>
@@ -19,7 +19,8 @@ namespace raymeld {
 class ConstantPool;
 class KernelPool;
 
-// What `raymeld devices` shows: facts of a physical device that decide how, and whether, raymeld runs on it.
+// Holds the facts of a physical device that decide how, and whether, raymeld runs on it. `raymeld devices`
+// shows them.
 struct DeviceInfo {
   uint32_t index = 0;
   std::string name;
@@ -27,45 +28,44 @@ struct DeviceInfo {
   std::string uuid;  // 8-4-4-4-12 hexadecimal digits
   std::string driver;
   uint32_t api_version = 0;
-  uint64_t memory_bytes = 0;             // device-local heap, or its current budget where the driver tells it
-  uint64_t max_storage_range_bytes = 0;  // of one binding
+  uint64_t memory_bytes = 0;             // largest device-local heap, or its budget where the driver tells it
+  uint64_t max_storage_range_bytes = 0;  // longest range of one binding
   uint64_t max_allocation_bytes = 0;
-  uint32_t storage_alignment_bytes = 0;  // of a binding's offset
+  uint32_t storage_alignment_bytes = 0;  // divides a binding's offset
   std::array<uint32_t, 3> max_groups{};  // workgroups of one dispatch
   uint32_t subgroup_size = 0;
-  uint32_t vector_lanes = 0;  // of a driver that makes vectors of subgroups, side by side: see vector.glsl
-  uint32_t id_lanes = 0;      // the same where the driver divides to find ids: see invocation.glsl
+  uint32_t vector_lanes = 0;  // size of subgroups that the driver makes vectors of, or 0: see vector.glsl
+  uint32_t id_lanes = 0;      // the same where the driver divides to find ids, or 0: see invocation.glsl
   double timestamp_period_ns = 0;  // 0: no timestamps on compute queues
   bool is_cpu = false;
   bool storage_16bit = false;
   bool float16_arithmetic = false;
-  bool image_writes = false;           // of any format: shaderStorageImageWriteWithoutFormat
-  bool buffer_device_address = false;  // with 64-bit integers, which addresses are counted in
+  bool image_writes = false;           // any format: shaderStorageImageWriteWithoutFormat
+  bool buffer_device_address = false;  // includes 64-bit integers, the type of addresses
   std::optional<CooperativeMatrix> cooperative_matrix;
   bool timeline_semaphore = false;
   bool external_memory_fd = false;  // VK_KHR_external_memory_fd
   bool dma_buf = false;             // VK_EXT_external_memory_dma_buf
 };
 
-// All devices of the system, in the driver's order. Throws Error without a loader or without a device.
+// Returns all devices, in the driver's order. Throws Error without a loader or without a device.
 std::vector<DeviceInfo> list_devices();
 
-// Nothing, or the Khronos layer with its usual checks and of hazards between commands; kGpuAssisted: and of
-// where shaders access memory, which is slow.
+// Chooses what the Khronos layer validates: nothing; its usual checks and hazards between commands; with
+// kGpuAssisted also where shaders access memory, which is slow.
 enum class Validation { kNone, kSynchronization, kGpuAssisted };
 
 struct DeviceRequest {
-  // An index, a UUID or a part of the name, any case; empty: the first discrete, integrated, virtual GPU or
-  // CPU.
+  // Is an index, a UUID or a part of the name in any case. Empty selects the first discrete GPU, else the
+  // first integrated GPU, virtual GPU or CPU.
   std::string selector;
   Validation validation = Validation::kNone;
-  // Called with each warning and error of the validation layers, from any thread but one at a time; also for
-  // those of the device's end.
+  // Is called with each warning and error of the validation layers, those of the device's end included, by
+  // any thread but one at a time.
   std::function<void(const std::string&)> on_message = {};
 };
 
-// Several threads may use a Device at once; what was made from it, such as a Program, is one thread's at a
-// time.
+// Several threads may use a Device at once. An object made from it, such as a Program, is for one at a time.
 class Device {
  public:
   static std::unique_ptr<Device> create(const DeviceRequest& request = {});
@@ -79,7 +79,7 @@ class Device {
   VkDevice handle() const { return device_; }
   VkQueue queue() const { return queue_; }
   uint32_t queue_family() const { return queue_family_; }
-  // Of what is made on the device; null: the driver's own.
+  // Returns the allocator of all that is made on the device; null is the driver's own.
   const VkAllocationCallbacks* allocator() const { return allocator_; }
   VkPipelineCache pipeline_cache() const { return pipeline_cache_; }  // the caller's, or null
   const DeviceInfo& info() const { return info_; }
@@ -89,7 +89,7 @@ class Device {
   ConstantPool& constants() const { return *constants_; }
   KernelPool& kernels() const { return *kernels_; }
 
-  // Or the caller's.
+  // Returns whether raymeld made the device, and not the caller.
   bool is_own() const { return owns_; }
 
   // Names an object for debuggers and validation messages; does nothing without VK_EXT_debug_utils.
@@ -98,11 +98,11 @@ class Device {
     name_object(type, reinterpret_cast<uint64_t>(handle), text);
   }
 
-  // Threads take turns, also those of other Devices that wrap the same queue.
+  // Submits to the queue. Threads take turns, also those of other Devices that wrap the same queue.
   void submit(const VkSubmitInfo& submit, VkFence fence) const;
 
-  // Submits one command buffer and waits until the device has done it, as far as it can be waited for.
-  // Threads that share this Device take turns, for all of that time.
+  // Submits one command buffer and waits until the device has done it. Threads that share this Device take
+  // turns until the wait ends. If the wait fails, waits until the queue is idle, if it can, and throws.
   void submit_and_wait(VkCommandBuffer commands) const;
 
  private:
@@ -128,7 +128,7 @@ class Device {
   const VkAllocationCallbacks* allocator_ = nullptr;
   VkPipelineCache pipeline_cache_ = VK_NULL_HANDLE;
   std::shared_ptr<std::mutex> queue_mutex_;
-  VkFence fence_ = VK_NULL_HANDLE;  // of submit_and_wait()
+  VkFence fence_ = VK_NULL_HANDLE;  // used by submit_and_wait()
   mutable std::mutex fence_mutex_;
   std::unique_ptr<ConstantPool> constants_;
   std::unique_ptr<KernelPool> kernels_;

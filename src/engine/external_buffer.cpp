@@ -14,7 +14,7 @@ constexpr VkBufferUsageFlags kUsage =
     VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_SRC_BIT | VK_BUFFER_USAGE_TRANSFER_DST_BIT;
 constexpr const char* kWhat = "importing memory";
 
-// Whether such memory must be one buffer's alone.
+// Returns whether such memory must be one buffer's alone. Throws Error where it cannot be imported.
 bool must_be_dedicated(const Device& device, const MemoryFd& from) {
   auto info =
       vk_struct<VkPhysicalDeviceExternalBufferInfo>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_EXTERNAL_BUFFER_INFO);
@@ -29,12 +29,13 @@ bool must_be_dedicated(const Device& device, const MemoryFd& from) {
   return features & VK_EXTERNAL_MEMORY_FEATURE_DEDICATED_ONLY_BIT;
 }
 
-// The one of its exporter; a dma_buf may have any that both the device and the buffer allow.
+// Returns the exporter's memory type; a dma_buf may have any type that both the device and the buffer allow.
 uint32_t memory_type_of(const Device& device, const MemoryFd& from, uint32_t allowed) {
   if (from.type == VK_EXTERNAL_MEMORY_HANDLE_TYPE_OPAQUE_FD_BIT) {
     if (from.memory_type < 32 && (allowed & 1u << from.memory_type)) return from.memory_type;
-    throw Error("{}: no storage buffer of device {} lies in memory of type {}, expected one of {:#b}", kWhat,
-                device.info().name, from.memory_type, allowed);
+    throw Error(
+        "{}: storage buffers of device {} cannot lie in memory of type {}, expected one of the types {:#b}",
+        kWhat, device.info().name, from.memory_type, allowed);
   }
   auto found = vk_struct<VkMemoryFdPropertiesKHR>(VK_STRUCTURE_TYPE_MEMORY_FD_PROPERTIES_KHR);
   check(device.vk().GetMemoryFdPropertiesKHR(device.handle(), from.type, from.fd, &found), kWhat);
@@ -81,15 +82,15 @@ void ExternalBuffer::create(const MemoryFd& from) {
   if (from.offset_bytes % needs.alignment != 0 || from.offset_bytes > from.memory_size_bytes ||
       from.memory_size_bytes - from.offset_bytes < needs.size ||
       (memory.dedicated && (from.offset_bytes != 0 || from.memory_size_bytes != needs.size)))
-    throw Error("{}: a buffer of {} bytes at {} of {} bytes, expected {} bytes for it at {}", kWhat,
+    throw Error("{}: a buffer of {} bytes at offset {} of {} bytes, expected {} bytes for it at {}", kWhat,
                 from.size_bytes, from.offset_bytes, from.memory_size_bytes, needs.size,
-                memory.dedicated ? "0 of as many, as the memory is dedicated"
+                memory.dedicated ? "offset 0 of as many bytes, since the memory is dedicated"
                                  : fmt::format("a multiple of {}", needs.alignment));
   import(memory, needs);
   check(vk.BindBufferMemory(device_.handle(), buffer_, memory_, from.offset_bytes), kWhat);
 }
 
-// A copy of the descriptor, as what is imported is Vulkan's even if what follows fails.
+// Imports a copy of the descriptor, since Vulkan owns an imported one even if a later step fails.
 void ExternalBuffer::import(const MemoryFd& from, const VkMemoryRequirements& needs) {
   auto dedicated = vk_struct<VkMemoryDedicatedAllocateInfo>(VK_STRUCTURE_TYPE_MEMORY_DEDICATED_ALLOCATE_INFO);
   dedicated.buffer = buffer_;

@@ -5,7 +5,7 @@
 namespace raymeld {
 namespace {
 
-// As Vulkan takes them.
+// Holds semaphores and values in the lists that Vulkan takes.
 struct SemaphoreLists {
   std::vector<VkSemaphore> semaphores;
   std::vector<uint64_t> values;
@@ -39,7 +39,7 @@ FrameRing::FrameRing(const Device& device, uint32_t frames)
 
 FrameRing::~FrameRing() {
   for (Frame& frame : frames_) {
-    // Whatever comes of it: a lost device does nothing any more.
+    // The result does not matter: a lost device does nothing any more.
     if (frame.is_pending) device_.vk().WaitForFences(device_.handle(), 1, &frame.fence, VK_TRUE, UINT64_MAX);
   }
   destroy_fences();

@@ -1,4 +1,4 @@
-// Frames that raymeld submits itself.
+// Keeps the frames that raymeld submits itself.
 #pragma once
 
 #include <span>
@@ -10,10 +10,10 @@ namespace raymeld {
 
 struct SemaphoreValue {
   VkSemaphore semaphore = VK_NULL_HANDLE;
-  uint64_t value = 0;  // of a timeline semaphore; 0: a binary one
+  uint64_t value = 0;  // the value of a timeline semaphore; 0: a binary one
 };
 
-// Command buffers that take turns, each with a fence. One thread's at a time.
+// Holds command buffers that take turns, each with a fence. One thread at a time may use it.
 class FrameRing {
  public:
   FrameRing(const Device& device, uint32_t frames);
@@ -21,11 +21,12 @@ class FrameRing {
 
   // Starts command buffer `frame` anew, after waiting for its last submit. Throws Error.
   VkCommandBuffer begin(uint32_t frame);
-  // Ends and submits it; all of its commands wait. Threads take turns, as in Device::submit(). Throws Error.
+  // Ends and submits command buffer `frame`, all of whose commands wait. Threads take turns, as in
+  // Device::submit(). Throws Error.
   void submit(uint32_t frame, std::span<const SemaphoreValue> wait, std::span<const SemaphoreValue> signal);
-  // Whether the device has not done the last submit of command buffer `frame`.
+  // Returns whether the device has not done the last submit of command buffer `frame`.
   bool is_pending(uint32_t frame) const;
-  // For all that was submitted. Throws Error.
+  // Waits for all that was submitted. Throws Error.
   void wait();
 
  private:

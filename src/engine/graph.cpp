@@ -7,7 +7,7 @@
 namespace raymeld {
 namespace {
 
-// The largest alignment that Vulkan lets a device ask of a storage binding's offset.
+// Vulkan lets a device ask at most this alignment of a storage binding's offset.
 constexpr uint64_t kAlignmentBytes = 256;
 
 uint64_t align(uint64_t bytes) { return (bytes + kAlignmentBytes - 1) / kAlignmentBytes * kAlignmentBytes; }
@@ -62,7 +62,8 @@ Tensor Graph::tensor(const std::string& name, Shape shape, int exponent) {
 void Graph::keep_rows(const Tensor& tensor, uint32_t rows) {
   TensorRecord& record = tensors_.at(tensor.id);
   if (!std::has_single_bit(rows) || record.first_use >= 0)
-    throw Error("tensor {} cannot be kept by {} rows", record.name, rows);
+    throw Error("tensor {} cannot keep {} rows, expected a power of two, before any pass uses the tensor",
+                record.name, rows);
   if (rows >= record.shape.height) return;
   record.rows = rows;
   record.size_bytes = size_bytes({tensor.id, record.shape, 0});
@@ -140,14 +141,14 @@ void Graph::plan_within(const Graph& larger) {
     return small.name == large.name && small.size_bytes <= large.size_bytes;
   };
   if (!std::ranges::equal(tensors_, larger.tensors_, fits))
-    throw Error("a graph is no smaller one of the same network");
+    throw Error("the graph is not of the same network for smaller frames");
   for (size_t i = 0; i < tensors_.size(); ++i) tensors_[i].offset_bytes = larger.tensors_[i].offset_bytes;
   activation_bytes_ = larger.activation_bytes_;
   check_places();
   place_barriers();
 }
 
-// Passes may be fewer than in the larger graph, and lifetimes with them.
+// This graph may have fewer passes than the larger one, and so other lifetimes.
 void Graph::check_places() const {
   for (const TensorRecord& a : tensors_) {
     for (const TensorRecord& b : tensors_) {
@@ -160,9 +161,9 @@ void Graph::check_places() const {
   }
 }
 
-// Ranges of the activation block that passes since the last barrier read and wrote decide, and the exposure,
-// which is as a range behind all. Frame images are only read, or written by the last pass, and constants
-// never change, so neither needs one.
+// Compares the ranges of the activation block that passes since the last barrier read and wrote. The exposure
+// counts as a range after all others. Frame images are only read, or written by the last pass, and constants
+// never change, so neither needs a barrier.
 void Graph::place_barriers() {
   barriers_.assign(passes_.size(), false);
   std::vector<Range> read, written;
@@ -209,7 +210,7 @@ uint64_t Graph::largest_binding_bytes() const {
       uint64_t bytes = 0;
       if (binding.kind == Binding::Kind::kTensor) bytes = size_bytes(binding.tensor);
       if (binding.kind == Binding::Kind::kConstant) bytes = constants_.at(binding.constant).size_bytes;
-      // By address, what shaders count in 32 bits can be reached.
+      // Shaders reach by address all that they can count in 32 bits.
       if (!binding.by_address || bytes > UINT32_MAX) largest = std::max(largest, bytes);
     }
   }

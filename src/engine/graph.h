@@ -1,4 +1,4 @@
-// The network as data: what is dispatched, on which tensors, and where these live. Knows no device.
+// Holds a network as data: the dispatches, their tensors, and where these lie in memory. It knows no device.
 #pragma once
 
 #include <array>
@@ -17,24 +17,24 @@
 
 namespace raymeld {
 
-// The images that a frame brings and takes are numbered; what they are is for the layers to say. They are
-// bound anew for each recording.
+// Numbers the images that a frame brings and takes; the layers say which is which. They are bound anew for
+// each recording.
 using FrameSlot = uint32_t;
 inline constexpr uint32_t kFrameSlots = 8;
 
-// Which of them are images of Vulkan, others being buffers.
+// Says which of these images are Vulkan images; the others are buffers.
 struct FrameImages {
   bool inputs = false, output = false;
   bool any() const { return inputs || output; }
 };
 
-// What the device counted while a frame ran.
+// Holds the device's counts while a frame ran.
 struct Status {
   uint32_t saturated = 0;   // values beyond 65504 that were stored in 16 bits as +-65504
   uint32_t not_finite = 0;  // output values that were NaN or infinite, written as 0
 };
 
-// What the images of a recording are multiplied by on their way in, and divided by on their way out.
+// Holds the factor by which a recording's images are multiplied on their way in and divided on their way out.
 struct Exposure {
   float factor = 1;
   float inverse = 1;
@@ -42,8 +42,7 @@ struct Exposure {
 
 enum class Access { kRead, kWrite };
 
-// One storage buffer of a pass, or an image. What kFrame and kExposure mean differs from recording to
-// recording.
+// Names a storage buffer or an image of a pass. kFrame and kExposure are bound anew for each recording.
 struct Binding {
   enum class Kind { kTensor, kConstant, kFrame, kExposure };
   Kind kind = Kind::kTensor;
@@ -51,8 +50,8 @@ struct Binding {
   Tensor tensor = {};     // kTensor
   uint32_t constant = 0;  // kConstant: index of the graph's constant
   FrameSlot slot = 0;     // kFrame
-  bool image = false;     // kFrame: of Vulkan
-  // The shader reads its address in the push constants, and there is no descriptor. Not for kFrame.
+  bool image = false;     // kFrame: a Vulkan image
+  // The shader reads the address from the push constants, and there is no descriptor. Never set for kFrame.
   bool by_address = false;
 
   VkDescriptorType descriptor_type() const {
@@ -61,11 +60,11 @@ struct Binding {
   }
 };
 
-// One dispatch.
+// Describes one dispatch.
 struct Pass {
-  static constexpr uint32_t kMaxPushBytes = 128;  // what every Vulkan device offers
+  static constexpr uint32_t kMaxPushBytes = 128;  // every Vulkan device offers as many
 
-  std::string name;  // the layer's name; of a layer's only or last pass: the key of its weights
+  std::string name;  // the layer's name, which all of its passes have
   const Shader* shader = nullptr;
   std::vector<uint32_t> constants;  // specialization constants, by id
   // Those with a descriptor are bindings 1, 2, ...; binding 0 is the graph's status. The addresses of the
@@ -74,15 +73,14 @@ struct Pass {
   alignas(8) std::array<std::byte, kMaxPushBytes> push{};
   uint32_t push_bytes = 0;
   std::array<uint32_t, 3> groups{1, 1, 1};
-  std::optional<CooperativeMatrix> matrix =
-      {};            // the shader multiplies these: only for a device that has them
-  double flop = 0;   // multiply-adds count as two
-  double bytes = 0;  // every operand once: the least traffic
+  std::optional<CooperativeMatrix> matrix = {};  // the shader multiplies these, which only some devices can
+  double flop = 0;                               // multiply-adds count as two
+  double bytes = 0;                              // the least traffic: every operand counts once
 
-  // What dispatches and submits are measured by.
+  // Returns the work by which dispatches and submits are limited, see WorkLimits.
   double work() const { return flop + bytes; }
-  // Copies a structure of shaders/include/params.h into the push constants, behind the addresses: after
-  // `bindings`.
+  // Copies a structure of shaders/include/params.h into the push constants, after the addresses. `bindings`
+  // must be set before.
   template <typename Params>
   void set_push(const Params& params) {
     static_assert(sizeof(Params) % 4 == 0);
@@ -93,40 +91,40 @@ struct Pass {
     push_bytes = static_cast<uint32_t>(addresses_bytes + sizeof(Params));
   }
   size_t address_count() const;
-  // The frame image this pass reads or writes, if any.
+  // Returns the frame image that this pass reads or writes, or null.
   const Binding* frame() const;
-  // Whether its descriptors differ from recording to recording.
+  // Returns whether its descriptors differ from recording to recording.
   bool varies() const;
-  // The tensor this pass writes, if any; the last of its bindings where it writes scratch as well.
+  // Returns the tensor that this pass writes, or null. A pass that writes scratch too binds its output last.
   const Tensor* output() const;
 };
 
 struct TensorRecord {
   std::string name;
   Shape shape;
-  uint32_t rows = 0;  // that are kept, see Graph::keep_rows()
-  int exponent = 0;   // what is stored is 2^-exponent times what the tensor stands for
+  uint32_t rows = 0;  // rows in memory, see Graph::keep_rows()
+  int exponent = 0;   // the stored values are 2^-exponent times the true ones
   uint64_t size_bytes = 0;
-  uint64_t offset_bytes = 0;  // in the activation block, after plan()
-  bool scratch = false;       // of one layer's own, and no activation
+  uint64_t offset_bytes = 0;  // place in the activation block, after plan()
+  bool scratch = false;       // memory of one layer, and no activation
   int first_use = -1;         // pass indices, inclusive
   int last_use = -1;
 };
 
-// Weights, biases and tables: packed only when a device wants them.
+// Describes weights, biases or a table, which are packed only when a device wants them.
 struct ConstantRecord {
   std::string name;
   uint64_t size_bytes = 0;
-  uint64_t offset_bytes = 0;  // in the constant block
+  uint64_t offset_bytes = 0;  // place in the constant block
   std::function<void(std::byte*)> fill;
 };
 
 class Graph {
  public:
   static constexpr uint64_t kGuardBytes = 512;  // see plan()
-  // `frame_images`: whose layers come in slots of their own. `addressed`: shaders that can read and write
-  // activations by address, which is faster on some devices. `keep`: all activations can still be read when
-  // the frame is done; none share memory.
+  // `frame_images` says which are Vulkan images, whose layers come in slots of their own. With `addressed`,
+  // the shaders that can do so read and write activations by address, which is faster on some devices. With
+  // `keep` no activations share memory, so that all can be read when the frame is done.
   explicit Graph(Storage storage, bool addressed = false, bool keep = false, FrameImages frame_images = {})
       : storage_(storage), addressed_(addressed), keep_(keep), frame_images_(frame_images) {}
 
@@ -134,57 +132,59 @@ class Graph {
   bool addressed() const { return addressed_; }
   bool keep() const { return keep_; }
   FrameImages frame_images() const { return frame_images_; }
-  // DeviceInfo::vector_lanes, if passes that are added from now on shall read pixels side by side as vectors.
+  // Makes passes that are added from now on read neighbouring pixels as vectors of DeviceInfo::vector_lanes;
+  // 0 makes them read each by itself.
   void read_vectors(uint32_t lanes) { vector_ = lanes; }
   uint32_t vector() const { return vector_; }
 
-  // A new activation; its memory lives from the first pass that touches it to the last.
+  // Adds an activation, whose memory lives from the first pass that touches it to the last.
   Tensor tensor(const std::string& name, Shape shape, int exponent = 0);
   int exponent(const Tensor& tensor) const { return tensors_.at(tensor.id).exponent; }
-  // Of a tensor that no pass uses yet, only as many rows, a power of two, are in memory at a time: row y is
-  // where row y % rows is, in all channels. For passes that take turns, see conv2d_chain().
+  // Keeps only `rows` rows, a power of two, of a tensor in memory at a time: row y lies where row y % rows
+  // does, in all channels. No pass may use the tensor yet. See conv2d_chain(), whose passes take turns.
   void keep_rows(const Tensor& tensor, uint32_t rows);
-  // Row y is at y & rows_mask(), and elements from one channel's plane to the next.
+  // Returns the mask of the rows in memory: row y lies at row y & rows_mask().
   uint32_t rows_mask(const Tensor& tensor) const;
   uint32_t plane(const Tensor& tensor) const;
-  // Floats of 32 bits, whatever the storage, that passes of one layer hand to each other: (1, count, 1).
+  // Adds memory (1, count, 1) of 32-bit floats, whatever the storage, in which passes of one layer hand
+  // values to each other.
   Tensor scratch(const std::string& name, uint64_t count);
-  // One that the host fills with Program::write() before each run; how layers are tested alone.
+  // Adds a tensor that the host fills with Program::write() before each run; layers are tested alone with it.
   Tensor input(const std::string& name, Shape shape);
-  // `fill` writes size_bytes bytes; called once for each device.
+  // Adds a constant. `fill` writes size_bytes bytes; each Program that allocates memory calls it once.
   uint32_t constant(const std::string& name, uint64_t size_bytes, std::function<void(std::byte*)> fill);
-  // Passes run in the order in which they were added.
+  // Adds a pass. Passes run in the order in which they were added.
   void add(Pass pass);
 
-  // Gives every tensor its place: those whose lifetimes do not meet share memory, but see keep(). In front of
-  // and behind them all are kGuardBytes, as vectors may begin or end outside of a tensor.
+  // Gives every tensor its place: those whose lifetimes do not meet share memory, but see keep(). kGuardBytes
+  // lie before and after them all, since vectors may begin or end outside of a tensor.
   void plan();
-  // The same, but with the places that the tensors have in the graph of the same network for larger frames:
-  // it takes no more memory, whatever the size. Throws Error where they do not fit there.
+  // Does the same, but with the places that the tensors have in the graph of the same network for larger
+  // frames. It takes no more memory, whatever the size. Throws Error where the tensors do not fit there.
   void plan_within(const Graph& larger);
 
   std::span<const Pass> passes() const { return passes_; }
   std::span<const TensorRecord> tensors() const { return tensors_; }
   std::span<const ConstantRecord> constants() const { return constants_; }
-  // Whether a barrier must come before pass i: it touches what a pass since the last barrier wrote, or writes
-  // what one read. Arena reuse makes write-after-read and write-after-write hazards as real as
-  // read-after-write.
+  // Returns whether a barrier must come before pass i: since the last barrier a pass wrote memory that pass i
+  // touches, or read memory that it writes. Tensors that share memory make write-after-read and
+  // write-after-write hazards as real as read-after-write.
   bool barrier_before(size_t i) const { return barriers_.at(i); }
   size_t barrier_count() const;
 
   uint64_t activation_bytes() const { return activation_bytes_; }
-  uint64_t unaliased_bytes() const;  // of activations, without scratch
+  uint64_t unaliased_bytes() const;  // the activations' sum, without scratch
   uint64_t constant_bytes() const { return constant_bytes_; }
-  // The largest range of a tensor or constant that takes a descriptor or, by address, more than 32 bits.
+  // Returns the largest range of a tensor or constant that needs a descriptor or more than 32-bit addresses.
   uint64_t largest_binding_bytes() const;
 
-  // The last pass of each layer, whose passes all have its name.
+  // Returns the last pass of each layer; all passes of a layer have its name.
   std::vector<const Pass*> layers() const;
 
-  // The most workgroups that a dispatch has along x, y and z.
+  // Returns the most workgroups that a dispatch has along x, y and z.
   std::array<uint32_t, 3> most_groups() const;
 
-  // Where a run of channels lies in the activation block, after plan().
+  // Returns where a run of channels lies in the activation block, after plan().
   uint64_t offset_bytes(const Tensor& tensor) const;
   uint64_t size_bytes(const Tensor& tensor) const;
 

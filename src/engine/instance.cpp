@@ -61,7 +61,8 @@ std::string lower(std::string text) {
   return text;
 }
 
-// The largest device-local heap: its budget where VK_EXT_memory_budget tells it, else its size.
+// Returns the bytes of the largest device-local heap: its budget where VK_EXT_memory_budget tells it, else
+// its size.
 uint64_t device_memory_bytes(const VulkanFunctions& vk, VkPhysicalDevice device) {
   auto budget = vk_struct<VkPhysicalDeviceMemoryBudgetPropertiesEXT>(
       VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_BUDGET_PROPERTIES_EXT);
@@ -187,7 +188,7 @@ bool has_extension(const VulkanFunctions& vk, VkPhysicalDevice device, const cha
                      [&](const auto& e) { return std::strcmp(e.extensionName, name) == 0; });
 }
 
-DeviceInfo describe(const VulkanFunctions& vk, VkPhysicalDevice device, uint32_t index) {
+DeviceInfo device_info(const VulkanFunctions& vk, VkPhysicalDevice device, uint32_t index) {
   auto driver =
       vk_struct<VkPhysicalDeviceDriverProperties>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_DRIVER_PROPERTIES);
   auto limits = vk_struct<VkPhysicalDeviceMaintenance3Properties>(
@@ -221,8 +222,7 @@ DeviceInfo describe(const VulkanFunctions& vk, VkPhysicalDevice device, uint32_t
                        (subgroup.supportedStages & VK_SHADER_STAGE_COMPUTE_BIT) &&
                        (subgroup.supportedOperations & kNeeded) == kNeeded;
   info.vector_lanes = vectors ? subgroup.subgroupSize : 0;
-  // That of Mesa 25.0 does not gain by it, that of 26.2 does; nothing but time depends on what those between
-  // do.
+  // Mesa 26.2 is faster with this, and Mesa 25.0 is not. Only time depends on what versions between them do.
   info.id_lanes = properties.driverVersion >= VK_MAKE_API_VERSION(0, 26, 0, 0) ? info.vector_lanes : 0;
   info.timestamp_period_ns =
       properties.limits.timestampComputeAndGraphics ? properties.limits.timestampPeriod : 0.0;
@@ -265,7 +265,7 @@ std::vector<DeviceInfo> list_devices() {
   std::vector<DeviceInfo> infos;
   try {
     for (VkPhysicalDevice device : physical_devices(vk, instance)) {
-      infos.push_back(describe(vk, device, static_cast<uint32_t>(infos.size())));
+      infos.push_back(device_info(vk, device, static_cast<uint32_t>(infos.size())));
     }
   } catch (...) {
     vk.DestroyInstance(instance, nullptr);

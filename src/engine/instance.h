@@ -1,5 +1,5 @@
-// Instances, and what a physical device says of itself. Used by device.cpp, and by the library to answer
-// before there is a device.
+// Makes instances and describes physical devices. Device uses it, and so does the library to answer before
+// there is a device.
 #pragma once
 
 #include <string>
@@ -9,17 +9,17 @@
 
 namespace raymeld {
 
-// A Vulkan 1.1 instance.
+// Makes a Vulkan 1.1 instance and loads its functions into `vk`.
 VkInstance make_instance(VulkanFunctions& vk, Validation validation);
 
 std::vector<VkPhysicalDevice> physical_devices(const VulkanFunctions& vk, VkInstance instance);
 
-DeviceInfo describe(const VulkanFunctions& vk, VkPhysicalDevice physical_device, uint32_t index);
+DeviceInfo device_info(const VulkanFunctions& vk, VkPhysicalDevice physical_device, uint32_t index);
 
 bool has_extension(const VulkanFunctions& vk, VkPhysicalDevice physical_device, const char* name);
 
-// The index into `devices` that `selector` means (see DeviceRequest). Throws Error, listing the devices, when
-// it matches none or several.
+// Returns the index of the device that `selector` means (see DeviceRequest). Throws Error, which lists the
+// devices, when none or several match.
 size_t select_device(const std::vector<DeviceInfo>& devices, const std::string& selector);
 
 }  // namespace raymeld

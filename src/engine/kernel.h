@@ -12,15 +12,15 @@
 
 namespace raymeld {
 
-// SPIR-V of one shader, for tensors stored in 32 and in 16 bits.
+// Holds the SPIR-V of one shader, for tensors stored in 32 and in 16 bits.
 struct Shader {
   const char* name;
   std::span<const uint32_t> f32;
   std::span<const uint32_t> f16;
 };
 
-// What a compute pipeline is made of: a shader with its specialization constants (ids 0, 1, 2, ...).
-// `descriptors` are by binding; push constants fill push_bytes.
+// Describes a compute pipeline: a shader with its specialization constants (ids 0, 1, 2, ...). `descriptors`
+// are in the order of the bindings; the push constants take push_bytes.
 struct KernelRecipe {
   const char* name;
   std::span<const uint32_t> spirv;
@@ -36,7 +36,7 @@ struct KernelRecipe {
   }
 };
 
-// A compute pipeline; the constant kIdLanesId is the device's id_lanes.
+// Holds a compute pipeline, whose specialization constant kIdLanesId is the device's id_lanes.
 class Kernel {
  public:
   static constexpr uint32_t kIdLanesId = 29;  // invocation.glsl

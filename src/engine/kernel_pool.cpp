@@ -9,7 +9,7 @@ namespace {
 
 using Kernels = std::map<KernelRecipe, std::shared_ptr<const Kernel>>;
 
-// What threads compile together. The longest shaders are first, so that none of them is left at the end.
+// Compiles kernels with several threads. The longest shaders come first, so that none is left at the end.
 class Compilation {
  public:
   Compilation(const Device& device, VkPipelineCache cache, Kernels& kernels,

@@ -10,21 +10,21 @@
 
 namespace raymeld {
 
-// The kernels of one device, one for all Programs that have the same. Any threads may use it.
+// Shares the kernels of one device among all Programs that have the same ones. Any threads may use it.
 class KernelPool {
  public:
-  // Told how many of how many kernels are compiled; by any thread, but one at a time.
+  // Is called with how many of how many kernels are compiled, by any thread but one at a time.
   using Progress = std::function<void(size_t done, size_t count)>;
 
-  // Returns a kernel for each recipe: one that somebody still has, or a new one. New ones are compiled by as
-  // many threads as the host has, or by the caller's alone on a device of somebody else's, whose allocator
+  // Returns a kernel for each recipe: one that somebody still has, or a new one. As many threads as the host
+  // has compile new ones; on the caller's device only the calling thread does, since the caller's allocator
   // may not expect more. Throws Error.
   std::vector<std::shared_ptr<const Kernel>> get(const Device& device, VkPipelineCache cache,
                                                  std::span<const KernelRecipe> recipes,
                                                  const Progress& progress = {});
 
-  // Keeps the last `count` kernels that get() gave, even if nobody else has them any more: for those who make
-  // many Programs, one after another, of the same kernels. By default none is kept.
+  // Keeps the last `count` kernels that get() returned, even if nobody else has them any more. This helps
+  // callers that make many Programs of the same kernels, one after another. By default none is kept.
   void keep(size_t count);
 
  private:

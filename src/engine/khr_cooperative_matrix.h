@@ -1,4 +1,5 @@
-// What headers older than 1.3.255 lack of VK_KHR_cooperative_matrix; names and numbers are the registry's.
+// Declares what Vulkan headers older than 1.3.255 lack of VK_KHR_cooperative_matrix; names and numbers are
+// the registry's.
 #pragma once
 
 #include <vulkan/vulkan_core.h>
@@ -14,7 +15,7 @@ inline constexpr auto VK_STRUCTURE_TYPE_COOPERATIVE_MATRIX_PROPERTIES_KHR =
 inline constexpr auto VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_COOPERATIVE_MATRIX_PROPERTIES_KHR =
     static_cast<VkStructureType>(1000506002);
 
-// Only those that raymeld asks for; the type is 32 bits wide.
+// Lists only the types that raymeld asks for; the enum is 32 bits wide.
 enum VkComponentTypeKHR {
   VK_COMPONENT_TYPE_FLOAT16_KHR = 0,
   VK_COMPONENT_TYPE_FLOAT32_KHR = 1,

@@ -3,7 +3,6 @@
 #include <unistd.h>
 
 #include <chrono>
-#include <cstdlib>
 #include <cstring>
 #include <fstream>
 
@@ -21,14 +20,14 @@ struct FileHeader {
   uint64_t checksum;
 };
 
-// FNV-1a, 64 bits: finds truncation and bit rot, which is all that is asked of it.
+// Returns the 64-bit FNV-1a hash, which finds truncation and bit rot. It need not do more.
 uint64_t checksum_of(const std::vector<char>& data) {
   uint64_t hash = 0xcbf29ce484222325;
   for (unsigned char byte : data) hash = (hash ^ byte) * 0x100000001b3;
   return hash;
 }
 
-// Vulkan's own header (section 10.7.3 of the specification) must be this device's.
+// Returns whether Vulkan's own header (section 10.7.3 of the specification) is this device's.
 bool fits_device(const std::vector<char>& data, const VkPhysicalDeviceProperties& properties) {
   VkPipelineCacheHeaderVersionOne wanted{
       sizeof(wanted), VK_PIPELINE_CACHE_HEADER_VERSION_ONE, properties.vendorID, properties.deviceID, {}};
@@ -51,7 +50,7 @@ std::vector<char> read_cache(const std::filesystem::path& file,
   return data;
 }
 
-// The temporary files of writers that were killed: of those that are alive, none takes an hour.
+// Removes the temporary files of writers that were killed. No living writer takes an hour.
 void remove_leftovers(const std::filesystem::path& file) {
   namespace fs = std::filesystem;
   std::error_code error;
@@ -122,16 +121,6 @@ bool PipelineCache::save() const {
   }
   remove_leftovers(file_);
   return true;
-}
-
-std::filesystem::path PipelineCache::default_folder() {
-  if (const char* cache = std::getenv("XDG_CACHE_HOME"); cache && cache[0] == '/') {
-    return std::filesystem::path(cache) / "raymeld";
-  }
-  if (const char* home = std::getenv("HOME"); home && home[0] == '/') {
-    return std::filesystem::path(home) / ".cache" / "raymeld";
-  }
-  return {};
 }
 
 }  // namespace raymeld

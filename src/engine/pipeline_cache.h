@@ -6,15 +6,15 @@
 
 namespace raymeld {
 
-// Names a device and its driver's version in the names of files.
+// Returns a name of a device and its driver's version, for the names of files.
 std::string device_key(const VkPhysicalDeviceProperties& properties);
 
-// A VkPipelineCache kept on disk between runs, one file for each device and driver version. A file that is
+// Keeps a VkPipelineCache on disk between runs, one file for each device and driver version. A file that is
 // damaged, foreign or half-written is ignored; writers replace the file whole, so concurrent ones cannot mix.
 class PipelineCache {
  public:
-  // Reads `folder`/<device>.bin when it is there and sound. Never throws for a bad or unreadable file. Where
-  // the device's owner has a cache it is that one, and no file.
+  // Reads `folder`/pipelines-<device_key>.bin when it is there and sound, and never throws for a bad or
+  // unreadable file. If the device's owner has a cache, uses that one and no file.
   PipelineCache(const Device& device, const std::filesystem::path& folder);
   ~PipelineCache();
   PipelineCache(const PipelineCache&) = delete;
@@ -24,12 +24,9 @@ class PipelineCache {
   const std::filesystem::path& file() const { return file_; }
   bool loaded() const { return !loaded_data_.empty(); }
 
-  // Writes the cache when it has changed, and removes what writers left behind that were killed an hour ago
-  // or more. A cache that cannot be written is no error: returns false.
+  // Writes the cache when it has changed, and then removes temporary files more than an hour old, which
+  // killed writers left behind. A cache that cannot be written is no error: returns false.
   bool save() const;
-
-  // $XDG_CACHE_HOME/raymeld, else $HOME/.cache/raymeld; empty (no cache on disk) when neither is set.
-  static std::filesystem::path default_folder();
 
  private:
   const Device& device_;

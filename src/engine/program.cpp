@@ -12,13 +12,13 @@
 namespace raymeld {
 namespace {
 
-// From one set's exposure to the next: the largest alignment that Vulkan lets a device ask of a binding's
-// offset.
+// One set's exposure lies this far from the next: the largest alignment that Vulkan lets a device ask of a
+// binding's offset.
 constexpr uint64_t kExposureStrideBytes = 256;
 
 constexpr VkAccessFlags kShaderAccess = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT;
 
-// Orders all dispatches before it before all behind it.
+// Orders all dispatches recorded before it ahead of all recorded after it.
 void full_barrier(const VulkanFunctions& vk, VkCommandBuffer commands) {
   constexpr VkPipelineStageFlags kStage = VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT;
   auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
@@ -26,7 +26,7 @@ void full_barrier(const VulkanFunctions& vk, VkCommandBuffer commands) {
   vk.CmdPipelineBarrier(commands, kStage, kStage, 0, 1, &barrier, 0, nullptr, 0, nullptr);
 }
 
-// By binding, 0 being the status.
+// Returns the type of each binding with a descriptor; binding 0 is the status.
 std::vector<VkDescriptorType> descriptor_types(const Pass& pass) {
   std::vector<VkDescriptorType> types{VK_DESCRIPTOR_TYPE_STORAGE_BUFFER};
   for (const Binding& binding : pass.bindings) {
@@ -37,8 +37,8 @@ std::vector<VkDescriptorType> descriptor_types(const Pass& pass) {
 
 }  // namespace
 
-// A watchdog fires after about two seconds; these keep one dispatch near a tenth of one on slow devices of
-// their kind (measured or typical: a few GFLOP/s on CPU drivers, tens on old integrated GPUs).
+// A watchdog fires after about two seconds. These limits keep a dispatch near a tenth of a second on slow
+// devices of each kind (measured or typical: a few GFLOP/s on CPU drivers, tens on old integrated GPUs).
 WorkLimits limits_for(const DeviceInfo& info) {
   const double dispatch_work = info.is_cpu ? 1e8 : info.type == "discrete GPU" ? 4e10 : 4e9;
   return {dispatch_work, 8 * dispatch_work};
@@ -84,12 +84,12 @@ Program::Program(const Device& device, const Graph& graph, PipelineCache& cache,
                 device.info().name);
   }
   if (graph.frame_images().output && !device.info().image_writes) {
-    throw Error("device {} writes no images of any format (shaderStorageImageWriteWithoutFormat)",
+    throw Error("device {} cannot write images of any format (shaderStorageImageWriteWithoutFormat)",
                 device.info().name);
   }
   for (const Pass& pass : passes) {
     if (!pass.matrix || pass.matrix == device.info().cooperative_matrix) continue;
-    throw Error("layer {}: device {} has no such cooperative matrices of {}x{}x{} (or they are not enabled)",
+    throw Error("layer {}: device {} has no cooperative matrices of {}x{}x{}, or they are not enabled",
                 pass.name, device.info().name, pass.matrix->m, pass.matrix->n, pass.matrix->k);
   }
   const auto place_activations = [&](const auto& memory) {
@@ -111,7 +111,7 @@ Program::Program(const Program& larger, const Graph& graph, PipelineCache& cache
   };
   if (graph.activation_bytes() > larger.graph_.activation_bytes() ||
       (!graph.constants().empty() && !std::ranges::equal(graph.constants(), larger.graph_.constants(), same)))
-    throw Error("a graph of other weights, or more memory, than that of larger frames");
+    throw Error("the graph has other weights, or needs more memory, than the graph of larger frames");
   prepare(cache, static_cast<uint32_t>(larger.sets_.size()));
 }
 
@@ -141,8 +141,8 @@ void Program::create_kernels(PipelineCache& cache) {
   }
 }
 
-// Passes that touch no frame image and no exposure need one descriptor set, the others one for each pending
-// recording.
+// Passes that touch no frame image and no exposure need one descriptor set, others one for each recording
+// that may be pending.
 void Program::create_sets(uint32_t sets) {
   const VulkanFunctions& vk = device_.vk();
   std::vector<VkDescriptorSetLayout> layouts;
@@ -381,7 +381,7 @@ void Program::reset_status() { std::memset(common_->status.mapped(), 0, sizeof(S
 
 void Program::write(const Tensor& tensor, std::span<const float> values) {
   const uint64_t size_bytes = graph_.size_bytes(tensor), pixels = tensor.shape.pixels();
-  if (graph_.rows_mask(tensor) != ~0u) throw Error("writing a tensor of which some rows are kept");
+  if (graph_.rows_mask(tensor) != ~0u) throw Error("writing a tensor that does not keep all of its rows");
   if (values.size() != pixels * tensor.shape.channels) {
     throw Error("writing {} values to a tensor of {}", values.size(), pixels * tensor.shape.channels);
   }
@@ -402,7 +402,7 @@ void Program::write(const Tensor& tensor, std::span<const float> values) {
 
 std::vector<float> Program::read(const Tensor& tensor) const {
   const uint64_t size_bytes = graph_.size_bytes(tensor), pixels = tensor.shape.pixels();
-  if (graph_.rows_mask(tensor) != ~0u) throw Error("reading a tensor of which some rows are kept");
+  if (graph_.rows_mask(tensor) != ~0u) throw Error("reading a tensor that does not keep all of its rows");
   const Buffer host(device_, size_bytes, Memory::kReadback, "tensor download");
   copy_now(device_, common_->activations.handle(), host.handle(),
            {graph_.offset_bytes(tensor), 0, size_bytes}, "tensor download");

@@ -1,17 +1,14 @@
 #include "engine/vulkan.h"
 
-#include <dlfcn.h>
-
 #include "error.h"
+#include "platform/shared_library.h"
 
 namespace raymeld {
 namespace {
 
-void* open_loader() {
-  for (const char* name : {"libvulkan.so.1", "libvulkan.so"}) {
-    if (void* library = dlopen(name, RTLD_NOW | RTLD_LOCAL)) return library;
-  }
-  const char* reason = dlerror();
+PFN_vkGetInstanceProcAddr find_loader() {
+  const auto [address, reason] = load_symbol({"libvulkan.so.1", "libvulkan.so"}, "vkGetInstanceProcAddr");
+  if (address) return reinterpret_cast<PFN_vkGetInstanceProcAddr>(address);
   throw Error("no Vulkan loader: {}; install libvulkan1 and a driver (mesa-vulkan-drivers has one for CPUs)",
               reason ? reason : "libvulkan.so.1 not found");
 }
@@ -25,11 +22,9 @@ void require(Function& function, PFN_vkVoidFunction address, const char* name) {
 }  // namespace
 
 VulkanFunctions VulkanFunctions::load() {
-  static void* const library = open_loader();
+  static const PFN_vkGetInstanceProcAddr loader = find_loader();
   VulkanFunctions vk;
-  vk.GetInstanceProcAddr =
-      reinterpret_cast<PFN_vkGetInstanceProcAddr>(dlsym(library, "vkGetInstanceProcAddr"));
-  if (!vk.GetInstanceProcAddr) throw Error("the Vulkan loader has no vkGetInstanceProcAddr");
+  vk.GetInstanceProcAddr = loader;
 #define RAYMELD_LOAD(name) require(vk.name, vk.GetInstanceProcAddr(nullptr, "vk" #name), #name);
   RAYMELD_GLOBAL_FUNCTIONS(RAYMELD_LOAD)
 #undef RAYMELD_LOAD
@@ -94,8 +89,8 @@ void check(VkResult result, const std::string& what) {
   if (result == VK_ERROR_OUT_OF_HOST_MEMORY) throw OutOfHostMemory("{}: {}", what, result_name(result));
   if (result != VK_ERROR_DEVICE_LOST) throw Error("{}: {}", what, result_name(result));
   throw DeviceLost(
-      "{}: {}: the driver has reset the device or lost it, as after a hang, a crash or too long a piece of "
-      "work; try again, and if it comes again, try less memory (smaller tiles), the direct kernels, another "
+      "{}: {}: the driver has reset or lost the device, for example after a hang, a crash or work that took "
+      "too long; try again, and if that fails, try less memory (smaller tiles), the direct kernels, another "
       "version of the driver or another device",
       what, result_name(result));
 }

@@ -1,5 +1,6 @@
-// The Vulkan functions raymeld calls, fetched through vkGetInstanceProcAddr: a caller's own, or that of the
-// loader library opened at run time, so that a machine without Vulkan gets a message instead of a link error.
+// Declares the Vulkan functions that raymeld calls. They are fetched through the caller's
+// vkGetInstanceProcAddr or the loader's, a library opened at run time, so that a machine without Vulkan gets
+// a message instead of a link error.
 #pragma once
 
 #include <vulkan/vulkan_core.h>
@@ -78,10 +79,8 @@
   X(CmdPushConstants)               \
   X(CmdDispatch)                    \
   X(CmdDispatchBase)                \
-  X(CmdDispatchIndirect)            \
   X(CmdPipelineBarrier)             \
   X(CmdCopyBuffer)                  \
-  X(CmdFillBuffer)                  \
   X(CmdResetQueryPool)              \
   X(CmdWriteTimestamp)
 
@@ -94,16 +93,16 @@ struct VulkanFunctions {
   RAYMELD_INSTANCE_FUNCTIONS(RAYMELD_DECLARE)
   RAYMELD_DEVICE_FUNCTIONS(RAYMELD_DECLARE)
 #undef RAYMELD_DECLARE
-  // Present only when the instance has VK_EXT_debug_utils.
+  // These are null unless the instance has VK_EXT_debug_utils.
   PFN_vkCreateDebugUtilsMessengerEXT CreateDebugUtilsMessengerEXT = nullptr;
   PFN_vkDestroyDebugUtilsMessengerEXT DestroyDebugUtilsMessengerEXT = nullptr;
   PFN_vkSetDebugUtilsObjectNameEXT SetDebugUtilsObjectNameEXT = nullptr;
-  // Present only when a driver knows VK_KHR_cooperative_matrix.
+  // This is null unless a driver knows VK_KHR_cooperative_matrix.
   PFN_vkGetPhysicalDeviceCooperativeMatrixPropertiesKHR GetPhysicalDeviceCooperativeMatrixPropertiesKHR =
       nullptr;
-  // Present only when the device has buffer_device_address.
+  // This is null unless the device has buffer_device_address.
   PFN_vkGetBufferDeviceAddress GetBufferDeviceAddress = nullptr;
-  // Present only when the device has VK_KHR_external_memory_fd.
+  // This is null unless the device has VK_KHR_external_memory_fd.
   PFN_vkGetMemoryFdPropertiesKHR GetMemoryFdPropertiesKHR = nullptr;
 
   // Opens the system's loader once per process. Throws Error when there is none.
@@ -113,7 +112,7 @@ struct VulkanFunctions {
   void load_device(VkDevice device);
 };
 
-// A Vulkan structure with its type and chain set and all else zero.
+// Returns a Vulkan structure with its type and chain set and all else zero.
 template <typename Structure>
 Structure vk_struct(VkStructureType type, decltype(Structure::pNext) next = nullptr) {
   Structure structure{};
@@ -122,22 +121,22 @@ Structure vk_struct(VkStructureType type, decltype(Structure::pNext) next = null
   return structure;
 }
 
-// The name of a result code, such as "VK_ERROR_DEVICE_LOST".
+// Returns the name of a result code, such as "VK_ERROR_DEVICE_LOST".
 std::string result_name(VkResult result);
 
-// A device has not the memory that was asked of it; less may do.
+// Is thrown when a device does not have the memory that was asked of it; less may do.
 class OutOfMemory : public Error {
  public:
   using Error::Error;
 };
 
-// The host has not, which smaller buffers would not help.
+// Is thrown when the host does not have the memory, which smaller buffers would not help.
 class OutOfHostMemory : public Error {
  public:
   using Error::Error;
 };
 
-// A device that its driver gave up: nothing that was made on it works any more, but a new Device may.
+// Is thrown when the driver gave up the device. No object made on it works any more, but a new Device may.
 class DeviceLost : public Error {
  public:
   using Error::Error;

@@ -58,8 +58,8 @@ void Fuser::take_smaller_tiles(const OutOfMemory& refused) try {
   plan_ = std::move(plan);
 } catch (const Error& error) {
   throw OutOfMemory(
-      "{}; {:.1f} MiB were to be taken in all, and with less, {}; free some of the device's memory, or try "
-      "fp16, a smaller model or another device",
+      "{}; the frame needs {:.1f} MiB in all, and smaller tiles are not possible: {}; free some of the "
+      "device's memory, or try fp16, a smaller model or another device",
       refused.what(), double(plan_.peak_bytes()) / kMebibyte, error.what());
 }
 
@@ -72,7 +72,7 @@ Program& Fuser::made_program() {
   return *program_;
 }
 
-// Finds the exposure of frames of this size: for when the Program of the network is made.
+// Returns the Program that finds the exposure of frames of this size. The network's Program must exist.
 Program& Fuser::exposure_program(TileSize size) {
   const auto [height, width] = size;
   if (!exposures_.contains({height, width})) {
@@ -84,7 +84,7 @@ Program& Fuser::exposure_program(TileSize size) {
   return exposures_.at({height, width}).program;
 }
 
-// What record() was asked for; 0: what exposure_program() finds.
+// Returns the exposure that record() was asked for, or 0 where exposure_program() finds it.
 float Fuser::recorded_exposure(float asked) const {
   if (asked != 0 || !options_.compute_exposure) {
     check_exposure(asked);
@@ -92,8 +92,10 @@ float Fuser::recorded_exposure(float asked) const {
   }
   if (model_.architecture().exposure_key == 0) return 1;
   if (plan_.tiling.count() > 1)
-    throw SizeError("frames take {} tiles, of which each has the exposure of the whole: it is to be given",
-                    plan_.tiling.count());
+    throw SizeError(
+        "the device cannot compute the exposure of a frame of {} tiles, expected an exposure for the "
+        "recording",
+        plan_.tiling.count());
   return 0;
 }
 
@@ -129,11 +131,10 @@ void Fuser::record(VkCommandBuffer commands, const FrameBuffer& lrhs, const Fram
 void Fuser::record(VkCommandBuffer commands, const FrameBindings& frame, float exposure,
                    std::optional<TileSize> size) {
   exposure = recorded_exposure(exposure);
-  if (options_.changed_only)
-    throw Error("record() knows nothing of what changed: a Fuser with changed_only has fuse() alone");
+  if (options_.changed_only) throw Error("record() cannot be used with changed_only, expected fuse()");
   if (size && !is_prepared(*size))
-    throw Error("recording a frame of {} x {} LRHS pixels, which was not prepared", size->width,
-                size->height);
+    throw Error("recording a frame of {} x {} LRHS pixels: prepare() was not called for this size",
+                size->width, size->height);
   const auto [height, width] = size.value_or(plan_.tiling.tile);
   Program& program =
       TileSize{height, width} == plan_.tiling.tile ? made_program() : prepared_.at({height, width}).program;
@@ -161,7 +162,7 @@ void Fuser::prepare(TileSize size) {
 }
 
 Status Fuser::take_status() {
-  if (!program_) return {};  // a fuse() failed since
+  if (!program_) return {};  // a fuse() has failed since
   const Status status = program_->status();
   reset_status();
   return status;
@@ -240,8 +241,8 @@ FuseReport Fuser::fuse(const Image& lrhs, const Image& hrls, Image& fused, const
 FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress,
                        float exposure) {
   if (exposure != 0) check_exposure(exposure);
-  if (options_.frame_images.any()) throw Error("fuse() takes buffers: a Fuser of images has record() alone");
-  // Otherwise it is the frame's, so that it is the same for all tiles.
+  if (options_.frame_images.any()) throw Error("fuse() cannot be used with frame_images, expected record()");
+  // The default exposure is the whole frame's, so that all tiles have the same.
   const float factor = exposure != 0 ? exposure : this->exposure(lrhs);
   if (options_.changed_only) {
     if (!last_frame_) {
@@ -250,7 +251,7 @@ FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const
     }
     last_frame_->begin(lrhs, hrls, factor);
   }
-  // However this ends, the next count is of recorded frames.
+  // The counts are reset however this ends, since take_status() counts recorded frames only.
   struct Reset {
     Fuser& fuser;
     ~Reset() { fuser.reset_status(); }

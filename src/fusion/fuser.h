@@ -1,4 +1,4 @@
-// Model and sizes -> a recorded graph; one call for each frame.
+// Fuses frames: records a graph for a model and a size, then takes one call for each frame.
 #pragma once
 
 #include <filesystem>
@@ -12,10 +12,11 @@
 #include "fusion/last_frame.h"
 #include "fusion/plan.h"
 #include "io/image.h"
+#include "platform/folders.h"
 
 namespace raymeld {
 
-// Of all passes of a layer, or of a kernel.
+// Sums up all passes of a layer, or of a kernel.
 struct PassTime {
   std::string name;
   double time_ms = 0;
@@ -24,20 +25,20 @@ struct PassTime {
 };
 
 struct FuseReport {
-  float exposure = 1;     // what radiance was multiplied by for the network
-  double device_ms = 0;   // from the first submit of a tile to its end, summed over the tiles
-  Status status;          // of what the image was made of
-  double kept_share = 0;  // with FuserOptions::changed_only, the share of the frame that is the last one's
+  float exposure = 1;         // the factor of radiance for the network
+  double device_ms = 0;       // time from a tile's first submit to its end, summed over the tiles
+  Status status;              // counts of the values that made the image
+  double kept_share = 0;      // the last frame's share of the frame, with FuserOptions::changed_only
   uint32_t redone_tiles = 0;  // computed again in 32 bits; see FuserOptions::fp32_kernels
-  // With FuserOptions::profile, each in the order of the first pass.
+  // FuserOptions::profile fills these, each in the order of the first pass.
   std::vector<PassTime> layers;
   std::vector<PassTime> kernels;
 };
 
-// Called with the share of a frame that is done, in [0, 1]; false stops the frame with Cancelled.
+// Is called with the share of a frame that is done, in [0, 1]. Returning false stops it with Cancelled.
 using Progress = std::function<bool(double)>;
 
-// Thrown where a network's output is not finite; the image is of no use.
+// Is thrown where a network's output is not finite; the image is of no use.
 class NotFinite : public Error {
  public:
   using Error::Error;
@@ -46,95 +47,95 @@ class NotFinite : public Error {
 class Fuser {
  public:
   // Allocates all that frames of (height, width) LRHS pixels need, and compiles the pipelines through the
-  // cache on disk. Where the device has less memory than it says, tiles become smaller until they fit.
-  // `device` and `model` must outlive the Fuser. Throws Error.
+  // cache on disk. If the device has less memory than it says, tiles become smaller until they fit. `device`
+  // and `model` must outlive the Fuser. Throws Error.
   Fuser(const Device& device, const Model& model, uint32_t height, uint32_t width,
-        const FuserOptions& options,
-        const std::filesystem::path& cache_folder = PipelineCache::default_folder());
+        const FuserOptions& options, const std::filesystem::path& cache_folder = default_cache_folder());
 
   const FusePlan& plan() const { return plan_; }
   const Graph& graph() const { return plan_.graph; }
   Program& program() { return made_program(); }
-  // The one that computed the last tile: this, or the one that did it again in 32 bits.
+  // Returns the Fuser that computed the last tile: this one, or the one that computed it again in 32 bits.
   Fuser& last() { return last_redone_ ? *wide_ : *this; }
-  // What the device first had no memory for, so that tiles, or those done again in 32 bits, are smaller than
-  // they were planned; empty: nothing.
+  // Returns the message of the first allocation that failed, so that tiles, or those computed again in 32
+  // bits, are smaller than planned; empty if none failed.
   const std::string& shortage() const { return shortage_; }
-  // What the Fuser has allocated on the device, for tiles done again in 32 bits as well.
+  // Returns the bytes that the Fuser has allocated on the device, also for tiles computed again in 32 bits.
   uint64_t allocated_bytes() const;
 
-  // Records one frame into the caller's command buffer, outside of any render pass; never submits, allocates
-  // or waits, unless a fuse() before threw OutOfMemory, after which everything is made anew. lrhs: (h, w, 3),
-  // hrls: (s h, s w, K) of image_layers(), fused: (s h, s w, 3), scene linear floats in storage buffers of
-  // this device. h and w are plan().tiling.tile: a frame of several tiles is recorded tile by tile, with
-  // views that start at each tile. The inputs must be visible to VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT /
-  // VK_ACCESS_SHADER_READ_BIT; the output is written by that stage with VK_ACCESS_SHADER_WRITE_BIT, and made
-  // visible to the host, as is what take_status() reads. At most kFramesInFlight recordings may
-  // be pending, each submitted at most once, to one queue. `exposure`: what radiance is multiplied by for the
-  // network; FuserOptions::exposure has no say here. 0, with FuserOptions::compute_exposure: exposure() of
-  // this LRHS, which the device computes; throws SizeError of frames in several tiles. Throws Error when a
-  // view passes the device's limits, and with FuserOptions::changed_only, as what changed is not looked for.
+  // Records one frame into the caller's command buffer, outside of any render pass. Never submits, allocates
+  // or waits, unless a fuse() before threw OutOfMemory, after which everything is made anew. The images are
+  // scene linear floats in storage buffers of this device: lrhs (h, w, 3), hrls (s h, s w, K) of
+  // image_layers(), and fused (s h, s w, 3). h and w are plan().tiling.tile; a frame of several tiles is
+  // recorded tile by tile, with views that start at each tile. The inputs must be visible to
+  // VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT / VK_ACCESS_SHADER_READ_BIT. That stage writes the output with
+  // VK_ACCESS_SHADER_WRITE_BIT, and the recording makes it visible to the host, with the counts that
+  // take_status() reads. At most kFramesInFlight recordings may be pending, each submitted at most once, to
+  // one queue. `exposure` is the factor of radiance for the network; FuserOptions::exposure does not count
+  // here. With FuserOptions::compute_exposure, 0 makes the device compute exposure() of this LRHS; frames in
+  // several tiles then throw SizeError. Throws Error when a view exceeds the device's limits, and with
+  // FuserOptions::changed_only, since record() does not look for changes.
   void record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
               const FrameBuffer& fused, float exposure = 1);
-  // The same by slot, for FuserOptions::frame_images: images are read in VK_IMAGE_LAYOUT_GENERAL or
-  // SHADER_READ_ONLY_OPTIMAL, written in GENERAL, and left so. `size`: that of LRHS, if not tile; one that
-  // prepare() knows.
+  // Does the same with images by slot, for FuserOptions::frame_images. They are read in
+  // VK_IMAGE_LAYOUT_GENERAL or SHADER_READ_ONLY_OPTIMAL, written in GENERAL, and left so. `size` is that of
+  // LRHS, by default the tile's; others need a prepare() before.
   void record(VkCommandBuffer commands, const FrameBindings& frame, float exposure = 1,
               std::optional<TileSize> size = {});
 
-  // Makes ready what recordings of frames of another size take, at most as large as the tile in both
-  // directions; recordings may be pending. They have the bits of a Fuser of that size with the same kernels.
-  // Throws Error, of frames in several tiles too.
+  // Makes ready for recordings of frames of another size, at most as large as the tile in both directions;
+  // recordings may be pending. The frames have the bits of a Fuser of that size with the same kernels. Throws
+  // Error, also for frames in several tiles.
   void prepare(TileSize size);
-  // Or it is the tile's.
+  // Returns whether record() can take this size: the tile's, or one that was prepared.
   bool is_prepared(TileSize size) const {
     return size == plan_.tiling.tile || prepared_.contains({size.height, size.width});
   }
 
-  // What recordings counted since the last call or the last fuse(), for when they are done.
+  // Returns the counts of recordings since the last call or the last fuse(), when they are done.
   Status take_status();
 
-  // Which of the kFramesInFlight recordings the next one takes the place of.
+  // Returns which of the kFramesInFlight recordings the next one takes the place of.
   uint32_t next_frame() const { return next_set_; }
 
-  // The exposure that fuse() uses for this LRHS (3, h, w), planar and dense.
+  // Returns the exposure that fuse() uses for this LRHS (3, h, w), planar and dense.
   float exposure(const float* lrhs) const;
 
-  // Does what the first fuse() would do beside fusing: allocates, records, and runs passes without
-  // workgroups, as some drivers compile a kernel when it first runs. Throws as fuse() does.
+  // Does all work of the first fuse() but the fusing: allocates, records, and runs passes without workgroups,
+  // since some drivers compile a kernel when it first runs. Throws as fuse() does.
   void prepare_fuse(const Progress& progress = {});
 
   // Fuses one frame: lrhs (3, h, w) and hrls (K, s h, s w) to fused (3, s h, s w), scene linear. Runs tile by
-  // tile and waits. The first call allocates and records, and so does the first that does a tile again; other
-  // ones only submit. No frame of record() may be pending. When the device runs out of memory, the frame
-  // starts again with smaller tiles, unless record() or prepare(), of another size, was called before:
-  // recordings may still be submitted. Throws Error, also with FuserOptions::frame_images, NotFinite and
-  // Cancelled; `fused` may then hold some tiles, and the next call works if the device does. With
-  // FuserOptions::changed_only the inputs and the output are kept for the next call, and the bits are those
-  // of a first call. `exposure`: what radiance is multiplied by for the network, for parts of a larger frame;
-  // 0: exposure().
+  // tile and waits. The first call allocates and records, and so does the first that computes a tile again;
+  // other calls only submit. No frame of record() may be pending. When the device runs out of memory, the
+  // frame starts again with smaller tiles, unless record(), or prepare() of another size, was called before:
+  // recordings may still be submitted. Throws NotFinite, Cancelled and Error, also with
+  // FuserOptions::frame_images; `fused` may then hold some tiles, and the next call works if the device does.
+  // With FuserOptions::changed_only the inputs and the output are kept for the next call, and the bits are
+  // those of a first call. `exposure` is the factor of radiance for the network, to be given for parts of a
+  // larger frame; 0 means exposure().
   FuseReport fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress = {},
                   float exposure = 0);
-  // The same on planar, dense memory of the caller's, whose sizes are not checked.
+  // Does the same on planar, dense memory of the caller's, whose sizes are not checked.
   FuseReport fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress = {},
                   float exposure = 0);
 
  private:
   static constexpr uint32_t kHostSet = kFramesInFlight;  // the descriptor set of fuse()'s own recordings
 
-  // Buffers and recordings of fuse(), made once.
+  // Holds the buffers and recordings of fuse(), made once.
   struct Host {
     Buffer lrhs, hrls, fused;
     Commands pool;
-    std::vector<VkCommandBuffer> chunks;  // of one tile, each short enough for a watchdog
+    std::vector<VkCommandBuffer> chunks;  // parts of one tile, each short enough for a watchdog
     VkQueryPool queries = VK_NULL_HANDLE;
     const Device& device;
     explicit Host(const Device& device) : pool(device), device(device) {}
     ~Host();
   };
 
-  // Of record(), beside the network for frames of the tile's size: that for another size, or what finds an
-  // exposure.
+  // Holds a graph of record() beside the network for frames of the tile's size: the network for another size,
+  // or the layer that finds an exposure.
   struct Prepared {
     Graph graph;
     Program program;
@@ -146,7 +147,7 @@ class Fuser {
   auto within_memory(const Work& work);
   void take_smaller_tiles(const OutOfMemory& refused);
   Program& made_program();
-  // Whether record() may be asked to; frames in several tiles are never seen as a whole.
+  // Returns whether record() may be asked for the exposure. Several tiles are never seen as a whole.
   bool computes_exposure() const {
     return options_.compute_exposure && model_.architecture().exposure_key > 0 && plan_.tiling.count() == 1;
   }
@@ -177,14 +178,14 @@ class Fuser {
   FusePlan plan_;
   PipelineCache cache_;
   std::optional<Program> program_;
-  std::map<std::pair<uint32_t, uint32_t>, Prepared> prepared_, exposures_;  // by height and width
-  bool recorded_ = false;  // by a record() since the Fuser was made
+  std::map<std::pair<uint32_t, uint32_t>, Prepared> prepared_, exposures_;  // keyed by height and width
+  bool recorded_ = false;  // record() was called since the Fuser was made
   std::string shortage_;
   uint32_t next_set_ = 0;
   std::unique_ptr<Host> host_;
-  std::unique_ptr<Fuser> wide_;  // of one tile, in 32 bits; made when first needed
+  std::unique_ptr<Fuser> wide_;  // fuses one tile in 32 bits; made when first needed
   bool last_redone_ = false;
-  std::optional<LastFrame> last_frame_;  // with FuserOptions::changed_only, from the first fuse() on
+  std::optional<LastFrame> last_frame_;  // made by the first fuse() with FuserOptions::changed_only
 };
 
 }  // namespace raymeld

@@ -1,4 +1,4 @@
-// A frame through a Fuser, tile by tile.
+// Runs a frame through a Fuser, tile by tile.
 #include <algorithm>
 #include <chrono>
 #include <cstring>
@@ -17,7 +17,7 @@ void copy_rows(const float* from, size_t from_stride, float* to, size_t to_strid
 
 bool is_clean(const Status& status) { return status.saturated == 0 && status.not_finite == 0; }
 
-// To those of the same name.
+// Adds the times of a pass to those of the same name.
 void add_time(std::vector<PassTime>& times, const PassTime& pass) {
   auto time =
       std::find_if(times.begin(), times.end(), [&](const PassTime& t) { return t.name == pass.name; });
@@ -47,7 +47,7 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
     }
     upload(lrhs, hrls, at);
     const Status status = run_tile(of_frame, report);
-    // Where nothing changes the next frame has these values as well.
+    // The next frame computes this tile even if nothing changes, so that it counts these values as well.
     if (!is_clean(status) && last_frame_) last_frame_->distrust(at, tiling.tile);
     last_redone_ = options_.fp32_kernels && !is_clean(status);
     if (last_redone_) {
@@ -63,7 +63,7 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
   return report;
 }
 
-// The tile that was uploaded. Returns what was counted.
+// Runs the tile that was uploaded. Returns what it counted.
 Status Fuser::run_tile(const Progress& progress, FuseReport& report) {
   program_->reset_status();
   double done = 0;
@@ -78,7 +78,7 @@ Status Fuser::run_tile(const Progress& progress, FuseReport& report) {
   return program_->status();
 }
 
-// The tile that was uploaded, as a frame of its own.
+// Computes the tile that was uploaded again in 32 bits, as a frame of its own.
 Image Fuser::redo_tile(const Progress& progress, FuseReport& report) {
   const auto [height, width] = plan_.tiling.tile;
   if (!wide_) {

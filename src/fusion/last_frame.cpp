@@ -25,7 +25,7 @@ void LastFrame::begin(const float* lrhs, const float* hrls, float exposure) {
   if (!knows) change_all();
 }
 
-// Most rows of a frame of which little changed are equal.
+// Compares whole rows first: when little of a frame changed, most of its rows did not.
 void LastFrame::take(const float* image, std::vector<float>& last, uint32_t scale) {
   const size_t width = size_t{frame_.width} * scale, height = size_t{frame_.height} * scale;
   for (size_t row = 0; row < last.size() / width; ++row) {

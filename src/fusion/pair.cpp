@@ -13,24 +13,24 @@
 namespace raymeld {
 namespace {
 
-constexpr int kSide = 8;  // of a block, in LRHS samples
+constexpr int kSide = 8;  // side of a block in LRHS samples
 constexpr size_t kArea = size_t(kSide) * kSide;
 constexpr int kMostBlocks = 512;
-constexpr float kBrightest = 4;     // a pixel of HRLS, against the LRHS samples around it: more is a firefly
+constexpr float kBrightest = 4;     // an HRLS pixel brighter than this times LRHS around it is a firefly
 constexpr double kFloor = 3e-5;     // the least variance that counts, of values up to about 1
-constexpr double kRidge = 1e-3;     // shrinks the slope of what hardly varies
-constexpr double kStructure = 2.5;  // how often its noise a block's variance has to be
-constexpr int kFewestBlocks = 8;    // with structure, to judge by
-constexpr double kColorsShare = 3.0 / 7;            // of the evidence of a phase; the rest is with guides
-constexpr double kForeign = 0.2, kDoubtful = 0.38;  // correlations below these
+constexpr double kRidge = 1e-3;     // shrinks the slopes of images that hardly vary
+constexpr double kStructure = 2.5;  // least ratio of a block's variance to that of its noise
+constexpr int kFewestBlocks = 8;    // fewest blocks with structure to judge by
+constexpr double kColorsShare = 3.0 / 7;            // share of the colors alone in a phase's evidence
+constexpr double kForeign = 0.2, kDoubtful = 0.38;  // correlations below these have that relation
 constexpr double kOther = 0.5,
-                 kGain = 0.35;            // the correlation of a mirrored LRHS, and what it gains at least
-constexpr double kLeastBrightness = 0.2;  // a factor below e^0.2 is left alone
-constexpr double kBrightnessErrors = 8;   // how often its standard error a factor's logarithm has to be
+                 kGain = 0.35;            // least correlation of a mirrored LRHS, and least gain
+constexpr double kLeastBrightness = 0.2;  // factors between e^-0.2 and e^0.2 are taken for 1
+constexpr double kBrightnessErrors = 8;   // least ratio of a factor's logarithm to its standard error
 
 using Values = std::array<float, kArea>;
 
-// An image's luminance, and the level of half of its square root's mean, which outliers hardly move.
+// Holds an image's luminance and, as `key`, the square of its mean square root, which outliers hardly move.
 struct Luminance {
   int width, height;
   std::vector<float> values;
@@ -54,7 +54,7 @@ struct Luminance {
   }
 };
 
-// (H, W) -> (H, W): the largest of each pixel's 3x3 neighbourhood.
+// Returns (H, W), the largest value in each pixel's 3x3 neighbourhood.
 std::vector<float> brightest_around(const Luminance& image) {
   std::vector<float> most(image.values.size());
   for (int y = 0; y < image.height; ++y) {
@@ -70,8 +70,8 @@ std::vector<float> brightest_around(const Luminance& image) {
 
 float log_curve(float light, float key) { return 0.5f * std::log1p(light / key); }
 
-// A Gaussian around `centre`, over the taps from -reach to scale + reach - 1. Both phases have the same width
-// and so the same noise: only where LRHS lies decides between them.
+// Returns a Gaussian around `centre`, at the taps from -reach to scale + reach - 1. Both phases have the same
+// width and so the same noise: only the place of LRHS decides between them.
 std::vector<float> taps_around(float centre, int scale, int reach) {
   const float sigma = std::max(0.5f * float(scale), 0.8f);
   std::vector<float> taps(size_t(scale + 2 * reach));
@@ -84,7 +84,7 @@ std::vector<float> taps_around(float centre, int scale, int reach) {
   return taps;
 }
 
-// The sums of squares and products of two blocks' differences from their means.
+// Holds the sums of squares and products of two blocks' differences from their means.
 struct Moments {
   double xx = 0, xy = 0, yy = 0;
 
@@ -99,7 +99,7 @@ struct Moments {
   double correlation() const { return xy / std::sqrt(xx * yy); }
 };
 
-// What the best linear combination of `images` and a constant leaves of `y`: the sum of its squares.
+// Returns the sum of squares that the best linear combination of `images` and a constant leaves of `y`.
 double residual(std::span<Values> images, Values y) {
   const auto centre = [](Values& values) {
     const float mean = std::accumulate(values.begin(), values.end(), 0.0f) / float(kArea);
@@ -110,7 +110,7 @@ double residual(std::span<Values> images, Values y) {
   };
   centre(y);
   for (Values& image : images) centre(image);
-  // One after another is made independent of those before, and what it explains is taken from y.
+  // Each image in turn is subtracted from later images and from y, as far as it explains them.
   for (size_t i = 0; i < images.size(); ++i) {
     const double square = product(images[i], images[i]) + kRidge * double(kArea);
     const auto take_from = [&](Values& values) {
@@ -129,7 +129,7 @@ double median(std::vector<double>& values) {
   return *middle;
 }
 
-// One pair, block by block.
+// Examines one pair, block by block.
 class Examination {
  public:
   Examination(const Luminance& lrhs, const Luminance& hrls, int scale, std::vector<const float*> guides = {})
@@ -149,9 +149,10 @@ class Examination {
     for (int p = 0; p < side_; ++p) samples_.push_back(sample_of(p - reach_));
   }
 
-  // Returns the log-likelihood ratio of both phases: of which of two blurred HRLS a linear combination in
-  // each block is nearer to LRHS. Colors count by themselves as well as with the guides: a shadow beside an
-  // edge of the normals is better explained by a guide that is misplaced, and each such edge errs alike.
+  // Returns the log-likelihood ratio of both phases: HRLS is blurred for each, and the blurred planes are
+  // combined linearly in each block to come near LRHS. Colors count by themselves as well as with the guides:
+  // a shadow beside an edge of the normals is better explained by a guide that is misplaced, and each such
+  // edge errs alike.
   double phase_evidence() {
     double evidence = 0;
     std::vector<Values> images[2];
@@ -182,7 +183,7 @@ class Examination {
     return evidence;
   }
 
-  // The correlations of LRHS with HRLS's cells, of the blocks in which HRLS is more than noise.
+  // Returns the correlation of LRHS with HRLS's means at its size in blocks where HRLS is more than noise.
   std::vector<double> correlations() const {
     std::vector<double> found;
     for_blocks([&](int x, int y) {
@@ -196,7 +197,7 @@ class Examination {
     return found;
   }
 
-  // The logarithms of HRLS's light to LRHS's, of the blocks that have light.
+  // Returns the logarithm of the ratio of HRLS's light to LRHS's for each block that has light.
   std::vector<double> light_ratios() const {
     std::vector<double> ratios;
     for_blocks([&](int x, int y) {
@@ -223,12 +224,12 @@ class Examination {
     }
   }
 
-  // The LRHS sample that a pixel of HRLS is nearest to, half way between both phases so as to favour neither.
+  // Returns the LRHS sample nearest to a pixel of HRLS, at a phase half way between both to favour neither.
   int sample_of(int pixel) const {
     return int(std::floor((float(pixel) - float(scale_ - 1) / 4) / float(scale_) + 0.5f));
   }
 
-  // HRLS around a block without its fireflies.
+  // Gathers HRLS around a block, without its fireflies.
   void gather(int x0, int y0) {
     for (int y = 0; y < side_; ++y) {
       const int row = std::clamp(y0 + samples_[size_t(y)], 0, lrhs_.height - 1);
@@ -241,7 +242,7 @@ class Examination {
     }
   }
 
-  // A guide around a block.
+  // Gathers a guide around a block.
   void gather(const float* guide, int x0, int y0) {
     for (int y = 0; y < side_; ++y) {
       const int row = std::clamp(y0 * scale_ - reach_ + y, 0, hrls_.height - 1);
@@ -289,8 +290,8 @@ class Examination {
     return values;
   }
 
-  // The mean of each cell's pixels, each in [0, 1) so that no firefly counts for more than one; returns the
-  // variance of such a mean, by what neighbouring pixels differ.
+  // Computes the means of the HRLS pixels of each LRHS sample, each pixel in [0, 1) so that no firefly counts
+  // for more than one. Returns the variance of such a mean, estimated from how neighbouring pixels differ.
   double cell_means(int x0, int y0, Values& cells) const {
     const int side = kSide * scale_;
     const float share = 1 / float(scale_ * scale_);
@@ -327,7 +328,7 @@ Luminance turned(Luminance image, bool mirrored, bool flipped) {
   return image;
 }
 
-// How LRHS has to be turned to resemble HRLS much more than it does; else kForeign or kDoubtful.
+// Returns how LRHS must be mirrored or turned to resemble HRLS much more, else kForeign or kDoubtful.
 Relation relation_of(const Luminance& lrhs, const Luminance& hrls, int scale, double correlation) {
   Relation relation = correlation < kForeign ? Relation::kForeign : Relation::kDoubtful;
   double best = std::max(kOther, correlation + kGain);
@@ -342,7 +343,7 @@ Relation relation_of(const Luminance& lrhs, const Luminance& hrls, int scale, do
   return relation;
 }
 
-// e to the median, where that is beyond the blocks' disagreement.
+// Returns e to the median where that is beyond the blocks' disagreement, else 1.
 float brightness_of(std::vector<double> ratios) {
   if (ratios.size() < size_t(kFewestBlocks)) return 1;
   const double middle = median(ratios);
@@ -357,8 +358,8 @@ float brightness_of(std::vector<double> ratios) {
 PairFindings examine_pair(const Image& lrhs_image, const Image& hrls_image, int scale,
                           std::span<const int> guides) {
   if (hrls_image.width != scale * lrhs_image.width || hrls_image.height != scale * lrhs_image.height)
-    throw Error("LRHS is {} x {} and HRLS {} x {}, expected {} times that", lrhs_image.width,
-                lrhs_image.height, hrls_image.width, hrls_image.height, scale);
+    throw Error("LRHS is {} x {} and HRLS is {} x {}, expected HRLS to be {} times as wide and high",
+                lrhs_image.width, lrhs_image.height, hrls_image.width, hrls_image.height, scale);
   const Luminance lrhs(lrhs_image), hrls(hrls_image);
   std::vector<const float*> planes;
   for (const int guide : guides) planes.push_back(hrls_image.plane(guide));

@@ -25,7 +25,7 @@ Graph make_graph(const Model& model, TileSize tile, const FuserOptions& options,
   return graph;
 }
 
-// Of the frame's images those that are buffers.
+// Returns the shapes of those of the frame's images that are buffers.
 std::vector<Shape> buffer_shapes(const Model& model, TileSize tile, const FuserOptions& options) {
   const auto [lrhs, hrls, fused] = frame_shapes(model, tile, options.constants, options.compute_variance);
   std::vector<Shape> shapes;
@@ -34,8 +34,8 @@ std::vector<Shape> buffer_shapes(const Model& model, TileSize tile, const FuserO
   return shapes;
 }
 
-FusePlan describe(const Model& model, TileSize tile, const FuserOptions& options,
-                  const StorageExponents& exponents) {
+FusePlan plan_tile(const Model& model, TileSize tile, const FuserOptions& options,
+                   const StorageExponents& exponents) {
   std::vector<std::pair<Conv2dShape, Conv2dKernel>> kernels;
   const Conv2dChoice choose = [&](const Conv2dShape& shape) {
     return kernels.emplace_back(shape, options.kernels.conv2d(shape)).second;
@@ -50,7 +50,7 @@ FusePlan describe(const Model& model, TileSize tile, const FuserOptions& options
   return plan;
 }
 
-// Why a tile cannot run; nothing when it can.
+// Returns why a tile cannot run; nothing when it can.
 std::optional<std::string> obstacle(const FusePlan& plan, std::span<const Shape> images,
                                     const DeviceInfo& device, uint64_t most_bytes) {
   uint64_t binding_bytes = plan.graph.largest_binding_bytes(), image_bytes = 0;
@@ -83,7 +83,7 @@ std::optional<std::string> obstacle(const FusePlan& plan, std::span<const Shape>
   return std::nullopt;
 }
 
-// The same before the graph is made, which takes the host's memory in proportion to the tile: HRLS is a
+// Does the same before the graph is made, which takes the host's memory in proportion to the tile. HRLS is a
 // tensor of the graph, and no tensor has more bytes than 32 bits count.
 std::optional<std::string> early_obstacle(const Model& model, TileSize tile, uint64_t most_bytes,
                                           const FuserOptions& options) {
@@ -95,8 +95,9 @@ std::optional<std::string> early_obstacle(const Model& model, TileSize tile, uin
                      double(bytes) / kMebibyte, double(allowed) / kMebibyte);
 }
 
-// Weights are stored times the ratio of what two tensors are stored over: then they must be within 65504, and
-// few of them so small that 16 bits have fewer digits for them.
+// Returns whether a model's weights fit 16 bits. Tensors are stored divided by powers of two, and weights
+// times the ratio of two of these: they must then be within 65504, and few of them so small that 16 bits have
+// fewer digits for them.
 bool fits_half(const Model& model) {
   constexpr int kMostExponent = 10;
   int most = 0;
@@ -104,12 +105,12 @@ bool fits_half(const Model& model) {
   return most <= kMostExponent && std::ldexp(model.largest_weight(), most) <= 65504;
 }
 
-// Why tiles cannot be computed again in 32 bits beside this plan; nothing when they can.
+// Returns why tiles cannot be computed again in 32 bits beside this plan; nothing when they can.
 std::optional<std::string> wide_obstacle(const FusePlan& plan, const Model& model, const DeviceInfo& device,
                                          const FuserOptions& options) {
   const uint64_t limit = memory_limit(device, options);
   if (3 * plan.peak_bytes() <= limit)
-    return std::nullopt;  // numbers twice as wide take twice as much at most
+    return std::nullopt;  // numbers twice as wide take at most twice as much
   try {
     const auto [height, width] = plan.tiling.tile;
     plan_fusion(model, height, width, device, wide_options(device, options, plan.peak_bytes()));
@@ -147,7 +148,7 @@ std::array<Shape, 3> frame_shapes(const Model& model, TileSize tile, const Const
                                   bool compute_variance) {
   const Architecture& a = model.architecture();
   const uint32_t height = a.scale * tile.height, width = a.scale * tile.width;
-  // As of image_layers(), without its strings: this is asked in every frame that is recorded.
+  // Counts image_layers() without making its strings, since each frame that is recorded asks for this.
   const auto layers =
       static_cast<uint32_t>(std::ranges::count_if(a.hrls_layers, [&](const std::string& layer) {
         return !constants.contains(layer) && !(compute_variance && layer == "variance");
@@ -157,7 +158,7 @@ std::array<Shape, 3> frame_shapes(const Model& model, TileSize tile, const Const
 
 uint64_t frame_bytes(const Shape& shape) { return shape.pixels() * shape.channels * sizeof(float); }
 
-// A driver that tells no budget still shares its heap with others.
+// Leaves a fifth of the memory: a driver that tells no budget still shares its heap with others.
 uint64_t memory_limit(const DeviceInfo& device, const FuserOptions& options) {
   return options.max_memory_bytes ? options.max_memory_bytes : device.memory_bytes / 5 * 4;
 }
@@ -178,18 +179,18 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
   check_lrhs_size({height, width});
   const uint64_t most_bytes = memory_limit(device, options) / (options.fp32_kernels ? 2 : 1);
   const StorageExponents exponents = exponents_for(model, options);
-  std::optional<FusePlan> plan;  // of the tile tried last
+  std::optional<FusePlan> plan;  // the plan of the tile tried last
   std::optional<std::string> reason;
   const auto fits = [&](TileSize tile) {
     reason = early_obstacle(model, tile, most_bytes, options);
     if (!reason) {
-      plan = describe(model, tile, options, exponents);
+      plan = plan_tile(model, tile, options, exponents);
       reason = obstacle(*plan, buffer_shapes(model, tile, options), device, most_bytes);
     }
     if (!reason && options.fp32_kernels) reason = wide_obstacle(*plan, model, device, options);
-    // Every layer's output stays readable in a frame of one tile only.
+    // Only a frame of one tile keeps every layer's output readable.
     if (reason && options.keep_activations)
-      throw Error("keeping every layer's output takes one tile: {}", *reason);
+      throw Error("keeping every layer's output needs a frame of one tile, which does not fit: {}", *reason);
     return !reason;
   };
   const uint32_t halo = receptive_halo(model.architecture(), options.compute_variance);
@@ -203,8 +204,8 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
 Graph graph_within(const FusePlan& plan, const Model& model, TileSize size, const FuserOptions& options) {
   const TileSize most = plan.tiling.frame;
   if (plan.tiling.count() > 1)
-    throw SizeError("frames of {} x {} LRHS pixels take {} tiles: they have one size", most.width,
-                    most.height, plan.tiling.count());
+    throw SizeError("frames of {} x {} LRHS pixels take {} tiles, so that no other size can be prepared",
+                    most.width, most.height, plan.tiling.count());
   if (size.height == 0 || size.width == 0 || size.height > most.height || size.width > most.width)
     throw SizeError("frames of {} x {} LRHS pixels, expected at most {} x {}", size.width, size.height,
                     most.width, most.height);

@@ -7,25 +7,13 @@
 namespace raymeld {
 namespace {
 
-// Where a tile that keeps [core, core + core_size) starts, so that it has its halo or touches the frame's
-// edge.
+// Returns where a tile that keeps [core, core + core_size) starts, so that it has its halo or touches the
+// frame's edge.
 uint32_t start_of(uint32_t core, uint32_t halo, uint32_t tile, uint32_t frame) {
   return std::min(core > halo ? core - halo : 0, frame - tile);
 }
 
 }  // namespace
-
-Tile Tile::keeping(uint32_t block_y, uint32_t block_x, TileSize block) const {
-  Tile result = *this;
-  const auto clip = [](uint32_t& start, uint32_t& size, uint32_t block_start, uint32_t block_size) {
-    const uint32_t end = std::min(start + size, block_start + block_size);
-    start = std::max(start, block_start);
-    size = end - std::min(start, end);
-  };
-  clip(result.core_y, result.core.height, y + block_y, block.height);
-  clip(result.core_x, result.core.width, x + block_x, block.width);
-  return result;
-}
 
 Tiling make_tiling(TileSize frame, uint32_t rows, uint32_t columns, uint32_t halo) {
   Tiling tiling;

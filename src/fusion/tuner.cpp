@@ -16,7 +16,7 @@ namespace raymeld {
 namespace {
 
 constexpr int kTuningVersion = 4;
-constexpr double kBudgetMs = 60;  // of one measurement
+constexpr double kBudgetMs = 60;  // time of one measurement
 constexpr uint32_t kLeastRows = 32;
 constexpr uint32_t kMostOrder = 256;
 
@@ -47,8 +47,8 @@ double median_time(const Device& device, VkCommandBuffer commands) {
   return *middle;
 }
 
-// Mesa's driver for CPUs loads a value for each lane with one instruction since version 24; before, lane by
-// lane.
+// Returns whether the driver loads a value for each lane with one instruction, as Mesa's for CPUs does since
+// version 24; earlier ones load lane by lane.
 bool gathers(const DeviceInfo& device) {
   const size_t at = device.driver.find("Mesa ");
   return at != std::string::npos && std::atoi(device.driver.c_str() + at + 5) >= 24;
@@ -60,26 +60,27 @@ Conv2dKernel default_conv2d(const DeviceInfo& device, const Conv2dShape& shape) 
   if (shape.kernel == 1) {
     kernel.algorithm = Algorithm::kPointwise, kernel.band = 2048;
   } else if (gathers(device) && device.vector_lanes == kPairedVector) {
-    kernel.outputs = 6, kernel.order = 4;  // of two tiles each
+    kernel.outputs = 6, kernel.order = 4;  // products of two tiles each
   }
   return kernel;
 }
 
-// What the search starts from. GPUs have no use for an order, and want many workgroups.
+// Returns the kernel that the search starts from. GPUs have no use for an order, and want many workgroups.
 Conv2dKernel first_guess(const DeviceInfo& device, const Conv2dShape& shape) {
   Conv2dKernel kernel = default_conv2d(device, shape);
   if (!device.is_cpu) kernel.order = 0, kernel.band = 1u << 16;
   return kernel;
 }
 
-// Whether a device computes what may have been measured on another, or with more features enabled.
+// Returns whether a device can run a kernel that may have been measured on another device, or with more
+// features enabled.
 bool is_for(const DeviceInfo& device, const Conv2dKernel& kernel) {
   if (kernel.algorithm == Algorithm::kMatrix) return kernel.matrix.matrix == device.cooperative_matrix;
   return !kernel.needs_addresses() ||
          (device.buffer_device_address && (kernel.vector == 0 || kernel.vector == device.vector_lanes));
 }
 
-// How unlike two shapes are; the channels count more than the size.
+// Returns how unlike two shapes are; the channels count more than the size.
 double distance(const Conv2dShape& a, const Conv2dShape& b) {
   const auto ratio = [](double x, double y) { return std::abs(std::log(x / y)); };
   return 4 * ratio(a.channels_out, b.channels_out) + 4 * ratio(a.channels_in, b.channels_in) +
@@ -94,11 +95,11 @@ Json to_json(const Conv2dShape& s) {
           {"kernel", s.kernel},           {"most_tile", s.most_tile}};
 }
 
-// Throws where it is none; a conversion would take -1 and 1e300 for numbers of 32 bits as well.
+// Throws Error unless the value is an unsigned number of 32 bits; a conversion would accept -1 and 1e300 too.
 uint32_t number_at(const Json& json, const char* key) {
   const Json& value = json.at(key);
   if (!value.is_number_unsigned() || value.get<uint64_t>() > UINT32_MAX)
-    throw Error("reading {}: {} is no number of 32 bits", key, value.dump());
+    throw Error("reading {}: {} is not an unsigned number of 32 bits", key, value.dump());
   return value.get<uint32_t>();
 }
 
@@ -138,11 +139,11 @@ constexpr std::array kAlgorithmNames{"direct", "pointwise", "winograd", "matrix"
 
 Algorithm algorithm_from(const Json& json) {
   const auto found = std::ranges::find(kAlgorithmNames, json.get<std::string>());
-  if (found == kAlgorithmNames.end()) throw Error("reading algorithm: there is no {}", json.dump());
+  if (found == kAlgorithmNames.end()) throw Error("reading algorithm: {} is unknown", json.dump());
   return Algorithm(found - kAlgorithmNames.begin());
 }
 
-// Only the parameters of the algorithm are kept.
+// Writes only the parameters of the algorithm.
 Json to_json(const Conv2dKernel& k) {
   Json json{{"algorithm", kAlgorithmNames.at(size_t(k.algorithm))}};
   if (k.algorithm == Algorithm::kMatrix) json["matrix"] = to_json(k.matrix);
@@ -171,8 +172,8 @@ Conv2dKernel kernel_from(const Json& j) {
   return kernel;
 }
 
-// From a file that anyone may have edited. Small bands and few channels at a time would make passes by the
-// million.
+// Returns whether an entry is sound, which comes from a file that anyone may have edited. Small bands and few
+// channels at a time would make millions of passes.
 bool is_valid(const Conv2dShape& shape, const Conv2dKernel& kernel) {
   const auto within = [](uint32_t value, uint32_t least, uint32_t most) {
     return value >= least && value <= most;
@@ -202,7 +203,7 @@ struct Tuner {
   Storage storage;
   const Conv2dTimer& time;
 
-  // A device that cannot compute or hold a kernel still has the others.
+  // Returns infinity for a kernel that the device cannot compute or hold, so that others are still tried.
   double time_if_possible(bool addressed, const Conv2dShape& shape, const Conv2dKernel& kernel) const {
     try {
       return time(addressed, shape, kernel);
@@ -213,8 +214,8 @@ struct Tuner {
     }
   }
 
-  // The kinds of kernels, then the parameters of the fastest one after another, each at its best before the
-  // next is tried.
+  // Tries the kinds of kernels, then the parameters of the fastest one after another, each at its best before
+  // the next is tried.
   Tuning::Entry best(const Tuning& tuning, const Conv2dShape& shape) const {
     const bool addressed = tuning.addressed;
     Tuning::Entry best{{}, time(addressed, shape, {}), 0};
@@ -255,7 +256,7 @@ struct Tuner {
     if (!best.kernel.needs_addresses()) return best;
     if (shape.channels_out > 8) vary(&Conv2dKernel::outputs, {8, 24});
     if (device.is_cpu) {
-      // What a 3x3 keeps of a band takes 36 floats a channel for each tile, a 1x1 one for each pixel.
+      // A band of a 3x3 takes 36 floats a channel for each tile, that of a 1x1 one for each pixel.
       shape.kernel == 1 ? vary(&Conv2dKernel::band, {512, 1024, 4096})
                         : vary(&Conv2dKernel::band, {128, 512});
       if (best.kernel.vector > 0) vary(&Conv2dKernel::vector, {0});
@@ -286,7 +287,7 @@ double time_conv2d(const Device& device, PipelineCache& cache, Storage storage, 
     program.record(commands, 0, 0, graph.passes().size());
     pool.end(commands);
     const double median_ms = median_time(device, commands);
-    // Of two bands at least, so that their size tells.
+    // The rows make at least two bands, so that the size of a band tells.
     const uint32_t side = std::max(kernel.winograd_tile(), 1u);
     const bool enough =
         uint64_t{rows / side} * (shape.width / side) >= 2 * kernel.band || !kernel.needs_addresses();
@@ -295,7 +296,7 @@ double time_conv2d(const Device& device, PipelineCache& cache, Storage storage, 
 }
 
 Conv2dKernel first_matrix_guess(const CooperativeMatrix& matrix, const Conv2dShape& shape) {
-  constexpr uint32_t kMostSums = 128;  // of a lane, about half of its registers
+  constexpr uint32_t kMostSums = 128;  // sums of a lane, about half of its registers
   MatrixTiles tiles{.matrix = matrix, .channels = shape.kernel == 1 ? 32u : 16u};
   tiles.outputs = std::min(tiles.outputs, divide_up(shape.channels_out, matrix.m) * matrix.m);
   const auto sums = [&] { return tiles.outputs * tiles.rows * kMatrixColumns / matrix.subgroup_size; };
@@ -317,8 +318,8 @@ Kernels Tuning::kernels(const DeviceInfo& device) const {
   if (usable.empty()) return default_kernels(device);
   const auto choose = [entries = usable,
                        fallback = default_kernels(device).conv2d](const Conv2dShape& shape) {
-    // Where F(4, 3) will be refused, that is known only after it was chosen; what was measured without it is
-    // for that shape.
+    // network() refuses F(4, 3) only after it was chosen, so the entry of a shape that refuses it has a
+    // most_tile of 2.
     for (const uint32_t most_tile : {shape.most_tile, 2u}) {
       Conv2dShape measured = shape;
       measured.most_tile = most_tile;
@@ -380,7 +381,7 @@ void tune(const DeviceInfo& device, Storage storage, const Conv2dTimer& time,
   if (shapes.empty()) return;
   const Tuner tuner{device, storage, time};
   if (tuning.entries.empty() && device.buffer_device_address) {
-    // The largest convolution, as the defaults would compute it, tells.
+    // The largest convolution, as the defaults would compute it, decides.
     const Conv2dShape& most = *std::max_element(
         shapes.begin(), shapes.end(), [](const auto& a, const auto& b) { return a.flop() < b.flop(); });
     Conv2dKernel kernel = first_guess(device, most);

@@ -59,7 +59,7 @@ LayerChoice parse_layer_choice(std::span<const std::string> items);
 LayerMap map_layers(std::span<const std::string> channel_names, const LayerChoice& choice = {});
 
 // Returns a text that says for each layer, in a line of its own, which channels it comes from.
-std::string describe(const LayerMap& map);
+std::string layer_map_text(const LayerMap& map);
 
 // Throws an Error that names the file, every layer in `wanted` that `map` lacks, and the channels looked for.
 void require_layers(const LayerMap& map, std::span<const std::string> wanted, const std::string& file);

@@ -69,7 +69,7 @@ LayerChoice parse_layer_choice(std::span<const std::string> items) {
   return choice;
 }
 
-std::string describe(const LayerMap& map) {
+std::string layer_map_text(const LayerMap& map) {
   std::string text = fmt::format("preset {}", map.preset);
   if (!map.view_layer.empty()) text += fmt::format(", view layer '{}'", map.view_layer);
   if (!map.view.empty()) text += fmt::format(", view '{}'", map.view);

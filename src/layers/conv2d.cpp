@@ -14,7 +14,7 @@ namespace {
 constexpr uint32_t kLocalX = 32, kLocalY = 2;  // conv2d.comp's workgroup
 constexpr uint32_t kRows = 4;
 
-// The layout of conv2d.comp: [block][in][kx][ky][lane], the last block padded with zeros.
+// Writes weights in the layout of conv2d.comp: [block][in][kx][ky][lane], the last block padded with zeros.
 template <typename Element>
 void pack_weights(std::byte* target, const Convolution& conv, uint32_t lanes) {
   auto* next = reinterpret_cast<Element*>(target);
@@ -32,7 +32,7 @@ void pack_weights(std::byte* target, const Convolution& conv, uint32_t lanes) {
   }
 }
 
-// Sets sources and constants.
+// Sets conv.sources and conv.constants.
 void find_sources(Convolution& conv) {
   const std::vector<std::optional<float>>& constants = conv.options.constants;
   const uint32_t deep = conv.options.unshuffle * conv.options.unshuffle;
@@ -63,7 +63,7 @@ Convolution make_convolution(const Graph& graph, const std::string& name, const 
   const uint32_t second = options.second_input ? options.second_input->shape.channels : 0;
   if (second && (u > 1 || options.second_input->shape.height != in.shape.height ||
                  options.second_input->shape.width != in.shape.width)) {
-    throw Error("layer {}: inputs of {}x{} and {}x{}, unshuffled by {}, expected one size and 1", name,
+    throw Error("layer {}: inputs of {}x{} and {}x{}, unshuffled by {}, expected the same size and 1", name,
                 in.shape.height, in.shape.width, options.second_input->shape.height,
                 options.second_input->shape.width, u);
   }
@@ -105,7 +105,7 @@ Convolution make_convolution(const Graph& graph, const std::string& name, const 
   return conv;
 }
 
-// Shuffles are passes of their own.
+// Adds a convolution by conv2d.comp; its shuffles are passes of their own.
 void direct(Graph& graph, Convolution conv) {
   if (conv.options.unshuffle > 1) {
     const Tensor deep = graph.tensor(conv.name + ".space_to_depth",
@@ -115,7 +115,8 @@ void direct(Graph& graph, Convolution conv) {
   }
   const Tensor shuffled = conv.out;
   if (conv.options.shuffle > 1) {
-    if (!conv.options.residuals.empty()) throw Error("layer {}: residuals of what is shuffled", conv.name);
+    if (!conv.options.residuals.empty())
+      throw Error("layer {}: the direct kernel cannot add residuals to a shuffled output", conv.name);
     conv.out =
         graph.tensor(conv.name, {conv.height, conv.width, conv.channels_out}, graph.exponent(shuffled));
   }
@@ -236,7 +237,7 @@ void conv2d(Graph& graph, const std::string& name, const Tensor& in, const Tenso
 }
 
 void conv2d_chain(Graph& graph, std::span<const Conv2dLink> links) {
-  std::vector<Convolution> run;  // by Winograd, one after another
+  std::vector<Convolution> run;  // Winograd convolutions that follow each other
   const auto end_run = [&] {
     if (!run.empty()) conv2d_winograd(graph, run);
     run.clear();
@@ -251,12 +252,13 @@ void conv2d_chain(Graph& graph, std::span<const Conv2dLink> links) {
         break;
       case Algorithm::kPointwise:
         if (options.kernel != 1)
-          throw Error("layer {0}: a pointwise kernel for a {1}x{1}", name, options.kernel);
+          throw Error("layer {0}: the pointwise kernel is for 1x1, not for {1}x{1}", name, options.kernel);
         options.unshuffle > 1 ? conv2d_pointwise_unshuffled(graph, conv) : conv2d_pointwise(graph, conv);
         break;
       case Algorithm::kWinograd:
         if (options.kernel != 3 || (options.how.tile != 2 && options.how.tile != 4))
-          throw Error("layer {}: no F({}, {})", name, options.how.tile, options.kernel);
+          throw Error("layer {}: no Winograd F({}, {}), expected F(2, 3) or F(4, 3)", name, options.how.tile,
+                      options.kernel);
         run.push_back(conv);
         break;
       case Algorithm::kMatrix:

@@ -1,4 +1,4 @@
-// encode and decode: between scene linear images and the network's range.
+// Adds the layers that convert between scene linear images and the network's range.
 #include "layers/upsampled.h"
 
 namespace raymeld {
@@ -18,7 +18,7 @@ void check_clip(const std::string& name, float clip) {
   if (!(clip > 0)) throw Error("layer {}: clip {} is not positive", name, clip);
 }
 
-constexpr uint32_t kImageChannels = 3;  // of a frame's image
+constexpr uint32_t kImageChannels = 3;  // channels of a frame's image
 
 void check_image(const std::string& name, const Tensor& tensor) {
   if (tensor.shape.channels != kImageChannels) {
@@ -40,13 +40,14 @@ void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor&
   params::Encode params{
       {}, out.shape.height, out.shape.width, graph.plane(out), transfer == Transfer::kLog, clip, {}, {}};
   if (channels.size() > 4 * std::size(params.channels)) {
-    throw Error("layer {}: {} channels, at most {}", name, channels.size(), 4 * std::size(params.channels));
+    throw Error("layer {}: {} channels, expected at most {}", name, channels.size(),
+                4 * std::size(params.channels));
   }
   uint32_t constants = 0;
   for (size_t c = 0; c < channels.size(); ++c) {
     const auto& [kind, channel, value] = channels[c];
     if (value ? constants == std::size(params.constants) : channel >= RAYMELD_FIRST_CONSTANT)
-      throw Error("layer {}: channel {} is one constant or source too many", name, c);
+      throw Error("layer {}: channel {} is one constant too many, or its source is out of range", name, c);
     const uint32_t source = value ? RAYMELD_FIRST_CONSTANT + constants : channel;
     params.channels[c / 4] |= (static_cast<uint32_t>(kind) | source << 2) << c % 4 * 8;
     if (value) params.constants[constants++] = *value;

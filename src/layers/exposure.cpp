@@ -1,4 +1,4 @@
-// exposure: of LRHS, found in two passes.
+// Adds the layer that computes the exposure of LRHS, in two passes.
 #include <algorithm>
 #include <cmath>
 
@@ -9,10 +9,12 @@
 namespace raymeld {
 
 void exposure(Graph& graph, const std::string& name, uint32_t height, uint32_t width, float key) {
-  constexpr uint32_t kMostSums = RAYMELD_SUMMANDS;  // which one workgroup sums up
+  constexpr uint32_t kMostSums = RAYMELD_SUMMANDS;  // a workgroup sums up no more
   const double pixels = double(height) * width;
   const bool possible = pixels > 0 && pixels < double{1u << 31} && key > 0;
-  if (!possible) throw Error("layer {}: of {} x {} pixels, with a key of {}", name, width, height, key);
+  if (!possible)
+    throw Error("layer {}: {} x {} pixels and a key of {}, expected 1 to 2^31 - 1 pixels and a positive key",
+                name, width, height, key);
   const uint32_t count = std::min(kMostSums, divide_up(height * width, RAYMELD_SUMMANDS));
   const Tensor sums = graph.scratch(name + ".sums", count);
   Pass first;

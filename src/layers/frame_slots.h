@@ -1,4 +1,4 @@
-// The images of a frame, as the layers number them.
+// Numbers the images of a frame for the layers.
 #pragma once
 
 #include "engine/graph.h"
@@ -6,8 +6,7 @@
 namespace raymeld {
 
 inline constexpr FrameSlot kLrhsSlot = 0, kFusedSlot = 1;
-// HRLS is one buffer, with all of its layers, or as many images of Vulkan as it has layers, from this slot
-// on.
+// HRLS starts at this slot: it is one buffer with all of its layers, or an image of Vulkan for each layer.
 inline constexpr FrameSlot kHrlsSlot = 2;
 inline constexpr uint32_t kMostLayers = kFrameSlots - kHrlsSlot;
 

@@ -1,4 +1,4 @@
-// The layers of the joint base.
+// Adds the layers of the joint base.
 #include <bit>
 
 #include "layers/upsampled.h"
@@ -94,7 +94,7 @@ void joint_filter(Graph& graph, const std::string& name, const Tensor& in, const
 void remodulate(Graph& graph, const std::string& name, const Tensor& light, const Tensor& albedo,
                 const Tensor& out, Transfer transfer) {
   const Shape shape = with_channels(out.shape, 3);
-  expect_shape(name, "the light", light, shape);
+  expect_shape(name, "the demodulated radiance", light, shape);
   expect_shape(name, "the albedo", albedo, shape);
   expect_shape(name, "the output", out, shape);
   Pass pass = pass_of(graph, name, shaders::kRemodulate, {light, albedo}, out);
@@ -109,7 +109,7 @@ void mix(Graph& graph, const std::string& name, const Tensor& rec, const Tensor&
   expect_shape(name, "LRHS", lrhs, with_channels(lrhs.shape, 6));
   expect_shape(name, "the network's output", rec, with_channels(shape, 3 + kCandidates));
   expect_shape(name, "the albedo", albedo, shape);
-  expect_shape(name, "the filtered light", candidates, with_channels(shape, 9));
+  expect_shape(name, "the filtered candidates", candidates, with_channels(shape, 9));
   expect_shape(name, "the output", out, shape);
   Pass pass = pass_of(graph, name, shaders::kMix, {rec, lrhs, albedo, candidates}, out);
   pass.set_push(upsampled(graph, out, lrhs, options.transfer, options.scale, options.phase));

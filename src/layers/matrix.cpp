@@ -1,4 +1,4 @@
-// Convolutions by cooperative matrices, between the shuffles and with them: one pass.
+// Adds convolutions by cooperative matrices. Their shuffles are part of the same pass.
 #include <Imath/half.h>
 
 #include <algorithm>
@@ -11,7 +11,8 @@ namespace {
 
 constexpr uint32_t kStep = 8;  // halves in 16 bytes, as conv2d_matrix.comp counts shared memory
 
-// The layout of conv2d_matrix.comp: [block][chunk][output][ky][kx][channel], zeros where channels end early.
+// Writes weights in the layout of conv2d_matrix.comp, [block][chunk][output][ky][kx][channel],
+// zeros where channels end early.
 void pack_weights(std::byte* target, const Convolution& conv, const MatrixTiles& tiles) {
   auto* next = reinterpret_cast<Imath::half*>(target);
   const uint32_t kernel = conv.options.kernel;
@@ -45,7 +46,7 @@ uint64_t shared_bytes(const MatrixTiles& tiles, uint32_t kernel) {
 static_assert(kMatrixColumns == RAYMELD_MATRIX_COLUMNS);
 
 bool is_possible(const MatrixTiles& tiles, uint32_t kernel) {
-  constexpr uint32_t kMost = 256;  // of anything; keeps products small
+  constexpr uint32_t kMost = 256;  // limit of each size; keeps products small
   const CooperativeMatrix& matrix = tiles.matrix;
   for (const uint32_t size : {matrix.m, matrix.n, matrix.k, matrix.subgroup_size, tiles.outputs, tiles.rows,
                               tiles.subgroups, tiles.channels}) {
@@ -60,7 +61,7 @@ void conv2d_matrix(Graph& graph, const Convolution& conv) {
   MatrixTiles tiles = conv.options.how.matrix;
   const CooperativeMatrix& matrix = tiles.matrix;
   const uint32_t kernel = conv.options.kernel;
-  if (!conv.half) throw Error("layer {}: cooperative matrices take 16-bit storage", conv.name);
+  if (!conv.half) throw Error("layer {}: cooperative matrices need 16-bit storage", conv.name);
   if (!is_possible(tiles, kernel)) {
     throw Error(
         "layer {}: {} outputs x {} rows x {} subgroups, {} channels are impossible with matrices of "
@@ -68,7 +69,7 @@ void conv2d_matrix(Graph& graph, const Convolution& conv) {
         conv.name, tiles.outputs, tiles.rows, tiles.subgroups, tiles.channels, matrix.m, matrix.n, matrix.k,
         matrix.max_shared_bytes);
   }
-  // No more than there are.
+  // Limits the tiles to the channels that there are.
   tiles.outputs = std::min(tiles.outputs, divide_up(conv.channels_out, matrix.m) * matrix.m);
   tiles.channels = std::min(tiles.channels, divide_up(conv.channels_in, matrix.k) * matrix.k);
   const uint32_t blocks = divide_up(conv.channels_out, tiles.outputs),

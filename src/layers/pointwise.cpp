@@ -1,4 +1,4 @@
-// 1x1 convolutions: one band of pixels after another, so that the sums of a band stay in a cache.
+// Adds 1x1 convolutions, one band of pixels after another, so that the sums of a band stay in a cache.
 #include <algorithm>
 
 #include "layers/conv2d.h"
@@ -9,7 +9,7 @@ namespace {
 
 constexpr uint32_t kLocalPixels = 64;  // pixels of a workgroup of pointwise.comp
 
-// The layout of pointwise.comp: [block][in][output], zeros where channels end early.
+// Writes weights in the layout of pointwise.comp, [block][in][output], zeros where channels end early.
 void pack_weights(std::byte* target, const Convolution& conv, uint32_t outputs, uint32_t blocks) {
   auto* next = reinterpret_cast<float*>(target);
   for (uint32_t block = 0; block < blocks; ++block) {
@@ -20,7 +20,7 @@ void pack_weights(std::byte* target, const Convolution& conv, uint32_t outputs, 
   }
 }
 
-// Input channels that one dispatch sums up, from `channel` on, counted over all inputs.
+// Holds input channels that one dispatch sums up; `channel` is the first one, counted over all inputs.
 struct Part {
   Tensor source;
   uint32_t channel;
@@ -46,7 +46,7 @@ std::vector<Part> parts_by_input(const Convolution& conv) {
 void conv2d_pointwise(Graph& graph, const Convolution& conv) {
   const Conv2dKernel& how = conv.options.how;
   if (conv.options.unshuffle > 1 || conv.options.shuffle > 1)
-    throw Error("layer {}: a shuffled 1x1", conv.name);
+    throw Error("layer {}: the pointwise kernel cannot shuffle", conv.name);
   const auto pixels = static_cast<uint32_t>(conv.out.shape.pixels());
   const uint32_t band =
       std::clamp(how.band / kLocalPixels, 1u, divide_up(pixels, kLocalPixels)) * kLocalPixels;

@@ -1,4 +1,5 @@
-// 1x1 convolutions of what is unshuffled, which read the cells of the image where they lie.
+// Adds 1x1 convolutions of unshuffled pixels, which read the image where it lies. An unshuffled pixel is
+// side x side pixels of the image.
 
 #include "layers/conv2d.h"
 #include "params.h"
@@ -6,18 +7,18 @@
 namespace raymeld {
 namespace {
 
-constexpr uint32_t kMostOutputs = 6;     // output channels of an invocation, each with a sum for every column
-constexpr uint32_t kUnshuffledLocal = 64;    // cells of a workgroup of pointwise_layout.comp
-constexpr uint32_t kVectorsPixels = 64;  // of a row, and a workgroup of pointwise_cells_vectors.comp
+constexpr uint32_t kMostOutputs = 6;  // output channels of an invocation, each with a sum for every column
+constexpr uint32_t kUnshuffledLocal = 64;  // unshuffled pixels of a workgroup of pointwise_unshuffled.comp
+constexpr uint32_t kVectorsPixels = 64;    // pixels of a workgroup of pointwise_unshuffled_vectors.comp
 
 struct Layout {
-  uint32_t side, channels;   // of the image
+  uint32_t side, channels;   // the side of an unshuffled pixel, the image's channels
   uint32_t outputs, blocks;  // blocks of so many output channels, the last one padded
   uint32_t weight_columns;   // a multiple of side
 };
 
-// The layout of both shaders: [block][channel][row][output][column], the columns again and again, zeros where
-// channels end early.
+// Writes weights in the layout of both shaders, [block][channel][row][output][column], in which the columns
+// repeat, with zeros where channels end early.
 void pack_weights(std::byte* target, const Convolution& conv, const Layout& layout) {
   auto* next = reinterpret_cast<float*>(target);
   for (uint32_t block = 0; block < layout.blocks; ++block) {
@@ -31,8 +32,8 @@ void pack_weights(std::byte* target, const Convolution& conv, const Layout& layo
   }
 }
 
-// Graph::vector(), or 0 where pointwise_cells_vectors.comp does not know such layout. The same for all sizes
-// of a frame, as the weights' layout follows it.
+// Returns Graph::vector(), or 0 where pointwise_unshuffled_vectors.comp cannot use such vectors. It is the
+// same for all sizes of a frame, as the layout of the weights depends on it.
 uint32_t vector_of_unshuffled(const Graph& graph, uint32_t side) {
   const uint32_t vector = graph.vector();
   const bool possible =
@@ -40,7 +41,7 @@ uint32_t vector_of_unshuffled(const Graph& graph, uint32_t side) {
   return possible ? vector : 0;
 }
 
-// Whether that shader can number the vectors and the rows of layout.
+// Returns whether pointwise_unshuffled_vectors.comp can number its pairs of vectors and its rows.
 bool has_numbers(const Convolution& conv, uint32_t vector) {
   static_assert(kVectorsPixels * sizeof(float) <= Graph::kGuardBytes);
   return conv.height <= kUniformNumbers && divide_up(conv.in.shape.width, 2 * vector) <= kUniformNumbers;
@@ -50,7 +51,7 @@ bool has_numbers(const Convolution& conv, uint32_t vector) {
 
 void conv2d_pointwise_unshuffled(Graph& graph, const Convolution& conv) {
   if (conv.options.shuffle > 1 || !conv.options.residuals.empty())
-    throw Error("layer {}: a 1x1 that is unshuffled has no shuffle and no residuals", conv.name);
+    throw Error("layer {}: an unshuffled 1x1 cannot shuffle its output or add residuals", conv.name);
   const uint32_t side = conv.options.unshuffle, vector = vector_of_unshuffled(graph, side);
   const bool by_vectors = vector > 0 && has_numbers(conv, vector);
   const uint32_t blocks = divide_up(conv.channels_out, kMostOutputs);

@@ -1,4 +1,4 @@
-// The compiled shaders, and what every layer's passes are put together from.
+// Declares the compiled shaders, and the parts from which layers put passes together.
 #pragma once
 
 #include <array>
@@ -8,8 +8,8 @@
 
 namespace raymeld {
 
-// A shader with activations in buffers, with activations by address, and as shaders/llvmpipe has it, if it
-// does.
+// Holds a shader with activations in buffers, the shader with activations by address, and its form in
+// shaders/llvmpipe, if there is one.
 struct Forms {
   Shader buffers, addresses, vectors = {};
 };
@@ -43,8 +43,8 @@ extern const Shader kSpaceToDepth;
 extern const Shader kPixelShuffle;
 }  // namespace shaders
 
-// Returns a pass of the form that the graph's activations need or, with `vectors`, of shaders/llvmpipe. The
-// bindings that the form finds by address are marked so.
+// Returns a pass with the form of the shader that the graph's activations need or, with `vectors`, with the
+// form in shaders/llvmpipe. Marks the bindings that this form finds by address.
 inline Pass pass_of(const Graph& graph, std::string name, const Forms& forms, std::vector<Binding> bindings,
                     bool vectors = false) {
   const bool by_address = graph.addressed() || vectors;
@@ -82,29 +82,29 @@ inline Binding exposure_binding(Access access = Access::kRead) {
   return {.kind = Binding::Kind::kExposure, .access = access};
 }
 
-inline constexpr uint32_t kUniformNumbers = 4096;  // of uniform.glsl, from 0 on
+inline constexpr uint32_t kUniformNumbers = 4096;  // uniform_number() returns numbers below this
 
-inline constexpr uint32_t kPixelsX = 64, kPixelsY = 2;  // of a workgroup
+inline constexpr uint32_t kPixelsX = 64, kPixelsY = 2;  // pixels of a workgroup
 
-// Workgroups of the shaders with one invocation for each element.
+// Returns the workgroups of a shader with one invocation for each element.
 constexpr std::array<uint32_t, 3> element_groups(const Shape& shape) {
   return {divide_up(shape.width, kPixelsX), divide_up(shape.height, kPixelsY), shape.channels};
 }
 
-// And of those with one for each pixel.
+// Returns the workgroups of a shader with one invocation for each pixel.
 constexpr std::array<uint32_t, 3> pixel_groups(const Shape& shape) {
   return element_groups({shape.height, shape.width, 1});
 }
 
 inline constexpr uint32_t kStrip = 4;  // pixels of an invocation, RAYMELD_STRIP
 
-// And of those with strip.glsl.
+// Returns the workgroups of a shader that uses strip.glsl.
 constexpr std::array<uint32_t, 3> strip_groups(const Shape& shape) {
   return element_groups({divide_up(shape.height, kStrip), shape.width, shape.channels});
 }
 
-// Graph::vector(), or 0 where shaders with such workgroups cannot read such vectors `reach` pixels beside
-// their own.
+// Returns Graph::vector(), or 0 where shaders with these workgroups cannot read such vectors up to
+// `reach` pixels beside their own.
 inline uint32_t vector_of_pixels(const Graph& graph, const Shape& invocations, uint32_t reach) {
   const uint32_t lanes = graph.vector();
   if (lanes == 0 || kPixelsX % lanes != 0 || graph.storage() != Storage::kFloat32) return 0;
@@ -113,7 +113,7 @@ inline uint32_t vector_of_pixels(const Graph& graph, const Shape& invocations, u
   return numbered && (kPixelsX + reach) * sizeof(float) <= Graph::kGuardBytes ? lanes : 0;
 }
 
-// Of a tensor read or written once.
+// Returns the bytes of a tensor, read or written once.
 inline double traffic(const Graph& graph, const Tensor& tensor) {
   return static_cast<double>(tensor.shape.pixels() * tensor.shape.channels * element_bytes(graph.storage()));
 }

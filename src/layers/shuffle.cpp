@@ -5,7 +5,7 @@
 namespace raymeld {
 namespace {
 
-// r, where `small` is (h, w, r r c) and `large` (r h, r w, c).
+// Returns r, where `small` is (h, w, r r c) and `large` is (r h, r w, c).
 uint32_t factor_of(const std::string& name, const Shape& small, const Shape& large) {
   const uint32_t factor = large.height / small.height;
   if (large.height != factor * small.height || large.width != factor * small.width ||
@@ -19,7 +19,8 @@ uint32_t factor_of(const std::string& name, const Shape& small, const Shape& lar
 Pass shuffle(const Graph& graph, const std::string& name, const Shader& shader, const Tensor& in,
              const Tensor& out, const Tensor& small_image, const Tensor& large_image) {
   const Shape &small = small_image.shape, &large = large_image.shape;
-  if (graph.exponent(in) != graph.exponent(out)) throw Error("layer {}: exponents differ", name);
+  if (graph.exponent(in) != graph.exponent(out))
+    throw Error("layer {}: the exponents of input and output differ", name);
   Pass pass;
   pass.name = name;
   pass.shader = &shader;

@@ -6,7 +6,8 @@
 
 namespace raymeld {
 
-// For shaders that upsample `lrhs` to the size of `full`; scale and phase as in DecodeOptions.
+// Returns push constants for shaders that upsample `lrhs` to the size of `full`; see
+// DecodeOptions for scale and phase.
 inline params::Upsampled upsampled(const Graph& graph, const Tensor& full, const Tensor& lrhs,
                                    Transfer transfer, uint32_t scale, float phase) {
   return {full.shape.height,

@@ -1,5 +1,4 @@
-// Convolutions by minimal filtering: transform the input, multiply, transform back, one band of tile rows
-// after another.
+// Adds Winograd convolutions: transforms the input, multiplies, transforms back, one band of tiles at a time.
 #include <Imath/half.h>
 
 #include <algorithm>
@@ -12,11 +11,11 @@
 namespace raymeld {
 namespace {
 
-constexpr uint32_t kWeightsLocal = 64;               // of winograd_weights.comp
+constexpr uint32_t kWeightsLocal = 64;               // invocations of a workgroup of winograd_weights.comp
 constexpr uint32_t kMultiplyLocal = 64;              // tiles of a workgroup of winograd_multiply.comp
-constexpr uint32_t kTransformLocal = 64;             // and of the transforms
-constexpr uint32_t kInputVector = 8;                 // of winograd_input_vectors.comp
-constexpr uint32_t kInputVectorPixels = 64;          // of that many pairs of tiles
+constexpr uint32_t kTransformLocal = 64;             // tiles of a workgroup of the transforms
+constexpr uint32_t kInputVector = 8;                 // lanes of a vector of winograd_input_vectors.comp
+constexpr uint32_t kInputVectorPixels = 64;          // pixels of so many pairs of tiles in a row
 constexpr uint64_t kMostScratchElements = 1u << 24;  // bands are lower where they would need more
 constexpr uint32_t kPaddingElements = 16;  // keeps positions from falling into the same set of a cache
 
@@ -24,7 +23,7 @@ struct Sizes {
   uint32_t tile, side, positions;
   uint32_t tiles_x, tile_rows;             // tiles_x even
   uint32_t band_rows, band_tiles;          // band_tiles a multiple of all workgroups
-  uint32_t parts;                          // of the input channels
+  uint32_t parts;                          // parts of the input channels
   uint32_t outputs, blocks, channels_out;  // channels_out = outputs * blocks
   uint32_t weights_stride, transformed_stride, products_stride;
 };
@@ -59,7 +58,7 @@ Sizes sizes_of(const Convolution& conv) {
   return s;
 }
 
-// The layout of winograd_weights.comp, zeros where channels end early.
+// Writes weights in the layout of winograd_weights.comp, with zeros where channels end early.
 template <typename Element>
 void pack_weights(std::byte* target, const Convolution& conv, const Sizes& s) {
   auto* packed = reinterpret_cast<Element*>(target);
@@ -74,7 +73,7 @@ void pack_weights(std::byte* target, const Convolution& conv, const Sizes& s) {
 }
 
 struct Scratch {
-  Tensor transformed, products;  // of one band at a time
+  Tensor transformed, products;  // hold one band at a time
 };
 
 struct Steps {
@@ -88,29 +87,30 @@ struct Steps {
       conv.name + ".zeros", kInputVectorPixels * sizeof(float),
       [](std::byte* target) { std::fill_n(reinterpret_cast<float*>(target), kInputVectorPixels, 0.0f); });
 
-  // Share of the whole convolution that a band is.
+  // Returns the share of the whole convolution that a band is.
   double share(uint32_t first_tile_row) const {
     return double(std::min(s.band_rows, s.tile_rows - first_tile_row)) / s.tile_rows;
   }
 
   bool floats_by_address() const { return graph.addressed() && graph.storage() == Storage::kFloat32; }
 
-  // Whether rows of an image that is shuffled by `shuffle` can be accessed by aligned pairs of floats.
+  // Returns whether aligned pairs of floats can access rows of an image that is shuffled by `shuffle`.
   bool by_pairs(uint32_t shuffle) const { return floats_by_address() && shuffle == 1 && conv.width % 2 == 0; }
 
-  // Whether two output channels are stored at once, which the shuffle makes neighbours.
+  // Returns whether two output channels, which the shuffle makes neighbours, are stored at once.
   bool by_pairs_of_outputs() const {
     return paired() && floats_by_address() && conv.options.shuffle % 2 == 0;
   }
 
-  // Whether winograd_input_vectors.comp can read such rows.
+  // Returns whether winograd_input_vectors.comp can read rows of an image that is unshuffled by `unshuffle`.
   bool by_vectors(uint32_t unshuffle) const {
     return by_pairs(unshuffle) && s.tile == 4 && conv.width % kInputVectorPixels == 0 &&
            conv.channels_in <= kUniformNumbers &&
            usable_vector(conv.options.how, s.band_tiles) == kInputVector;
   }
 
-  // Whether an invocation of winograd_multiply.comp makes products of two vectors of tiles.
+  // Returns whether an invocation of winograd_multiply_vectors.comp computes the products of
+  // two tiles, one vector apart.
   bool paired() const {
     static_assert(2 * kPairedVector == RAYMELD_LANES);
     return graph.addressed() && conv.channels_out <= kUniformNumbers &&
@@ -204,9 +204,10 @@ struct Steps {
     const Tensor& residual = residuals.empty() ? conv.out : residuals.front();
     for (const Tensor& other : residuals) {
       if (graph.rows_mask(other) != graph.rows_mask(residual))
-        throw Error("layer {}: residuals that are kept by different numbers of rows", conv.name);
+        throw Error("layer {}: residuals keep different numbers of rows, expected the same number",
+                    conv.name);
     }
-    // What lies below the band is the next one's.
+    // Rows below the band belong to the next one.
     const uint32_t end = std::min(conv.height, (first_tile_row + s.band_rows) * s.tile);
     p.set_push(params::WinogradOutput{end,
                                       conv.height,
@@ -232,7 +233,7 @@ struct Steps {
   }
 };
 
-// Bands of several convolutions, in an order in which each finds its input's rows.
+// Puts bands of several convolutions into an order in which each finds its input's rows.
 struct Schedule {
   struct Band {
     size_t conv;
@@ -241,18 +242,18 @@ struct Schedule {
   std::span<const Convolution> convs;
   std::span<const Sizes> sizes;
   std::vector<Band> bands = {};
-  std::vector<uint32_t> done = std::vector<uint32_t>(convs.size());  // tile rows of each
+  std::vector<uint32_t> done = std::vector<uint32_t>(convs.size());  // tile rows of each convolution
   std::vector<uint32_t> kept =
       std::vector<uint32_t>(convs.size());  // the most rows of its output needed at once
 
-  // Adds what it takes until `rows` of the output of convolution i are there.
+  // Adds bands until `rows` rows of the output of convolution i are computed.
   void require(size_t i, uint32_t rows) {
     const Sizes& s = sizes[i];
     while (rows_done(i) < rows) {
       const uint32_t first_tile_row = done[i];
       done[i] = std::min(s.tile_rows, first_tile_row + s.band_rows);
       if (i > 0) {
-        // A 3x3 reads a row above and one below.
+        // A 3x3 reads one row above its own and one below.
         const uint32_t u = convs[i].options.unshuffle, first = first_tile_row * s.tile;
         require(i - 1, std::min(convs[i].height, done[i] * s.tile + 1) * u);
         kept[i - 1] = std::max(kept[i - 1], rows_done(i - 1) - (first - std::min(first, 1u)) * u);
@@ -285,7 +286,7 @@ double winograd_amplification(const ConvWeights& weights, uint32_t channels_in) 
                                     {1. / 24, 1. / 12, 1. / 6},
                                     {1. / 24, -1. / 12, 1. / 6},
                                     {0, 0, 1}};                      // G; Lavin and Gray 2016, section 4
-  constexpr std::array<double, 6> kInputSums{10, 10, 10, 6, 6, 10};  // of the rows of |B^T|
+  constexpr std::array<double, 6> kInputSums{10, 10, 10, 6, 6, 10};  // sums of the rows of |B^T|
   constexpr double kOutput[4][6] = {
       {1, 1, 1, 1, 1, 0}, {0, 1, 1, 2, 2, 0}, {0, 1, 1, 4, 4, 0}, {0, 1, 1, 8, 8, 1}};
   double largest = 0;

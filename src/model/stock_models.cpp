@@ -1,37 +1,19 @@
 #include "model/stock_models.h"
 
-#include <dlfcn.h>
 #include <fmt/ranges.h>
-#include <link.h>
 
 #include <algorithm>
 #include <cstdlib>
 #include <set>
 
 #include "error.h"
+#include "platform/folders.h"
 
 namespace raymeld {
 namespace {
 
 namespace fs = std::filesystem;
 constexpr const char* kExtension = ".safetensors";
-
-// Holds the library or program that this code is part of, and the path of the stock models from its folder.
-struct Home {
-  fs::path file;  // empty if unknown
-  fs::path models;
-};
-
-Home find_home() {
-  Dl_info info;
-  void* loaded = nullptr;
-  const auto here = reinterpret_cast<const void*>(&find_home);
-  if (!dladdr1(here, &info, &loaded, RTLD_DL_LINKMAP)) return {};
-  std::error_code error;
-  const char* library = static_cast<const link_map*>(loaded)->l_name;  // "" stands for the program
-  if (*library) return {fs::canonical(library, error), RAYMELD_MODELS_FROM_LIBRARY};
-  return {fs::read_symlink("/proc/self/exe", error), RAYMELD_MODELS_FROM_PROGRAM};
-}
 
 bool is_within(const fs::path& file, const fs::path& folder) {
   return std::ranges::mismatch(folder, file).in1 == folder.end();
@@ -42,12 +24,13 @@ bool is_within(const fs::path& file, const fs::path& folder) {
 std::vector<fs::path> model_folders() {
   std::vector<fs::path> folders;
   if (const char* chosen = std::getenv("RAYMELD_MODELS"); chosen && *chosen) folders.push_back(chosen);
-  static const Home home = find_home();
-  if (home.file.empty()) return folders;
-  folders.push_back((home.file.parent_path() / home.models).lexically_normal());
+  static const OwnFile own = own_file();
+  if (own.path.empty()) return folders;
+  const fs::path from_here = own.is_library ? RAYMELD_MODELS_FROM_LIBRARY : RAYMELD_MODELS_FROM_PROGRAM;
+  folders.push_back((own.path.parent_path() / from_here).lexically_normal());
   std::error_code error;
   const fs::path built = fs::canonical(RAYMELD_BUILD_DIR, error);
-  if (!error && is_within(home.file, built)) folders.push_back(RAYMELD_SOURCE_MODELS);
+  if (!error && is_within(own.path, built)) folders.push_back(RAYMELD_SOURCE_MODELS);
   return folders;
 }
 

@@ -98,9 +98,8 @@ double allowed_rms(const Planes& truth, const Planes& in_floats, Precision preci
 
 std::string text_of(const Worst& at, size_t values) {
   return fmt::format(
-      "worst error / bound {:.3g} at c {}, y {}, x {}: {:.9g}, expected {:.9g} within {:.3g}; {} of {} "
-      "values "
-      "are outside",
+      "worst error / bound {:.3g} at c {}, y {}, x {}: {:.9g}, expected {:.9g} within {:.3g}; "
+      "{} of {} values are outside",
       at.ratio, at.c, at.y, at.x, at.actual, at.expected, at.bound, at.failures, values);
 }
 

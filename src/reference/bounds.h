@@ -6,7 +6,7 @@
 
 namespace raymeld::reference {
 
-// (c, h, w), planar: rows from top to bottom within a plane.
+// Holds values of shape (c, h, w), plane by plane, each with its rows from top to bottom.
 struct Planes {
   int c = 0, h = 0, w = 0;
   std::vector<double> data;
@@ -19,10 +19,10 @@ struct Planes {
   double at(int ci, int y, int x) const { return data[index(ci, y, x)]; }
 };
 
-// What a device stores between layers; it accumulates in fp32 either way.
+// Says how a device stores values between layers. It accumulates in fp32 either way.
 enum class Precision { kFp32, kFp16 };
 
-// To nearest, ties to even, subnormals kept; from 65520 on +-Inf.
+// Rounds to nearest, ties to even, and keeps subnormals. The result is +-infinity from 65520 on.
 double round_to_half(double value);
 double round_to(double value, Precision precision);
 Planes round_to(Planes planes, Precision precision);
@@ -35,15 +35,16 @@ struct Bounded {
 Bounded exact(Planes value);
 
 inline constexpr double kUnit = 0x1p-24;      // u: relative error of one rounding to fp32
-inline constexpr double kHalfUnit = 0x1p-11;  // h: of one to fp16
-inline constexpr double kFlush = 0x1p-126;    // what flushing one subnormal fp32 result loses
+inline constexpr double kHalfUnit = 0x1p-11;  // h: relative error of one rounding to fp16
+inline constexpr double kFlush = 0x1p-126;    // largest loss by flushing one subnormal fp32 result
 double gamma(int roundings);                  // n u / (1 - n u)
 
-// The bound after storing a value that has `bound` already: fp16 adds h |y| + 2^-24.
+// Returns the bound after a value with `bound` is stored: fp16 adds h (|value| + bound) + 2^-24. It is
+// infinite where the stored value may overflow.
 double stored_bound(double value, double bound, Precision precision);
 
-// The place where error / bound is largest. The ratio is infinite where a value is off although none may be,
-// or where the bound is; equal infinities and a NaN where one is expected are no error.
+// Holds the place where error / bound is largest. The ratio is infinite where a value that has to be exact is
+// off, or where the bound is infinite. Equal infinities, and a NaN where one is expected, are no error.
 struct Worst {
   double ratio = 0;
   int c = 0, y = 0, x = 0;
@@ -51,16 +52,16 @@ struct Worst {
   size_t failures = 0;  // values with a ratio above 1
 };
 Worst worst(const Planes& actual, const Bounded& expected);
-// The root of the mean square of the differences.
+// Returns the root of the mean square of the differences.
 double rms_of_difference(const Planes& a, const Planes& b);
 
-// A measured bound beside the proved ones, which are hundreds of times wider where roundings cancel, as they
-// mostly do: the RMS error of a right device is at most kRmsFactor times that of a scalar computation in floats,
-// and one rounding of the largest value. Nothing proves it.
+// The proved bounds are hundreds of times too wide where roundings cancel, as they mostly do. So there is a
+// measured bound, which nothing proves: the RMS error of a right device is at most kRmsFactor times that of a
+// scalar computation in floats, plus one rounding of the largest value.
 inline constexpr double kRmsFactor = 4;
 double allowed_rms(const Planes& truth, const Planes& in_floats, Precision precision);
 
-// "worst error / bound 1.2 at c 0, y 3, x 1: ...", of so many values.
+// Returns "worst error / bound 1.2 at c 0, y 3, x 1: ..."; `values` is the number of compared values.
 std::string text_of(const Worst& worst, size_t values);
 
 }  // namespace raymeld::reference

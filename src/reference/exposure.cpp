@@ -9,7 +9,7 @@ namespace {
 
 double sqrt(double x) { return std::sqrt(x); }
 
-// Vulkan has it be 1 / inversesqrt(x): within 2 ULP, and 2.5 of the division.
+// Vulkan defines it as 1 / inversesqrt(x), with 2 ULP for inversesqrt and 2.5 ULP for the division.
 Interval sqrt(const Interval& x) {
   return rounded({std::sqrt(std::max(x.low, 0.0)), std::sqrt(x.high)}, 4.5 * kUlp);
 }
@@ -21,7 +21,7 @@ T root_of_luminance(const T& r, const T& g, const T& b) {
 
 double color_of(double value) { return std::isnan(value) ? 0 : std::clamp(value, 0.0, 65504.0); }
 
-// What is subnormal may be flushed as it is read.
+// A subnormal color may be flushed to 0 as it is read.
 Interval read(double color) { return {color < kFlush ? 0 : color, color}; }
 
 }  // namespace

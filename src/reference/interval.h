@@ -6,18 +6,18 @@
 
 #include "reference/bounds.h"
 
-// What a device's fp32 value may be: each operation widens it by the rounding that Vulkan allows (1.3,
-// "Precision and Operation of SPIR-V Instructions"). A formula that is a template gives the value in double
-// and, of the same text, the bounds in Interval.
+// An Interval holds all values that a device's fp32 result may have. Each operation widens it by the rounding
+// that Vulkan allows (1.3, "Precision and Operation of SPIR-V Instructions"). A formula that is a template
+// gives the value with double and the bounds with Interval.
 namespace raymeld::reference {
 
-inline constexpr double kUlp = 2 * kUnit;  // one fp32 ULP is at most this, relative
+inline constexpr double kUlp = 2 * kUnit;  // the largest size of one fp32 ULP, relative to the value
 
 struct Interval {
   double low, high;
 
   Interval(double low, double high) : low(low), high(high) {}
-  // A constant of a shader: rounded unless it is a float.
+  // Makes the interval of a shader's constant, which is rounded unless it is a float.
   Interval(double constant) : low(constant), high(constant) {
     if (double(float(constant)) == constant) return;
     low -= kUnit * std::abs(constant);
@@ -44,7 +44,7 @@ inline Interval product(const Interval& a, const Interval& b) {
 
 inline Interval operator*(const Interval& a, const Interval& b) { return rounded(product(a, b), kUnit); }
 
-// By what is positive.
+// The divisor must be positive.
 inline Interval operator/(const Interval& a, const Interval& b) {
   return rounded(product(a, {1 / b.high, 1 / b.low}), 2.5 * kUlp);
 }
@@ -68,13 +68,13 @@ inline Interval clamp(const Interval& x, double low, double high) {
   return {std::clamp(x.low, low, high), std::clamp(x.high, low, high)};
 }
 
-// Within 3 + 2 |x| ULP.
+// The result is within 3 + 2 |x| ULP.
 inline Interval exp(const Interval& x) {
   const auto off = [](double x) { return std::exp(x) * (3 + 2 * std::abs(x)) * kUlp + kFlush; };
   return {std::max(0.0, std::exp(x.low) - off(x.low)), std::exp(x.high) + off(x.high)};
 }
 
-// Within 3 ULP, or 2^-21 absolute in [0.5, 2].
+// The result is within 3 ULP, or within 2^-21 where x is in [0.5, 2]. The larger of both is used everywhere.
 inline Interval log(const Interval& x) {
   const auto off = [](double log) { return std::max(3 * kUlp * std::abs(log), 0x1p-21); };
   const double low = x.low > 0 ? std::log(x.low) : -std::numeric_limits<double>::infinity();

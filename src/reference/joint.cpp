@@ -1,4 +1,4 @@
-// The layers of the joint base.
+// Computes the layers of the joint base.
 #include <stdexcept>
 
 #include "reference/transfer.h"
@@ -26,7 +26,7 @@ Element at(const Bounded& x, int c, int y, int column) {
   return {x.value.at(c, y, column), x.bound.at(c, y, column)};
 }
 
-// What `formula` makes, in double and in intervals: it is called with a value of the type to compute in.
+// Evaluates `formula` in double and in intervals. It is called with a value of the type to compute in.
 template <typename Formula>
 Element evaluate_in_both(const Formula& formula) {
   const double value = formula(double());
@@ -37,7 +37,7 @@ Element evaluate_in_both(const Formula& formula) {
   return {value, std::max(range.high - value, value - range.low)};
 }
 
-// What `formula` makes of elements.
+// Evaluates `formula` of elements.
 template <typename Formula, typename... Elements>
 Element evaluate(const Formula& formula, const Elements&... elements) {
   if (!(std::isfinite(elements.bound) && ...)) {
@@ -56,8 +56,8 @@ void expect_shape(const Bounded& x, int c, int h, int w) {
   throw std::invalid_argument("reference: the joint base has another shape");
 }
 
-// The mean over the s x s cell, summed in any order.
-Element cell_mean(const Bounded& x, int c, int row, int column, int s) {
+// Returns the mean over the s x s pixels that an LRHS pixel covers, summed in any order.
+Element mean_of_covered(const Bounded& x, int c, int row, int column, int s) {
   Element mean{0, 0};
   double magnitude = 0;
   for (int y = s * row; y < s * (row + 1); ++y) {
@@ -72,9 +72,9 @@ Element cell_mean(const Bounded& x, int c, int row, int column, int s) {
   return mean;
 }
 
-// sum w x / sum w. Weights that are off by e, as much as their ranges allow, move it by sum e |x - mean| /
-// sum w, and no weights move it out of what x spans; then 2 n + 6 roundings: of the products, both sums and
-// the division.
+// Returns sum w x / sum w. Weights that are off by e, the most that their ranges allow, move it by at most
+// sum e |x - mean| / sum w, and no weights move it out of the span of x. The products, both sums and the
+// division add 2 n + 6 roundings.
 Element weighted_mean(const std::vector<double>& weights, const std::vector<Interval>& ranges,
                       const std::vector<Element>& x) {
   double sum = 0, least_sum = 0, value = 0;
@@ -106,8 +106,7 @@ struct Guide {
   double width;
 };
 
-// Of a pixel's 3x3 neighbours at distances of `step`: their binomial weights times exp(-d^2), and the
-// elements that they weigh.
+// Holds the 3x3 pixels at distances of `step` around a pixel, and their weights, binomial * exp(-d^2).
 struct Taps {
   std::vector<double> weights;
   std::vector<Interval> ranges;
@@ -145,7 +144,7 @@ struct Taps {
   }
   Element mean(const Bounded& x, int c) const { return weighted_mean(weights, ranges, of(x, c)); }
 
-  // Every weight times the element of channel c.
+  // Returns taps whose weights are multiplied by the elements of channel c.
   Taps times(const Bounded& x, int c) const {
     Taps result = *this;
     const std::vector<Element> factors = of(x, c);
@@ -157,13 +156,14 @@ struct Taps {
   }
 };
 
-// What an LRHS pixel shows of an image of the full size.
-Bounded of_cells(const Bounded& image, int scale, double phase) {
+// Samples a full-size image at LRHS pixels: the mean of the pixels that each covers, or the top-left one.
+Bounded sampled_by_lrhs(const Bounded& image, int scale, double phase) {
   Bounded result = exact(Planes(image.value.c, image.value.h / scale, image.value.w / scale));
   for (int c = 0; c < result.value.c; ++c) {
     for (int y = 0; y < result.value.h; ++y) {
       for (int x = 0; x < result.value.w; ++x) {
-        const Element own = phase > 0 ? cell_mean(image, c, y, x, scale) : at(image, c, scale * y, scale * x);
+        const Element own =
+            phase > 0 ? mean_of_covered(image, c, y, x, scale) : at(image, c, scale * y, scale * x);
         result.value.at(c, y, x) = own.value;
         result.bound.at(c, y, x) = own.bound;
       }
@@ -176,7 +176,7 @@ constexpr auto luminance = [](const auto& r, const auto& g, const auto& b) {
   return 0.2126 * r + 0.7152 * g + 0.0722 * b;
 };
 
-// Of linear radiance at a pixel; black outside.
+// Returns the luminance of linear radiance at a pixel, which is 0 outside the image.
 template <typename T>
 T brightness_at(const Bounded& color, Transfer transfer, int y, int x) {
   if (y < 0 || x < 0 || y >= color.value.h || x >= color.value.w) return 0;
@@ -184,7 +184,7 @@ T brightness_at(const Bounded& color, Transfer transfer, int y, int x) {
   return luminance(channel(0), channel(1), channel(2));
 }
 
-// What makes of a pixel no firefly.
+// Returns the factor that limits the brightness of a firefly; it is 1 for other pixels.
 template <typename T>
 T firefly_limit(const Bounded& color, Transfer transfer, int y, int x) {
   using std::min, std::max;
@@ -209,24 +209,25 @@ Bounded irradiance(const Bounded& lrhs, const Bounded& albedo, const Bounded& no
   expect_shape(lrhs, 3, h, w);
   expect_shape(albedo, 3, scale * h, scale * w);
   expect_shape(normal, 3, scale * h, scale * w);
-  const Bounded own_albedo = of_cells(albedo, scale, phase), own_normal = of_cells(normal, scale, phase);
+  const Bounded own_albedo = sampled_by_lrhs(albedo, scale, phase),
+                own_normal = sampled_by_lrhs(normal, scale, phase);
   const auto formula = [&](const auto& color, const auto& own) {
     return apply(transfer, invert(transfer, color) / (own + kAlbedoFloor));
   };
-  Bounded lights = exact(Planes(3, h, w)), result = lights;
+  Bounded demodulated = exact(Planes(3, h, w)), result = demodulated;
   for (int c = 0; c < 3; ++c) {
     for (int y = 0; y < h; ++y) {
       for (int x = 0; x < w; ++x) {
-        const Element light = evaluate(formula, at(lrhs, c, y, x), at(own_albedo, c, y, x));
-        lights.value.at(c, y, x) = light.value;
-        lights.bound.at(c, y, x) = light.bound;
+        const Element own = evaluate(formula, at(lrhs, c, y, x), at(own_albedo, c, y, x));
+        demodulated.value.at(c, y, x) = own.value;
+        demodulated.bound.at(c, y, x) = own.bound;
       }
     }
   }
   for (int y = 0; y < h; ++y) {
     for (int x = 0; x < w; ++x) {
       const Taps taps({{own_albedo, kAlbedoWidth}, {own_normal, kNormalWidth}}, {y, x}, 1);
-      for (int c = 0; c < 3; ++c) store(result, c, y, x, taps.mean(lights, c), precision);
+      for (int c = 0; c < 3; ++c) store(result, c, y, x, taps.mean(demodulated, c), precision);
     }
   }
   return result;
@@ -244,24 +245,25 @@ Bounded demodulate(const Bounded& color, const Bounded& albedo, const Bounded& l
     if (centered) return certainty / (scale * scale);
     return y % scale == 0 && x % scale == 0 ? certainty : 0;
   };
-  const auto lit = [&]<typename T>(T, int c, int y, int x) {
+  const auto demodulated = [&]<typename T>(T, int c, int y, int x) {
     using std::log, std::clamp;
     const T surface = at(albedo, c, y, x).as<T>() + kAlbedoFloor;
-    T light =
+    T radiance =
         firefly_limit<T>(color, transfer, y, x) * invert(transfer, at(color, c, y, x).as<T>()) / surface;
     if (const double counts = lrhs_counts(y, x); counts > 0) {
       const T given =
           centered ? T(clamp(invert(transfer, at(upsampled, 3 + c, y, x).as<T>()), 0.0, kLargestOutput))
                    : T(invert(transfer, at(lrhs, c, y / scale, x / scale).as<T>()) / surface);
-      light = (light + counts * given) / T(1 + counts);
+      radiance = (radiance + counts * given) / T(1 + counts);
     }
-    return T(log(1 + kCompress * light) / kCompress);
+    return T(log(1 + kCompress * radiance) / kCompress);
   };
   Bounded result = exact(Planes(5, h, w));
   for (int y = 0; y < h; ++y) {
     for (int x = 0; x < w; ++x) {
       for (int c = 0; c < 3; ++c) {
-        store(result, c, y, x, evaluate_in_both([&](auto type) { return lit(type, c, y, x); }), precision);
+        store(result, c, y, x, evaluate_in_both([&](auto type) { return demodulated(type, c, y, x); }),
+              precision);
       }
       const double counts = lrhs_counts(y, x);
       store(result, 3, y, x, {1 + counts, kUnit * counts}, precision);
@@ -293,19 +295,20 @@ Bounded joint_filter(const Bounded& x, const Bounded& albedo, const Bounded& nor
   return result;
 }
 
-Bounded remodulate(const Bounded& light, const Bounded& albedo, Transfer transfer, Precision precision) {
-  const int h = light.value.h, w = light.value.w;
-  expect_shape(light, 3, h, w);
+Bounded remodulate(const Bounded& demodulated, const Bounded& albedo, Transfer transfer,
+                   Precision precision) {
+  const int h = demodulated.value.h, w = demodulated.value.w;
+  expect_shape(demodulated, 3, h, w);
   expect_shape(albedo, 3, h, w);
   Bounded result = exact(Planes(3, h, w));
-  const auto formula = [&](const auto& light, const auto& albedo) {
+  const auto formula = [&](const auto& compressed, const auto& albedo) {
     using std::exp;
-    return apply(transfer, (exp(kCompress * light) - 1) / kCompress * (albedo + kAlbedoFloor));
+    return apply(transfer, (exp(kCompress * compressed) - 1) / kCompress * (albedo + kAlbedoFloor));
   };
   for (int c = 0; c < 3; ++c) {
     for (int y = 0; y < h; ++y) {
       for (int x = 0; x < w; ++x) {
-        store(result, c, y, x, evaluate(formula, at(light, c, y, x), at(albedo, c, y, x)), precision);
+        store(result, c, y, x, evaluate(formula, at(demodulated, c, y, x), at(albedo, c, y, x)), precision);
       }
     }
   }
@@ -320,7 +323,7 @@ Bounded mix(const Bounded& rec, const Bounded& lrhs, const Bounded& albedo, cons
   expect_shape(albedo, 3, h, w);
   expect_shape(candidates, 9, h, w);
   const Bounded low = bilinear(lrhs, scale, phase);
-  const auto relit = [&](const auto& irradiance, const auto& albedo) {
+  const auto remodulated = [&](const auto& irradiance, const auto& albedo) {
     using std::clamp;
     const auto radiance = clamp(invert(transfer, irradiance), 0.0, kLargestOutput);
     return apply(transfer, radiance * (albedo + kAlbedoFloor));
@@ -341,7 +344,7 @@ Bounded mix(const Bounded& rec, const Bounded& lrhs, const Bounded& albedo, cons
       softmax(ranges, y, x);
       for (int c = 0; c < 3; ++c) {
         const Element first = at(low, c, y, x);
-        const Element second = evaluate(relit, at(low, 3 + c, y, x), at(albedo, c, y, x));
+        const Element second = evaluate(remodulated, at(low, 3 + c, y, x), at(albedo, c, y, x));
         const auto candidate = [&](int i) { return at(candidates, 3 * i + c, y, x); };
         const Element mean =
             weighted_mean(weights, ranges, {first, second, candidate(0), candidate(1), candidate(2)});

@@ -8,12 +8,12 @@
 namespace raymeld::reference {
 namespace {
 
-// What later layers read of one, by its name.
+// Returns the values that later layers read as the output of layer `name`.
 using Replace = std::function<Bounded(const std::string& name, const Bounded& output)>;
 
 class Run {
  public:
-  // `in_floats`: conv2d_in_floats() computes the convolutions.
+  // If `in_floats` is set, conv2d_in_floats() computes the convolutions.
   Run(const Weights& weights, Precision precision, Replace replace, int tile, int units, bool in_floats)
       : weights_(weights),
         precision_(precision),
@@ -91,7 +91,7 @@ Bounded dense_layers(Run& run, const Architecture& a, const std::string& block, 
   return features;
 }
 
-// A group's sum and the long skip join the last merge before that is stored, so they round as one layer.
+// The last merge adds the group's input and the long skip before it is stored, so all round as one layer.
 Bounded trunk(Run& run, const Architecture& a, const Bounded& fused, const Bounded& long_skip) {
   Bounded x = fused;
   for (int g = 0; g < a.groups; ++g) {
@@ -118,10 +118,10 @@ int first_channel(const Architecture& a, LayerKind kind) {
   return 3 * int(found - a.hrls_layers.begin());
 }
 
-// Of the joint base.
+// Holds the images of the joint base that mix() reads.
 struct Candidates {
   Bounded irradiance, albedo;
-  Bounded relit;  // three levels of the filter, 9 channels
+  Bounded remodulated;  // three levels of the filter, 9 channels
 };
 
 Candidates candidates(Run& run, const Architecture& a, const Bounded& lrhs, const Bounded& hrls, double phase,
@@ -132,18 +132,18 @@ Candidates candidates(Run& run, const Architecture& a, const Bounded& lrhs, cons
       run.keep("irradiance", irradiance(lrhs, albedo, normal, a.transfer, a.scale, phase, precision)),
       albedo,
       {}};
-  const Bounded lit =
+  const Bounded demodulated =
       run.keep("demodulate", demodulate(color, albedo, concat(lrhs, result.irradiance), a.lrhs_certainty,
                                         a.transfer, a.scale, phase, precision));
-  const Bounded brightness = slice(lit, 4, 1);
-  Bounded x = slice(lit, 0, 4);
+  const Bounded brightness = slice(demodulated, 4, 1);
+  Bounded x = slice(demodulated, 0, 4);
   for (int level = 0; level < 5; ++level) {
     x = run.keep("joint." + std::to_string(level),
                  joint_filter(x, albedo, normal, brightness, 1 << level, precision));
     if (level % 2 == 1) continue;
-    const Bounded relit = run.keep("remodulate." + std::to_string(level + 1),
-                                   remodulate(slice(x, 0, 3), albedo, a.transfer, precision));
-    result.relit = level == 0 ? relit : concat(result.relit, relit);
+    const Bounded remodulated = run.keep("remodulate." + std::to_string(level + 1),
+                                         remodulate(slice(x, 0, 3), albedo, a.transfer, precision));
+    result.remodulated = level == 0 ? remodulated : concat(result.remodulated, remodulated);
   }
   return result;
 }
@@ -173,7 +173,7 @@ Outputs outputs_of(Run& run, const Architecture& a, const Frame& frame, Precisio
       run.keep("encode.lrhs", encode(lrhs, LayerKind::kRadiance, a.transfer, a.clip, precision, exposure));
   Bounded high = run.keep("encode.hrls", encode_all(a, hrls, precision, exposure));
   const Candidates made = joint ? candidates(run, a, low, high, phase, precision) : Candidates{};
-  if (joint) low = concat(low, made.irradiance), high = concat(high, made.relit);
+  if (joint) low = concat(low, made.irradiance), high = concat(high, made.remodulated);
   const Bounded f_lrhs = run.conv_lrhs(low, phase > 0);
   const Bounded fused = run.conv("fuse", concat(f_lrhs, encode_hrls(run, a, high)));
   Bounded x = upscale(run, a, trunk(run, a, fused, a.long_skip_fused ? fused : f_lrhs));
@@ -186,11 +186,11 @@ Outputs outputs_of(Run& run, const Architecture& a, const Frame& frame, Precisio
   }
   x = run.conv("rec", x, false);
   if (joint) {
-    x = run.keep("mix", mix(x, low, made.albedo, made.relit, a.transfer, a.scale, phase, precision));
+    x = run.keep("mix", mix(x, low, made.albedo, made.remodulated, a.transfer, a.scale, phase, precision));
   }
   const Bounded base = bilinear(low, a.scale, phase);
-  const Bounded bright = run.keep("above_clip", above_clip(lrhs, a.clip, precision, exposure));
-  const Bounded upsampled = self_weighted(bright, a.scale, phase);
+  const Bounded above = run.keep("above_clip", above_clip(lrhs, a.clip, precision, exposure));
+  const Bounded upsampled = self_weighted(above, a.scale, phase);
   run.keep("output", decode(x, a.base == Base::kBilinear ? &base : nullptr, a.transfer, Precision::kFp32,
                             exposure, &upsampled, a.clip));
   return run.take();

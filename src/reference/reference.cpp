@@ -36,7 +36,7 @@ Sum convolve_at(const Bounded& x, const Conv& conv, int o, int row, int column) 
   return sum;
 }
 
-// Without the bias.
+// Returns the sums without the bias.
 Planes sums_in_floats(const Planes& x, const Conv& conv) {
   const int pad = conv.kernel / 2;
   Planes result(conv.out, x.h, x.w);
@@ -86,9 +86,9 @@ Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precisio
   expect(conv.in == x.value.c, "conv2d: the input has another number of channels");
   expect(conv.weight.size() == size_t(conv.out) * conv.in * conv.kernel * conv.kernel, "conv2d: weights");
   expect(conv.bias.size() == size_t(conv.out), "conv2d: bias");
-  const bool filtered = tile > 1 && conv.kernel == 3;
-  const int n = filtered ? conv.in + 1 + kWinogradRoundings : conv.in * conv.kernel * conv.kernel + 1;
-  const Planes magnitudes = filtered ? winograd_magnitudes(x, conv, tile) : Planes();
+  const bool by_winograd = tile > 1 && conv.kernel == 3;
+  const int n = by_winograd ? conv.in + 1 + kWinogradRoundings : conv.in * conv.kernel * conv.kernel + 1;
+  const Planes magnitudes = by_winograd ? winograd_magnitudes(x, conv, tile) : Planes();
   Bounded result = exact(Planes(conv.out, x.value.h, x.value.w));
   for (const Bounded* residual : residuals) expect_same_shape(residual->value, result.value);
   for (int o = 0; o < conv.out; ++o) {
@@ -96,7 +96,7 @@ Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precisio
       for (int column = 0; column < x.value.w; ++column) {
         const Sum sum = convolve_at(x, conv, o, y, column);
         const double magnitude =
-            filtered ? magnitudes.at(o, y, column) + std::abs(conv.bias[size_t(o)]) : sum.magnitude;
+            by_winograd ? magnitudes.at(o, y, column) + std::abs(conv.bias[size_t(o)]) : sum.magnitude;
         double value = sum.value, bound = sum.input_error + gamma(units * n) * magnitude + n * kFlush;
         if (relu) relu_in_place(value, bound);
         for (const Bounded* residual : residuals) {
@@ -114,8 +114,8 @@ Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precisio
 
 Planes conv2d_in_floats(const Planes& x, const Conv& conv, bool relu, Precision precision,
                         const std::vector<const Planes*>& residuals, int tile) {
-  const bool filtered = tile > 1 && conv.kernel == 3;
-  Planes result = filtered ? winograd_in_floats(x, conv, tile) : sums_in_floats(x, conv);
+  const bool by_winograd = tile > 1 && conv.kernel == 3;
+  Planes result = by_winograd ? winograd_in_floats(x, conv, tile) : sums_in_floats(x, conv);
   for (int o = 0; o < conv.out; ++o) {
     for (int y = 0; y < x.h; ++y) {
       for (int column = 0; column < x.w; ++column) {
@@ -206,8 +206,8 @@ Bounded encode(const Bounded& image, LayerKind kind, Transfer transfer, double c
   return result;
 }
 
-// The mean of nine rounds ten times at most, a sum of nine squared differences from it thirteen times. That
-// the mean is off by d adds d^2 to the variance, as the differences from the right one sum up to 0.
+// The mean of nine values rounds at most ten times, and the sum of nine squared differences from it thirteen
+// times. A mean that is off by d adds d^2 to the variance, as the differences from the right one sum up to 0.
 void variance_at(const Planes& color, int c, int y, int x, Bounded& to) {
   std::array<double, 9> values;
   double sum = 0, magnitude = 0;
@@ -243,7 +243,7 @@ Bounded variance(const Planes& color, Transfer transfer, double clip, Precision 
 
 namespace {
 
-// One of the four samples that a pixel lies between.
+// Holds one of the four samples that a pixel lies between.
 struct Corner {
   double factor, value, bound;
 };
@@ -264,8 +264,8 @@ std::array<Corner, 4> corners(const Bounded& x, int c, int out_y, int out_x, int
 
 }  // namespace
 
-// Factors are multiples of 1 / 2s and exact. Each of three interpolations rounds at most three times, on
-// values that no neighbour exceeds.
+// The factors are multiples of 1 / (2 s) and exact. Each of three interpolations rounds at most three times,
+// on values that are no larger than the largest sample.
 Bounded bilinear(const Bounded& x, int scale, double phase) {
   const int h = x.value.h, w = x.value.w;
   Bounded result = exact(Planes(x.value.c, h * scale, w * scale));
@@ -290,7 +290,7 @@ Bounded above_clip(const Planes& image, double clip, Precision precision, double
   Bounded result = exact(image);
   for (size_t i = 0; i < image.data.size(); ++i) {
     double &value = result.value.data[i], &bound = result.bound.data[i];
-    // Any finite limits do: the intervals must not meet infinity - infinity.
+    // The limits keep infinity - infinity out of the intervals; other finite ones would do as well.
     const double x = std::isnan(value) ? 0 : std::clamp(value, -kLargestOutput, 1e30);
     value = std::clamp(x - clip / exposure, 0.0, kLargestOutput);
     const Interval range =
@@ -302,8 +302,8 @@ Bounded above_clip(const Planes& image, double clip, Precision precision, double
 
 namespace {
 
-// The range of a mean of numbers from 0 on, weighted by themselves: no larger than the largest of them, and
-// anything below where the sum of the weights may be 0.
+// Returns the range of a mean of numbers that are not negative and weighted by themselves. It ends at the
+// largest of them, and starts at 0 where the sum of the weights may be 0.
 Interval self_weighted_range(std::span<const Corner> samples) {
   Interval weights(0), products(0);
   double largest = 0;
@@ -341,8 +341,8 @@ Bounded self_weighted(const Bounded& x, int scale, double phase) {
   return result;
 }
 
-// The device multiplies by the exposure's inverse, which rounds no more than a division does; by 1 not at
-// all.
+// The device multiplies by the exposure's inverse, which rounds no more than a division does. An inverse of 1
+// does not round.
 Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Precision precision,
                double exposure, const Bounded* above_clip, double clip) {
   Bounded result = rec;
@@ -355,18 +355,18 @@ Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Preci
       value += base->value.data[i];
     }
     if (!std::isfinite(bound)) continue;
-    const auto curve = [&](const auto& y, const auto& highlight) {
+    const auto curve = [&](const auto& y, const auto& above) {
       using std::clamp;
       const auto x = invert(transfer, y);
       auto linear = exposure == 1 ? x : x / exposure;
-      if (above_clip) linear = linear + clamp(8 * x / clip - 1, 0.0, 1.0) * highlight;
+      if (above_clip) linear = linear + clamp(8 * x / clip - 1, 0.0, 1.0) * above;
       return clamp(linear, 0.0, kLargestOutput);
     };
-    const double bright = above_clip ? above_clip->value.data[i] : 0;
+    const double above = above_clip ? above_clip->value.data[i] : 0;
     const double off = above_clip ? above_clip->bound.data[i] : 0;
     const Interval range =
-        curve(Interval(value - bound, value + bound), Interval(std::max(0.0, bright - off), bright + off));
-    value = curve(value, bright);
+        curve(Interval(value - bound, value + bound), Interval(std::max(0.0, above - off), above + off));
+    value = curve(value, above);
     bound = stored_bound(value, std::max(range.high - value, value - range.low), precision);
   }
   return result;

@@ -3,7 +3,7 @@
 #include "reference/interval.h"
 #include "reference/reference.h"
 
-// The transfer function and its inverse, for double and for Interval.
+// Defines the transfer function and its inverse, for double and for Interval.
 namespace raymeld::reference {
 
 inline constexpr double kLargestOutput = 65504;
@@ -15,7 +15,7 @@ T apply(Transfer transfer, const T& x) {
   return log(1 + 8 * x) / 3;
 }
 
-// Beyond an exponent of 80 the result is clamped whatever the roundings; exp stays finite in fp32.
+// The exponent is limited to 80, so that exp stays finite in fp32. Larger results are clamped later anyway.
 template <typename T>
 T invert(Transfer transfer, const T& y) {
   using std::exp, std::min;

@@ -59,7 +59,7 @@ Matrix<Number> transposed(const Matrix<Number>& m) {
   return result;
 }
 
-// m x m^T
+// Returns m x m^T.
 template <typename Number>
 Matrix<Number> both_ways(const Matrix<Number>& m, const Matrix<Number>& x) {
   return product(product(m, x), transposed(m));
@@ -73,7 +73,7 @@ Matrix<Number> filter_of(const Conv& conv, int o, int i) {
   return g;
 }
 
-// The square of pixels whose top left is (top, left), with zeros outside of the image.
+// Returns the square of pixels whose top left is (top, left), with zeros outside of the image.
 template <typename Number>
 Matrix<Number> square_of(const Planes& image, int i, int top, int left, size_t side) {
   Matrix<Number> d = zeros<Number>(side, side);

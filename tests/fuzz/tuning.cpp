@@ -8,7 +8,15 @@ namespace {
 
 using namespace raymeld;
 
-constexpr CooperativeMatrix kMatrix{16, 16, 16, 32, 1024, 49152};  // the corpus has this matrix
+// The corpus has this matrix.
+constexpr CooperativeMatrix kMatrix{
+    .m = 16, .n = 16, .k = 16, .subgroup_size = 32, .max_invocations = 1024, .max_shared_bytes = 49152};
+
+constexpr Conv2dShape kShapes[] = {
+    {.height = 7, .width = 9, .channels_in = 5, .channels_out = 3, .kernel = 3},
+    {.height = 7, .width = 9, .channels_in = 5, .channels_out = 3, .kernel = 3, .most_tile = 2},
+    {.height = 256, .width = 256, .channels_in = 64, .channels_out = 16, .kernel = 1},
+};
 
 DeviceInfo device(bool addresses, bool matrices) {
   DeviceInfo info;
@@ -36,8 +44,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   const Tuning tuning = load_tuning(content.path());
   for (const DeviceInfo& info : {device(true, true), device(true, false), device(false, false)}) {
     const Kernels kernels = tuning.kernels(info);
-    for (const Conv2dShape& shape : {Conv2dShape{7, 9, 5, 3, 3}, {7, 9, 5, 3, 3, 2}, {256, 256, 64, 16, 1}})
-      convolve(kernels, shape);
+    for (const Conv2dShape& shape : kShapes) convolve(kernels, shape);
   }
   return 0;
 }

@@ -2,8 +2,8 @@
 
 #include <string>
 
-#include "model/model.h"
 #include "fusion/tiling.h"
+#include "model/model.h"
 
 namespace raymeld::cli {
 

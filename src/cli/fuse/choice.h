@@ -10,16 +10,14 @@
 namespace raymeld::cli {
 
 // Parses "fast", "balanced", "high" or a number from 0 to 100. Throws Error.
-std::optional<Wish> parse_quality(const std::string& text);
+std::optional<ModelRequest> parse_quality(const std::string& text);
 // Parses "16ms" or "2s". Throws Error.
-std::optional<Wish> parse_budget(const std::string& text);
-// Parses a number of dB. Throws Error.
-std::optional<Wish> parse_target(const std::string& text);
+std::optional<ModelRequest> parse_budget(const std::string& text);
 
-// Chooses among the stock models of the frame's scale by the quality, time or PSNR that `arguments` must ask
-// for. The paths in `arguments` are no patterns; with `sequence` the choice is for a sequence of such frames.
-// Measures models on the device for a budget, unless that was done before, and reads the colors for a target
-// PSNR. Notes the choice and its reason. Throws Error.
+// Chooses among the stock models of the frame's scale by the quality or time that `arguments` must ask for.
+// The paths in `arguments` are no patterns; with `sequence` the choice is for a sequence of such frames.
+// Measures models on the device for a budget, unless that was done before. Notes the choice and its reason.
+// Throws Error.
 Choice choose_model(const FuseArguments& arguments, bool sequence, const Device& device, LastModel& models,
                     Console& console);
 

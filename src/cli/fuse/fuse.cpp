@@ -15,7 +15,7 @@ void run_fuse(const FuseArguments& given) {
   const auto create_device = [&] {
     if (!device) device = Device::create({.selector = arguments.device});
   };
-  if (arguments.wish) {
+  if (arguments.request) {
     create_device();
     arguments.take(choose_model(arguments, false, *device, models, console));
   }

@@ -12,8 +12,8 @@
 #include "cli/common/outputs.h"
 #include "cli/common/quality.h"
 #include "fusion/fuser.h"
-#include "io/layers_from_exr.h"
 #include "fusion/pair.h"
+#include "io/layers_from_exr.h"
 
 namespace raymeld::cli {
 
@@ -23,19 +23,17 @@ enum class Overflow { kError, kWarn, kRedo };
 // Selects what happens to a frame whose LRHS and HRLS do not belong together.
 enum class PairCheck { kRefuse, kWarn, kOff };
 
-// Holds the quality, time or PSNR that a model is chosen by; see choice.h.
-struct Wish {
-  enum class Kind { kLevel, kBudget, kTarget };
+// Holds the quality or time that a model is chosen by; see choice.h.
+struct ModelRequest {
+  enum class Kind { kLevel, kBudget };
   Kind kind = Kind::kLevel;
-  double value = 0;  // level from 0 to 100; ms a frame; PSNR in dB
+  double value = 0;  // level from 0 to 100, or ms a frame
 };
 
 struct Choice {
-  std::string wish, model;
-  std::optional<double> time_ms;      // time of a frame, if measured on the device
-  double loss_db = 0;                 // PSNR below that of the best model
-  std::optional<double> probability;  // probability of reaching the target
-  double estimate_db = 0, error_db = 0;
+  std::string request, model;
+  std::optional<double> time_ms;  // time of a frame, if measured on the device
+  double loss_db = 0;             // PSNR below that of the best model
 };
 
 // Holds the options for one frame, or for a sequence, of which some paths are patterns.
@@ -50,7 +48,7 @@ struct FuseArguments {
   float exposure_stops = 0;
   float input_exposure = 0;  // 0: the exposure that the model asks for
   uint64_t max_memory_mib = 0;
-  std::optional<Wish> wish = {};
+  std::optional<ModelRequest> request = {};
   std::optional<Choice> choice = {};        // the choice of `model`, if no name was given
   std::optional<Imath::Box2i> window = {};  // the part to fuse, in HRLS's pixels; none: its data window
   bool changed_only = false;                // compute only changes since a sequence's last frame
@@ -169,8 +167,8 @@ std::unique_ptr<FuseFrame> open_frame(const FuseArguments& arguments, Console co
 // Throws Error.
 void load_frame(FuseFrame& frame);
 
-FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device,
-                           const ConstantLayers& constants);
+FuserOptions options_of(const FuseArguments& arguments, const FuseFiles& files, const Device& device,
+                        const ConstantLayers& constants);
 
 const char* precision_name(Storage storage);
 
@@ -211,13 +209,13 @@ class FrameFuser {
   void fuse(FuseFrame& frame, const Progress& progress);
 
  private:
-  struct Made;
+  struct Cached;
   struct Preparation;
-  Made& made_for(FuseFrame& frame);
+  Cached& cached_for(FuseFrame& frame);
 
   const Device& device_;
   std::unique_ptr<Preparation> preparation_;
-  std::unique_ptr<Made> made_;
+  std::unique_ptr<Cached> cached_;
 };
 
 // Stages all outputs, the fused image last; measures it if there is a reference. Throws Error and Cancelled.

@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <array>
 
-#include "cli/fuse/fuse.h"
 #include "cli/common/inputs.h"
 #include "cli/common/models.h"
+#include "cli/fuse/fuse.h"
 #include "fusion/exposure.h"
 #include "io/exr_window.h"
 #include "model/network.h"

@@ -4,8 +4,9 @@
 #include <thread>
 
 #include "cli/fuse/fuse.h"
-#include "fusion/tuner.h"
+#include "fusion/fuser_options.h"
 #include "io/exr_window.h"
+#include "platform/folders.h"
 #include "platform/interrupt.h"
 
 namespace raymeld::cli {
@@ -51,26 +52,20 @@ void report_overflow(const FuseArguments& arguments, const FuseReport& report, u
 
 const char* precision_name(Storage storage) { return storage == Storage::kFloat16 ? "fp16" : "fp32"; }
 
-FuserOptions fuser_options(const FuseArguments& arguments, const FuseFiles& files, const Device& device,
-                           const ConstantLayers& constants) {
-  const Storage storage = storage_for(arguments.precision, device.info(), *files.model);
-  const auto kernels = [&](Storage of) {
-    return arguments.kernels == KernelChoice::kDirect ? Kernels{} : kernels_for(device, of);
-  };
-  FuserOptions options{.storage = storage,
-                       .max_memory_bytes = arguments.max_memory_mib << 20,
-                       .kernels = kernels(storage),
-                       .changed_only = arguments.changed_only,
-                       .constants = constants,
-                       .phase = files.phase,
-                       .keep_activations = !arguments.dump.empty(),
-                       .profile = arguments.profile};
-  const bool redo = arguments.precision == Precision::kAuto || arguments.overflow == Overflow::kRedo;
-  if (redo && storage == Storage::kFloat16) options.fp32_kernels = kernels(Storage::kFloat32);
+FuserOptions options_of(const FuseArguments& arguments, const FuseFiles& files, const Device& device,
+                        const ConstantLayers& constants) {
+  FuserOptions options = fuser_options(device, *files.model, arguments.precision, arguments.kernels,
+                                       arguments.overflow == Overflow::kRedo);
+  options.max_memory_bytes = arguments.max_memory_mib << 20;
+  options.changed_only = arguments.changed_only;
+  options.constants = constants;
+  options.phase = files.phase;
+  options.keep_activations = !arguments.dump.empty();
+  options.profile = arguments.profile;
   return options;
 }
 
-struct FrameFuser::Made {
+struct FrameFuser::Cached {
   std::shared_ptr<const Model> model;
   float phase;
   ConstantLayers constants;
@@ -78,7 +73,7 @@ struct FrameFuser::Made {
   Storage storage;
   Fuser fuser;
 
-  Made(const Device& device, const FuseFrame& frame, const FuserOptions& options)
+  Cached(const Device& device, const FuseFrame& frame, const FuserOptions& options)
       : model(frame.files.model),
         phase(options.phase),
         constants(options.constants),
@@ -106,7 +101,7 @@ struct FrameFuser::Preparation {
   void compile(const Device& device, const Model& model, const TileSize& frame, const FuserOptions& options,
                const Console& console) {
     const FusePlan plan = plan_fusion(model, frame.height, frame.width, device.info(), options);
-    const PipelineCache cache(device, PipelineCache::default_folder());
+    const PipelineCache cache(device, default_cache_folder());
     if (!cache.loaded() && !cache.file().empty()) say_it_compiles(device, console);
     ProgressBar bar(console);
     const auto progress = [&](size_t done, size_t count) {
@@ -139,10 +134,9 @@ void FrameFuser::prepare(const FuseFrame& frame) {
   preparation_ = std::make_unique<Preparation>();
   const FuseFiles& files = frame.files;
   const TileSize size{uint32_t(height_of(files.canvas.lrhs)), uint32_t(width_of(files.canvas.lrhs))};
-  preparation_->thread =
-      std::jthread([&preparation = *preparation_, &device = device_, model = files.model, size,
-                    options = fuser_options(frame.arguments, files, device_, files.absent_layers),
-                    console = frame.console] {
+  preparation_->thread = std::jthread(
+      [&preparation = *preparation_, &device = device_, model = files.model, size,
+       options = options_of(frame.arguments, files, device_, files.absent_layers), console = frame.console] {
         try {
           preparation.compile(device, *model, size, options, console);
         } catch (...) {
@@ -151,31 +145,31 @@ void FrameFuser::prepare(const FuseFrame& frame) {
       });
 }
 
-FrameFuser::Made& FrameFuser::made_for(FuseFrame& frame) {
-  if (made_ && made_->suits(frame)) return *made_;
-  made_.reset();  // frees its memory for the next one
+FrameFuser::Cached& FrameFuser::cached_for(FuseFrame& frame) {
+  if (cached_ && cached_->suits(frame)) return *cached_;
+  cached_.reset();  // frees its memory for the next one
   const PhaseTimer timer(frame, "prepare");
   const auto preparation = std::exchange(preparation_, nullptr);
   if (preparation) preparation->thread.join();
   if (preparation && preparation->failure) std::rethrow_exception(preparation->failure);
-  const FuserOptions options = fuser_options(frame.arguments, frame.files, device_, frame.images.constants);
-  made_ = std::make_unique<Made>(device_, frame, options);
+  const FuserOptions options = options_of(frame.arguments, frame.files, device_, frame.images.constants);
+  cached_ = std::make_unique<Cached>(device_, frame, options);
   ProgressBar bar(frame.console);
   const auto progress = [&](double share) {
     if (preparation && preparation->takes_long(device_, frame.console)) bar.update(share);
     return !interrupted();
   };
-  made_->fuser.prepare_fuse(progress);
-  return *made_;
+  cached_->fuser.prepare_fuse(progress);
+  return *cached_;
 }
 
 void FrameFuser::fuse(FuseFrame& frame, const Progress& progress) try {
-  Made& made = made_for(frame);
-  Fuser& fuser = made.fuser;
+  Cached& cached = cached_for(frame);
+  Fuser& fuser = cached.fuser;
   if (!progress(0)) throw Cancelled();
   const FuseArguments& arguments = frame.arguments;
   FuseResult& result = frame.result;
-  result.storage = made.storage;
+  result.storage = cached.storage;
   const FuseImages& images = frame.images;
   Image fused;
   // Some drivers compile a kernel when it first runs, so a second run is timed.
@@ -197,7 +191,7 @@ void FrameFuser::fuse(FuseFrame& frame, const Progress& progress) try {
   if (!arguments.dump.empty()) dump_layers(arguments.dump_folder(), fuser.last(), fused, frame.staged);
   result.fused = seen_through(std::move(fused), frame.files.canvas.hrls, frame.files.window);
 } catch (...) {
-  made_.reset();  // its state is unknown; the next frame gets a new one
+  cached_.reset();  // its state is unknown; the next frame gets a new one
   throw;
 }
 

@@ -3,9 +3,9 @@
 #include <algorithm>
 
 #include "cli/fuse/fuse.h"
-#include "platform/interrupt.h"
 #include "io/label.h"
 #include "io/png.h"
+#include "platform/interrupt.h"
 
 namespace raymeld::cli {
 namespace {

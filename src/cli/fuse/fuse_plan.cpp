@@ -14,7 +14,7 @@ struct Plan {
 Plan make_plan(const FuseArguments& arguments, FuseFiles& files, const Device& device, Console& console) {
   const ColorPair colors = load_colors(arguments, files, console);
   const float exposure = exposure_for(arguments, *files.model, colors.lrhs);
-  const FuserOptions options = fuser_options(arguments, files, device, files.absent_layers);
+  const FuserOptions options = options_of(arguments, files, device, files.absent_layers);
   return {exposure, options,
           plan_fusion(*files.model, uint32_t(height_of(files.canvas.lrhs)),
                       uint32_t(width_of(files.canvas.lrhs)), device.info(), options)};

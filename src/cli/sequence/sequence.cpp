@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <thread>
 
-#include "cli/fuse/choice.h"
 #include "cli/common/failure.h"
+#include "cli/fuse/choice.h"
 #include "cli/fuse/fuse_report.h"
 #include "cli/sequence/handover.h"
-#include "platform/interrupt.h"
 #include "cli/sequence/sequence_report.h"
+#include "platform/interrupt.h"
 
 namespace raymeld::cli {
 namespace {
@@ -193,7 +193,7 @@ void run_sequence(const SequenceArguments& sequence, const FuseArguments& given)
   std::vector<Outcome> outcomes = all_frames(sequence, patterns);
   const std::vector<int> unfinished = frames_that(Status::kUnfinished, outcomes);
   const auto device = unfinished.empty() ? nullptr : Device::create({.selector = patterns.device});
-  if (patterns.wish && device) {
+  if (patterns.request && device) {
     // The model that suits the first frame is used for all.
     Console console(patterns.notes());
     patterns.take(choose_model(of_frame(patterns, unfinished.front()), true, *device, models, console));

@@ -1,8 +1,8 @@
 // Fuses many frames with one command: while one is fused, the next is read and the last one is written.
 #pragma once
 
-#include "cli/sequence/frames.h"
 #include "cli/fuse/fuse.h"
+#include "cli/sequence/frames.h"
 
 namespace raymeld::cli {
 

@@ -4,10 +4,10 @@
 #include <algorithm>
 
 #include "cli/common/commands.h"
-#include "platform/interrupt.h"
 #include "cli/common/models.h"
 #include "cli/common/precisions.h"
 #include "model/stock_models.h"
+#include "platform/interrupt.h"
 
 namespace raymeld::cli {
 namespace {
@@ -122,9 +122,6 @@ void run(const TradeArguments& arguments) {
   if (arguments.views > 0 && arguments.views < trade.views.size()) trade.views.resize(arguments.views);
   const Image reference = load_reference(trade.views.front());
   trade.width = reference.width, trade.height = reference.height;
-  if (!arguments.curve.empty() && trade.views.size() < kLeastScenes)
-    throw Error("--curve needs at least {} views, and test set '{}' has {}", kLeastScenes, arguments.data,
-                trade.views.size());
   std::error_code error;
   fs::create_directories(folder, error);
   const std::vector<fs::path> outputs{folder / "trade.csv", folder / "trade.json", folder / "trade.html"};
@@ -143,7 +140,7 @@ void run(const TradeArguments& arguments) {
   trade.settings = measure_settings(trade.views, settings, *device, journal, console);
   if (!arguments.quick) {
     console.note("measuring pairs of renders");
-    trade.pairs = measure_pairs(trade.views, plain_ones(settings), *device, journal, console);
+    trade.renders = measure_pairs(trade.views, plain_ones(settings), *device, journal, console);
   }
   trade.strips = strips_of(trade, *device);
 
@@ -184,15 +181,12 @@ void add_trade(CLI::App& app) {
   command->add_option("--views", arguments->views, "Measures only the first N views")
       ->type_name("N")
       ->check(CLI::Range(size_t{1}, size_t{1'000'000}));
-  CLI::Option* quick = command->add_flag(
-      "--quick", arguments->quick,
-      "Measures only one setting of each model, in fp32, and one pair of renders of each view");
+  command->add_flag("--quick", arguments->quick,
+                    "Measures only one setting of each model, in fp32, and one pair of renders of each view");
   command
       ->add_option("--curve", arguments->curve,
-                   "Writes the curve that fuse --quality, --budget and --target-psnr choose by, such as "
-                   "models/curve.json")
-      ->type_name("FILE")
-      ->excludes(quick);
+                   "Writes the curve that fuse --quality and --budget choose by, such as models/curve.json")
+      ->type_name("FILE");
   command->footer(
       "Example:\n  raymeld trade --data TEST -o report\n"
       "When it was stopped, the same command continues it: measured.jsonl in the folder holds the "

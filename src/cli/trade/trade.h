@@ -3,10 +3,10 @@
 
 #include <map>
 
+#include "choice/curve.h"
 #include "cli/fuse/fuse.h"
 #include "cli/trade/journal.h"
 #include "cli/trade/test_set.h"
-#include "choice/curve.h"
 #include "io/png.h"
 
 namespace raymeld::cli {
@@ -45,11 +45,6 @@ struct RenderResults {
   double psnr_db = 0, relmse = 0;
 };
 
-struct PairResults {
-  std::vector<RenderResults> renders;
-  std::map<std::string, std::vector<Observation>> observations;  // keyed by model; one for each view and pair
-};
-
 struct TradeStrip {
   std::string title;
   std::vector<std::string> images = {};
@@ -62,7 +57,7 @@ struct Trade {
   std::vector<TestView> views;
   int width = 0, height = 0;  // size of the first view
   std::vector<SettingResults> settings;
-  PairResults pairs;
+  std::vector<RenderResults> renders;
   std::vector<TradeStrip> strips;
 };
 
@@ -74,8 +69,9 @@ std::vector<SettingResults> measure_settings(const std::vector<TestView>& views,
                                              Journal& journal, Console& console);
 
 // Measures the settings over all balanced_pairs(), and the plain renders. Throws Error and Cancelled.
-PairResults measure_pairs(const std::vector<TestView>& views, const std::vector<TradeSetting>& settings,
-                          const Device& device, Journal& journal, Console& console);
+std::vector<RenderResults> measure_pairs(const std::vector<TestView>& views,
+                                         const std::vector<TradeSetting>& settings, const Device& device,
+                                         Journal& journal, Console& console);
 
 // Draws the views with the worst, the median and the best PSNR of the first setting; all settings must have
 // one scale. Shows LRHS, HRLS, the image of each setting and the reference, each with its error below, in a
@@ -99,8 +95,7 @@ nlohmann::ordered_json to_json(const Trade& trade);
 std::string trade_csv(const Trade& trade);
 // Returns one page that needs no other file.
 std::string trade_html(const Trade& trade);
-// Makes a curve of the settings that are is_plain(), whose pairs must be measured. Throws Error when there
-// are too few scenes.
+// Makes a curve of the settings that are is_plain().
 Curve curve_of(const Trade& trade);
 
 }  // namespace raymeld::cli

@@ -3,12 +3,12 @@
 #include <cmath>
 #include <deque>
 
+#include "choice/metrics.h"
 #include "cli/common/inputs.h"
-#include "platform/interrupt.h"
 #include "cli/trade/trade.h"
 #include "conform/model_file.h"
 #include "io/exr_window.h"
-#include "choice/metrics.h"
+#include "platform/interrupt.h"
 
 namespace raymeld::cli {
 namespace {
@@ -16,7 +16,7 @@ namespace {
 using reference::Planes;
 
 constexpr size_t kRounds = 3;
-constexpr int kTruthSide = 16;  // side of the part that the reference computes, in LRHS pixels
+constexpr int kCropSide = 16;  // side of the part that the reference computes, in LRHS pixels
 
 FuseArguments arguments_of(const TestPair& pair, const TradeSetting& setting) {
   FuseArguments arguments;
@@ -75,15 +75,15 @@ Planes planes_of(const Image& image) {
 }
 
 // Holds the middle of a frame, small enough for the scalar reference, and the reference's output for it.
-struct Truth {
+struct ReferenceCrop {
   Image lrhs, hrls;  // parts of FuseImages
   Planes output;
 
-  Truth(const FuseFrame& frame) {
+  ReferenceCrop(const FuseFrame& frame) {
     const FuseImages& images = frame.images;
     const Architecture& a = frame.files.model->architecture();
-    const int scale = int(a.scale), width = std::min(kTruthSide, images.lrhs.width),
-              height = std::min(kTruthSide, images.lrhs.height);
+    const int scale = int(a.scale), width = std::min(kCropSide, images.lrhs.width),
+              height = std::min(kCropSide, images.lrhs.height);
     const Imath::V2i corner((images.lrhs.width - width) / 2, (images.lrhs.height - height) / 2);
     const auto middle = [&](const Image& image, int s) {
       const Imath::Box2i whole({0, 0}, {image.width - 1, image.height - 1});
@@ -117,7 +117,7 @@ struct Truth {
     FuseArguments arguments = frame.arguments;
     arguments.precision = setting.precision;
     arguments.kernels = setting.kernels;
-    const FuserOptions options = fuser_options(arguments, frame.files, device, frame.images.constants);
+    const FuserOptions options = options_of(arguments, frame.files, device, frame.images.constants);
     Image fused;
     Fuser(device, *frame.files.model, uint32_t(lrhs.height), uint32_t(lrhs.width), options)
         .fuse(lrhs, hrls, fused, {}, frame.images.exposure);
@@ -188,12 +188,12 @@ TradeResult result_from(const std::string& view, const Journal::Values& values) 
 // Measures the errors of a model's settings against the scalar reference, on the first view.
 void measure_errors(std::vector<SettingResults*>& of_model, LoadedViews& loaded, const TestView& view,
                     const Device& device, Journal& journal) {
-  std::optional<Truth> truth;
+  std::optional<ReferenceCrop> crop;
   for (SettingResults* of : of_model) {
     const auto error = [&]() -> Journal::Values {
       const FuseFrame& frame = *loaded.of(view).frame;
-      if (!truth) truth.emplace(frame);
-      return {truth->error(frame, of->setting, device)};
+      if (!crop) crop.emplace(frame);
+      return {crop->error(frame, of->setting, device)};
     };
     of->fp64_error = journal.get("error: " + name_of(of->setting), error).at(0);
   }
@@ -244,10 +244,9 @@ namespace {
 Journal::Values measure_pair(Bench& bench, const TestPair& pair, const TradeSetting& setting,
                              const Image& reference, LastModel& models) {
   const auto frame = load(pair, setting, models);
-  const FrameTraits traits = traits_of(frame->images.lrhs, color_of(*frame), frame->files.phase);
   const TradeResult result = bench.measure(pair, *frame, setting);
   const Quality quality = measure(frame->result.fused, reference);
-  return {traits.agreement_db, traits.detail_db, result.time_ms / 1000, quality.psnr_db, quality.relmse_bcr};
+  return {result.time_ms / 1000, quality.psnr_db, quality.relmse_bcr};
 }
 
 Journal::Values measure_plain(const TestRender& render, const Image& reference) {
@@ -287,9 +286,9 @@ class RenderMeans {
 
 }  // namespace
 
-PairResults measure_pairs(const std::vector<TestView>& views, const std::vector<TradeSetting>& settings,
-                          const Device& device, Journal& journal, Console& console) {
-  std::map<std::string, std::vector<Observation>> observations;
+std::vector<RenderResults> measure_pairs(const std::vector<TestView>& views,
+                                         const std::vector<TradeSetting>& settings, const Device& device,
+                                         Journal& journal, Console& console) {
   RenderMeans means;
   std::deque<Bench> benches;
   for (size_t i = 0; i < settings.size(); ++i) benches.emplace_back(device);
@@ -311,14 +310,13 @@ PairResults measure_pairs(const std::vector<TestView>& views, const std::vector<
         const auto measure = [&] { return measure_pair(benches[i], pair, setting, reference, models); };
         const auto values = journal.get(
             fmt::format("{}: {} {}-{} spp", view.name, setting.model, lrhs_spp, hrls_spp), measure);
-        observations[setting.model].push_back({view.name, {values.at(0), values.at(1)}, values.at(3)});
-        means.add({setting.model, setting.scale, lrhs_spp, hrls_spp, pair.render_seconds(), values.at(2),
-                   values.at(3), values.at(4)});
+        means.add({setting.model, setting.scale, lrhs_spp, hrls_spp, pair.render_seconds(), values.at(0),
+                   values.at(1), values.at(2)});
       }
       bar.update((double(v) + double(i + 1) / double(settings.size())) / double(views.size()));
     }
   }
-  return {means.of(views.size()), std::move(observations)};
+  return means.of(views.size());
 }
 
 std::vector<TradeStrip> make_strips(const std::vector<TestView>& views,

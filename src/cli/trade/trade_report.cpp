@@ -120,12 +120,12 @@ Json settings_json(const Trade& trade) {
 
 Json renders_json(const Trade& trade) {
   std::vector<std::pair<double, double>> points;
-  for (const RenderResults& render : trade.pairs.renders)
+  for (const RenderResults& render : trade.renders)
     points.emplace_back(render.render_seconds + render.fuse_seconds, render.psnr_db);
   const std::vector<bool> front = on_front(points);
   Json json = Json::array();
-  for (size_t i = 0; i < trade.pairs.renders.size(); ++i) {
-    const RenderResults& render = trade.pairs.renders[i];
+  for (size_t i = 0; i < trade.renders.size(); ++i) {
+    const RenderResults& render = trade.renders[i];
     json.push_back({{"scale", render.scale},
                     {"model", render.model},
                     {"lrhs_spp", render.lrhs_spp},
@@ -218,9 +218,7 @@ Curve curve_of(const Trade& trade) {
   Curve curve{trade.device.name, trade.data, {}};
   for (const SettingResults& of : trade.settings) {
     if (!of.setting.is_plain()) continue;
-    const std::string& model = of.setting.model;
-    curve.points.push_back({model, of.setting.scale, median_time_ms(of), mean_psnr_db(of),
-                            fit_psnr(trade.pairs.observations.at(model))});
+    curve.points.push_back({of.setting.model, of.setting.scale, median_time_ms(of), mean_psnr_db(of)});
   }
   return curve;
 }

@@ -1,8 +1,8 @@
 // Draws images with their errors.
 #include <algorithm>
 
-#include "cli/trade/trade.h"
 #include "choice/metrics.h"
+#include "cli/trade/trade.h"
 
 namespace raymeld::cli {
 namespace {

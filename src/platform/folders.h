@@ -1,0 +1,19 @@
+// Finds the folders and files that a system gives a program.
+#pragma once
+
+#include <filesystem>
+
+namespace raymeld {
+
+// Returns $XDG_CACHE_HOME/raymeld, else $HOME/.cache/raymeld, or an empty path when neither variable holds an
+// absolute path: then nothing is cached on disk.
+std::filesystem::path default_cache_folder();
+
+// Names the file that this code was loaded from.
+struct OwnFile {
+  std::filesystem::path path;  // empty if unknown
+  bool is_library = false;     // false: it is the program itself
+};
+OwnFile own_file();
+
+}  // namespace raymeld
