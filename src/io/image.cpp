@@ -66,6 +66,12 @@ Image::Image(int width, int height, int channels) : width(width), height(height)
   data.resize(plane_size() * size_t(channels));
 }
 
+Image first_channels(const Image& image, int count) {
+  Image first(image.width, image.height, count);
+  std::copy_n(image.data.begin(), first.data.size(), first.data.begin());
+  return first;
+}
+
 Image upsample_bicubic(const Image& image, int scale, float phase) {
   if (scale < 1) throw Error("cannot upsample by {}: the scale must be at least 1", scale);
   const std::vector<CubicTaps> columns = all_taps(image.width, scale, phase);

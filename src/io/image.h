@@ -31,6 +31,9 @@ struct Image {
 // low-resolution render.
 Image upsample_bicubic(const Image& image, int scale, float phase);
 
+// Returns the first `count` channels.
+Image first_channels(const Image& image, int count);
+
 // Converts a scene-linear value to sRGB in [0, 1] (Hou et al. 2021, Eq. 3); NaN becomes 0.
 float linear_to_srgb(float linear);
 

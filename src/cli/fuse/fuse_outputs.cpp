@@ -12,12 +12,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-Image first_three(const Image& image) {
-  Image color(image.width, image.height, 3);
-  std::copy_n(image.data.begin(), color.data.size(), color.data.begin());
-  return color;
-}
-
 Imf::PixelType output_type(const std::string& wanted, Imf::PixelType of_hrls) {
   if (wanted == "auto") return of_hrls == Imf::HALF ? Imf::HALF : Imf::FLOAT;
   return wanted == "half" ? Imf::HALF : Imf::FLOAT;
@@ -83,7 +77,7 @@ Comparison make_comparison(const FuseFiles& files, const FuseImages& images) {
     return seen_through(std::move(image), files.canvas.hrls, files.window);
   };
   return {as_written(upsample_bicubic(images.lrhs, files.canvas.scale, files.phase)),
-          as_written(first_three(images.hrls))};
+          as_written(first_channels(images.hrls, 3))};
 }
 
 void stage_previews(FuseFrame& frame, const std::optional<Comparison>& comparison) {

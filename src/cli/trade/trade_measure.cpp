@@ -60,14 +60,6 @@ class Bench {
   bool warm_ = false;
 };
 
-// Returns the color of HRLS from the images that fuse() takes.
-Image color_of(const FuseFrame& frame) {
-  const Image& hrls = frame.images.hrls;
-  Image color(hrls.width, hrls.height, 3);
-  std::copy_n(hrls.data.begin(), color.data.size(), color.data.begin());
-  return color;
-}
-
 Planes planes_of(const Image& image) {
   Planes planes(image.channels, image.height, image.width);
   std::ranges::copy(image.data, planes.data.begin());
@@ -344,7 +336,7 @@ std::vector<TradeStrip> make_strips(const std::vector<TestView>& views,
       const auto frame = load(pair, of.setting, models);
       if (images.empty()) {
         images.push_back(upsample_bicubic(frame->images.lrhs, int(scale), frame->files.phase));
-        images.push_back(color_of(*frame));
+        images.push_back(first_channels(frame->images.hrls, 3));
       }
       Bench(device).measure(pair, *frame, of.setting);
       images.push_back(std::move(frame->result.fused));
