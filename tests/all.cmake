@@ -7,6 +7,10 @@ foreach(name ${unit_tests})
     RAYMELD_ALLOWED_SKIPS=${CMAKE_CURRENT_SOURCE_DIR}/allowed-skips.txt)
 endforeach()
 
+# The benchmark is built, and measures one convolution by its fastest kernel.
+add_test(NAME bench COMMAND raymeld_bench --benchmark_filter=^conv2d/3x3/128x128/40-16/F.4 --benchmark_min_time=0.01)
+set_tests_properties(bench PROPERTIES PASS_REGULAR_EXPRESSION "F.4,3..*FLOP/s=")
+
 # Sources are as clang-format leaves them.
 find_program(CLANG_FORMAT clang-format REQUIRED)
 add_test(NAME format COMMAND ${PYTHON_EXECUTABLE} ${PROJECT_SOURCE_DIR}/scripts/lint --format)
@@ -38,7 +42,7 @@ set_tests_properties(matrix PROPERTIES FIXTURES_REQUIRED sid COST 200)
 add_test(NAME sanitize COMMAND ${PROJECT_SOURCE_DIR}/scripts/sanitize --some)
 set_tests_properties(sanitize PROPERTIES RUN_SERIAL TRUE)
 
-set_tests_properties(format package blender training evaluation drivers matrix sanitize slurm soak trade_page
+set_tests_properties(bench format package blender training evaluation drivers matrix sanitize slurm soak trade_page
   PROPERTIES LABELS all)
 # A machine may be busy, and some of these tests build.
 set_tests_properties(${unit_tests} drivers matrix sanitize package evaluation training blender PROPERTIES TIMEOUT 3000)

@@ -9,6 +9,7 @@
 #include <limits>
 
 #include "error_of.h"
+#include "model/halo.h"
 #include "model/network.h"
 #include "subject.h"
 

@@ -9,6 +9,8 @@
 #include <exception>
 #include <limits>
 
+#include "conform/supported.h"
+
 namespace raymeld::conform {
 namespace {
 
@@ -16,17 +18,6 @@ using reference::Bounded;
 using reference::Planes;
 using reference::Precision;
 using reference::Worst;
-
-// Returns the name that `raymeld devices` has for the missing feature; empty where the device lacks none.
-std::string missing_feature(const DeviceInfo& device, const Method& method, Precision precision) {
-  if (precision == Precision::kFp16 && !device.storage_16bit) return "16-bit storage";
-  // Tiles that are impossible for a 1x1 convolution are impossible for a 3x3 too.
-  if (method.kernel.algorithm == Algorithm::kMatrix && !is_possible(method.kernel.matrix, 1))
-    return "cooperative matrix";
-  const bool by_address = method.addressed || method.kernel.needs_addresses();
-  if (by_address && !device.buffer_device_address) return "buffer device address";
-  return {};
-}
 
 bool same(double actual, double expected) {
   if (std::isnan(expected)) return std::isnan(actual);

@@ -32,7 +32,6 @@ std::vector<Conv2dShape> conv2d_shapes(const Model& model, uint32_t height, uint
 // their inputs.
 bool tile_4_is_accurate(const Architecture& architecture, const ConvWeights& weights, uint32_t channels_in);
 
-// Returns on how many LRHS pixels in each direction the s x s output pixels of an LRHS pixel can depend.
-uint32_t receptive_halo(const Architecture& architecture, bool compute_variance = false);
+inline constexpr uint32_t kJointLevels = 5;  // levels of the joint base's filter
 
 }  // namespace raymeld

@@ -8,6 +8,7 @@
 #include "cli/fuse/fuse.h"
 #include "fusion/exposure.h"
 #include "io/exr_window.h"
+#include "model/halo.h"
 #include "model/network.h"
 
 namespace raymeld::cli {
