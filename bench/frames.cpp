@@ -12,7 +12,7 @@
 #include "bench.h"
 #include "error.h"
 #include "fusion/fuser.h"
-#include "fusion/tuner.h"
+#include "fusion/fuser_options.h"
 
 namespace raymeld::bench {
 namespace {
@@ -49,12 +49,12 @@ std::vector<float> image(const std::string& name, size_t count, uint32_t seed) {
 }
 
 void frame(benchmark::State& state, const std::string& file, uint32_t height, uint32_t width,
-           Storage storage) {
-  const std::string name = fmt::format("{} {}x{} {}", file, height, width, int(storage));
+           Precision precision) {
+  const std::string name = fmt::format("{} {}x{} {}", file, height, width, int(precision));
   const auto start = Clock::now();
   const Model model(file);
   const uint32_t scale = model.architecture().scale;
-  const FuserOptions options{.storage = storage, .kernels = kernels_for(device(), storage)};
+  const FuserOptions options = fuser_options(device(), model, precision, KernelChoice::kAuto);
   Fuser fuser(device(), model, height / scale, width / scale, options);
   const size_t pixels = size_t{height} * width;
   const std::vector<float> lrhs = image("lrhs", pixels / scale / scale * 3, 1),
@@ -93,11 +93,11 @@ void register_frames() {
     for (const std::string& size : listed("RAYMELD_BENCH_SIZES")) {
       uint32_t width = 0, height = 0;
       if (std::sscanf(size.c_str(), "%ux%u", &width, &height) != 2) throw Error("'{}' is no size", size);
-      for (const Storage storage : {Storage::kFloat32, Storage::kFloat16}) {
+      for (const Precision precision : {Precision::kFp32, Precision::kFp16}) {
         const std::string name = fmt::format("frame/{}/{}/{}", std::filesystem::path(file).stem().string(),
-                                             size, storage == Storage::kFloat16 ? "fp16" : "fp32");
+                                             size, precision == Precision::kFp16 ? "fp16" : "fp32");
         benchmark::RegisterBenchmark(
-            name.c_str(), [=](benchmark::State& state) { frame(state, file, height, width, storage); })
+            name.c_str(), [=](benchmark::State& state) { frame(state, file, height, width, precision); })
             ->UseManualTime()
             ->Unit(benchmark::kMillisecond);
       }

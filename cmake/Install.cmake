@@ -1,8 +1,9 @@
-# Installs the program, its script for render farms, the stock models, the library, and the package raymeld with the
-# target raymeld::raymeld.
+# Installs the program with its licence, its script for render farms, the stock models, the library, and the package
+# raymeld with the target raymeld::raymeld.
 include(CMakePackageConfigHelpers)
 
 install(TARGETS raymeld RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT tools)
+install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT tools)
 install(TARGETS raymeld_library EXPORT raymeld LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT library
         NAMELINK_COMPONENT dev)
 install(DIRECTORY include/raymeld DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT dev)

@@ -130,7 +130,7 @@ class Fuser {
     py::dict status;
     status["saturated"] = last.saturated;
     status["redone_tiles"] = last.redone_tiles;
-    status["kept_share"] = last.kept_share;
+    status["skipped_share"] = last.skipped_share;
     return status;
   }
 
@@ -262,6 +262,6 @@ PYBIND11_MODULE(raymeld, module) {
       .def_property_readonly(
           "status", &Fuser::status,
           "The status of the last frame: saturated is the number of values that fp16 could not hold,\n"
-          "redone_tiles the number of tiles that were computed again in fp32 for that, and kept_share\n"
-          "the share of the frame that changed_only took from the last one.");
+          "redone_tiles the number of tiles that were computed again in fp32 for that, and skipped_share\n"
+          "the share of the frame's work that was skipped with changed_only, because nothing changed there.");
 }

@@ -67,9 +67,9 @@ class Test(unittest.TestCase):
     def test_status(self):
         fusion = self.fusion(changed_only=True, precision="fp32")
         fusion.fuse(self.lrhs, self.hrls)
-        self.assertEqual(fusion.status["kept_share"], 0)
+        self.assertEqual(fusion.status["skipped_share"], 0)
         fusion.fuse(self.lrhs, self.hrls)
-        self.assertEqual(fusion.status, {"saturated": 0, "redone_tiles": 0, "kept_share": 1})
+        self.assertEqual(fusion.status, {"saturated": 0, "redone_tiles": 0, "skipped_share": 1})
 
     def test_stock_models_by_name(self):
         self.assertIn("x4-fast", raymeld.list_models())

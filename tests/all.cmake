@@ -32,7 +32,8 @@ add_test(NAME training COMMAND /usr/bin/python3 ${PROJECT_SOURCE_DIR}/training/s
 add_test(NAME evaluation COMMAND /usr/bin/python3 ${PROJECT_SOURCE_DIR}/training/evaluation/self_test.py
   $<TARGET_FILE:raymeld> ${PROJECT_SOURCE_DIR}/tests/golden/tiny-x4.safetensors)
 
-# Tests independent drivers, unpacked beside the installed one, and then cooperative matrices on a driver that has them.
+# Tests two versions of lavapipe, and SwiftShader, unpacked beside the installed driver, and then cooperative matrices
+# on a driver that has them.
 add_test(NAME drivers COMMAND ${PROJECT_SOURCE_DIR}/scripts/test-drivers --quick)
 set_tests_properties(drivers PROPERTIES ENVIRONMENT RAYMELD=$<TARGET_FILE:raymeld> FIXTURES_SETUP sid COST 300)
 add_test(NAME matrix COMMAND ${PROJECT_SOURCE_DIR}/scripts/test-matrix)

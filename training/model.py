@@ -218,20 +218,20 @@ class Network(nn.Module):
 
     def encode_hrls(self, hrls, spp):
         if self.config.hrls_encoder == "unshuffled":
-            return F.relu(self.told(self.hrls(F.pixel_unshuffle(hrls, self.config.scale)), self.hrls, spp, 1))
-        f_hrls = F.relu(self.told(self.hrls(hrls), self.hrls, spp, 1))
+            return F.relu(self.add_spp_bias(self.hrls(F.pixel_unshuffle(hrls, self.config.scale)), self.hrls, spp, 1))
+        f_hrls = F.relu(self.add_spp_bias(self.hrls(hrls), self.hrls, spp, 1))
         for conv in self.down:
             f_hrls = F.relu(conv(F.pixel_unshuffle(f_hrls, 2)))
         return f_hrls
 
     def encode_lrhs(self, lrhs, centered, spp):
-        y = self.told(self.lrhs(lrhs), self.lrhs, spp, 0)
+        y = self.add_spp_bias(self.lrhs(lrhs), self.lrhs, spp, 0)
         if len(self.config.lrhs_sampling) == 2:
             shift = (self.lrhs.centered_bias - self.lrhs.bias)[:, None, None]
             y = torch.where(centered, y + shift, y)
         return F.relu(y)
 
-    def told(self, y, conv, spp, which):
+    def add_spp_bias(self, y, conv, spp, which):
         """Adds to `y` the bias by the samples of LRHS (`which` 0) or HRLS (1), if the network knows them."""
         return y + (conv.by_spp[:, None, None] * log_spp(spp)[:, which, None]).to(y.dtype) if self.config.knows_spp else y
 
@@ -402,12 +402,12 @@ def steer(network, low, high, up, filtered, centered, spp):
     config, layers = network.config, network.prepared(high)
     f_lrhs = network.encode_lrhs(network.prepared(low), centered, spp)
     if config.guide_source == "trunk":
-        told = y = network.trunk(f_lrhs, network.encode_hrls(layers, spp))
+        read = y = network.trunk(f_lrhs, network.encode_hrls(layers, spp))
     else:
         seen = network.unshuffled(layers) + network.hrls.bias[:, None, None]
-        seen = network.told(seen, network.hrls, spp, 1)
-        told = torch.cat([f_lrhs, F.relu(seen)], dim=1)
-    candidates = filtered(steering=network.steering(told, high, up, spp))
+        seen = network.add_spp_bias(seen, network.hrls, spp, 1)
+        read = torch.cat([f_lrhs, F.relu(seen)], dim=1)
+    candidates = filtered(steering=network.steering(read, high, up, spp))
     levels = network.prepared(torch.cat(candidates[2:], dim=1))
     if config.guide_source == "encoder":
         y = network.trunk(f_lrhs, F.relu(seen + network.unshuffled(levels, high.shape[1])))

@@ -52,7 +52,7 @@ RAYMELD_API const char* raymeld_error(void);
  * compiled with the same major and minor version and with the same or an older patch. */
 RAYMELD_API uint32_t raymeld_version(void);
 
-/* ---- Before a device is created ---- */
+/* ---- Features of a device ---- */
 
 /* Names the features beyond Vulkan 1.1 that raymeld can use. None of them is required. */
 typedef enum raymeld_feature_bits {
@@ -90,8 +90,8 @@ typedef struct raymeld_enabled_features {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_enabled_features));
   uint32_t bits RAYMELD_IS(0); /* the value for raymeld_context_desc::enabled_features */
   uint32_t extension_count RAYMELD_IS(0);
-  /* The extensions to name in VkDeviceCreateInfo, in addition to the caller's own. They belong to the library
-   * and live for ever. */
+  /* Names the extensions to enable in VkDeviceCreateInfo, in addition to the caller's own. The texts belong
+   * to the library and live for ever. */
   const char* const* extensions RAYMELD_IS(NULL);
 } raymeld_enabled_features;
 
@@ -113,27 +113,27 @@ typedef struct raymeld_context_t* raymeld_context;
 
 typedef struct raymeld_context_desc {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_context_desc));
-  /* The caller's device, of Vulkan 1.1 or newer: give all of these and `queue`. If all are NULL, raymeld
-   * makes a device of its own. */
+  /* These name the caller's device, of Vulkan 1.1 or newer; give all of them and `queue`. If all are NULL,
+   * raymeld makes a device of its own. */
   PFN_vkGetInstanceProcAddr get_instance_proc_addr RAYMELD_IS(NULL);
   VkInstance instance RAYMELD_IS(VK_NULL_HANDLE);
   VkPhysicalDevice physical_device RAYMELD_IS(VK_NULL_HANDLE);
   VkDevice device RAYMELD_IS(VK_NULL_HANDLE);
-  /* A queue of queue_family, which supports compute. Functions that submit, which say so, take turns in all
-   * threads; the caller must not use the queue at the same time as they do. */
+  /* Names a queue of queue_family, which supports compute. Functions that submit, which say so, take turns in
+   * all threads; the caller must not use the queue at the same time as they do. */
   VkQueue queue RAYMELD_IS(VK_NULL_HANDLE);
   uint32_t queue_family RAYMELD_IS(0);
   uint32_t enabled_features RAYMELD_IS(0); /* raymeld_feature_bits that `device` was created with */
-  /* The allocator for all of raymeld's objects on the caller's device; the structure is copied. NULL: the
-   * driver's allocator. */
+  /* Gives the allocator for all of raymeld's objects on the caller's device; the structure is copied. NULL:
+   * the driver's allocator. */
   const VkAllocationCallbacks* allocation_callbacks RAYMELD_IS(NULL);
-  /* A cache on the caller's device for all pipelines. With it raymeld keeps none on the disk. */
+  /* Gives a cache on the caller's device for all pipelines. With it raymeld keeps none on the disk. */
   VkPipelineCache pipeline_cache RAYMELD_IS(VK_NULL_HANDLE);
-  /* The folder that keeps pipelines and the results of `raymeld tune` between runs. NULL:
+  /* Names the folder that keeps pipelines and the results of `raymeld tune` between runs. NULL:
    * $XDG_CACHE_HOME/raymeld or $HOME/.cache/raymeld. "": nothing is kept. */
   const char* cache_folder RAYMELD_IS(NULL);
-  /* The choice of a device of raymeld's own: an index, a UUID or part of the name. NULL: the first GPU, else
-   * a driver for CPUs. */
+  /* Selects a device of raymeld's own by an index, a UUID or part of the name. NULL: the first GPU, else a
+   * driver for CPUs. */
   const char* selector RAYMELD_IS(NULL);
 } raymeld_context_desc;
 
@@ -156,8 +156,8 @@ typedef struct raymeld_buffer_t* raymeld_buffer;
 typedef struct raymeld_import_desc {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_import_desc));
   int fd RAYMELD_IS(-1);
-  /* VK_EXTERNAL_MEMORY_HANDLE_TYPE_OPAQUE_FD_BIT for memory of the same device and driver (see deviceUUID and
-   * driverUUID of VkPhysicalDeviceIDProperties), or VK_EXTERNAL_MEMORY_HANDLE_TYPE_DMA_BUF_BIT_EXT, which
+  /* Is VK_EXTERNAL_MEMORY_HANDLE_TYPE_OPAQUE_FD_BIT for memory of the same device and driver (see deviceUUID
+   * and driverUUID of VkPhysicalDeviceIDProperties), or VK_EXTERNAL_MEMORY_HANDLE_TYPE_DMA_BUF_BIT_EXT, which
    * needs VK_EXT_external_memory_dma_buf enabled on the caller's device. */
   uint32_t handle_type RAYMELD_IS(0);
   VkDeviceSize memory_size_bytes RAYMELD_IS(0); /* the size of the allocation */
@@ -218,7 +218,7 @@ typedef struct raymeld_model_info {
   uint32_t layer_count RAYMELD_IS(0); /* the number of HRLS layers, three channels each */
   uint32_t optional_layer_count RAYMELD_IS(0);
   uint32_t reserved RAYMELD_IS(0);
-  /* The layers by channel: color first, then any of albedo, normal, diffuse, specular, variance. */
+  /* Lists the layers by channel: color first, then any of albedo, normal, diffuse, specular, variance. */
   const char* const* layers RAYMELD_IS(NULL);
   const char* const* optional_layers RAYMELD_IS(NULL); /* layers that the model was trained to do without */
   uint64_t parameters RAYMELD_IS(0);                   /* the number of weights and biases */
@@ -233,8 +233,8 @@ typedef struct raymeld_fusion_t* raymeld_fusion;
 
 /* Chooses how values within the network are stored. */
 typedef enum raymeld_precision {
-  /* fp16 on GPUs with 16-bit storage for models that fit it, else fp32. raymeld_fuse() computes a tile again
-   * in fp32 if fp16 cannot hold its values. */
+  /* Takes fp16 on GPUs with 16-bit storage for models that fit it, else fp32. raymeld_fuse() computes a tile
+   * again in fp32 if fp16 cannot hold its values. */
   RAYMELD_PRECISION_AUTO = 0,
   RAYMELD_PRECISION_FP32 = 1,
   RAYMELD_PRECISION_FP16 = 2 /* 16-bit storage, 32-bit sums; an error without RAYMELD_FEATURE_STORAGE_16BIT */
@@ -242,9 +242,9 @@ typedef enum raymeld_precision {
 
 /* Chooses how convolutions are computed. */
 typedef enum raymeld_kernels {
-  /* The fastest kernels on the device: those that `raymeld tune` measured, else those for its kind. */
+  /* Takes the fastest kernels on the device: those that `raymeld tune` measured, else those for its kind. */
   RAYMELD_KERNELS_AUTO = 0,
-  /* The plain sums of the definition, which are slower but give the same bits for all tile sizes. */
+  /* Computes the plain sums of the definition, which are slower but give the same bits for all tile sizes. */
   RAYMELD_KERNELS_DIRECT = 1
 } raymeld_kernels;
 
@@ -265,12 +265,12 @@ typedef struct raymeld_fusion_desc {
   raymeld_sampling lrhs_sampling RAYMELD_IS(RAYMELD_SAMPLING_MODEL);
   /* VK_TRUE: HRLS does not hold "variance"; the device computes it from the color if the model reads it. */
   VkBool32 compute_variance RAYMELD_IS(VK_FALSE);
-  /* The most memory that the fusion may take on the device, with the activations in `memory`. 0: as much as
+  /* Limits the memory that the fusion takes on the device, with the activations in `memory`. 0: as much as
    * the device has. */
   uint64_t max_memory_bytes RAYMELD_IS(0);
-  /* The factor by which radiance is multiplied for the network and the output is divided, from 2^-24 to 2^24.
-   * 0: the factor that suits the model, computed from each frame's LRHS. raymeld_fuse() computes it on the
-   * host (see raymeld_exposure()), raymeld_record() and raymeld_submit() on the device. */
+  /* Gives the factor by which radiance is multiplied for the network and the output is divided, from 2^-24 to
+   * 2^24. 0: the factor that suits the model, computed from each frame's LRHS. raymeld_fuse() computes it on
+   * the host (see raymeld_exposure()), raymeld_record() and raymeld_submit() on the device. */
   float exposure RAYMELD_IS(0);
   /* VK_TRUE: LRHS and HRLS (input_images) or the fused image (output_image) of a frame are Vulkan images;
    * else they are buffers. With either, raymeld_fuse() fails, as it takes no Vulkan images. */
@@ -281,11 +281,11 @@ typedef struct raymeld_fusion_desc {
    * output. The result has the same bits as that of a first call. Everything is computed after a failure, and
    * if the exposure has changed, so give an exposure. raymeld_record() and raymeld_submit() fail. */
   VkBool32 changed_only RAYMELD_IS(VK_FALSE);
-  /* The optional layers of the model that HRLS does not have. Nothing is read or computed for them. */
+  /* Names the optional layers of the model that HRLS does not have. Nothing is read or computed for them. */
   uint32_t absent_layer_count RAYMELD_IS(0);
   uint32_t reserved RAYMELD_IS(0);
   const char* const* absent_layers RAYMELD_IS(NULL);
-  /* The caller's memory for the activations, memory_size_bytes from memory_offset_bytes on, as
+  /* Gives the caller's memory for the activations, memory_size_bytes from memory_offset_bytes on, as
    * raymeld_get_memory_needs() asks for it. A frame reads and writes it in
    * VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT. Between frames it may serve other purposes, if barriers of the
    * caller make frames and these uses wait for each other. VK_NULL_HANDLE: raymeld allocates the memory. */
@@ -299,7 +299,7 @@ typedef struct raymeld_memory_needs {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_memory_needs));
   VkDeviceSize size_bytes RAYMELD_IS(0);
   VkDeviceSize alignment_bytes RAYMELD_IS(0);
-  /* The memory types as in VkMemoryRequirements; device-local types are the fast ones. */
+  /* Holds the memory types as in VkMemoryRequirements; device-local types are the fast ones. */
   uint32_t memory_type_bits RAYMELD_IS(0);
   /* VK_TRUE: the memory must be allocated with VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT. */
   VkBool32 device_address RAYMELD_IS(VK_FALSE);
@@ -324,12 +324,12 @@ typedef struct raymeld_fusion_info {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_fusion_info));
   raymeld_precision precision RAYMELD_IS(RAYMELD_PRECISION_AUTO); /* the precision in use, never AUTO */
   uint32_t scale RAYMELD_IS(0);
-  /* The number of layers that HRLS holds, three channels each, without absent ones or a computed variance. */
+  /* Counts the layers that HRLS holds, three channels each, without absent ones or a computed variance. */
   uint32_t layer_count RAYMELD_IS(0);
   uint32_t frames_in_flight RAYMELD_IS(0); /* the most recordings that may be pending */
   const char* const* layers RAYMELD_IS(NULL);
-  /* The LRHS size that one recording computes: (height, width) of the description, unless memory or limits of
-   * the device force tiles. A raymeld_fuse() that finds the device out of memory makes it smaller, unless
+  /* Hold the LRHS size that one recording computes: that of the description, unless memory or limits of the
+   * device force tiles. A raymeld_fuse() that finds the device out of memory makes it smaller, unless
    * raymeld_record(), raymeld_submit() or, for another size, raymeld_prepare_size() was called before. */
   uint32_t tile_height RAYMELD_IS(0);
   uint32_t tile_width RAYMELD_IS(0);
@@ -365,13 +365,13 @@ typedef struct raymeld_image {
   uint32_t pixel_stride RAYMELD_IS(0);
   uint32_t row_stride RAYMELD_IS(0);
   uint32_t channel_stride RAYMELD_IS(0);
-  /* The layout in which a Vulkan image is when the recording runs, and in which it is left: GENERAL or, for
-   * inputs, SHADER_READ_ONLY_OPTIMAL. UNDEFINED stands for GENERAL. */
+  /* Names the layout in which a Vulkan image is when the recording runs, and in which it is left: GENERAL or,
+   * for inputs, SHADER_READ_ONLY_OPTIMAL. UNDEFINED stands for GENERAL. */
   VkImageLayout layout RAYMELD_IS(VK_IMAGE_LAYOUT_UNDEFINED);
   VkImageView view RAYMELD_IS(VK_NULL_HANDLE);
   uint32_t x RAYMELD_IS(0); /* (x, y) is the texel of the first pixel */
   uint32_t y RAYMELD_IS(0);
-  /* Inputs only; a scale of 0 stands for 1. Normals in [0, 1] need a scale of 2 and a bias of -1. */
+  /* Apply to inputs only; a scale of 0 stands for 1. Normals in [0, 1] need a scale of 2 and a bias of -1. */
   float value_scale RAYMELD_IS(0);
   float value_bias RAYMELD_IS(0);
   raymeld_texels texels RAYMELD_IS(RAYMELD_TEXELS_PLAIN); /* inputs only */
@@ -400,13 +400,13 @@ typedef struct raymeld_frame {
   const raymeld_image* lrhs RAYMELD_IS(NULL);
   const raymeld_image* hrls RAYMELD_IS(NULL);
   const raymeld_image* fused RAYMELD_IS(NULL);
-  /* The exposure of this frame, as in raymeld_fusion_desc. 0: the description's. If that is 0 too, the device
+  /* Is this frame's exposure, as in raymeld_fusion_desc. 0: the description's. If that is 0 too, the device
    * computes in the same recording what raymeld_exposure() would, to within 0.01 % for up to 10 million LRHS
    * pixels and with the same bits each time. Parts of a larger frame need the exposure of the whole frame: a
    * fusion whose tile size is not the description's size refuses 0 for models that ask for an exposure. */
   float exposure RAYMELD_IS(0);
-  /* The LRHS size of this frame; 0 stands for tile_height and tile_width. Another size must have been given
-   * to raymeld_prepare_size(), and determines the sizes of the images. */
+  /* Give the LRHS size of this frame; 0 stands for tile_height and tile_width. Another size must have been
+   * given to raymeld_prepare_size(), and determines the sizes of the images. */
   uint32_t height RAYMELD_IS(0);
   uint32_t width RAYMELD_IS(0);
   uint32_t reserved RAYMELD_IS(0);
@@ -452,7 +452,7 @@ typedef struct raymeld_semaphores {
   uint32_t wait_count RAYMELD_IS(0);
   uint32_t signal_count RAYMELD_IS(0);
   const VkSemaphore* wait RAYMELD_IS(NULL);
-  /* The values of timeline semaphores, which need RAYMELD_FEATURE_TIMELINE_SEMAPHORE; 0 for a binary
+  /* Holds the values of timeline semaphores, which need RAYMELD_FEATURE_TIMELINE_SEMAPHORE; 0 for a binary
    * semaphore. NULL: all are binary. */
   const uint64_t* wait_values RAYMELD_IS(NULL);
   const VkSemaphore* signal RAYMELD_IS(NULL);
@@ -471,13 +471,15 @@ RAYMELD_API raymeld_result raymeld_submit(raymeld_fusion fusion, const raymeld_f
 /* Holds what the device counted. For a frame that can be trusted, saturated and not_finite are zero. */
 typedef struct raymeld_status {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_status));
-  /* fp16 only: values within the network that 16 bits cannot hold, stored as the largest value. */
+  /* Counts values within the network that 16 bits cannot hold; the largest value is stored. fp16 only. */
   uint32_t saturated RAYMELD_IS(0);
   uint32_t not_finite RAYMELD_IS(0); /* output values that were NaN or infinite, written as 0 */
-  /* raymeld_fuse() with RAYMELD_PRECISION_AUTO only: tiles that fp16 could not hold, redone in fp32. */
+  /* Counts tiles that fp16 could not hold, so that raymeld_fuse() computed them again in fp32.
+   * RAYMELD_PRECISION_AUTO only. */
   uint32_t redone_tiles RAYMELD_IS(0);
-  /* raymeld_fuse() with changed_only only: the share of the frame that is the last output's, from 0 to 1. */
-  float kept_share RAYMELD_IS(0);
+  /* Is the share of the frame's work that was skipped, from 0 to 1, because nothing changed there since the
+   * last frame. raymeld_fuse() with changed_only only. */
+  float skipped_share RAYMELD_IS(0);
 } raymeld_status;
 
 /* Writes the counts of the frames that were recorded and submitted since the last call or the last

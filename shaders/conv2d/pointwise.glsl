@@ -15,6 +15,7 @@ layout(push_constant) uniform Push {
   ADDRESS(Values, target)
   ADDRESS(Values, residual0) ADDRESS(Values, residual1) ADDRESS(Values, residual2)
   Pointwise p;
+  VECTOR_PUSH
 };
 BUFFER(1, readonly, Source, STORAGE, source)
 BUFFER(2, , Sums, float, sums)

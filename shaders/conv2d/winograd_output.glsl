@@ -12,6 +12,7 @@ layout(push_constant) uniform Push {
   ADDRESS(Values, target)
   ADDRESS(Values, residual0) ADDRESS(Values, residual1) ADDRESS(Values, residual2)
   WinogradOutput p;
+  VECTOR_PUSH
 };
 BUFFER(1, readonly, Products, float, products)
 BUFFER(2, readonly, Bias, float, bias)

@@ -65,7 +65,6 @@ struct Pointwise {
   uint blocks;
   uint first_pixel;  // the band's first pixel
   uint pixels;       // pixels of the whole image
-  uint digits[4];    // 0 to 3: see uniform.glsl
 };
 
 // Describes a 1x1 convolution of unshuffled pixels. plane and width are the image's; the output
@@ -76,7 +75,6 @@ struct PointwiseUnshuffled {
   uint plane_out;
   uint rows;
   uint channels_out;
-  uint digits[4];  // 0 to 3: see uniform.glsl
 };
 
 // Describes the steps of a Winograd convolution, one band of rows at a time: see winograd.glsl. plane
@@ -92,7 +90,6 @@ struct WinogradInput {
   uint channels;
   uint first_channel;  // the source's first channel, counted in the convolution
   uint position_stride;
-  uint digits[4];  // 0 to 3: see uniform.glsl
 };
 
 struct WinogradWeights {
@@ -106,7 +103,6 @@ struct WinogradMultiply {
   uint weights_stride;
   uint transformed_stride;
   uint products_stride;
-  uint digits[4];  // 0 to 3: see uniform.glsl
 };
 
 struct WinogradOutput {
@@ -121,7 +117,6 @@ struct WinogradOutput {
   uint first_tile_row;
   uint channels;  // a multiple of a block's channels
   uint position_stride;
-  uint digits[4];  // 0 to 3: see uniform.glsl
 };
 
 // Describes a shuffle: height, width and plane belong to the smaller image, plane_large to the larger one,
@@ -208,7 +203,6 @@ struct JointFilter {
   uint width;
   uint plane;
   uint step;       // a power of two
-  uint digits[4];  // 0 to 3: see uniform.glsl
 };
 
 struct Remodulate {
@@ -237,6 +231,7 @@ struct Decode {
 #define RAYMELD_ALBEDO_WIDTH 1.5
 #define RAYMELD_NORMAL_WIDTH 1.2
 #define RAYMELD_BRIGHTNESS_WIDTH 0.0667
+#define RAYMELD_CANDIDATES 5  // images that mix.comp mixes
 #define RAYMELD_JOINT_STRIP 4  // pixels that an invocation of the joint filter computes
 #define RAYMELD_FIREFLY 20.0
 #define RAYMELD_FIREFLY_FLOOR 1e-3

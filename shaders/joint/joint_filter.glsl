@@ -3,6 +3,7 @@
 layout(push_constant) uniform Push {
   ADDRESS(Values, source) ADDRESS(Values, albedo) ADDRESS(Values, normal) ADDRESS(Values, brightness) ADDRESS(Values, target)
   JointFilter p;
+  VECTOR_PUSH
 };
 BUFFER(1, readonly, Source, STORAGE, source)
 BUFFER(2, readonly, Albedo, STORAGE, albedo)

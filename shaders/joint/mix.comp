@@ -23,7 +23,7 @@ BUFFER(5, writeonly, Target, STORAGE, target)
 #define UPSAMPLED p
 #include "lrhs.glsl"
 
-const uint kCandidates = 5;
+const uint kCandidates = RAYMELD_CANDIDATES;
 
 void main() {
   uvec2 id = global_invocation_id().xy;

@@ -4,6 +4,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
 #include "tensor.glsl"
+#define VECTOR_PUSH uint digits[4];
 #include "memory.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;

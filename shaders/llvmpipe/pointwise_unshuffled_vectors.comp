@@ -9,6 +9,7 @@
 #include "params.h"
 #include "tensor.glsl"
 #define WEIGHTS_BY_ADDRESS
+#define VECTOR_PUSH uint digits[4];
 #include "memory.glsl"
 
 layout(local_size_x = 32) in;
@@ -26,6 +27,7 @@ layout(push_constant) uniform Push {
   Floats source;
   Floats target;
   PointwiseUnshuffled p;
+  VECTOR_PUSH
 };
 #define KEEPS_ORDER
 #include "uniform.glsl"

@@ -6,6 +6,7 @@
 #include "params.h"
 #include "tensor.glsl"
 #define WEIGHTS_BY_ADDRESS
+#define VECTOR_PUSH uint digits[4];
 #include "memory.glsl"
 
 layout(local_size_x = 64) in;

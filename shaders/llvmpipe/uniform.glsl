@@ -1,8 +1,8 @@
 // Returns n, which is uniform and below 4096, in a form that drivers know to be uniform. Drivers that find
 // out by themselves which values are the same for all lanes know that push constants are, whatever their
-// index: p.digits[i] is i. It must be included after the push constants.
+// index: digits[i], of VECTOR_PUSH, is i. It must be included after the push constants.
 uint uniform_number(uint n) {
   uint number = 0;
-  [[unroll]] for (uint shift = 0; shift < 12; shift += 2) number |= p.digits[n >> shift & 3] << shift;
+  [[unroll]] for (uint shift = 0; shift < 12; shift += 2) number |= digits[n >> shift & 3] << shift;
   return number;
 }

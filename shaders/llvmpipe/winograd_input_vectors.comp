@@ -9,6 +9,7 @@
 #include "params.h"
 #include "tensor.glsl"
 #define WEIGHTS_BY_ADDRESS
+#define VECTOR_PUSH uint digits[4];
 #include "memory.glsl"
 #include "winograd.glsl"
 #include "winograd_input.glsl"
@@ -22,6 +23,7 @@ layout(push_constant) uniform Push {
   Floats zeros;
   Floats transformed;
   WinogradInput p;
+  VECTOR_PUSH
 };
 #define KEEPS_ORDER
 #include "uniform.glsl"

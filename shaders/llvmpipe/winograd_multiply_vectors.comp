@@ -8,6 +8,7 @@
 #include "params.h"
 #include "tensor.glsl"
 #define WEIGHTS_BY_ADDRESS
+#define VECTOR_PUSH uint digits[4];
 #include "memory.glsl"
 #include "winograd.glsl"
 
@@ -24,6 +25,7 @@ layout(push_constant) uniform Push {
   Floats transformed;
   Floats products;
   WinogradMultiply p;
+  VECTOR_PUSH
 };
 #define KEEPS_ORDER
 #include "uniform.glsl"

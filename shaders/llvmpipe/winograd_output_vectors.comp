@@ -6,6 +6,7 @@
 #include "params.h"
 #include "tensor.glsl"
 #define WEIGHTS_BY_ADDRESS
+#define VECTOR_PUSH uint digits[4];
 #include "memory.glsl"
 #include "winograd.glsl"
 

@@ -718,7 +718,7 @@ raymeld_result raymeld_fuse(raymeld_fusion fusion, const float* lrhs, const floa
     known.saturated = report.status.saturated;
     known.not_finite = report.status.not_finite;
     known.redone_tiles = report.redone_tiles;
-    known.kept_share = float(report.kept_share);
+    known.skipped_share = float(report.skipped_share);
     if (status) write(known, *status, "raymeld_status");
   });
 }

@@ -7,7 +7,7 @@
 #include <random>
 
 #include "fusion/fuser.h"
-#include "io/kept_json.h"
+#include "io/json_file.h"
 
 namespace raymeld {
 namespace {
@@ -24,7 +24,7 @@ std::filesystem::path file_of(const Device& device, const std::filesystem::path&
 }
 
 std::map<std::string, FrameTime> load(const std::filesystem::path& file) try {
-  const Json json = load_kept(file, kFrameTimesVersion);
+  const Json json = load_json_file(file, kFrameTimesVersion);
   std::map<std::string, FrameTime> times;
   if (json.is_null()) return times;
   for (const auto& [key, time] : json.at("times_ms").items())
@@ -122,7 +122,7 @@ FrameTime FrameTimes::measure(const Model& model, uint32_t height, uint32_t widt
   FrameTime time = measure_frame(device_, model, size, options, folder_, clock_);
   time.first_ms /= part, time.further_ms /= part;
   times_[key_of(model, whole, options)] = time;
-  if (!file_.empty()) save_kept(file_, kFrameTimesVersion, to_json(times_));
+  if (!file_.empty()) save_json_file(file_, kFrameTimesVersion, to_json(times_));
   return time;
 }
 

@@ -1,6 +1,5 @@
 #include "choice/metrics.h"
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -34,22 +33,13 @@ double relative_error(double value, double truth, RelMseLambdas lambdas) {
   return lambdas.lambda1 * squared(value - truth) / (squared(truth) + lambdas.lambda2);
 }
 
-template <typename Transfer>
-double psnr(const Image& image, const Image& reference, Transfer&& transfer) {
-  const double mse = mean_error(image, reference, [&](float value, float truth) {
-    return squared(double(transfer(value)) - double(transfer(truth)));
-  });
-  return mse == 0 ? std::numeric_limits<double>::infinity() : -10 * std::log10(mse);
-}
-
 }  // namespace
 
 double psnr_srgb(const Image& image, const Image& reference) {
-  return psnr(image, reference, linear_to_srgb);
-}
-
-double psnr_clamp(const Image& image, const Image& reference) {
-  return psnr(image, reference, [](float linear) { return std::min(1.0f, std::max(0.0f, linear)); });
+  const double mse = mean_error(image, reference, [](float value, float truth) {
+    return squared(double(linear_to_srgb(value)) - double(linear_to_srgb(truth)));
+  });
+  return mse == 0 ? std::numeric_limits<double>::infinity() : -10 * std::log10(mse);
 }
 
 double relmse(const Image& image, const Image& reference, RelMseLambdas lambdas) {

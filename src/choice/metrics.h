@@ -10,10 +10,6 @@ namespace raymeld {
 // Computes the PSNR in dB with peak 1 of images in sRGB by Eq. 3 (the BCR convention); +Inf for equal images.
 double psnr_srgb(const Image& image, const Image& reference);
 
-// Computes the PSNR in dB with peak 1, both images clamped to [0, 1] by Eq. 12 (the Gharbi convention); +Inf
-// for equal images.
-double psnr_clamp(const Image& image, const Image& reference);
-
 // Holds the constants of Eq. 11, lambda1 (image - reference)^2 / (reference^2 + lambda2).
 struct RelMseLambdas {
   double lambda1;

@@ -1,3 +1,4 @@
+#include <array>
 #include <cmath>
 
 #include "cli/common/commands.h"
@@ -41,6 +42,17 @@ CLI::Option* add_named(CLI::App& command, const std::string& name, Value& value,
   return command.add_option_function<std::string>(name, read, description)
       ->check(CLI::IsMember(names))
       ->default_str(names.front());
+}
+
+// Adds options of earlier versions, which only say what to use instead.
+void add_removed(CLI::App& command) {
+  constexpr std::array<std::pair<const char*, const char*>, 2> kRemoved{
+      {{"--adaptive", "was removed, as it rarely saved time; --quality fast takes a faster model"},
+       {"--target-psnr", "was removed, as the estimate was off by 1 dB; --quality chooses the model"}}};
+  for (const auto& [name, reason] : kRemoved) {
+    const auto refuse = [name, reason](const std::string&) { throw CLI::ValidationError(name, reason); };
+    command.add_option_function<std::string>(name, refuse)->expected(0, 1)->group("");
+  }
 }
 
 void add_files(CLI::App& command, FuseArguments& a) {
@@ -110,7 +122,7 @@ void add_more_files(CLI::App& command, FuseArguments& a) {
       ->check(finite);
 }
 
-// Adds the options that choose the model: by name, or by quality, time or PSNR.
+// Adds the options that choose the model by name, quality or time.
 void add_model(CLI::App& command, FuseArguments& a) {
   CLI::Option* model =
       command
@@ -219,6 +231,7 @@ void add_options(CLI::App& command, FuseArguments& a, SequenceArguments& sequenc
   const auto group = [&](const char* name) { command.option_defaults()->group(name); };
   group("Files");
   add_files(command, a);
+  add_removed(command);
   group("Model and sequence");
   add_model(command, a);
   CLI::Option* frames = add_frames(command, sequence);

@@ -7,6 +7,7 @@
 
 #include "conform/frame_image.h"
 #include "conform/suites.h"
+#include "reference/transfer.h"
 
 namespace raymeld::conform {
 namespace {
@@ -114,15 +115,12 @@ void check_range(Check& check, const Target& target, const Method& method) {
   for (const float exposure : {0x1p-24f, 0x1p-7f, 1.0f, 0x1p7f, 0x1p24f}) {
     const std::array radiance{0.25, 60000.0, 65504.0, 1e6, std::min(0.01 / exposure, 60000.0)};
     for (const bool log : {false, true}) {
+      const auto transfer = log ? reference::Transfer::kLog : reference::Transfer::kLinear;
       Planes rec(1, 1, int(radiance.size()));
-      for (size_t i = 0; i < radiance.size(); ++i) {
-        const double exposed = radiance[i] * exposure;
-        rec.data[i] = float(log ? std::log1p(8 * exposed) / 3 : exposed);
-      }
+      for (size_t i = 0; i < radiance.size(); ++i)
+        rec.data[i] = float(reference::apply(transfer, radiance[i] * exposure));
       const std::string what = fmt::format("{}, exposure {:g}", log ? "log" : "linear", exposure);
-      const Bounded expected = reference::decode(
-          exact(rec), nullptr, log ? reference::Transfer::kLog : reference::Transfer::kLinear,
-          Precision::kFp32, exposure);
+      const Bounded expected = reference::decode(exact(rec), nullptr, transfer, Precision::kFp32, exposure);
       for (size_t i = 0; i < radiance.size(); ++i) {
         const bool precise = !log || radiance[i] * exposure >= 0.0099;
         check.that(!precise || expected.bound.data[i] <= 2e-5 * radiance[i],

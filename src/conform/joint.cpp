@@ -175,11 +175,11 @@ struct Layer {
   void (*check)(Check&, const JointTrial&);
 };
 
-constexpr Layer kLayers[] = {{"irradiance", check_irradiance},
-                             {"demodulate", check_demodulate},
-                             {"joint_filter", check_filter},
-                             {"remodulate", check_remodulate},
-                             {"mix", check_mix}};
+constexpr Layer kLayers[] = {{.name = "irradiance", .check = check_irradiance},
+                             {.name = "demodulate", .check = check_demodulate},
+                             {.name = "joint_filter", .check = check_filter},
+                             {.name = "remodulate", .check = check_remodulate},
+                             {.name = "mix", .check = check_mix}};
 
 }  // namespace
 

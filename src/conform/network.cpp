@@ -45,8 +45,8 @@ reference::Weights rounded_weights(const Subject& subject, const NetworkTrial& t
   return weights;
 }
 
-reference::Outputs truth(const Subject& subject, const NetworkTrial& trial,
-                         const std::map<std::string, Planes>& given) {
+reference::Outputs expected_outputs(const Subject& subject, const NetworkTrial& trial,
+                                    const std::map<std::string, Planes>& given) {
   return reference::network(subject.architecture, rounded_weights(subject, trial), subject.lrhs, subject.hrls,
                             trial.phase, trial.precision, given, trial.exposure, trial.method.tile(),
                             trial.method.units());
@@ -146,7 +146,7 @@ void conform_one(const Collector& collector, const std::string& name, const Subj
                        .kernels = kernels_of(method),
                        .phase = trial.phase,
                        .exposure = trial.exposure});
-    reference::Outputs layers = truth(subject, trial, run.layers);
+    reference::Outputs layers = expected_outputs(subject, trial, run.layers);
     for (const auto& [layer, device] : run.layers) check.within(device, layers.at(layer), layer);
     check.within(run.output, layers.at("output"), "output");
     check.that(run.report.status.saturated == 0, "counted saturated values");
@@ -155,7 +155,7 @@ void conform_one(const Collector& collector, const std::string& name, const Subj
   double rms = 0;
   of("network, whole", [&](Check& check) {
     if (run.layers.empty()) throw Error("the network did not run");
-    const reference::Outputs right = truth(subject, trial, {});
+    const reference::Outputs right = expected_outputs(subject, trial, {});
     carried = right.at("output");
     check.within(run.output, carried);
     const std::map<std::string, Planes> near = in_floats(subject, trial);

@@ -17,7 +17,7 @@ using reference::Size;
 struct Shuffle {
   const char* name;
   void (*layer)(Graph&, const std::string&, const Tensor&, const Tensor&);
-  Bounded (*truth)(const Bounded&, int);
+  Bounded (*expected)(const Bounded&, int);
   bool deepens;  // true: the output has r * r times as many channels
 
   Size in(const Size& small, int r) const { return deepens ? Size{r * small.h, r * small.w} : small; }
@@ -25,8 +25,11 @@ struct Shuffle {
 };
 
 constexpr Shuffle kShuffles[] = {
-    {.name = "space_to_depth", .layer = space_to_depth, .truth = reference::space_to_depth, .deepens = true},
-    {.name = "pixel_shuffle", .layer = pixel_shuffle, .truth = reference::pixel_shuffle, .deepens = false},
+    {.name = "space_to_depth",
+     .layer = space_to_depth,
+     .expected = reference::space_to_depth,
+     .deepens = true},
+    {.name = "pixel_shuffle", .layer = pixel_shuffle, .expected = reference::pixel_shuffle, .deepens = false},
 };
 
 Planes random_input(const Shuffle& shuffle, int channels, const Size& small, int r, Fill fill, uint64_t seed,
@@ -37,7 +40,7 @@ Planes random_input(const Shuffle& shuffle, int channels, const Size& small, int
 
 void check_whole(Check& check, const Target& target, const Shuffle& shuffle, const Planes& x, int r,
                  Precision precision) {
-  const Planes expected = shuffle.truth(reference::exact(x), r).value;
+  const Planes expected = shuffle.expected(reference::exact(x), r).value;
   LayerRun run(target, precision);
   const Tensor in = run.input("in", x), out = run.tensor("out", expected.c, expected.h, expected.w);
   shuffle.layer(run.graph(), "shuffle", in, out);
@@ -48,7 +51,7 @@ void check_whole(Check& check, const Target& target, const Shuffle& shuffle, con
 // Shuffles from a slice to a slice, whose neighbours must stay as they were.
 void check_slices(Check& check, const Target& target, const Shuffle& shuffle, const Planes& x, int r,
                   Precision precision) {
-  const Planes result = shuffle.truth(reference::exact(x), r).value;
+  const Planes result = shuffle.expected(reference::exact(x), r).value;
   const auto other = [&](int channels, const Planes& like, uint64_t seed) {
     return round_to(random_planes(channels, like.h, like.w, Fill::kUniform, seed), precision);
   };

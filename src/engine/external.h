@@ -24,7 +24,7 @@ struct ExternalDevice {
   // vulkanMemoryModelDeviceScope, shaderFloat16, and computeFullSubgroups of VK_EXT_subgroup_size_control.
   // Then fp16 convolutions can use tensor cores, where `raymeld tune` found that to be fastest.
   bool cooperative_matrix = false;
-  // Says that shaderStorageImageWriteWithoutFormat was enabled: fused images may then be Vulkan images.
+  // Says that shaderStorageImageWriteWithoutFormat was enabled: output images may then be Vulkan images.
   bool image_writes = false;
   bool timeline_semaphore = false;                   // the feature was enabled
   bool external_memory_fd = false;                   // VK_KHR_external_memory_fd was enabled

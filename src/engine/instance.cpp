@@ -80,7 +80,7 @@ uint64_t device_memory_bytes(const VulkanFunctions& vk, VkPhysicalDevice device)
   return largest;
 }
 
-void describe_features(const VulkanFunctions& vk, VkPhysicalDevice device, DeviceInfo& info) {
+void find_features(const VulkanFunctions& vk, VkPhysicalDevice device, DeviceInfo& info) {
   auto storage = vk_struct<VkPhysicalDevice16BitStorageFeatures>(
       VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_16BIT_STORAGE_FEATURES);
   auto float16 = vk_struct<VkPhysicalDeviceShaderFloat16Int8Features>(
@@ -226,7 +226,7 @@ DeviceInfo device_info(const VulkanFunctions& vk, VkPhysicalDevice device, uint3
   info.id_lanes = properties.driverVersion >= VK_MAKE_API_VERSION(0, 26, 0, 0) ? info.vector_lanes : 0;
   info.timestamp_period_ns =
       properties.limits.timestampComputeAndGraphics ? properties.limits.timestampPeriod : 0.0;
-  describe_features(vk, device, info);
+  find_features(vk, device, info);
   return info;
 }
 

@@ -28,8 +28,10 @@ struct FuseReport {
   float exposure = 1;         // the factor of radiance for the network
   double device_ms = 0;       // time from a tile's first submit to its end, summed over the tiles
   Status status;              // counts of the values that made the image
-  double kept_share = 0;      // the last frame's share of the frame, with FuserOptions::changed_only
   uint32_t redone_tiles = 0;  // computed again in 32 bits; see FuserOptions::fp32_kernels
+  // Holds the share of the frame's work that was skipped, because nothing changed there since the last frame;
+  // see FuserOptions::changed_only.
+  double skipped_share = 0;
   // FuserOptions::profile fills these, each in the order of the first pass.
   std::vector<PassTime> layers;
   std::vector<PassTime> kernels;

@@ -36,12 +36,12 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
   program_->set_exposure(kHostSet, exposure);
   const Tiling& tiling = plan_.tiling;
   const double count = tiling.count();
-  uint64_t kept = 0;  // LRHS pixels
+  uint64_t skipped = 0;  // LRHS pixels
   for (uint32_t index = 0; index < tiling.count(); ++index) {
     const Tile at = tiling.at(index);
     const auto of_frame = [&](double share) { return !progress || progress((index + share) / count); };
     if (last_frame_ && !last_frame_->has_changed(at, tiling.tile)) {
-      kept += uint64_t{at.core.height} * at.core.width;
+      skipped += uint64_t{at.core.height} * at.core.width;
       if (!of_frame(1)) throw Cancelled();
       continue;
     }
@@ -59,7 +59,7 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
     report.status.saturated += status.saturated;
     report.status.not_finite += status.not_finite;
   }
-  report.kept_share = double(kept) / (double(tiling.frame.height) * tiling.frame.width);
+  report.skipped_share = double(skipped) / (double(tiling.frame.height) * tiling.frame.width);
   return report;
 }
 

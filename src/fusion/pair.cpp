@@ -187,9 +187,9 @@ class Examination {
   std::vector<double> correlations() const {
     std::vector<double> found;
     for_blocks([&](int x, int y) {
-      Values cells{};
-      const double noise = cell_means(x, y, cells);
-      const Moments moments(cells, bounded_block(x, y));
+      Values means{};
+      const double noise = hrls_means(x, y, means);
+      const Moments moments(means, bounded_block(x, y));
       const double floor = kFloor * double(kArea);
       if (moments.xx > kStructure * noise * double(kArea) + floor && moments.yy > floor)
         found.push_back(moments.correlation());
@@ -292,7 +292,7 @@ class Examination {
 
   // Computes the means of the HRLS pixels of each LRHS sample, each pixel in [0, 1) so that no firefly counts
   // for more than one. Returns the variance of such a mean, estimated from how neighbouring pixels differ.
-  double cell_means(int x0, int y0, Values& cells) const {
+  double hrls_means(int x0, int y0, Values& means) const {
     const int side = kSide * scale_;
     const float share = 1 / float(scale_ * scale_);
     double squares = 0;
@@ -300,7 +300,7 @@ class Examination {
       float last = 0;
       for (int x = 0; x < side; ++x) {
         const float value = bounded(hrls_.at(x0 * scale_ + x, y0 * scale_ + y), hrls_.key);
-        cells[size_t(y / scale_ * kSide + x / scale_)] += value * share;
+        means[size_t(y / scale_ * kSide + x / scale_)] += value * share;
         if (x > 0) squares += (value - last) * (value - last);
         last = value;
       }

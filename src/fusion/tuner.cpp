@@ -9,7 +9,7 @@
 
 #include "engine/commands.h"
 #include "engine/program.h"
-#include "io/kept_json.h"
+#include "io/json_file.h"
 #include "numbers.h"
 
 namespace raymeld {
@@ -348,7 +348,7 @@ std::filesystem::path tuning_file(const std::filesystem::path& folder, const Dev
 }
 
 Tuning load_tuning(const std::filesystem::path& file) try {
-  const Json json = load_kept(file, kTuningVersion);
+  const Json json = load_json_file(file, kTuningVersion);
   if (json.is_null()) return {};
   Tuning tuning;
   tuning.addressed = json.at("addressed");
@@ -373,7 +373,7 @@ void save_tuning(const std::filesystem::path& file, const Tuning& tuning) {
                               {"time_ms", entry.time_ms},
                               {"direct_ms", entry.direct_ms}});
   }
-  save_kept(file, kTuningVersion, json);
+  save_json_file(file, kTuningVersion, json);
 }
 
 void tune(const DeviceInfo& device, Storage storage, const Conv2dTimer& time,

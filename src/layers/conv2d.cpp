@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "layers/llvmpipe.h"
 #include "params.h"
 
 namespace raymeld {
@@ -212,13 +213,7 @@ uint32_t parts_of(uint32_t channels, uint32_t most) {
 }
 
 uint32_t blocks_of(const Convolution& conv) {
-  return std::min(divide_up(conv.channels_out, conv.options.how.outputs), kUniformNumbers);
-}
-
-uint32_t usable_vector(const Conv2dKernel& how, uint32_t items) {
-  return how.vector > 0 && RAYMELD_LANES % how.vector == 0 && items / how.vector <= kUniformNumbers
-             ? how.vector
-             : 0;
+  return std::min(divide_up(conv.channels_out, conv.options.how.outputs), llvmpipe::kUniformNumbers);
 }
 
 double tensor_bytes(const Graph& graph, const Convolution& conv) {

@@ -61,9 +61,6 @@ uint32_t parts_of(uint32_t channels, uint32_t most);
 // Conv2dKernel::outputs channels, unless that made more blocks than uniform.glsl can number.
 uint32_t blocks_of(const Convolution& conv);
 
-// Returns Conv2dKernel::vector, or 0 where shaders cannot lay out or number such vectors of `items` items.
-uint32_t usable_vector(const Conv2dKernel& how, uint32_t items);
-
 // Adds convolutions in three steps, band by band: shaders/conv2d/winograd_*.comp. Each but the first reads
 // the output of the one before, and only the rows that this takes are kept.
 void conv2d_winograd(Graph& graph, std::span<const Convolution> convs);

@@ -4,7 +4,6 @@
 namespace raymeld {
 namespace {
 
-static_assert(kStrip == RAYMELD_STRIP);
 static_assert(static_cast<int>(ChannelKind::kRadiance) == RAYMELD_RADIANCE);
 static_assert(static_cast<int>(ChannelKind::kAlbedo) == RAYMELD_ALBEDO);
 static_assert(static_cast<int>(ChannelKind::kNormal) == RAYMELD_NORMAL);

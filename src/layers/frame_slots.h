@@ -8,7 +8,6 @@ namespace raymeld {
 inline constexpr FrameSlot kLrhsSlot = 0, kFusedSlot = 1;
 // HRLS starts at this slot: it is one buffer with all of its layers, or an image of Vulkan for each layer.
 inline constexpr FrameSlot kHrlsSlot = 2;
-inline constexpr uint32_t kMostLayers = kFrameSlots - kHrlsSlot;
 
 // Returns the slot of HRLS's layer i, which has three channels.
 constexpr FrameSlot layer_slot(uint32_t i) { return kHrlsSlot + i; }

@@ -1,12 +1,13 @@
 // Adds the layers of the joint base.
 #include <bit>
 
+#include "layers/llvmpipe.h"
 #include "layers/upsampled.h"
 
 namespace raymeld {
 namespace {
 
-constexpr uint32_t kCandidates = 5;
+constexpr uint32_t kCandidates = RAYMELD_CANDIDATES;
 
 void expect_shape(const std::string& name, const char* what, const Tensor& tensor, const Shape& expected) {
   const Shape& shape = tensor.shape;
@@ -81,10 +82,10 @@ void joint_filter(Graph& graph, const std::string& name, const Tensor& in, const
   if (!std::has_single_bit(step))
     throw Error("layer {}: a step of {} pixels, expected a power of two", name, step);
   const Shape strips{divide_up(shape.height, RAYMELD_JOINT_STRIP * step) * step, shape.width, 1};
-  const uint32_t vector = vector_of_pixels(graph, strips, step);
+  const uint32_t vector = llvmpipe::filter_vector(graph, strips, step);
   Pass pass = pass_of(graph, name, shaders::kJointFilter, {in, albedo, normal, brightness}, out, vector > 0);
   if (vector > 0) pass.constants = {vector};
-  pass.set_push(params::JointFilter{shape.height, shape.width, graph.plane(out), step, {0, 1, 2, 3}});
+  set_push(pass, params::JointFilter{shape.height, shape.width, graph.plane(out), step}, vector > 0);
   pass.groups = pixel_groups(strips);
   constexpr double kFlopOfTap = 34;
   pass.flop = 9 * kFlopOfTap * static_cast<double>(shape.pixels());

@@ -2,6 +2,7 @@
 #include <algorithm>
 
 #include "layers/conv2d.h"
+#include "layers/llvmpipe.h"
 #include "params.h"
 
 namespace raymeld {
@@ -58,7 +59,7 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
                      [=](std::byte* target) { pack_weights(target, conv, outputs, blocks); });
   const uint32_t bias = bias_constant(graph, conv, blocks * outputs);
   const Tensor sums = graph.scratch(conv.name + ".sums", uint64_t{band} * blocks * outputs);
-  const uint32_t vector = usable_vector(how, band);
+  const uint32_t vector = llvmpipe::product_vector(how, band);
   const auto residuals = static_cast<uint32_t>(conv.options.residuals.size());
   for (uint32_t first = 0; first < pixels; first += band) {
     for (const auto& [source, channel] : parts) {
@@ -73,14 +74,10 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
       pass.constants = {
           channels, outputs, channel == 0, last, last && conv.options.relu, last ? residuals : 0};
       if (vector > 0) pass.constants.insert(pass.constants.end(), {how.order, vector});
-      pass.set_push(params::Pointwise{graph.plane(conv.out),
-                                      conv.channels_in,
-                                      channel,
-                                      conv.channels_out,
-                                      blocks,
-                                      first,
-                                      pixels,
-                                      {0, 1, 2, 3}});
+      set_push(pass,
+               params::Pointwise{graph.plane(conv.out), conv.channels_in, channel, conv.channels_out, blocks,
+                                 first, pixels},
+               vector > 0);
       pass.groups = {std::min(band, divide_up(pixels - first, kLocalPixels) * kLocalPixels) / kLocalPixels,
                      blocks, 1};
       pass.flop = share * conv.flop();

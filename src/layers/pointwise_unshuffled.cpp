@@ -2,6 +2,7 @@
 // side x side pixels of the image.
 
 #include "layers/conv2d.h"
+#include "layers/llvmpipe.h"
 #include "params.h"
 
 namespace raymeld {
@@ -32,28 +33,13 @@ void pack_weights(std::byte* target, const Convolution& conv, const Layout& layo
   }
 }
 
-// Returns Graph::vector(), or 0 where pointwise_unshuffled_vectors.comp cannot use such vectors. It is the
-// same for all sizes of a frame, as the layout of the weights depends on it.
-uint32_t vector_of_unshuffled(const Graph& graph, uint32_t side) {
-  const uint32_t vector = graph.vector();
-  const bool possible =
-      vector > 0 && RAYMELD_LANES % vector == 0 && vector % side == 0 && graph.storage() == Storage::kFloat32;
-  return possible ? vector : 0;
-}
-
-// Returns whether pointwise_unshuffled_vectors.comp can number its pairs of vectors and its rows.
-bool has_numbers(const Convolution& conv, uint32_t vector) {
-  static_assert(kVectorsPixels * sizeof(float) <= Graph::kGuardBytes);
-  return conv.height <= kUniformNumbers && divide_up(conv.in.shape.width, 2 * vector) <= kUniformNumbers;
-}
-
 }  // namespace
 
 void conv2d_pointwise_unshuffled(Graph& graph, const Convolution& conv) {
   if (conv.options.shuffle > 1 || !conv.options.residuals.empty())
     throw Error("layer {}: an unshuffled 1x1 cannot shuffle its output or add residuals", conv.name);
-  const uint32_t side = conv.options.unshuffle, vector = vector_of_unshuffled(graph, side);
-  const bool by_vectors = vector > 0 && has_numbers(conv, vector);
+  const uint32_t side = conv.options.unshuffle, vector = llvmpipe::unshuffled_vector(graph, side);
+  const bool by_vectors = vector > 0 && llvmpipe::numbers_unshuffled(conv, vector);
   const uint32_t blocks = divide_up(conv.channels_out, kMostOutputs);
   const Layout layout{.side = side,
                       .channels = conv.in.shape.channels,
@@ -70,12 +56,10 @@ void conv2d_pointwise_unshuffled(Graph& graph, const Convolution& conv) {
                        read_binding(conv.in), write_binding(conv.out)},
                       by_vectors);
   pass.constants = {side, layout.channels, layout.outputs, conv.options.relu, layout.weight_columns};
-  pass.set_push(params::PointwiseUnshuffled{graph.plane(conv.in),
-                                            conv.in.shape.width,
-                                            graph.plane(conv.out),
-                                            conv.height,
-                                            conv.channels_out,
-                                            {0, 1, 2, 3}});
+  set_push(pass,
+           params::PointwiseUnshuffled{graph.plane(conv.in), conv.in.shape.width, graph.plane(conv.out),
+                                       conv.height, conv.channels_out},
+           by_vectors);
   if (by_vectors) {
     pass.groups = {divide_up(conv.in.shape.width, kVectorsPixels), blocks, conv.height};
   } else {

@@ -5,6 +5,7 @@
 
 #include "layers/frame_slots.h"
 #include "numbers.h"
+#include "params.h"
 
 namespace raymeld {
 
@@ -58,6 +59,16 @@ inline Pass pass_of(const Graph& graph, std::string name, const Forms& forms, st
   return pass;
 }
 
+// Sets the push constants, after which shaders/llvmpipe finds digits: see uniform.glsl.
+template <typename Params>
+void set_push(Pass& pass, const Params& params, bool vectors) {
+  const struct {
+    Params params;
+    uint32_t digits[4];
+  } with_digits{params, {0, 1, 2, 3}};
+  vectors ? pass.set_push(with_digits) : pass.set_push(params);
+}
+
 inline Binding read_binding(const Tensor& tensor) {
   return {.kind = Binding::Kind::kTensor, .access = Access::kRead, .tensor = tensor};
 }
@@ -82,8 +93,6 @@ inline Binding exposure_binding(Access access = Access::kRead) {
   return {.kind = Binding::Kind::kExposure, .access = access};
 }
 
-inline constexpr uint32_t kUniformNumbers = 4096;  // uniform_number() returns numbers below this
-
 inline constexpr uint32_t kPixelsX = 64, kPixelsY = 2;  // pixels of a workgroup
 
 // Returns the workgroups of a shader with one invocation for each element.
@@ -96,21 +105,11 @@ constexpr std::array<uint32_t, 3> pixel_groups(const Shape& shape) {
   return element_groups({shape.height, shape.width, 1});
 }
 
-inline constexpr uint32_t kStrip = 4;  // pixels of an invocation, RAYMELD_STRIP
+inline constexpr uint32_t kStrip = RAYMELD_STRIP;  // pixels of an invocation
 
 // Returns the workgroups of a shader that uses strip.glsl.
 constexpr std::array<uint32_t, 3> strip_groups(const Shape& shape) {
   return element_groups({divide_up(shape.height, kStrip), shape.width, shape.channels});
-}
-
-// Returns Graph::vector(), or 0 where shaders with these workgroups cannot read such vectors up to
-// `reach` pixels beside their own.
-inline uint32_t vector_of_pixels(const Graph& graph, const Shape& invocations, uint32_t reach) {
-  const uint32_t lanes = graph.vector();
-  if (lanes == 0 || kPixelsX % lanes != 0 || graph.storage() != Storage::kFloat32) return 0;
-  const auto [x, y, z] = pixel_groups(invocations);
-  const bool numbered = x * (kPixelsX / lanes) <= kUniformNumbers && y * kPixelsY <= kUniformNumbers;
-  return numbered && (kPixelsX + reach) * sizeof(float) <= Graph::kGuardBytes ? lanes : 0;
 }
 
 // Returns the bytes of a tensor, read or written once.

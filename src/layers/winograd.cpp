@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "layers/conv2d.h"
+#include "layers/llvmpipe.h"
 #include "params.h"
 
 namespace raymeld {
@@ -14,8 +15,6 @@ namespace {
 constexpr uint32_t kWeightsLocal = 64;               // invocations of a workgroup of winograd_weights.comp
 constexpr uint32_t kMultiplyLocal = 64;              // tiles of a workgroup of winograd_multiply.comp
 constexpr uint32_t kTransformLocal = 64;             // tiles of a workgroup of the transforms
-constexpr uint32_t kInputVector = 8;                 // lanes of a vector of winograd_input_vectors.comp
-constexpr uint32_t kInputVectorPixels = 64;          // pixels of so many pairs of tiles in a row
 constexpr uint64_t kMostScratchElements = 1u << 24;  // bands are lower where they would need more
 constexpr uint32_t kPaddingElements = 16;  // keeps positions from falling into the same set of a cache
 
@@ -84,8 +83,9 @@ struct Steps {
   Tensor weights = graph.scratch(conv.name + ".weights", uint64_t{s.weights_stride} * s.positions);
   uint32_t bias = bias_constant(graph, conv, s.channels_out);
   uint32_t zeros = graph.constant(
-      conv.name + ".zeros", kInputVectorPixels * sizeof(float),
-      [](std::byte* target) { std::fill_n(reinterpret_cast<float*>(target), kInputVectorPixels, 0.0f); });
+      conv.name + ".zeros", llvmpipe::kInputVectorPixels * sizeof(float), [](std::byte* target) {
+        std::fill_n(reinterpret_cast<float*>(target), llvmpipe::kInputVectorPixels, 0.0f);
+      });
 
   // Returns the share of the whole convolution that a band is.
   double share(uint32_t first_tile_row) const {
@@ -102,20 +102,8 @@ struct Steps {
     return paired() && floats_by_address() && conv.options.shuffle % 2 == 0;
   }
 
-  // Returns whether winograd_input_vectors.comp can read rows of an image that is unshuffled by `unshuffle`.
-  bool by_vectors(uint32_t unshuffle) const {
-    return by_pairs(unshuffle) && s.tile == 4 && conv.width % kInputVectorPixels == 0 &&
-           conv.channels_in <= kUniformNumbers &&
-           usable_vector(conv.options.how, s.band_tiles) == kInputVector;
-  }
-
-  // Returns whether an invocation of winograd_multiply_vectors.comp computes the products of
-  // two tiles, one vector apart.
-  bool paired() const {
-    static_assert(2 * kPairedVector == RAYMELD_LANES);
-    return graph.addressed() && conv.channels_out <= kUniformNumbers &&
-           usable_vector(conv.options.how, s.band_tiles) == kPairedVector;
-  }
+  // Returns whether an invocation of winograd_multiply_vectors.comp computes two tiles, one vector apart.
+  bool paired() const { return llvmpipe::paired_vector(graph, conv, s.band_tiles) > 0; }
 
   void transform_weights() const {
     const uint64_t filters_bytes = uint64_t{9} * s.weights_stride * element_bytes(graph.storage());
@@ -136,23 +124,17 @@ struct Steps {
     uint32_t channel = 0;
     for (const Tensor& in : conv.inputs()) {
       const uint32_t u = conv.options.unshuffle, channels = in.shape.channels * u * u;
-      const bool vectors = by_vectors(u);
+      const bool vectors = llvmpipe::input_vector(graph, conv, s.band_tiles) > 0;
       std::vector<Binding> bindings{read_binding(in)};
       if (vectors) bindings.push_back(constant_binding(zeros));
       bindings.push_back(write_binding(scratch.transformed));
       Pass p = pass_of(graph, conv.name, shaders::kWinogradInput, std::move(bindings), vectors);
       p.constants = {s.tile};
       if (!vectors) p.constants.insert(p.constants.end(), {u, by_pairs(u)});
-      p.set_push(params::WinogradInput{conv.height,
-                                       conv.width,
-                                       graph.plane(in),
-                                       graph.rows_mask(in),
-                                       s.tiles_x,
-                                       first_tile_row,
-                                       conv.channels_in,
-                                       channel,
-                                       s.transformed_stride,
-                                       {0, 1, 2, 3}});
+      set_push(p,
+               params::WinogradInput{conv.height, conv.width, graph.plane(in), graph.rows_mask(in), s.tiles_x,
+                                     first_tile_row, conv.channels_in, channel, s.transformed_stride},
+               vectors);
       p.groups = {s.band_tiles / kTransformLocal, 1, channels};
       p.bytes = share(first_tile_row) * traffic(graph, in);
       graph.add(std::move(p));
@@ -162,7 +144,7 @@ struct Steps {
 
   void multiply(uint32_t first_tile_row, uint32_t part) const {
     const uint32_t first = part * conv.channels_in / s.parts, end = (part + 1) * conv.channels_in / s.parts;
-    const uint32_t vector = usable_vector(conv.options.how, s.band_tiles);
+    const uint32_t vector = llvmpipe::product_vector(conv.options.how, s.band_tiles);
     Binding weight = read_binding(weights);
     weight.by_address = true;
     Pass p =
@@ -173,13 +155,10 @@ struct Steps {
       const uint32_t local = paired() ? kMultiplyLocal / 2 : kMultiplyLocal;
       p.constants.insert(p.constants.end(), {conv.options.how.order, vector, local, paired()});
     }
-    p.set_push(params::WinogradMultiply{conv.channels_in,
-                                        first,
-                                        s.blocks,
-                                        s.weights_stride,
-                                        s.transformed_stride,
-                                        s.products_stride,
-                                        {0, 1, 2, 3}});
+    set_push(p,
+             params::WinogradMultiply{conv.channels_in, first, s.blocks, s.weights_stride,
+                                      s.transformed_stride, s.products_stride},
+             vector > 0);
     p.groups = {s.band_tiles / kMultiplyLocal, s.blocks, s.positions};
     p.flop = share(first_tile_row) * conv.flop() / s.parts;
     p.bytes = share(first_tile_row) * double(s.weights_stride) * s.positions * sizeof(float) / s.parts;
@@ -209,18 +188,12 @@ struct Steps {
     }
     // Rows below the band belong to the next one.
     const uint32_t end = std::min(conv.height, (first_tile_row + s.band_rows) * s.tile);
-    p.set_push(params::WinogradOutput{end,
-                                      conv.height,
-                                      conv.width,
-                                      graph.plane(conv.out),
-                                      graph.rows_mask(conv.out),
-                                      graph.plane(residual),
-                                      graph.rows_mask(residual),
-                                      s.tiles_x,
-                                      first_tile_row,
-                                      s.channels_out,
-                                      s.products_stride,
-                                      {0, 1, 2, 3}});
+    set_push(
+        p,
+        params::WinogradOutput{end, conv.height, conv.width, graph.plane(conv.out), graph.rows_mask(conv.out),
+                               graph.plane(residual), graph.rows_mask(residual), s.tiles_x, first_tile_row,
+                               s.channels_out, s.products_stride},
+        paired());
     p.groups = {s.band_tiles / kTransformLocal, 1, conv.channels_out / outputs};
     p.bytes = share(first_tile_row) * traffic(graph, conv.out) * (1.0 + double(residuals.size()));
     graph.add(std::move(p));

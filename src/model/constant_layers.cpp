@@ -66,7 +66,7 @@ std::vector<std::string> image_layers(const Architecture& a, const ConstantLayer
 
 void take_constant_layers(const Architecture& a, Image& hrls, ConstantLayers& constants) {
   const size_t plane = hrls.plane_size();
-  int kept = 0, next = 0;
+  int written = 0, next = 0;  // channels
   for (const std::string& layer : image_layers(a, constants)) {
     std::array<float, 3> values{};
     bool constant = layer != "color";
@@ -78,13 +78,13 @@ void take_constant_layers(const Architecture& a, Image& hrls, ConstantLayers& co
     if (constant) {
       constants[layer] = values;
     } else {
-      if (kept != next) std::copy_n(hrls.plane(next), 3 * plane, hrls.plane(kept));
-      kept += 3;
+      if (written != next) std::copy_n(hrls.plane(next), 3 * plane, hrls.plane(written));
+      written += 3;
     }
     next += 3;
   }
-  hrls.channels = kept;
-  hrls.data.resize(size_t(kept) * plane);
+  hrls.channels = written;
+  hrls.data.resize(size_t(written) * plane);
 }
 
 HrlsChannels hrls_channels(const Architecture& a, const ConstantLayers& constants, bool compute_variance) {

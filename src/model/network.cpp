@@ -14,7 +14,7 @@ namespace {
 
 // The joint base filters in kJointLevels levels. The first, the third and the fifth are candidates, beside
 // LRHS and its irradiance.
-constexpr uint32_t kJointKept = 3, kCandidates = 2 + kJointKept;
+constexpr uint32_t kFilteredCandidates = 3, kCandidates = 2 + kFilteredCandidates;
 
 struct Builder {
   Graph& graph;
@@ -61,7 +61,7 @@ struct Builder {
   std::vector<std::optional<float>> constants(uint32_t channels) const {
     std::vector<std::optional<float>> result(channels);
     result.insert(result.end(), hrls_channels.constants.begin(), hrls_channels.constants.end());
-    result.resize(result.size() + (a.base == Base::kJoint ? 3 * kJointKept : 0));
+    result.resize(result.size() + (a.base == Base::kJoint ? 3 * kFilteredCandidates : 0));
     return result;
   }
 
@@ -159,9 +159,9 @@ struct Builder {
     return hrls.slice(hrls_channels.first.at(name), 3);
   }
 
-  // Demodulates HRLS and LRHS by albedo, filters them, and writes (H, W, 3 kJointKept), the remodulated
-  // candidates. Albedo, normal and the irradiance of LRHS guide the filter. The irradiance is computed here
-  // too, into channels 3 to 5 of encode.lrhs.
+  // Demodulates HRLS and LRHS by albedo, filters them, and writes (H, W, 3 kFilteredCandidates), the
+  // remodulated candidates. Albedo, normal and the irradiance of LRHS guide the filter. The irradiance is
+  // computed here too, into channels 3 to 5 of encode.lrhs.
   void joint_candidates(const Tensor& lrhs, const Tensor& hrls, const Tensor& candidates,
                         const JointOptions& options) {
     const Tensor albedo = layer(hrls, "albedo"), normal = layer(hrls, "normal");
@@ -215,7 +215,7 @@ void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
   // A joint base puts the irradiance after the encoded LRHS, and the filtered images after the encoded HRLS.
   const Tensor lrhs = build.tensor("encode.lrhs", height, width, joint ? 6 : 3);
   const uint32_t layers = static_cast<uint32_t>(hrls_channels.encoded.size());
-  const uint32_t k = layers + (joint ? 3 * kJointKept : 0);
+  const uint32_t k = layers + (joint ? 3 * kFilteredCandidates : 0);
   const Tensor hrls = build.tensor("encode.hrls", full_height, full_width, k);
   const Tensor filtered = hrls.slice(layers, k - layers);
   encode(graph, "encode.lrhs", kLrhsSlot, lrhs.slice(0, 3), lrhs_channels, a.transfer, a.clip);
@@ -246,9 +246,9 @@ void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
   decode(graph, "decode", mixed, {a.transfer, nullptr, a.scale, phase, &bright, a.clip});
 }
 
-// Returns the largest encoded radiance.
-double encoded_range(const Architecture& a) {
-  return a.transfer == Transfer::kLog ? std::log1p(8.0 * a.clip) / 3 : a.clip;
+// Encodes radiance as shaders/include/transfer.glsl does. Encoded radiance is at most the encoded clip.
+double encoded(Transfer transfer, float radiance) {
+  return transfer == Transfer::kLog ? std::log1p(8.0 * radiance) / 3 : radiance;
 }
 
 }  // namespace
@@ -265,10 +265,11 @@ void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, 
 
 ActivationEstimate estimate_activations(const Model& model) {
   Graph graph(Storage::kFloat32);
-  ActivationEstimate estimate(encoded_range(model.architecture()));
+  const Architecture& a = model.architecture();
+  ActivationEstimate estimate(encoded(a.transfer, a.clip));
   const Conv2dChoice choose = conv2d_direct;
   const StorageExponents none;
-  const HrlsChannels all = hrls_channels(model.architecture(), {});
+  const HrlsChannels all = hrls_channels(a, {});
   Builder build{.graph = graph,
                 .model = model,
                 .choose = choose,
@@ -287,7 +288,7 @@ StorageExponents storage_exponents(const Model& model) {
 
 bool tile_4_is_accurate(const Architecture& a, const ConvWeights& weights, uint32_t channels_in) {
   constexpr double kMost = 0x1p-10, kUnit = 0x1p-24, kTransformRoundings = 29;
-  return std::sqrt(channels_in + kTransformRoundings) * kUnit * encoded_range(a) *
+  return std::sqrt(channels_in + kTransformRoundings) * kUnit * encoded(a.transfer, a.clip) *
              winograd_amplification(weights, channels_in) <=
          kMost;
 }

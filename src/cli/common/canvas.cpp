@@ -37,22 +37,22 @@ std::optional<Canvas> fit(const Windows& lrhs, const Windows& hrls, int scale) {
   }
   if (!displays_match) return std::nullopt;
   // These are LRHS pixels, counted from the display window's corner, which both files share.
-  const Box2i cells(divide_down(hrls.data.min - hrls.display.min, scale),
-                    divide_down(hrls.data.max - hrls.display.min, scale));
-  if (!cells.intersects(moved(lrhs.data, -lrhs.display.min))) return std::nullopt;
-  const Box2i full(cells.min * scale, (cells.max + V2i(1)) * scale - V2i(1));
-  return Canvas{scale, moved(cells, lrhs.display.min), moved(full, hrls.display.min)};
+  const Box2i touched(divide_down(hrls.data.min - hrls.display.min, scale),
+                      divide_down(hrls.data.max - hrls.display.min, scale));
+  if (!touched.intersects(moved(lrhs.data, -lrhs.display.min))) return std::nullopt;
+  const Box2i full(touched.min * scale, (touched.max + V2i(1)) * scale - V2i(1));
+  return Canvas{scale, moved(touched, lrhs.display.min), moved(full, hrls.display.min)};
 }
 
-Canvas part_of(const Canvas& canvas, const Box2i& kept, int halo) {
+Canvas part_of(const Canvas& canvas, const Box2i& window, int halo) {
   const int s = canvas.scale;
   const V2i last = canvas.lrhs.max - canvas.lrhs.min;
-  const V2i first_cell = (kept.min - canvas.hrls.min) / s - V2i(halo),
-            last_cell = (kept.max - canvas.hrls.min) / s + V2i(halo);
-  const Box2i cells({std::max(first_cell.x, 0), std::max(first_cell.y, 0)},
-                    {std::min(last_cell.x, last.x), std::min(last_cell.y, last.y)});
-  const Box2i full(cells.min * s, (cells.max + V2i(1)) * s - V2i(1));
-  return {s, moved(cells, canvas.lrhs.min), moved(full, canvas.hrls.min)};
+  const V2i from = (window.min - canvas.hrls.min) / s - V2i(halo),
+            to = (window.max - canvas.hrls.min) / s + V2i(halo);
+  const Box2i with_halo({std::max(from.x, 0), std::max(from.y, 0)},
+                        {std::min(to.x, last.x), std::min(to.y, last.y)});
+  const Box2i full(with_halo.min * s, (with_halo.max + V2i(1)) * s - V2i(1));
+  return {s, moved(with_halo, canvas.lrhs.min), moved(full, canvas.hrls.min)};
 }
 
 Image seen_through(Image image, const Box2i& from, const Box2i& to) {

@@ -29,9 +29,9 @@ std::optional<Canvas> fit(const Windows& lrhs, const Windows& hrls, int scale);
 // Returns whether both data windows start at the same place of the picture, to within one LRHS pixel.
 bool starts_agree(const Windows& lrhs, const Windows& hrls, int scale);
 
-// Returns the part of `canvas` for its full-size window `kept`: the LRHS pixels that the window touches and
+// Returns the part of `canvas` for a full-size window of it: the LRHS pixels that `window` touches and
 // `halo` more on each side, within the canvas.
-Canvas part_of(const Canvas& canvas, const Imath::Box2i& kept, int halo);
+Canvas part_of(const Canvas& canvas, const Imath::Box2i& window, int halo);
 
 // Crops `image`, which covers the window `from`, to the window `to`; repeats its edge where it has no pixels.
 Image seen_through(Image image, const Imath::Box2i& from, const Imath::Box2i& to);

@@ -1,7 +1,5 @@
 #include "cli/common/console.h"
 
-#include <unistd.h>
-
 #include <atomic>
 #include <cerrno>
 #include <cstdio>
@@ -9,6 +7,7 @@
 #include <mutex>
 
 #include "error.h"
+#include "platform/terminal.h"
 
 namespace raymeld::cli {
 namespace {
@@ -73,7 +72,7 @@ nlohmann::ordered_json to_json(const std::vector<Warning>& warnings) {
 }
 
 ProgressBar::ProgressBar(const Console& console)
-    : shown_(console.notes()), terminal_(isatty(STDERR_FILENO) != 0) {
+    : shown_(console.notes()), terminal_(is_stderr_terminal()) {
   update(0);
 }
 

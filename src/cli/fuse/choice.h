@@ -1,4 +1,4 @@
-// Chooses the model of fuse when the user asks for a quality, a time or a PSNR and names no model.
+// Chooses the model of fuse when the user asks for a quality or a time and names no model.
 #pragma once
 
 #include <nlohmann/json.hpp>

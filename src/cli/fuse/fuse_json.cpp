@@ -75,7 +75,7 @@ Json frame_json(const FuseFrame& frame, const DeviceInfo& device, const QualityT
   if (frame.arguments.choice) json["choice"] = to_json(*frame.arguments.choice);
   json["constant_layers"] = found_constants(frame);
   json["redone_tiles"] = result.report.redone_tiles;
-  json["kept_share"] = result.report.kept_share;
+  json["skipped_share"] = result.report.skipped_share;
   json["device_ms"] = result.report.device_ms;
   json["fuse_ms"] = result.time_ms;
   json["total_ms"] = total_ms;

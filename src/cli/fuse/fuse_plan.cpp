@@ -45,7 +45,7 @@ std::string plan_text(const FuseArguments& arguments, FuseFiles& files, const De
   const Tiling& tiling = plan.fusion.tiling;
   const Graph& graph = plan.fusion.graph;
   return fmt::format("{}\n{}\n{}\n{}\ninput exposure {:.4g}\n", read_text(arguments, files),
-                     device_text(arguments, files, device.info()), found_text(findings(files)),
+                     device_text(files, device.info(), plan.options.storage), found_text(findings(files)),
                      channels_text(arguments, files), plan.exposure) +
          fmt::format("{} tile(s) of {} x {} LRHS pixels, halo {}; {:.3f} GFLOP, {:.1f} % of it for halos\n",
                      tiling.count(), tiling.tile.width, tiling.tile.height, tiling.halo,

@@ -147,8 +147,7 @@ std::string read_text(const FuseArguments& names, const FuseFiles& files) {
                      names.hrls, size_text(files.hrls_windows.data), window_text(files), files.canvas.scale);
 }
 
-std::string device_text(const FuseArguments& arguments, const FuseFiles& files, const DeviceInfo& device) {
-  const Storage storage = storage_for(arguments.precision, device, *files.model);
+std::string device_text(const FuseFiles& files, const DeviceInfo& device, Storage storage) {
   return fmt::format("fusing on {} with {} in {}", device.name, files.model->name(), precision_name(storage));
 }
 
@@ -158,7 +157,8 @@ std::string found_text(const std::vector<std::string>& findings) {
 
 std::vector<std::string> opening_lines(const FuseArguments& names, const FuseFrame& frame,
                                        const DeviceInfo& device) {
-  return {read_text(names, frame.files), device_text(names, frame.files, device),
+  const Storage storage = storage_for(names.precision, device, *frame.files.model);
+  return {read_text(names, frame.files), device_text(frame.files, device, storage),
           found_text(findings(frame))};
 }
 
@@ -174,9 +174,9 @@ std::string took_text(const FuseFrame& frame, double total_ms) {
   std::string text = fmt::format(
       "{:.0f} ms on the device, {:.0f} ms in total, {:.0f} MiB of device memory; input exposure {:.4g}",
       report.device_ms, total_ms, double(frame.result.allocated_bytes) / kMebibyte, report.exposure);
-  if (report.kept_share > 0) {
+  if (report.skipped_share > 0) {
     text += fmt::format("; {:.0f} % of the frame is copied from the last one, as nothing changed there",
-                        100 * report.kept_share);
+                        100 * report.skipped_share);
   }
   return text;
 }

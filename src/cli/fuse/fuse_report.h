@@ -19,13 +19,13 @@ std::vector<std::string> opening_lines(const FuseArguments& names, const FuseFra
 
 // These return the lines of opening_lines() one by one.
 std::string read_text(const FuseArguments& names, const FuseFiles& files);
-std::string device_text(const FuseArguments& arguments, const FuseFiles& files, const DeviceInfo& device);
+std::string device_text(const FuseFiles& files, const DeviceInfo& device, Storage storage);
 std::string found_text(const std::vector<std::string>& findings);
 
 // Returns the channels that each layer comes from, a line each, for --verbose and --dry-run.
 std::string channels_text(const FuseArguments& names, const FuseFiles& files);
 
-// Returns the times, the memory and the exposure of a fused frame, and the share taken from the last frame.
+// Returns the times, the memory and the exposure of a fused frame, and how much of its work was skipped.
 std::string took_text(const FuseFrame& frame, double total_ms);
 
 // Returns the files that were written, separated by commas.

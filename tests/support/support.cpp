@@ -4,6 +4,7 @@
 #include <cstdlib>
 #include <fstream>
 #include <iterator>
+#include <regex>
 #include <stdexcept>
 #include <system_error>
 
@@ -46,6 +47,21 @@ bool is_tried(size_t index, size_t step) { return full_extent() || index % step 
 
 std::filesystem::path source_path(const std::filesystem::path& relative) {
   return std::filesystem::path(RAYMELD_SOURCE_DIR) / relative;
+}
+
+std::set<std::string> names_in(const std::filesystem::path& file, const char* pattern) {
+  const std::string content = read_file(file);
+  const std::regex name(pattern);
+  std::set<std::string> names;
+  for (std::sregex_iterator at(content.begin(), content.end(), name), end; at != end; ++at)
+    names.insert((*at)[1].str());
+  return names;
+}
+
+std::set<std::string> layer_names() {
+  auto names = names_in(source_path("src/layers/layers.h"), R"re(\nvoid (\w+)\(Graph& graph)re");
+  names.erase("conv2d_chain");  // it is conv2d() again and again
+  return names;
 }
 
 }  // namespace raymeld::test

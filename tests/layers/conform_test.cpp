@@ -29,6 +29,7 @@ class ConformTest : public GpuTest, public testing::WithParamInterface<Suite> {}
 
 TEST_P(ConformTest, Passes) {
   std::map<std::string, double> worst;
+  const std::set<std::string> layers = layer_names();
   size_t passed = 0;
   const conform::Options options{
       .extent = full_extent() ? conform::Extent::kFull : conform::Extent::kQuick,
@@ -36,6 +37,8 @@ TEST_P(ConformTest, Passes) {
         expect_passed(finding);
         passed += finding.outcome == Outcome::kPassed;
         const auto& [layer, kernel, precision, shape] = finding.of;
+        if (GetParam().name != std::string("network"))
+          EXPECT_TRUE(layers.contains(layer.substr(0, layer.find(' ')))) << layer << " is no layer";
         double& kept = worst[fmt::format("{} {} {}", layer, kernel, name_of(precision))];
         kept = std::max(kept, finding.worst.ratio);
         if (finding.rms_ratio == 0) return;

@@ -289,7 +289,7 @@ TEST_F(FaultsTest, SmallerTilesTakeNothingOfTheLastFrame) {
   const FuseReport report = fuser.fuse(image_of(subject_.lrhs), image_of(subject_.hrls), fused);
   interposed().fault = {};
   EXPECT_GT(fuser.plan().tiling.count(), 1u);
-  EXPECT_EQ(report.kept_share, 0);
+  EXPECT_EQ(report.skipped_share, 0);
   EXPECT_TRUE(same_bits(fused.data, run(caller, {}).values));
 }
 

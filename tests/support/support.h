@@ -7,6 +7,7 @@
 #include <functional>
 #include <map>
 #include <optional>
+#include <set>
 #include <span>
 #include <string>
 #include <vector>
@@ -55,6 +56,12 @@ std::string bytes_of(const Value& value) {
 std::string read_file(const std::filesystem::path& path);
 void write_file(const std::filesystem::path& path, std::string_view content);
 std::filesystem::path source_path(const std::filesystem::path& relative);  // a path in the repository
+
+// Returns the first groups of all matches of a regular expression in a file.
+std::set<std::string> names_in(const std::filesystem::path& file, const char* pattern);
+
+// Returns the names of the layers that src/layers/layers.h declares.
+std::set<std::string> layer_names();
 
 // Returns whether RAYMELD_TEST_EXTENT=full asks for every combination of what a test tries.
 bool full_extent();

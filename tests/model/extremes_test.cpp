@@ -75,7 +75,7 @@ std::vector<FuserOptions> all_options() {
   return all;
 }
 
-std::string describe(const FuserOptions& options) {
+std::string text_of(const FuserOptions& options) {
   return fmt::format("{} {}", options.storage == Storage::kFloat16 ? "fp16" : "fp32",
                      most_tile(options.kernels) > 0 ? "default kernels" : "direct");
 }
@@ -138,7 +138,7 @@ TEST_F(ExtremesTest, WhateverTheImagesHoldTheOutputKeepsTheBounds) {
       reference::Weights weights;
       for (const auto& [name, conv] : subject.weights) weights[name] = round_to(conv, precision);
       for (const auto& [name, change] : input_classes()) {
-        SCOPED_TRACE(name + ", " + describe(options));
+        SCOPED_TRACE(name + ", " + text_of(options));
         Planes lrhs = subject.lrhs, hrls = subject.hrls;
         change(lrhs, hrls);
         const Fused fused = fuse(fuser, lrhs, hrls);
@@ -146,7 +146,7 @@ TEST_F(ExtremesTest, WhateverTheImagesHoldTheOutputKeepsTheBounds) {
         EXPECT_EQ(fused.report.status.saturated, 0u);
         const auto expected = reference::network(architecture, weights, lrhs, hrls, 0, precision, {}, 1,
                                                  most_tile(options.kernels));
-        EXPECT_TRUE(within_bounds(describe(options), fused.image, expected.at("output")));
+        EXPECT_TRUE(within_bounds(text_of(options), fused.image, expected.at("output")));
       }
     }
   }
@@ -163,7 +163,7 @@ TEST_F(ExtremesTest, AnyBrightnessGivesTheSamePicture) {
     Fuser fuser = make_fuser(model, lrhs, options);
     const Planes expected = fuse(fuser, lrhs, hrls).image;
     for (int stops = -20; stops <= 12; stops += 4) {
-      SCOPED_TRACE(fmt::format("2^{}, {}", stops, describe(options)));
+      SCOPED_TRACE(fmt::format("2^{}, {}", stops, text_of(options)));
       Planes low = lrhs, high = hrls;
       for (double& v : low.data) v = std::ldexp(v, stops);
       for (int c = 0; c < 3; ++c)
@@ -270,7 +270,7 @@ TEST_F(ExtremesTest, ABadPixelOfHrlsIsDimmedAndStaysWhereItIs) {
       const Planes clean = fuse(fuser, scene.lrhs, scene.hrls).image;
       const DependsOn depends = within_reach(model, scene.lrhs.w, most_tile(options.kernels));
       for (const double value : {1e4, 1e8, 1e30, double(FLT_MAX), kInfinity, -kInfinity, kNaN, -1e8, 0.0}) {
-        SCOPED_TRACE(fmt::format("{:g} at brightness {}, {}", value, brightness, describe(options)));
+        SCOPED_TRACE(fmt::format("{:g} at brightness {}, {}", value, brightness, text_of(options)));
         Planes hrls = scene.hrls;
         for (int c = 0; c < 3; ++c) hrls.at(c, 30, 50) = hrls.at(9 + c, 30, 50) = value;
         const Planes fused = fuse(fuser, scene.lrhs, hrls).image;
@@ -292,7 +292,7 @@ TEST_F(ExtremesTest, ABadPixelReachesAsFarAsItsKernelsSay) {
     const Planes clean = fuse(fuser, subject.lrhs, subject.hrls).image;
     const DependsOn depends = within_reach(model, subject.lrhs.w, most_tile(options.kernels));
     for (const double value : {1e8, kInfinity, kNaN}) {
-      SCOPED_TRACE(fmt::format("{:g}, {}", value, describe(options)));
+      SCOPED_TRACE(fmt::format("{:g}, {}", value, text_of(options)));
       Planes hrls = subject.hrls;
       for (int c = 0; c < hrls.c; ++c) hrls.at(c, 9, 8) = value;
       const Planes fused = fuse(fuser, subject.lrhs, hrls).image;
@@ -333,7 +333,7 @@ TEST_F(ExtremesTest, ALampBeyondTheClipKeepsItsLight) {
     const Model model = stock_model("x4-fast");
     for (FuserOptions options : all_options()) {
       if (!is_tried(combinations++, 3)) continue;
-      SCOPED_TRACE(describe(options) + (centered ? ", centered" : ", nearest"));
+      SCOPED_TRACE(text_of(options) + (centered ? ", centered" : ", nearest"));
       options.phase = lrhs_phase(centered, 4);
       const Planes fused = fuse_once(model, scene.lrhs, scene.hrls, options).image;
       for (int c = 0; c < 3; ++c) {
@@ -350,8 +350,8 @@ TEST_F(ExtremesTest, ALampBeyondTheClipKeepsItsLight) {
 // --- Winograd beside fireflies
 
 // Winograd F(4, 3) may spread a firefly over its tile by less than a quarter of a step of a display.
-TEST_F(ExtremesTest, FirefliesDoNotSpreadThroughMinimalFiltering) {
-  if (most_tile(default_kernels(gpu().info())) == 0) GTEST_SKIP() << "no minimal filtering by default here";
+TEST_F(ExtremesTest, FirefliesDoNotSpreadThroughWinograd) {
+  if (most_tile(default_kernels(gpu().info())) == 0) GTEST_SKIP() << "no Winograd by default here";
   const double brightness = 1e-2;
   Scene scene = make_scene(4, 24, 24, brightness);
   const Planes at = random_planes(2, 1, 40, Fill::kUniform, 32);
@@ -430,7 +430,7 @@ TEST_F(ExtremesTest, ActivationsBeyondHalfAreScaled) {
       if (options.storage != Storage::kFloat16) continue;
       const Fused fused = fuse_once(model, subject.lrhs, hrls, options);
       EXPECT_EQ(fused.report.status.saturated, 0u);
-      EXPECT_LT(relative_difference(fused.image, expected.image), 4e-3) << describe(options);
+      EXPECT_LT(relative_difference(fused.image, expected.image), 4e-3) << text_of(options);
     }
   }
 }

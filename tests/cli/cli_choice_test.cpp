@@ -29,13 +29,13 @@ class CliChoice : public Cli {
                            {.model = "x4-b", .scale = 4, .time_ms = 20, .psnr_db = 30.2}}});
   }
 
-  static std::vector<std::string> wish(const std::vector<std::string>& more) {
+  static std::vector<std::string> request(const std::vector<std::string>& more) {
     std::vector<std::string> arguments = {"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "-o", "out.exr"};
     arguments.insert(arguments.end(), more.begin(), more.end());
     return arguments;
   }
   Json chosen(const std::string& option, const std::string& value) const {
-    return run_json(wish({option, value, "--json"})).at("choice");
+    return run_json(request({option, value, "--json"})).at("choice");
   }
 };
 
@@ -52,17 +52,17 @@ TEST_F(CliChoice, ByQuality) {
   EXPECT_NEAR(chosen("--quality", "fast").at("loss_db"), 0.21, 1e-9);
 }
 
-TEST_F(CliChoice, WithoutAWishItIsTheBalancedOne) {
+TEST_F(CliChoice, WithoutARequestItIsTheBalancedOne) {
   fs::remove(folder_ / "models/x4-a.safetensors");
   write_file(folder_ / "models/x4-b.safetensors", "");  // the error then names it
-  const ProcessResult result = run(wish({}));
+  const ProcessResult result = run(request({}));
   EXPECT_EQ(result.exit_status, 2);
   EXPECT_NE(result.err.find("x4-b.safetensors"), std::string::npos) << result.err;
-  EXPECT_NE(run(wish({"--model", "x4"})).err.find("x4-b.safetensors"), std::string::npos);
+  EXPECT_NE(run(request({"--model", "x4"})).err.find("x4-b.safetensors"), std::string::npos);
 }
 
 TEST_F(CliChoice, FusesWithTheChosenModelAndSaysSo) {
-  const ProcessResult result = run(wish({"--quality", "fast"}));
+  const ProcessResult result = run(request({"--quality", "fast"}));
   ASSERT_EQ(result.exit_status, 0) << result.err;
   EXPECT_NE(result.err.find("--quality 0: x4-a, 0.21 dB below x4-c, the best of 3"), std::string::npos)
       << result.err;
@@ -73,12 +73,12 @@ TEST_F(CliChoice, FusesWithTheChosenModelAndSaysSo) {
 }
 
 TEST_F(CliChoice, BudgetIsMeasuredOnceAndKept) {
-  const ProcessResult first = run(wish({"--budget", "3600s"}));
+  const ProcessResult first = run(request({"--budget", "3600s"}));
   ASSERT_EQ(first.exit_status, 0) << first.err;
   EXPECT_NE(first.err.find("measuring x4-c at 32 x 24"), std::string::npos) << first.err;
   EXPECT_EQ(first.err.find("measuring x4-a"), std::string::npos) << first.err;  // its time is that of x4-c
   EXPECT_EQ(first.err.find("warning"), std::string::npos) << first.err;
-  const ProcessResult second = run(wish({"--budget", "3600s"}));
+  const ProcessResult second = run(request({"--budget", "3600s"}));
   EXPECT_EQ(second.err.find("measuring"), std::string::npos) << second.err;
   const Json enough = chosen("--budget", "3600s");
   EXPECT_EQ(enough.at("model"), "x4-c");
@@ -89,7 +89,7 @@ TEST_F(CliChoice, BudgetIsMeasuredOnceAndKept) {
 }
 
 TEST_F(CliChoice, BudgetChoosesByTheTimesOfThisDevice) {
-  ASSERT_EQ(run(wish({"--budget", "1s"})).exit_status, 0);
+  ASSERT_EQ(run(request({"--budget", "1s"})).exit_status, 0);
   // Overwrites the measured times: 250 ms for the first frame and 100 ms for further ones.
   fs::path file;
   for (const auto& entry : fs::directory_iterator(folder_ / "cache/raymeld")) {
@@ -102,7 +102,7 @@ TEST_F(CliChoice, BudgetChoosesByTheTimesOfThisDevice) {
   const Json fits = chosen("--budget", "0.25s");
   EXPECT_EQ(fits.at("time_ms"), 250);
   EXPECT_EQ(fits.at("model"), "x4-c");
-  const ProcessResult result = run(wish({"--budget", "249ms"}));
+  const ProcessResult result = run(request({"--budget", "249ms"}));
   EXPECT_EQ(result.exit_status, 0);
   EXPECT_NE(result.err.find("--budget 249 ms is too short: the fastest model takes 250 ms"),
             std::string::npos)
@@ -113,7 +113,7 @@ TEST_F(CliChoice, BudgetChoosesByTheTimesOfThisDevice) {
   EXPECT_EQ(sequence.at("frames").at(0).at("choice").at("time_ms"), 100);
   // A file that cannot be read counts as none.
   write_file(file, "{");
-  EXPECT_NE(run(wish({"--budget", "1s"})).err.find("measuring"), std::string::npos);
+  EXPECT_NE(run(request({"--budget", "1s"})).err.find("measuring"), std::string::npos);
 }
 
 TEST_F(CliChoice, SequencesTakeOneModel) {
@@ -125,9 +125,9 @@ TEST_F(CliChoice, SequencesTakeOneModel) {
   EXPECT_EQ(json.at("frames").size(), 2u);
 }
 
-TEST_F(CliChoice, WishesThatCannotBe) {
+TEST_F(CliChoice, RequestsThatCannotBe) {
   const auto expect_usage = [&](const std::vector<std::string>& arguments, const char* text) {
-    const ProcessResult result = run(wish(arguments));
+    const ProcessResult result = run(request(arguments));
     EXPECT_EQ(result.exit_status, 2);
     EXPECT_NE(result.err.find(text), std::string::npos) << result.err;
     EXPECT_FALSE(fs::exists(folder_ / "out.exr"));
@@ -136,6 +136,8 @@ TEST_F(CliChoice, WishesThatCannotBe) {
     expect_usage({"--quality", level}, "expected high, balanced, fast or a number from 0 to 100");
   for (const char* time : {"16", "0ms", "-1s", "2m", "ms", "infs"})
     expect_usage({"--budget", time}, "expected a time such as 16ms or 2s");
+  expect_usage({"--target-psnr", "35"}, "--target-psnr: was removed");
+  expect_usage({"--adaptive"}, "--adaptive: was removed");
   expect_usage({"--quality", "fast", "--budget", "1s"}, "excludes");
   expect_usage({"--quality", "fast", "--model", "x4-a"}, "excludes");
   write_file(folder_ / "models/curve.json", "[]");

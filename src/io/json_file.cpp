@@ -1,4 +1,4 @@
-#include "io/kept_json.h"
+#include "io/json_file.h"
 
 #include <fstream>
 
@@ -13,7 +13,7 @@ constexpr uintmax_t kMostFileBytes = 16 << 20;
 
 }  // namespace
 
-Json load_kept(const std::filesystem::path& file, int format_version) {
+Json load_json_file(const std::filesystem::path& file, int format_version) {
   std::error_code error;
   if (!std::filesystem::is_regular_file(file, error) || std::filesystem::file_size(file) > kMostFileBytes)
     return {};
@@ -23,7 +23,7 @@ Json load_kept(const std::filesystem::path& file, int format_version) {
   return version != json.end() && *version == format_version ? json : Json();
 }
 
-void save_kept(const std::filesystem::path& file, int format_version, const Json& content) {
+void save_json_file(const std::filesystem::path& file, int format_version, const Json& content) {
   Json json{{"format_version", format_version}};
   json.update(content);
   std::error_code error;

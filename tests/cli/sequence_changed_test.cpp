@@ -42,13 +42,15 @@ TEST_F(SequenceChanged, FramesAreWhatTheyWouldBeWithout) {
   const ProcessResult result = run(fuse_frames("1-9", {"--changed-only", "--json", kTiled[0], kTiled[1]}));
   EXPECT_EQ(result.exit_status, 2);
   const Json frames = Json::parse(result.out).at("frames");
-  const auto kept = [&](int frame) { return frames.at(size_t(frame) - 1).at("kept_share").get<double>(); };
-  for (const int frame : {1, 4, 5, 6, 7}) EXPECT_EQ(kept(frame), 0) << frame;
+  const auto skipped = [&](int frame) {
+    return frames.at(size_t(frame) - 1).at("skipped_share").get<double>();
+  };
+  for (const int frame : {1, 4, 5, 6, 7}) EXPECT_EQ(skipped(frame), 0) << frame;
   for (const int frame : {2, 9}) {
-    EXPECT_GT(kept(frame), 0) << frame;
-    EXPECT_LT(kept(frame), 1) << frame;
+    EXPECT_GT(skipped(frame), 0) << frame;
+    EXPECT_LT(skipped(frame), 1) << frame;
   }
-  EXPECT_EQ(kept(3), 1);
+  EXPECT_EQ(skipped(3), 1);
   EXPECT_EQ(frames.at(7).at("status"), "failed");
   for (const auto& [frame, image] : without) EXPECT_EQ(read_file(folder_ / out(frame)), image) << frame;
 }

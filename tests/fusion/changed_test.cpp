@@ -77,13 +77,13 @@ TEST_F(ChangedTest, BitsAreComparedAndNotValues) {
   const Image first = fuse(fuser, scene).image;
   scene.hrls.at(0, 0, 0) = -0.0f;
   const Fused fused = fuse(fuser, scene);
-  EXPECT_LT(fused.report.kept_share, 1);
+  EXPECT_LT(fused.report.skipped_share, 1);
   EXPECT_EQ(fused.image.data, first.data);
 }
 
 // A tile that reads no changed pixel is skipped, and a tile whose halo alone changed is computed. The bits
 // are those of a frame that is computed as a whole.
-TEST_F(ChangedTest, TilesThatDoNotChangeAreLeftOut) {
+TEST_F(ChangedTest, TilesThatDoNotChangeAreSkipped) {
   const Architecture a = small_architecture(2);
   const Model model = model_of(a);
   for (const Kernels& kernels : {Kernels{}, default_kernels(gpu().info())}) {
@@ -93,33 +93,33 @@ TEST_F(ChangedTest, TilesThatDoNotChangeAreLeftOut) {
     const Tiling tiling = fuser.plan().tiling;
     ASSERT_GT(tiling.columns, 1u);
     Scene scene = make_scene(a, 8);
-    EXPECT_EQ(fuse(fuser, scene).report.kept_share, 0);
-    const auto expect_kept = [&](uint32_t y, uint32_t x) {
+    EXPECT_EQ(fuse(fuser, scene).report.skipped_share, 0);
+    const auto expect_skipped = [&](uint32_t y, uint32_t x) {
       const Fused fused = fuse(fuser, scene);
       EXPECT_TRUE(same_bits(fused.image.data, fuse_whole(whole, scene).image.data));
-      double kept = 0;
+      double skipped = 0;
       for (uint32_t i = 0; i < tiling.count(); ++i) {
         const Tile at = tiling.at(i);
         const bool reads =
             at.x <= x && x < at.x + tiling.tile.width && at.y <= y && y < at.y + tiling.tile.height;
-        if (!reads) kept += at.core.height * at.core.width;
+        if (!reads) skipped += at.core.height * at.core.width;
       }
-      EXPECT_DOUBLE_EQ(fused.report.kept_share, kept / (kHeight * kWidth));
+      EXPECT_DOUBLE_EQ(fused.report.skipped_share, skipped / (kHeight * kWidth));
     };
     const int seam = int(tiling.at(1).core_x), halo = int(tiling.halo);
     for (const int x :
          {0, seam - halo - 1, seam - halo, seam - 1, seam, seam + halo - 1, seam + halo, kWidth - 1}) {
       SCOPED_TRACE(x);
       scene.lrhs.at(1, 10, x) += 1;
-      expect_kept(10, uint32_t(x));
+      expect_skipped(10, uint32_t(x));
       scene.hrls.at(4, 2 * kHeight - 1, 2 * x + 1) += 1;
-      expect_kept(kHeight - 1, uint32_t(x));
+      expect_skipped(kHeight - 1, uint32_t(x));
     }
     const Fused same = fuse(fuser, scene);
-    EXPECT_EQ(same.report.kept_share, 1);
+    EXPECT_EQ(same.report.skipped_share, 1);
     EXPECT_EQ(same.report.device_ms, 0);
     scene = make_scene(a, 9);
-    EXPECT_EQ(fuse(fuser, scene).report.kept_share, 0);
+    EXPECT_EQ(fuse(fuser, scene).report.skipped_share, 0);
   }
 }
 
@@ -133,7 +133,7 @@ TEST_F(ChangedTest, AfterAFrameThatWasGivenUpAllIsComputed) {
     EXPECT_THROW(fuse(fuser, other, [](double) { return false; }), Cancelled);
     const Fused cancelled = fuse(fuser, scene);
     EXPECT_TRUE(same_bits(cancelled.image.data, expected.data));
-    EXPECT_EQ(cancelled.report.kept_share, 0);
+    EXPECT_EQ(cancelled.report.skipped_share, 0);
     const auto fail = [](double share) -> bool {
       if (share > 0.5) throw Error("half of it is enough");
       return true;
@@ -142,8 +142,8 @@ TEST_F(ChangedTest, AfterAFrameThatWasGivenUpAllIsComputed) {
     EXPECT_TRUE(same_bits(fuse(fuser, scene).image.data, expected.data));
     // A frame in which nothing is computed can be cancelled too.
     EXPECT_THROW(fuse(fuser, scene, [](double) { return false; }), Cancelled);
-    EXPECT_EQ(fuse(fuser, scene).report.kept_share, 0);
-    EXPECT_EQ(fuse(fuser, scene).report.kept_share, 1);
+    EXPECT_EQ(fuse(fuser, scene).report.skipped_share, 0);
+    EXPECT_EQ(fuse(fuser, scene).report.skipped_share, 1);
   }
 }
 
@@ -155,9 +155,9 @@ TEST_F(ChangedTest, AnotherExposureIsAnotherFrame) {
   fuse(fuser, scene, {}, 1);
   for (const float exposure : {3.0f, 1.0f}) {
     const Fused fused = fuse(fuser, scene, {}, exposure);
-    EXPECT_EQ(fused.report.kept_share, 0);
+    EXPECT_EQ(fused.report.skipped_share, 0);
     EXPECT_TRUE(same_bits(fused.image.data, fuse(whole, scene, {}, exposure).image.data));
-    EXPECT_EQ(fuse(fuser, scene, {}, exposure).report.kept_share, 1);
+    EXPECT_EQ(fuse(fuser, scene, {}, exposure).report.skipped_share, 1);
   }
 }
 

@@ -416,7 +416,7 @@ TEST_F(FuserTest, WrongSizesAreErrors) {
   EXPECT_ERROR(fuse(fuser, subject.lrhs, Planes(6, 8, 10)), "HRLS", "9");
 }
 
-TEST(FuserOptions, StorageFollowsTheWishAndTheDevice) {
+TEST(FuserOptions, StorageFollowsTheRequestAndTheDevice) {
   DeviceInfo gpu_with, gpu_without, cpu;
   gpu_with.storage_16bit = true;
   cpu.is_cpu = cpu.storage_16bit = true;

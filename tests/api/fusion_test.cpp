@@ -72,14 +72,14 @@ TEST_F(FusionTest, AbsentLayersAreNotRead) {
                  "cannot do without layer 'albedo'; the layers that may be absent are normal");
 }
 
-TEST_F(FusionTest, WhatDidNotChangeIsKept) {
+TEST_F(FusionTest, WhatDidNotChangeIsSkipped) {
   desc_.precision = RAYMELD_PRECISION_FP32;
   desc_.changed_only = VK_TRUE;
   Fusion fusion(context_, model_of(subject_), desc_);
   const ApiFused first = fuse(fusion, subject_);
-  EXPECT_EQ(first.status.kept_share, 0);
+  EXPECT_EQ(first.status.skipped_share, 0);
   const ApiFused second = fuse(fusion, subject_);
-  EXPECT_EQ(second.status.kept_share, 1);
+  EXPECT_EQ(second.status.skipped_share, 1);
   EXPECT_EQ(second.values, first.values);
   const auto commands = reinterpret_cast<VkCommandBuffer>(uintptr_t{16});  // is not touched
   EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.record(commands, {}), "raymeld_record()",
