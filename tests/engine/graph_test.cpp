@@ -10,7 +10,7 @@
 #include "conform/model_file.h"
 #include "error_of.h"
 #include "gpu.h"
-#include "layers/shaders.h"
+#include "layers/llvmpipe.h"
 #include "model/network.h"
 #include "subject.h"
 
@@ -137,7 +137,7 @@ TEST(Graph, VectorsOfPixelsAreForFloatsAndAsManyAsShadersNumber) {
                            Storage storage = Storage::kFloat32) {
     Graph graph(storage, true);
     graph.read_vectors(lanes);
-    return vector_of_pixels(graph, invocations, reach);
+    return llvmpipe::filter_vector(graph, invocations, reach);
   };
   for (const uint32_t lanes : {4u, 8u, 16u}) {
     EXPECT_EQ(lanes_of(lanes, {1, 1, 1}), lanes);

@@ -37,8 +37,9 @@ TEST_P(ConformTest, Passes) {
         expect_passed(finding);
         passed += finding.outcome == Outcome::kPassed;
         const auto& [layer, kernel, precision, shape] = finding.of;
-        if (GetParam().name != std::string("network"))
+        if (GetParam().name != std::string("network")) {
           EXPECT_TRUE(layers.contains(layer.substr(0, layer.find(' ')))) << layer << " is no layer";
+        }
         double& kept = worst[fmt::format("{} {} {}", layer, kernel, name_of(precision))];
         kept = std::max(kept, finding.worst.ratio);
         if (finding.rms_ratio == 0) return;

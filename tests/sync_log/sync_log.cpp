@@ -14,7 +14,7 @@
 #include <sstream>
 #include <string>
 
-#include "../gate.h"
+#include "../support/gate.h"
 
 namespace {
 
