@@ -81,7 +81,8 @@ std::string option_text(const CLI::Option& option) {
 }
 
 std::vector<const CLI::Option*> named_options(const CLI::App& command) {
-  return command.get_options([](const CLI::Option* option) { return option->nonpositional(); });
+  return command.get_options(
+      [](const CLI::Option* option) { return option->nonpositional() && !option->get_group().empty(); });
 }
 
 std::vector<const CLI::App*> shown_commands(const CLI::App& app) {
