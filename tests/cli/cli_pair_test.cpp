@@ -1,5 +1,6 @@
 // Tests which properties of a pair fuse finds out, and how it handles each.
 #include <OpenEXR/ImfStringAttribute.h>
+#include <fmt/format.h>
 
 #include "cli_fixture.h"
 #include "made_pair.h"

@@ -71,8 +71,7 @@ nlohmann::ordered_json to_json(const std::vector<Warning>& warnings) {
   return json;
 }
 
-ProgressBar::ProgressBar(const Console& console)
-    : shown_(console.notes()), terminal_(is_stderr_terminal()) {
+ProgressBar::ProgressBar(const Console& console) : shown_(console.notes()), terminal_(is_stderr_terminal()) {
   update(0);
 }
 
