@@ -50,7 +50,9 @@ void add_removed(CLI::App& command) {
       {{"--adaptive", "was removed, as it rarely saved time; --quality fast takes a faster model"},
        {"--target-psnr", "was removed, as the estimate was off by 1 dB; --quality chooses the model"}}};
   for (const auto& [name, reason] : kRemoved) {
-    const auto refuse = [name, reason](const std::string&) { throw CLI::ValidationError(name, reason); };
+    const auto refuse = [name = name, reason = reason](const std::string&) {
+      throw CLI::ValidationError(name, reason);
+    };
     command.add_option_function<std::string>(name, refuse)->expected(0, 1)->group("");
   }
 }

@@ -100,7 +100,8 @@ TEST_F(ConstantLayersTest, AreWithinTheBoundsOfFeedingThem) {
     const Subject subject = make_subject(a, size.h, size.w, seed++);
     const Model model = model_of(subject);
     for (const ConstantLayers& constants : {kAbsent, kConstant}) {
-      const auto [fed, without] = feed(a, subject.hrls, constants);
+      const auto both = feed(a, subject.hrls, constants);
+      const Planes &fed = both.fed, &without = both.without;
       conform::Collector::for_each(
           conform::network_methods(gpu().info(), seed),
           [&](const conform::Method& method, Precision precision) {
