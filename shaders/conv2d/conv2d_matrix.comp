@@ -8,8 +8,8 @@
 // that each tap's matrix is only an offset away.
 // Weights lie as [block][chunk][kOutputs * kM][kTaps][kChannels], zero where channels end early.
 //
-// With kUnshuffle r > 1, the input is space_to_depth() by r of the bound image. With kShuffle r > 1,
-// pixel_shuffle() by r of the result is stored, and residuals have the shuffled shape.
+// The input is space_to_depth() of the bound image by kUnshuffle, if that is above 1. The result is stored after
+// pixel_shuffle() by kShuffle, if that is above 1, and residuals have the shuffled shape.
 #version 450
 #pragma use_vulkan_memory_model
 #extension GL_GOOGLE_include_directive : require

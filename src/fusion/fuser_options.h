@@ -3,15 +3,14 @@
 
 #include <filesystem>
 
-#include "engine/pipeline_cache.h"
 #include "fusion/plan.h"
 #include "platform/folders.h"
 
 namespace raymeld {
 
 // Returns options with the storage of the precision and with the kernels of the choice, as tuned in `folder`.
-// With kAuto, or with `redo` whatever the precision, tiles that overflow 16-bit storage are computed again in
-// 32 bits.
+// Tiles that overflow 16-bit storage are computed again in 32 bits if the precision is kAuto, or if `redo` is
+// set.
 FuserOptions fuser_options(const Device& device, const Model& model, Precision precision, KernelChoice choice,
                            bool redo = false, const std::filesystem::path& folder = default_cache_folder());
 

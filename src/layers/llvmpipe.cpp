@@ -5,8 +5,7 @@
 namespace raymeld::llvmpipe {
 namespace {
 
-constexpr uint32_t kInputVector = 8;        // winograd_input_vectors.comp knows this size only
-constexpr uint32_t kUnshuffledPixels = 64;  // pixels of a workgroup of pointwise_unshuffled_vectors.comp
+constexpr uint32_t kInputVector = 8;  // winograd_input_vectors.comp knows this size only
 
 bool is_laid_out(uint32_t vector) { return vector > 0 && RAYMELD_LANES % vector == 0; }
 

@@ -6,11 +6,9 @@
 
 namespace raymeld::llvmpipe {
 
-inline constexpr uint32_t kUniformNumbers =
-    4096;  // uniform_number() of uniform.glsl returns numbers below this
-
-inline constexpr uint32_t kInputVectorPixels =
-    64;  // winograd_input_vectors.comp reads so many pixels of a row
+inline constexpr uint32_t kUniformNumbers = 4096;   // uniform_number() returns numbers below this
+inline constexpr uint32_t kInputVectorPixels = 64;  // pixels of a row for winograd_input_vectors.comp
+inline constexpr uint32_t kUnshuffledPixels = 64;  // pixels of pointwise_unshuffled_vectors.comp's workgroups
 
 // Serves joint_filter, whose invocations read up to `reach` pixels beside their own.
 uint32_t filter_vector(const Graph& graph, const Shape& invocations, uint32_t reach);

@@ -10,7 +10,6 @@ namespace {
 
 constexpr uint32_t kMostOutputs = 6;  // output channels of an invocation, each with a sum for every column
 constexpr uint32_t kUnshuffledLocal = 64;  // unshuffled pixels of a workgroup of pointwise_unshuffled.comp
-constexpr uint32_t kVectorsPixels = 64;    // pixels of a workgroup of pointwise_unshuffled_vectors.comp
 
 struct Layout {
   uint32_t side, channels;   // the side of an unshuffled pixel, the image's channels
@@ -61,7 +60,7 @@ void conv2d_pointwise_unshuffled(Graph& graph, const Convolution& conv) {
                                        conv.height, conv.channels_out},
            by_vectors);
   if (by_vectors) {
-    pass.groups = {divide_up(conv.in.shape.width, kVectorsPixels), blocks, conv.height};
+    pass.groups = {divide_up(conv.in.shape.width, llvmpipe::kUnshuffledPixels), blocks, conv.height};
   } else {
     pass.groups = {divide_up(conv.width, kUnshuffledLocal), conv.height, blocks};
   }

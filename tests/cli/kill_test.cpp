@@ -57,8 +57,8 @@ class Kill : public Cli {
 
 // RAYMELD_TEST_KILLS is the least number of runs. More follow until one was killed and an image appeared.
 TEST_F(Kill, LeavesTheWholeOutputOrNone) {
-  const char* wish = std::getenv("RAYMELD_TEST_KILLS");
-  const int kills = wish ? std::atoi(wish) : full_extent() ? 25 : 6;
+  const char* asked = std::getenv("RAYMELD_TEST_KILLS");
+  const int kills = asked ? std::atoi(asked) : full_extent() ? 25 : 6;
   constexpr int kMostMore = 100;
   constexpr unsigned kSeed = 1;
   ASSERT_EQ(run(fuse(kOutputs)).exit_status, 0);

@@ -19,12 +19,12 @@ namespace {
 
 // RAYMELD_TEST_VALIDATION=0 is for machines that have a device but no validation layers. The value
 // gpu-assisted checks the accesses of shaders.
-Validation wished_validation() {
+Validation asked_validation() {
   const char* value = std::getenv("RAYMELD_TEST_VALIDATION");
-  const std::string wish = value ? value : "";
-  if (wish == "0") return Validation::kNone;
-  if (wish == "gpu-assisted") return Validation::kGpuAssisted;
-  if (!wish.empty()) throw Error("RAYMELD_TEST_VALIDATION is '{}', expected 0 or gpu-assisted", wish);
+  const std::string asked = value ? value : "";
+  if (asked == "0") return Validation::kNone;
+  if (asked == "gpu-assisted") return Validation::kGpuAssisted;
+  if (!asked.empty()) throw Error("RAYMELD_TEST_VALIDATION is '{}', expected 0 or gpu-assisted", asked);
   return Validation::kSynchronization;
 }
 
@@ -35,7 +35,7 @@ class SharedDevice : public testing::Environment {
   const Device& device() {
     const auto keep = [this](const std::string& message) { messages_.push_back(message); };
     if (device_) return *device_;
-    device_ = Device::create({.selector = {}, .validation = wished_validation(), .on_message = keep});
+    device_ = Device::create({.selector = {}, .validation = asked_validation(), .on_message = keep});
     device_->kernels().keep(1000);
     return *device_;
   }
