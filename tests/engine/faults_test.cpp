@@ -37,10 +37,7 @@ reference::Architecture least_architecture() {
 
 class FaultsTest : public testing::Test {
  protected:
-  Model model_of(const Subject& subject) const {
-    write_model(folder_ / "model.safetensors", subject.architecture, subject.weights);
-    return Model(folder_ / "model.safetensors");
-  }
+  Model model_of(const Subject& subject) const { return saved_model(folder_.path(), subject); }
 
   std::vector<float> fuse(Fuser& fuser) const {
     Image fused;

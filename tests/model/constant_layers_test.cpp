@@ -65,11 +65,7 @@ FuserOptions options_without(const ConstantLayers& constants, Storage storage = 
 
 class ConstantLayersTest : public GpuTest {
  protected:
-  Model model_of(const Subject& subject) {
-    const std::filesystem::path file = folder_ / "model.safetensors";
-    write_model(file, subject.architecture, subject.weights);
-    return Model(file);
-  }
+  Model model_of(const Subject& subject) { return saved_model(folder_.path(), subject); }
 
   TemporaryDirectory folder_;
 };

@@ -27,9 +27,7 @@ constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 class ExtremesTest : public GpuTest {
  protected:
   Model model_of(const Subject& subject, const std::string& exposure_key = "0") {
-    const std::filesystem::path file = folder_ / "model.safetensors";
-    write_model(file, subject.architecture, subject.weights, {{"exposure_key", exposure_key}});
-    return Model(file);
+    return saved_model(folder_.path(), subject, {{"exposure_key", exposure_key}});
   }
 
   TemporaryDirectory folder_;

@@ -41,6 +41,13 @@ Architecture cells_architecture(int scale) {
   return a;
 }
 
+Model saved_model(const std::filesystem::path& folder, const Subject& subject,
+                  const std::map<std::string, std::string>& metadata) {
+  const std::filesystem::path file = folder / "model.safetensors";
+  write_model(file, subject.architecture, subject.weights, metadata);
+  return Model(file);
+}
+
 bool has_guards(const Graph& graph) {
   for (const TensorRecord& tensor : graph.tensors()) {
     if (tensor.first_use < 0) continue;

@@ -20,6 +20,10 @@ reference::Architecture joint_architecture(int scale);
 // Returns joint_architecture() with a 1x1 convolution of the unshuffled HRLS.
 reference::Architecture cells_architecture(int scale);
 
+// Writes a subject's network to a file in `folder` and loads it. `metadata` is that of the file.
+Model saved_model(const std::filesystem::path& folder, const Subject& subject,
+                  const std::map<std::string, std::string>& metadata = {});
+
 // Returns whether Graph::kGuardBytes lie before and after all tensors.
 bool has_guards(const Graph& graph);
 
