@@ -22,6 +22,7 @@ BUFFER(2, readonly, Albedo, STORAGE, albedo)
 BUFFER(3, readonly, Lrhs, STORAGE, lrhs)
 BUFFER(4, writeonly, Target, STORAGE, target)
 #include "strip.glsl"
+#include "fireflies.glsl"
 #define UPSAMPLED p.upsampled
 #include "lrhs.glsl"
 
@@ -34,20 +35,6 @@ vec3 color_at(ivec2 at) {
                        p.upsampled.log_transfer);
   }
   return rgb;
-}
-
-// Returns the factor, at most 1, that darkens a firefly to RAYMELD_FIREFLY times its second brightest
-// neighbour + RAYMELD_FIREFLY_FLOOR. The pixel is in the middle of the 3x3 luminances from `row` on,
-// which are 0 outside the image.
-float firefly_limit(float luminances[kStrip + 2][3], uint row) {
-  float first = 0.0, second = 0.0;
-  [[unroll]] for (uint i = 0; i < 9; ++i) {
-    if (i == 4) continue;
-    float near = luminances[row + i / 3][i % 3];
-    second = max(second, min(first, near));
-    first = max(first, near);
-  }
-  return min(1.0, (RAYMELD_FIREFLY * second + RAYMELD_FIREFLY_FLOOR) / max(luminances[row + 1][1], RAYMELD_FIREFLY_FLOOR));
 }
 
 vec3 irradiance_at(uint y, uint x) { return vec3(lrhs_at(3, y, x), lrhs_at(4, y, x), lrhs_at(5, y, x)); }

@@ -4,6 +4,8 @@
 #include <bit>
 #include <map>
 
+#include "engine/barriers.h"
+
 namespace raymeld {
 namespace {
 
@@ -11,15 +13,6 @@ namespace {
 constexpr uint64_t kAlignmentBytes = 256;
 
 uint64_t align(uint64_t bytes) { return (bytes + kAlignmentBytes - 1) / kAlignmentBytes * kAlignmentBytes; }
-
-struct Range {
-  uint64_t begin, end;
-};
-
-bool meets(const std::vector<Range>& ranges, const Range& range) {
-  return std::any_of(ranges.begin(), ranges.end(),
-                     [&](const Range& r) { return r.begin < range.end && range.begin < r.end; });
-}
 
 }  // namespace
 
@@ -161,36 +154,23 @@ void Graph::check_places() const {
   }
 }
 
-// Compares the ranges of the activation block that passes since the last barrier read and wrote. The exposure
-// counts as a range after all others. Frame images are only read, or written by the last pass, and constants
-// never change, so neither needs a barrier.
+// The exposure counts as a range after all others. Frame images are only read, or written by the last pass,
+// and constants never change, so neither needs a barrier.
 void Graph::place_barriers() {
-  barriers_.assign(passes_.size(), false);
-  std::vector<Range> read, written;
+  std::vector<MemoryUse> uses(passes_.size());
   for (size_t i = 0; i < passes_.size(); ++i) {
-    std::vector<Range> reads, writes;
     for (const Binding& binding : passes_[i].bindings) {
-      Range range{UINT64_MAX - 1, UINT64_MAX};
+      ByteRange range{UINT64_MAX - 1, UINT64_MAX};
       if (binding.kind == Binding::Kind::kTensor) {
         const uint64_t begin = offset_bytes(binding.tensor);
         range = {begin, begin + size_bytes(binding.tensor)};
       } else if (binding.kind != Binding::Kind::kExposure) {
         continue;
       }
-      (binding.access == Access::kRead ? reads : writes).push_back(range);
+      (binding.access == Access::kRead ? uses[i].reads : uses[i].writes).push_back(range);
     }
-    const auto hazard = [&](const Range& r) { return meets(written, r); };
-    const bool needed = std::any_of(reads.begin(), reads.end(), hazard) ||
-                        std::any_of(writes.begin(), writes.end(),
-                                    [&](const Range& r) { return meets(written, r) || meets(read, r); });
-    if (needed) {
-      barriers_[i] = true;
-      read.clear();
-      written.clear();
-    }
-    read.insert(read.end(), reads.begin(), reads.end());
-    written.insert(written.end(), writes.begin(), writes.end());
   }
+  barriers_ = plan_barriers(uses);
 }
 
 size_t Graph::barrier_count() const {
