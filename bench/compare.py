@@ -25,8 +25,8 @@ BENCH, PROGRAM = ROOT / "build/release/bench/raymeld_bench", ROOT / "build/relea
 PAPER = "{scale},64,64,4,5,3"  # the network of the paper: scale,features,growth,dense_layers,blocks,groups
 
 FRAMES = ["x4-fast 256x256", "x4-fast 512x512", "x4-fast 1024x1024", "x4-fast 1920x1080", "x4-balanced 256x256",
-          "x4-balanced 512x512", "x4-full 256x256", "x4-full 512x512", "x4-full 1024x1024", "x2-fast 512x512", "x2-full 256x256", "x8-fast 512x512",
-          "x8-full 512x512"]
+          "x4-balanced 512x512", "x4-full 256x256", "x4-full 512x512", "x4-full 1024x1024", "x2-fast 512x512",
+          "x2-full 256x256", "x8-fast 512x512", "x8-full 512x512"]
 
 def metadata(path):
     """Returns the metadata of a safetensors file."""
@@ -76,7 +76,8 @@ class Bench:
         self.results.append(Result(*fields))
 
     def benchmarks(self, pattern, *options, runner=(), **environment):
-        text = self.run(*runner, BENCH, f"--benchmark_filter={pattern}", "--benchmark_format=json", *options, **environment)
+        text = self.run(*runner, BENCH, f"--benchmark_filter={pattern}", "--benchmark_format=json", *options,
+                        **environment)
         return json.loads(text)
 
     def model_file(self, name):
@@ -137,8 +138,9 @@ class Bench:
     def raymeld_frame(self, model, size, precision, runner=(), **environment):
         folder = self.frame_inputs(model, size)
         done = self.benchmarks(
-            f"^frame/{model}/{size}/{precision}/", "--benchmark_min_time=2", RAYMELD_BENCH_MODELS=str(self.model_file(model)),
-            RAYMELD_BENCH_SIZES=size, RAYMELD_BENCH_FRAME=str(folder), runner=runner, **environment)
+            f"^frame/{model}/{size}/{precision}/", "--benchmark_min_time=2",
+            RAYMELD_BENCH_MODELS=str(self.model_file(model)), RAYMELD_BENCH_SIZES=size,
+            RAYMELD_BENCH_FRAME=str(folder), runner=runner, **environment)
         return done["benchmarks"][0]
 
     def frame(self, model, size, round_number):
@@ -168,7 +170,8 @@ class Bench:
         if self.args.no_pytorch:
             return
         for precision in ("fp32", "bf16") if self.on_cpu else ("fp32", "fp16"):
-            said = self.run(sys.executable, ROOT / "bench/pytorch_frame.py", self.model_file(model), size, precision, folder)
+            said = self.run(sys.executable, ROOT / "bench/pytorch_frame.py", self.model_file(model), size, precision,
+                            folder)
             self.add("frame", name, f"PyTorch {precision}", "time_ms", json.loads(said)["time_s"] * 1e3)
             if precision == "fp32" and round_number == 0:
                 expected = numpy.fromfile(folder / "pytorch.raw", dtype=numpy.float32)
@@ -212,7 +215,8 @@ def main():
                 bench.frame(model, size, round_number)
             facts = {"name": device["device"], "driver": device["driver"], "beside": beside["driver"],
                      "type": "CPU" if bench.on_cpu else "GPU", "commit": current_commit()}
-            target = write(args.name, [Result("device", "device", "", *fact) for fact in facts.items()] + medians(bench.results))
+            target = write(args.name, [Result("device", "device", "", *fact) for fact in facts.items()]
+                           + medians(bench.results))
     if args.write_docs:
         import report  # needs matplotlib
 
@@ -223,7 +227,7 @@ def write(name, results):
     target = ROOT / f"bench/results/{name}.csv"
     target.parent.mkdir(exist_ok=True)
     with target.open("w", newline="") as file:
-        writer = csv.writer(file)
+        writer = csv.writer(file, lineterminator="\n")
         writer.writerow(Result._fields)
         writer.writerows(r._replace(value=f"{r.value:.6g}" if isinstance(r.value, float) else r.value) for r in results)
     print("wrote", target.relative_to(ROOT), flush=True)

@@ -90,7 +90,7 @@ void add(const std::string& name, const Conv2dShape& shape, const Conv2dKernel& 
       ->Unit(benchmark::kMillisecond);
 }
 
-// Adds the pointwise kernel of a 1x1 convolution, or the Winograd kernels F(2,3) and F(4,3) of a 3x3, with
+// Adds the pointwise kernel of a 1x1 convolution, or the Winograd kernels F(2, 3) and F(4, 3) of a 3x3, with
 // their other parameters as tuned.
 void add_fast(const Conv2dShape& shape, Storage storage) {
   const Kernels tuned = kernels_for(device(), storage);
@@ -99,7 +99,7 @@ void add_fast(const Conv2dShape& shape, Storage storage) {
     Conv2dKernel kernel = tuned.conv2d(shape);
     kernel.algorithm = winograd ? Algorithm::kWinograd : Algorithm::kPointwise;
     kernel.tile = tile;
-    const std::string kind = winograd ? fmt::format("F({},3)", tile) : "pointwise";
+    const std::string kind = winograd ? fmt::format("F({}, 3)", tile) : "pointwise";
     add("conv2d/" + name_of(shape) + "/" + kind + (storage == Storage::kFloat16 ? "/fp16" : ""), shape,
         kernel, storage, tuned.addressed);
   }

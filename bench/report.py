@@ -57,7 +57,8 @@ def layer_rows(results):
             rate = results.get("layer", name, program, "gflop_per_s")
             time_ms = results.get("layer", name, program, "time_ms")
             rows.append([name.replace("/", " "), program, number(time_ms, "{:.2f}"), number(rate),
-                         number(100 * rate / peak, "{:.0f} %"), number(least_bytes(name, program) / time_ms * 1e-6, "{:.2f}")])
+                         number(100 * rate / peak, "{:.0f} %"),
+                         number(least_bytes(name, program) / time_ms * 1e-6, "{:.2f}")])
     return rows
 
 
@@ -67,9 +68,10 @@ def frame_rows(results):
         get = lambda program, metric, name=name: results.get("frame", name, program, metric)
         pytorch, own = get("PyTorch fp32", "time_ms"), get("raymeld fp32", "time_ms")
         rows.append([name, number(own), number(get("raymeld fp32", "gflop_per_s")),
-                     number(100 * get("raymeld fp32", "share_of_peak"), "{:.0f} %"), number(get("raymeld fp16", "time_ms")),
-                     number(pytorch), number(get("PyTorch bf16", "time_ms")),
-                     number(own / pytorch if pytorch else None, "{:.2f}"), number(get("raymeld fp32", "largest_error"), "{:.1e}"),
+                     number(100 * get("raymeld fp32", "share_of_peak"), "{:.0f} %"),
+                     number(get("raymeld fp16", "time_ms")), number(pytorch), number(get("PyTorch bf16", "time_ms")),
+                     number(own / pytorch if pytorch else None, "{:.2f}"),
+                     number(get("raymeld fp32", "largest_error"), "{:.1e}"),
                      number(get("raymeld fp16", "largest_error"), "{:.1e}")])
     return rows
 
@@ -80,8 +82,9 @@ def beside_rows(results):
         get = lambda program, metric, name=name: results.get("frame", name, program, metric)
         time, own, pytorch = get("beside", "time_ms"), get("raymeld fp32", "time_ms"), get("PyTorch fp32", "time_ms")
         if time is not None:
-            rows.append([name, number(time), number(100 * get("beside", "share_of_peak"), "{:.0f} %"), number(time / own, "{:.2f}"),
-                         number(time / pytorch if pytorch else None, "{:.2f}"), number(get("beside", "largest_error"), "{:.1e}")])
+            rows.append([name, number(time), number(100 * get("beside", "share_of_peak"), "{:.0f} %"),
+                         number(time / own, "{:.2f}"), number(time / pytorch if pytorch else None, "{:.2f}"),
+                         number(get("beside", "largest_error"), "{:.1e}")])
     return rows
 
 
@@ -92,7 +95,8 @@ def memory_rows(results):
         rows.append([name, number(get("raymeld fp32", "device_bytes") / 2**20, "{:.0f}"),
                      number(get("raymeld fp16", "device_bytes") / 2**20, "{:.0f}"),
                      number(get("raymeld fp32", "rss_bytes") / 2**20, "{:.0f}"),
-                     number(get("raymeld fp32", "cold_start_s"), "{:.2f}"), number(get("raymeld fp32", "warm_start_s"), "{:.2f}"),
+                     number(get("raymeld fp32", "cold_start_s"), "{:.2f}"),
+                     number(get("raymeld fp32", "warm_start_s"), "{:.2f}"),
                      number(100 * get("raymeld fp32", "host_share"), "{:.2f} %")])
     return rows
 
@@ -134,9 +138,10 @@ def plot_growth(results, path):
         pixels = [x for x, _ in frames]
         times.plot(pixels, [results.get("frame", n, "raymeld fp32", "time_ms") for _, n in frames], "o-", label=model)
         if all(results.get("frame", n, "PyTorch fp32", "time_ms") for _, n in frames):
-            times.plot(pixels, [results.get("frame", n, "PyTorch fp32", "time_ms") for _, n in frames], "x:", color=times.lines[-1].get_color(),
-                       label=f"{model}, PyTorch fp32")
-        memory.plot(pixels, [results.get("frame", n, "raymeld fp32", "device_bytes") / 2**20 for _, n in frames], "o-", label=model)
+            times.plot(pixels, [results.get("frame", n, "PyTorch fp32", "time_ms") for _, n in frames], "x:",
+                       color=times.lines[-1].get_color(), label=f"{model}, PyTorch fp32")
+        memory.plot(pixels, [results.get("frame", n, "raymeld fp32", "device_bytes") / 2**20 for _, n in frames], "o-",
+                    label=model)
     for axes, label in ((times, "ms a frame"), (memory, "MiB on the device")):
         axes.set_xscale("log")
         axes.set_yscale("log")
@@ -171,7 +176,7 @@ at commit {commit}, and wrote this page from `bench/results/{name}.csv`. The dev
 {device}, {driver}.{threads}
 
 Every figure is the median of rounds in which all programs took turns. GFLOP/s count the multiplications and
-additions of direct convolutions. Winograd convolutions (F(2,3) and F(4,3), Lavin and Gray 2016) need fewer,
+additions of direct convolutions. Winograd convolutions (F(2, 3) and F(4, 3), Lavin and Gray 2016) need fewer,
 so they may pass 100 % of the peak. The peak is what a shader of this driver reaches with multiply-adds in
 registers, here {peak:.0f} GFLOP/s. Absolute times are those of a shared machine; the ratios are what counts.
 [performance-notes.md](performance-notes.md) says what limits these times, and what was measured later.
@@ -214,13 +219,15 @@ def write(csv_path, docs):
     plot_layers(results, docs / "performance-layers.svg")
     plot_growth(results, docs / "performance-growth.svg")
     plot_frames(results, docs / "performance-frames.svg")
-    frames = table(["frame", "fp32, ms", "GFLOP/s", "of the peak", "fp16, ms", "PyTorch fp32, ms", "bf16, ms", "raymeld / PyTorch, fp32",
-                    "error fp32", "fp16"], frame_rows(results))
+    frames = table(["frame", "fp32, ms", "GFLOP/s", "of the peak", "fp16, ms", "PyTorch fp32, ms", "bf16, ms",
+                    "raymeld / PyTorch, fp32", "error fp32", "fp16"], frame_rows(results))
     beside = ""
     if beside_rows(results):
         head = ["frame", "fp32, ms", "of its own peak", "to the driver above", "to PyTorch fp32", "error"]
-        beside = f"The same frames in the same rounds with {results.values['device', 'device', '', 'beside']}:\n\n" + table(head, beside_rows(results)) + "\n"
-    memory = table(["frame", "fp32, MiB", "fp16, MiB", "RSS fp32, MiB", "cold start, s", "warm start, s", "host"], memory_rows(results))
+        beside = (f"The same frames in the same rounds with {results.values['device', 'device', '', 'beside']}:\n\n"
+                  + table(head, beside_rows(results)) + "\n")
+    memory = table(["frame", "fp32, MiB", "fp16, MiB", "RSS fp32, MiB", "cold start, s", "warm start, s", "host"],
+                   memory_rows(results))
     layers = table(["convolution", "by", "ms", "GFLOP/s", "of the peak", "GB/s"], layer_rows(results))
     device = {key[3]: value for key, value in results.values.items() if key[0] == "device"}
     text = TEXT.format(name=csv_path.stem, commit=device["commit"], device=device["name"], driver=device["driver"],

@@ -39,7 +39,14 @@ def psnr(a, b):
 
 def settings_of(scene):
     """Returns all settings that the renders change, and more."""
-    things = [scene.render, scene.render.image_settings, scene.cycles, scene.camera.data, scene.view_layers[0], scene.view_layers[0].cycles]
+    things = [
+        scene.render,
+        scene.render.image_settings,
+        scene.cycles,
+        scene.camera.data,
+        scene.view_layers[0],
+        scene.view_layers[0].cycles,
+    ]
     return {
         (i, p.identifier): repr(getattr(thing, p.identifier))
         for i, thing in enumerate(things)

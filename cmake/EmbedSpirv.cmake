@@ -5,6 +5,7 @@ foreach(file ${SPIRV})
   file(READ ${file} hex HEX)
   string(REGEX REPLACE "(..)(..)(..)(..)" "0x\\4\\3\\2\\1," words "${hex}")
   string(APPEND text "static const uint32_t words_of_${name}[] = {${words}};\n"
-    "extern const std::span<const uint32_t> k_${name};\nconst std::span<const uint32_t> k_${name}(words_of_${name});\n")
+    "extern const std::span<const uint32_t> k_${name};\n"
+    "const std::span<const uint32_t> k_${name}(words_of_${name});\n")
 endforeach()
 file(WRITE ${OUTPUT} "${text}")

@@ -1,16 +1,20 @@
-# Installs the program with its licence, its script for render farms, the stock models, the library, and the package
-# raymeld with the target raymeld::raymeld.
+# Installs the program with its licence, its script for render farms, the stock models, the library, and the
+# package raymeld with the target raymeld::raymeld.
 include(CMakePackageConfigHelpers)
 
 install(TARGETS raymeld RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT tools)
 install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT tools)
+# The packages that share no files with the program's depend on the library's.
+install(FILES LICENSE COMPONENT library
+        DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/libraymeld${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR})
 install(TARGETS raymeld_library EXPORT raymeld LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT library
         NAMELINK_COMPONENT dev)
 install(DIRECTORY include/raymeld DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT dev)
 install(FILES blender/raymeld_fusion.py DESTINATION ${CMAKE_INSTALL_DATADIR}/raymeld COMPONENT tools)
 install(PROGRAMS scripts/fuse-array.slurm DESTINATION ${CMAKE_INSTALL_DATADIR}/raymeld COMPONENT tools)
 if(NOT CMAKE_CROSSCOMPILING)
-  install(FILES ${CMAKE_CURRENT_BINARY_DIR}/raymeld.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 COMPONENT tools)
+  install(FILES ${CMAKE_CURRENT_BINARY_DIR}/raymeld.1
+          DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 COMPONENT tools)
   install(FILES ${CMAKE_CURRENT_BINARY_DIR}/raymeld.bash RENAME raymeld
           DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions COMPONENT tools)
 endif()
@@ -24,7 +28,8 @@ if(NOT TARGET Vulkan::Headers)
   find_path(Vulkan_INCLUDE_DIR vulkan/vulkan_core.h HINTS $ENV{VULKAN_SDK}/include)
   if(NOT Vulkan_INCLUDE_DIR)
     set(raymeld_FOUND FALSE)
-    set(raymeld_NOT_FOUND_MESSAGE "Vulkan's headers were not found (Vulkan_INCLUDE_DIR); Debian's libvulkan-dev has them")
+    set(raymeld_NOT_FOUND_MESSAGE
+      "Vulkan's headers were not found (Vulkan_INCLUDE_DIR); Debian's libvulkan-dev has them")
     return()
   endif()
   add_library(Vulkan::Headers INTERFACE IMPORTED)
@@ -49,4 +54,5 @@ Requires.private: vulkan
 Cflags: -I${prefix}/@CMAKE_INSTALL_INCLUDEDIR@
 Libs: -L${prefix}/@CMAKE_INSTALL_LIBDIR@ -lraymeld
 ]=])
-install(FILES ${CMAKE_CURRENT_BINARY_DIR}/raymeld.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig COMPONENT dev)
+install(FILES ${CMAKE_CURRENT_BINARY_DIR}/raymeld.pc
+        DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig COMPONENT dev)

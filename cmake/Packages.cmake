@@ -1,5 +1,5 @@
-# `cpack -G DEB` in the build folder makes the Debian packages libraymeld0.1, libraymeld-dev, raymeld, raymeld-models
-# and, where the Python module was built, python3-raymeld.
+# `cpack -G DEB` in the build folder makes the Debian packages libraymeld0.1, libraymeld-dev, raymeld,
+# raymeld-models and, where the Python module was built, python3-raymeld.
 set(CPACK_PACKAGE_NAME raymeld)
 set(CPACK_PACKAGE_CONTACT "the raymeld developers <raymeld@localhost>")
 set(CPACK_PACKAGE_DESCRIPTION_SUMMARY "fuses two cheap renders into a good one")
@@ -44,6 +44,7 @@ set(CPACK_DEBIAN_PYTHON_PACKAGE_NAME python3-raymeld)
 set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)
 # The module needs no library but raymeld's, whose package depends on the C++ runtime as well.
 set(CPACK_DEBIAN_PYTHON_PACKAGE_SHLIBDEPS OFF)
-set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS "${library_package} (= ${PROJECT_VERSION}), python3-numpy, ${python_version}")
+set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS
+  "${library_package} (= ${PROJECT_VERSION}), python3-numpy, ${python_version}")
 set(CPACK_DEBIAN_PYTHON_DESCRIPTION "Fusion of two renders on Vulkan devices, for Python")
 include(CPack)

@@ -1,8 +1,8 @@
-# Compiles shaders/*/*.comp with glslang for 32-bit and 16-bit storage: with activations in buffers and, where a shader includes
-# memory.glsl, by address; where it includes frame.glsl, also for frames that are images. Shaders of shaders/llvmpipe only exist
-# by address, and some of them only for 32 bits. All are checked with spirv-val and embedded in the static
-# library raymeld_shaders. Debian 12's glslang lacks the extensions of conv2d_matrix.comp, whose SPIR-V is committed: see
-# scripts/compile-matrix.
+# Compiles shaders/*/*.comp with glslang for 32-bit and 16-bit storage: with activations in buffers and, where
+# a shader includes memory.glsl, by address; where it includes frame.glsl, also for frames that are images.
+# Shaders of shaders/llvmpipe only exist by address, and some of them only for 32 bits. All are checked with
+# spirv-val and embedded in the static library raymeld_shaders. Debian 12's glslang lacks the extensions of
+# conv2d_matrix.comp, whose SPIR-V is committed: see scripts/compile-matrix.
 find_program(GLSLANG glslangValidator REQUIRED)
 find_program(SPIRV_VAL spirv-val REQUIRED)
 
@@ -13,21 +13,23 @@ file(GLOB_RECURSE shader_includes CONFIGURE_DEPENDS ${shader_dir}/*.glsl ${shade
 list(TRANSFORM shader_folders PREPEND -I${shader_dir}/ OUTPUT_VARIABLE shader_include_options)
 file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/shaders)
 
-# Compiles a variant of a shader and appends its SPIR-V file to `list`; further arguments are macros to define.
+# Compiles a variant of a shader and appends its SPIR-V file to `list`; further arguments are macros to
+# define.
 function(compile_shader list source variant)
   set(output ${CMAKE_BINARY_DIR}/shaders/${variant}.spv)
   list(TRANSFORM ARGN PREPEND -D)
   add_custom_command(
     OUTPUT ${output}
-    COMMAND ${GLSLANG} -V --target-env vulkan1.1 --quiet ${ARGN} ${shader_include_options} -o ${output} ${source}
+    COMMAND ${GLSLANG} -V --target-env vulkan1.1 --quiet ${ARGN} ${shader_include_options}
+      -o ${output} ${source}
     COMMAND ${SPIRV_VAL} --target-env vulkan1.1 ${output}
     DEPENDS ${source} ${shader_includes}
     COMMENT "Shader ${variant}")
   set(${list} ${${list}} ${output} PARENT_SCOPE)
 endfunction()
 
-# Makes one C++ source of SPIR-V files, in which NAME.spv is k_NAME. One source for all of them compiles in a second, a
-# source for each in twenty.
+# Makes one C++ source of SPIR-V files, in which NAME.spv is k_NAME. One source for all of them compiles in a
+# second, a source for each in twenty.
 function(embed_spirv output)
   set(embed ${PROJECT_SOURCE_DIR}/cmake/EmbedSpirv.cmake)
   add_custom_command(

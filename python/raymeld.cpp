@@ -71,7 +71,7 @@ class Fuser {
  public:
   Fuser(std::shared_ptr<raymeld::SharedModel> model, int64_t height, int64_t width,
         const std::string& precision, const std::string& kernels, const std::string& sampling,
-        uint64_t max_memory_bytes, float exposure, bool changed_only,
+        uint64_t max_memory_bytes, float exposure, bool skip_unchanged,
         const std::vector<std::string>& absent_layers, const std::string& device)
       : model_(std::move(model)),
         height_(side(height, "height")),
@@ -93,7 +93,7 @@ class Fuser {
                                                    {"centered", RAYMELD_SAMPLING_CENTERED}});
     desc.max_memory_bytes = max_memory_bytes;
     desc.exposure = exposure;
-    desc.changed_only = changed_only;
+    desc.skip_unchanged = skip_unchanged;
     for (const std::string& layer : absent_layers_) absent_.push_back(layer.c_str());
     desc.absent_layer_count = uint32_t(absent_.size());
     desc.absent_layers = absent_.data();
@@ -237,7 +237,7 @@ PYBIND11_MODULE(raymeld, module) {
       "or 'fp16', and kernels 'auto' or 'direct'. sampling says where LRHS samples lie: 'model',\n"
       "'nearest' or 'centered'. max_memory_bytes limits the memory taken on the device; 0 allows all\n"
       "that it has to give. With an exposure of 0, each frame gets the exposure that suits the model.\n"
-      "changed_only computes only the tiles that changed since the last frame. absent_layers are the\n"
+      "skip_unchanged computes only the tiles that changed since the last frame. absent_layers are the\n"
       "optional layers of the model that HRLS does not have. device is an index of devices(), a UUID\n"
       "or part of a name; '' is the first GPU, else a driver for CPUs.\n"
       "Raises Error and ValueError.")
@@ -246,7 +246,7 @@ PYBIND11_MODULE(raymeld, module) {
                     const std::string&>(),
            py::arg("model"), py::arg("height"), py::arg("width"), py::kw_only(),
            py::arg("precision") = "auto", py::arg("kernels") = "auto", py::arg("sampling") = "model",
-           py::arg("max_memory_bytes") = 0, py::arg("exposure") = 0.0f, py::arg("changed_only") = false,
+           py::arg("max_memory_bytes") = 0, py::arg("exposure") = 0.0f, py::arg("skip_unchanged") = false,
            py::arg("absent_layers") = std::vector<std::string>{}, py::arg("device") = "")
       .def("__repr__", &Fuser::repr)
       .def(
@@ -263,5 +263,5 @@ PYBIND11_MODULE(raymeld, module) {
           "status", &Fuser::status,
           "The status of the last frame: saturated is the number of values that fp16 could not hold,\n"
           "redone_tiles the number of tiles that were computed again in fp32 for that, and skipped_share\n"
-          "the share of the frame's work that was skipped with changed_only, because nothing changed there.");
+          "the share of the frame's work that was skipped with skip_unchanged, because nothing changed there.");
 }

@@ -49,10 +49,13 @@ class Test(unittest.TestCase):
         low = write("low.exr", rgb, self.lrhs)
         names = rgb + [f"{layer}.{c}" for layer in self.model.layers[1:] for c in rgb]
         high = write("high.exr", names, numpy.concatenate([self.hrls[name] for name in self.model.layers], axis=2))
-        maps = [a for layer in self.model.layers[1:] for a in ("--map", f"{layer}=" + ",".join(f"{layer}.{c}" for c in rgb))]
+        maps = [
+            a for layer in self.model.layers[1:] for a in ("--map", f"{layer}=" + ",".join(f"{layer}.{c}" for c in rgb))
+        ]
         out = os.path.join(FOLDER, "fused.exr")
-        subprocess.run([PROGRAM, "fuse", "--lrhs", low, "--hrls", high, "-o", out, "--model", MODEL, "--precision", "fp32",
-                        "--input-exposure", "1", "--lrhs-sampling", "nearest", "--output-type", "float", *maps], check=True)
+        subprocess.run([PROGRAM, "fuse", "--lrhs", low, "--hrls", high, "-o", out, "--model", MODEL,
+                        "--precision", "fp32", "--input-exposure", "1", "--lrhs-sampling", "nearest",
+                        "--output-type", "float", *maps], check=True)
         expected = oiio.ImageBuf(out).get_pixels(oiio.FLOAT)
         numpy.testing.assert_array_equal(fused, expected)
         self.assertEqual(fusion.precision, "fp32")
@@ -65,7 +68,7 @@ class Test(unittest.TestCase):
         numpy.testing.assert_array_equal(fusion.fuse(self.lrhs[:, ::-1][:, ::-1], strided), expected)
 
     def test_status(self):
-        fusion = self.fusion(changed_only=True, precision="fp32")
+        fusion = self.fusion(skip_unchanged=True, precision="fp32")
         fusion.fuse(self.lrhs, self.hrls)
         self.assertEqual(fusion.status["skipped_share"], 0)
         fusion.fuse(self.lrhs, self.hrls)

@@ -60,7 +60,8 @@ def print_text(reports):
             print(f"  agrees with {other} in {passed} of {passed + failed} outputs of networks; "
                   f"difference / both bounds: {cell(worst)}")
         for failure in report["failures"]:
-            print("  FAILED " + ", ".join(failure[part] for part in ("layer", "kernel", "precision", "case", "message")))
+            print("  FAILED "
+                  + ", ".join(failure[part] for part in ("layer", "kernel", "precision", "case", "message")))
 
 
 def current_commit():
@@ -76,8 +77,8 @@ def print_markdown(reports, commit):
           "[conformance.md](conformance.md) says how to read it.\n")
     print("| driver | device | version | Vulkan | passed | failed | unsupported |\n|---|---|---|---|---|---|---|")
     for name, r in reports.items():
-        print(f"| {name} | {r['device']} | {r['driver'].strip()} | {r['api_version']} | {r['passed']} | {r['failed']} | "
-              f"{r['unsupported']} |")
+        print(f"| {name} | {r['device']} | {r['driver'].strip()} | {r['api_version']} | {r['passed']} | "
+              f"{r['failed']} | {r['unsupported']} |")
     print("\n## Outputs of networks: one driver against another\n")
     print("| driver | other driver | outputs that agree | difference / sum of both bounds | where |")
     print("|---" * 5 + "|")
@@ -98,7 +99,8 @@ def print_markdown(reports, commit):
         print("| " + " | ".join([*one, *map(cell, rows), place(largest(rows))]) + " |")
     for name, report in reports.items():
         for failure in report["failures"]:
-            print(f"\n{name} FAILED " + ", ".join(failure[p] for p in ("layer", "kernel", "precision", "case", "message")))
+            print(f"\n{name} FAILED "
+                  + ", ".join(failure[p] for p in ("layer", "kernel", "precision", "case", "message")))
 
 
 if __name__ == "__main__":

@@ -21,9 +21,9 @@ def settings(trade):
         time = s["time_ms"]["median"]
         plain.setdefault(s["model"], (time, s["psnr_db"]))
         own_time, own_psnr = plain[s["model"]]
-        rows.append([s["model"], setting_name(s), f"{time:.0f}", f"{time / own_time:.2f}", f"{s['memory_bytes'] / 2**20:.0f}",
-                     f"{s['psnr_db']:.3f}", f"{s['psnr_db'] - own_psnr:+.3f}", f"{s['relmse']:.5f}",
-                     f"{s['fp64_error']:.2g}",
+        rows.append([s["model"], setting_name(s), f"{time:.0f}", f"{time / own_time:.2f}",
+                     f"{s['memory_bytes'] / 2**20:.0f}", f"{s['psnr_db']:.3f}", f"{s['psnr_db'] - own_psnr:+.3f}",
+                     f"{s['relmse']:.5f}", f"{s['fp64_error']:.2g}",
                      " ".join(name for name in ("time", "memory") if s[name + "_front"])])
     return markdown(["model", "setting", "ms", "to the first", "MiB", "PSNR", "to the first", "RelMSE",
                      "error, steps", "on the front of"], rows)

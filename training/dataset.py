@@ -96,7 +96,9 @@ def augment(images, rng):
     """
     order = rng.sample(range(3), 3)
     right, down, turn = (rng.random() < 0.5 for _ in range(3))
-    channels = [start + c for start in (0, 3) for c in order] + [6, 7, 8] + [start + c for start in (9, 12) for c in order]
+    channels = (
+        [start + c for start in (0, 3) for c in order] + [6, 7, 8] + [start + c for start in (9, 12) for c in order]
+    )
 
     def moved(image):
         image = image[channels]

@@ -52,7 +52,11 @@ def parse():
     parser.add_argument("--half", action="store_true", help="store the weights as F16")
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("--checkpoint")
-    source.add_argument("--untrained", metavar="SHAPE", help="a stock model's name, or scale,features,growth,dense_layers,blocks,groups")
+    source.add_argument(
+        "--untrained",
+        metavar="SHAPE",
+        help="a stock model's name, or scale,features,growth,dense_layers,blocks,groups",
+    )
     parser.add_argument("--blend", metavar="FILE", help="mix in weights of this model, which --checkpoint began as")
     parser.add_argument("--share", type=float, default=0.7, help="share of the checkpoint's own weights with --blend")
     parser.add_argument(

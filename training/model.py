@@ -233,7 +233,9 @@ class Network(nn.Module):
 
     def add_spp_bias(self, y, conv, spp, which):
         """Adds to `y` the bias by the samples of LRHS (`which` 0) or HRLS (1), if the network knows them."""
-        return y + (conv.by_spp[:, None, None] * log_spp(spp)[:, which, None]).to(y.dtype) if self.config.knows_spp else y
+        return (
+            y + (conv.by_spp[:, None, None] * log_spp(spp)[:, which, None]).to(y.dtype) if self.config.knows_spp else y
+        )
 
     def prepared(self, x):
         """Converts an input once; left to the layers, the conversions take a third of a training step."""

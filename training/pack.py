@@ -51,7 +51,9 @@ def pack(folder, path):
     """Writes the view in `folder` to `path`, whole or not at all."""
     record = json.loads((folder / "view.json").read_text())
     tensors = {
-        name.removesuffix(".exr"): to_half(read_layers(folder / name, GUIDES if name.startswith("guides") else CHANNELS))
+        name.removesuffix(".exr"): to_half(
+            read_layers(folder / name, GUIDES if name.startswith("guides") else CHANNELS)
+        )
         for name in record["files"]
     }
     partial = path.with_suffix(".part")

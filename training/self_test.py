@@ -45,11 +45,18 @@ def bent(config, **choices):
 
 class Choices(unittest.TestCase):
     def test_metadata_comes_back(self):
-        for config in [stock.config(name) for name in stock.names()] + [model.Config(), model.Config(2, merge_relu=True)]:
+        for config in [stock.config(name) for name in stock.names()] + [
+            model.Config(),
+            model.Config(2, merge_relu=True),
+        ]:
             self.assertEqual(model.Config.parse(config.metadata()), config)
 
     def test_shapes(self):
-        for choices in ({}, {"hrls_encoder": "unshuffled"}, {"upscale": "direct", "upscaled_features": 5, "guide": "hrls"}):
+        for choices in (
+            {},
+            {"hrls_encoder": "unshuffled"},
+            {"upscale": "direct", "upscaled_features": 5, "guide": "hrls"},
+        ):
             config = model.Config(4, 6, 4, 2, 1, 1, **choices)
             fused = model.predict(model.Network(config), torch.rand(2, 3, 4, 5), torch.rand(2, 18, 16, 20))[1]
             self.assertEqual(tuple(fused.shape), (2, 3, 16, 20))
@@ -165,12 +172,16 @@ class Steered(unittest.TestCase):
         """Guides from the encoders leave the image of a model without them as it was."""
         before, network, (lrhs, hrls) = model.Network(stock.config("x4-fast")), self.network(), self.inputs()
         own = network.state_dict()
-        network.load_state_dict(own | {key: grow.overlaid(own[key], value) for key, value in before.state_dict().items()})
+        network.load_state_dict(
+            own | {key: grow.overlaid(own[key], value) for key, value in before.state_dict().items()}
+        )
         bare = torch.cat([lrhs[:, :3], 0 * lrhs[:, 3:]], dim=1)
         with torch.no_grad():
             for centered in torch.tensor([False, True]):
                 expected = model.predict(before, lrhs[:, :3], hrls, centered)[0]
-                torch.testing.assert_close(model.predict(network, bare, hrls, centered)[0], expected, rtol=1e-3, atol=1e-3)
+                torch.testing.assert_close(
+                    model.predict(network, bare, hrls, centered)[0], expected, rtol=1e-3, atol=1e-3
+                )
 
     def test_gradient_of_all_that_steers(self):
         for source in ("encoder", "trunk"):

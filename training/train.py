@@ -161,10 +161,12 @@ class Run:
         path = self.args.run / "log.csv"
         fresh = not path.exists()
         with open(path, "a", newline="") as file:
-            writer = csv.writer(file)
+            writer = csv.writer(file, lineterminator="\n")
             if fresh:
                 writer.writerow(LOGGED)
-            scores = [f"{score:.3f}" if i % 2 == 0 else f"{score:.5f}" for i, score in enumerate(self.validate(held_out))]
+            scores = [
+                f"{score:.3f}" if i % 2 == 0 else f"{score:.5f}" for i, score in enumerate(self.validate(held_out))
+            ]
             row = (self.step, f"{self.seconds / 60:.1f}", f"{error:.5f}", *scores, views, len(held_out))
             writer.writerow(row)
         print(*row, flush=True)

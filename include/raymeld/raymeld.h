@@ -280,7 +280,7 @@ typedef struct raymeld_fusion_desc {
    * the tiles of which an input bit has changed since the last call, and takes the others from the last
    * output. The result has the same bits as that of a first call. Everything is computed after a failure, and
    * if the exposure has changed, so give an exposure. raymeld_record() and raymeld_submit() fail. */
-  VkBool32 changed_only RAYMELD_IS(VK_FALSE);
+  VkBool32 skip_unchanged RAYMELD_IS(VK_FALSE);
   /* Names the optional layers of the model that HRLS does not have. Nothing is read or computed for them. */
   uint32_t absent_layer_count RAYMELD_IS(0);
   uint32_t reserved RAYMELD_IS(0);
@@ -478,7 +478,7 @@ typedef struct raymeld_status {
    * RAYMELD_PRECISION_AUTO only. */
   uint32_t redone_tiles RAYMELD_IS(0);
   /* Is the share of the frame's work that was skipped, from 0 to 1, because nothing changed there since the
-   * last frame. raymeld_fuse() with changed_only only. */
+   * last frame. raymeld_fuse() with skip_unchanged only. */
   float skipped_share RAYMELD_IS(0);
 } raymeld_status;
 

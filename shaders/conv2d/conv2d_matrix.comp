@@ -8,8 +8,8 @@
 // that each tap's matrix is only an offset away.
 // Weights lie as [block][chunk][kOutputs * kM][kTaps][kChannels], zero where channels end early.
 //
-// The input is space_to_depth() of the bound image by kUnshuffle, if that is above 1. The result is stored after
-// pixel_shuffle() by kShuffle, if that is above 1, and residuals have the shuffled shape.
+// The input is space_to_depth() of the bound image by kUnshuffle, if that is above 1. The result is stored
+// after pixel_shuffle() by kShuffle, if that is above 1, and residuals have the shuffled shape.
 #version 450
 #pragma use_vulkan_memory_model
 #extension GL_GOOGLE_include_directive : require
@@ -98,8 +98,8 @@ void share_weights(uint first) {
 
 void store(uint o, uint y, uint x, float value) {
   if (o >= p.channels_out || y >= p.height || x >= p.width) return;
-  uint at = address(o / (kShuffle * kShuffle), kShuffle * y + o / kShuffle % kShuffle, kShuffle * x + o % kShuffle,
-                    p.plane_out, kShuffle * p.width);
+  uint at = address(o / (kShuffle * kShuffle), kShuffle * y + o / kShuffle % kShuffle,
+                    kShuffle * x + o % kShuffle, p.plane_out, kShuffle * p.width);
   value += bias[(kBorders != 0 ? border_case(y, x, p.height, p.width) * p.channels_out : 0) + o];
   if (kRelu != 0) value = rectified(value);
   if (kResiduals > 0) value += float(residual0[at]);
@@ -123,12 +123,14 @@ void main() {
         [[unroll]] for (uint step = 0; step < kPixelSteps; step += kK / kStep) {
           MATRIX_A a[kOutputs];
           [[unroll]] for (uint o = 0; o < kOutputs; ++o)
-            coopMatLoad(a[o], block_weights, o * kM * kWeightStride + (ky * kKernel + kx) * kPixelSteps + step,
-                        kWeightStride, gl_CooperativeMatrixLayoutRowMajor);
+            coopMatLoad(a[o], block_weights,
+                        o * kM * kWeightStride + (ky * kKernel + kx) * kPixelSteps + step, kWeightStride,
+                        gl_CooperativeMatrixLayoutRowMajor);
           [[unroll]] for (uint n = 0; n < kPixels; ++n) {
             MATRIX_B b;
             uint pixel = (first_row + n / kAcross + ky) * kTileWidth + n % kAcross * kN + kx;
-            coopMatLoad(b, tile, pixel * kPixelStride + step, kPixelStride, gl_CooperativeMatrixLayoutColumnMajor);
+            coopMatLoad(b, tile, pixel * kPixelStride + step, kPixelStride,
+                        gl_CooperativeMatrixLayoutColumnMajor);
             [[unroll]] for (uint o = 0; o < kOutputs; ++o)
               sum[o * kPixels + n] = coopMatMulAdd(a[o], b, sum[o * kPixels + n]);
           }

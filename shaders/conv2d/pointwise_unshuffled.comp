@@ -27,10 +27,10 @@ BUFFER(1, readonly, Source, STORAGE, source)
 BUFFER(2, writeonly, Target, STORAGE, target)
 
 void main() {
-  uvec2 cell = global_invocation_id().xy;
+  uvec2 pixel = global_invocation_id().xy;
   uint block = gl_WorkGroupID.z, columns = p.width / kSide;
-  if (cell.x >= columns || cell.y >= p.rows) return;
-  uint from = address(0, kSide * cell.y, kSide * cell.x, p.plane, p.width);
+  if (pixel.x >= columns || pixel.y >= p.rows) return;
+  uint from = address(0, kSide * pixel.y, kSide * pixel.x, p.plane, p.width);
   uint weight = block * kChannels * kSide * kOutputs * kWeightColumns;
   float sum[kOutputs][kSide];
   [[unroll]] for (uint o = 0; o < kOutputs; ++o) {
@@ -39,9 +39,11 @@ void main() {
   for (uint c = 0; c < kChannels; ++c) {
     [[unroll]] for (uint y = 0; y < kSide; ++y) {
       float value[kSide];
-      [[unroll]] for (uint x = 0; x < kSide; ++x) value[x] = float(source.v[from + address(c, y, x, p.plane, p.width)]);
+      [[unroll]] for (uint x = 0; x < kSide; ++x)
+        value[x] = float(source.v[from + address(c, y, x, p.plane, p.width)]);
       [[unroll]] for (uint o = 0; o < kOutputs; ++o) {
-        [[unroll]] for (uint x = 0; x < kSide; ++x) sum[o][x] = fma(weights.v[weight + x], value[x], sum[o][x]);
+        [[unroll]] for (uint x = 0; x < kSide; ++x)
+          sum[o][x] = fma(weights.v[weight + x], value[x], sum[o][x]);
         weight += kWeightColumns;
       }
     }
@@ -53,6 +55,7 @@ void main() {
     uint channel = block * kOutputs + o;
     float value = sum[o][0] + bias.v[channel];
     if (kRelu != 0) value = rectified(value);
-    if (channel < p.channels_out) target.v[address(channel, cell.y, cell.x, p.plane_out, columns)] = STORAGE(storable(value));
+    if (channel < p.channels_out)
+      target.v[address(channel, pixel.y, pixel.x, p.plane_out, columns)] = STORAGE(storable(value));
   }
 }

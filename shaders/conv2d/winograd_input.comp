@@ -25,7 +25,8 @@ BUFFER(2, writeonly, Transformed, float, transformed)
 float load(uint c, uint y, uint x) {
   bool inside = y < p.height && x < p.width;
   uint row = (kUnshuffle * y + c / kUnshuffle % kUnshuffle) & p.rows_mask;
-  uint at = address(c / (kUnshuffle * kUnshuffle), row, kUnshuffle * x + c % kUnshuffle, p.plane, kUnshuffle * p.width);
+  uint at = address(c / (kUnshuffle * kUnshuffle), row, kUnshuffle * x + c % kUnshuffle, p.plane,
+                    kUnshuffle * p.width);
   float value = float(source.v[inside ? at : 0]);
   return inside ? value : 0.0;
 }
@@ -45,7 +46,8 @@ void main() {
   uint y0 = corner.y - kKernel / 2, x0 = corner.x - kKernel / 2;
   float columns[kMostSide][2 * kMostSide];  // [row][column] of both tiles
   vec2 even[kMostSide];                     // the columns x0 + x - 1 and x0 + x; x0 is odd
-  [[unroll]] for (uint y = 0; y < kSide; ++y) even[y] = kPairs != 0 ? load_pair(channel, y0 + y, x0 - 1) : vec2(0.0);
+  [[unroll]] for (uint y = 0; y < kSide; ++y)
+    even[y] = kPairs != 0 ? load_pair(channel, y0 + y, x0 - 1) : vec2(0.0);
   [[unroll]] for (uint x = 0; x < kSide + kTile; x += 2) {
     vec2 d[kMostSide];
     [[unroll]] for (uint y = 0; y < kSide; ++y) {
@@ -68,6 +70,7 @@ void main() {
     vec2 d[kMostSide];
     [[unroll]] for (uint x = 0; x < kSide; ++x) d[x] = vec2(columns[y][x], columns[y][x + kTile]);
     transform(d);
-    [[unroll]] for (uint x = 0; x < kSide; ++x) WRITE_PAIR(transformed, at + (y * kSide + x) * p.position_stride, d[x]);
+    [[unroll]] for (uint x = 0; x < kSide; ++x)
+      WRITE_PAIR(transformed, at + (y * kSide + x) * p.position_stride, d[x]);
   }
 }

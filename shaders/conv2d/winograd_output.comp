@@ -22,7 +22,8 @@ void main() {
   uint at = element(0, o, tile, p.position_stride, p.channels);
   [[unroll]] for (uint x = 0; x < kSide; ++x) {
     vec2 m[kMostSide];
-    [[unroll]] for (uint y = 0; y < kSide; ++y) m[y] = READ_PAIR(products, at + (y * kSide + x) * p.position_stride);
+    [[unroll]] for (uint y = 0; y < kSide; ++y)
+      m[y] = READ_PAIR(products, at + (y * kSide + x) * p.position_stride);
     transform(m);
     [[unroll]] for (uint y = 0; y < kTile; ++y) result[y][x] = m[y];
   }

@@ -47,10 +47,12 @@ void main() {
   uint at = 2 * global_invocation_id().x;
   vec2 columns[kKernel][kMostSide];  // [column of g][row of G g]
   [[unroll]] for (uint x = 0; x < kKernel; ++x)
-    transform(load(at + x * p.count), load(at + (kKernel + x) * p.count), load(at + (2 * kKernel + x) * p.count), columns[x]);
+    transform(load(at + x * p.count), load(at + (kKernel + x) * p.count),
+              load(at + (2 * kKernel + x) * p.count), columns[x]);
   [[unroll]] for (uint y = 0; y < kSide; ++y) {
     vec2 row[kMostSide];
     transform(columns[0][y], columns[1][y], columns[2][y], row);
-    [[unroll]] for (uint x = 0; x < kSide; ++x) WRITE_PAIR(transformed, at + (y * kSide + x) * p.count, row[x]);
+    [[unroll]] for (uint x = 0; x < kSide; ++x)
+      WRITE_PAIR(transformed, at + (y * kSide + x) * p.count, row[x]);
   }
 }

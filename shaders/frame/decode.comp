@@ -72,13 +72,14 @@ void main() {
     Bilinear low = bilinear_at(at, p.upsampled.phase, p.upsampled.inverse_scale,
                                uvec2(p.upsampled.lrhs_width, p.upsampled.lrhs_height));
 #ifdef FRAME_IMAGE
-    vec4 pixel = vec4(decoded(0, at, low, wanted), decoded(1, at, low, wanted), decoded(2, at, low, wanted), 1.0);
+    vec4 pixel =
+        vec4(decoded(0, at, low, wanted), decoded(1, at, low, wanted), decoded(2, at, low, wanted), 1.0);
     if (wanted) imageStore(frame, ivec2(at + uvec2(p.frame.x, p.frame.y)), pixel);
 #else
     float value = decoded(id.z, at, low, wanted);
     if (wanted) {
-      frame[p.frame.offset + id.z * p.frame.channel_stride + at.y * p.frame.row_stride + at.x * p.frame.pixel_stride] =
-          value;
+      frame[p.frame.offset + id.z * p.frame.channel_stride + at.y * p.frame.row_stride +
+            at.x * p.frame.pixel_stride] = value;
     }
 #endif
   }

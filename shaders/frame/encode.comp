@@ -59,7 +59,8 @@ void main() {
       values[k] = constant ? p.constants[source % 8] : value;
     }
     [[unroll]] for (uint k = 0; k < kStrip; ++k) {
-      if (strip.wanted[k]) target.v[address(to, strip.pixels[k].y, id.x, p.plane, p.width)] = STORAGE(storable(values[k]));
+      if (strip.wanted[k])
+        target.v[address(to, strip.pixels[k].y, id.x, p.plane, p.width)] = STORAGE(storable(values[k]));
     }
   }
 }

@@ -23,6 +23,7 @@ float frame_value(TextureView view, uint channel, uvec2 at) { return frame_texel
 layout(std430, binding = 1) readonly buffer Frame { float frame[]; };
 
 float frame_value(FrameView view, uint channel, uvec2 at) {
-  return frame[view.offset + channel * view.channel_stride + at.y * view.row_stride + at.x * view.pixel_stride];
+  return frame[view.offset + channel * view.channel_stride + at.y * view.row_stride +
+               at.x * view.pixel_stride];
 }
 #endif

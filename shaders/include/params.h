@@ -256,7 +256,7 @@ struct Decode {
 
 #define RAYMELD_FIRST_CONSTANT 56  // channels of encode.comp from here on are constants
 // A kind says how an input channel is encoded.
-#define RAYMELD_RADIANCE 0  // multiplied by the exposure, clamped to [0, clip], then put through the transfer function
+#define RAYMELD_RADIANCE 0  // multiplied by the exposure, clamped to [0, clip], then encoded
 #define RAYMELD_ALBEDO 1    // clamped to [0, 1]
 #define RAYMELD_NORMAL 2    // clamped to [-1, 1]
 #define RAYMELD_VARIANCE 3  // encoded like radiance, but multiplied by the square of the exposure

@@ -19,7 +19,8 @@ float squared(vec3 v) {
 }
 
 float squared_distance(Surface a, Surface b) {
-  precise vec3 color = (a.albedo - b.albedo) / RAYMELD_ALBEDO_WIDTH, facing = (a.normal - b.normal) / RAYMELD_NORMAL_WIDTH;
+  precise vec3 color = (a.albedo - b.albedo) / RAYMELD_ALBEDO_WIDTH,
+               facing = (a.normal - b.normal) / RAYMELD_NORMAL_WIDTH;
   precise float sum = squared(color) + squared(facing);
   return sum;
 }

@@ -39,7 +39,8 @@ void main() {
       } else {
         tap = tap_at(i);
       }
-      vec4 value = vec4(source.v[i], source.v[i + p.plane], source.v[i + 2 * p.plane], source.v[i + 3 * p.plane]);
+      vec4 value =
+          vec4(source.v[i], source.v[i + p.plane], source.v[i + 2 * p.plane], source.v[i + 3 * p.plane]);
       [[unroll]] for (int dy = -1; dy <= 1; ++dy) {
         int of = row - dy;
         if (of >= 0 && of < kStrip) add(sums[of], own[of], tap, value, binomial(dx, dy));

@@ -1,7 +1,8 @@
 // Declares the inputs and outputs of joint_filter.comp, weights its taps and stores its sums.
 // llvmpipe/joint_filter_vectors.comp includes it too.
 layout(push_constant) uniform Push {
-  ADDRESS(Values, source) ADDRESS(Values, albedo) ADDRESS(Values, normal) ADDRESS(Values, brightness) ADDRESS(Values, target)
+  ADDRESS(Values, source) ADDRESS(Values, albedo) ADDRESS(Values, normal) ADDRESS(Values, brightness)
+  ADDRESS(Values, target)
   JointFilter p;
   VECTOR_PUSH
 };
@@ -30,7 +31,8 @@ uint row_of(uint top, int row) { return uint(clamp(int(top) + row * int(p.step),
 
 void add(inout Sums sums, Tap own, Tap tap, vec4 value, float kernel) {
   precise float difference = (tap.brightness - own.brightness) / RAYMELD_BRIGHTNESS_WIDTH;
-  precise float weight = kernel * exp(-(squared_distance(tap.surface, own.surface) + difference * difference));
+  precise float weight =
+      kernel * exp(-(squared_distance(tap.surface, own.surface) + difference * difference));
   precise float certainty = weight * value.w;
   sums.light += certainty * value.xyz;
   sums.certainty += certainty;

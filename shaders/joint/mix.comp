@@ -12,7 +12,8 @@
 layout(local_size_x = 64, local_size_y = 2) in;
 #include "invocation.glsl"
 layout(push_constant) uniform Push {
-  ADDRESS(Values, rec) ADDRESS(Values, lrhs) ADDRESS(Values, albedo) ADDRESS(Values, filtered) ADDRESS(Values, target)
+  ADDRESS(Values, rec) ADDRESS(Values, lrhs) ADDRESS(Values, albedo) ADDRESS(Values, filtered)
+  ADDRESS(Values, target)
   Upsampled p;
 };
 BUFFER(1, readonly, Rec, STORAGE, rec)

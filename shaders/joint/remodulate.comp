@@ -10,10 +10,10 @@
 layout(local_size_x = 64, local_size_y = 2) in;
 #include "invocation.glsl"
 layout(push_constant) uniform Push {
-  ADDRESS(Values, light) ADDRESS(Values, albedo) ADDRESS(Values, target)
+  ADDRESS(Values, demodulated) ADDRESS(Values, albedo) ADDRESS(Values, target)
   Remodulate p;
 };
-BUFFER(1, readonly, Light, STORAGE, light)
+BUFFER(1, readonly, Demodulated, STORAGE, demodulated)
 BUFFER(2, readonly, Albedo, STORAGE, albedo)
 BUFFER(3, writeonly, Target, STORAGE, target)
 #include "strip.glsl"
@@ -26,7 +26,7 @@ void main() {
     at[k] = address(id.z, strip.pixels[k].y, strip.pixels[k].x, p.plane, p.width);
   float values[kStrip];
   [[unroll]] for (uint k = 0; k < kStrip; ++k) {
-    float linear = (exp(RAYMELD_COMPRESS * float(light.v[at[k]])) - 1.0) / RAYMELD_COMPRESS;
+    float linear = (exp(RAYMELD_COMPRESS * float(demodulated.v[at[k]])) - 1.0) / RAYMELD_COMPRESS;
     values[k] = to_network(linear * (float(albedo.v[at[k]]) + RAYMELD_ALBEDO_FLOOR), p.log_transfer);
   }
   [[unroll]] for (uint k = 0; k < kStrip; ++k) {

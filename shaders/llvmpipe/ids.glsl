@@ -1,5 +1,5 @@
-// Computes what invocation.glsl declares. Some drivers for CPUs divide to find the built-in variables, lane by
-// lane.
+// Computes what invocation.glsl declares. Some drivers for CPUs divide to find the built-in variables, lane
+// by lane.
 #extension GL_KHR_shader_subgroup_basic : require
 
 layout(constant_id = 29) const uint kIdLanes = 0;  // lanes of subgroups that lie side by side, or 0

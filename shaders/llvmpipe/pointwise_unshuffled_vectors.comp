@@ -19,7 +19,7 @@ layout(constant_id = 1) const uint kChannels = 27;  // channels of the image
 layout(constant_id = 2) const uint kOutputs = 6;
 layout(constant_id = 3) const uint kRelu = 0;
 layout(constant_id = 4) const uint kVector = 8;  // a multiple of kSide
-const uint kVectors = 2, kCells = kVector / kSide;
+const uint kVectors = 2, kPixels = kVector / kSide;
 const uint kOrder = 2;
 layout(push_constant) uniform Push {
   Floats weights;
@@ -53,16 +53,16 @@ void main() {
     }
   }
   if (end_order()) return;
-  uint lane = gl_SubgroupInvocationID, columns = p.width / kSide, cell = left / kSide + lane;
+  uint lane = gl_SubgroupInvocationID, columns = p.width / kSide, pixel = left / kSide + lane;
   [[unroll]] for (uint o = 0; o < kOutputs; ++o) {
     [[unroll]] for (uint step = 1; step < kSide; step *= 2)
       sum[o] += vec2(subgroupShuffle(sum[o].x, lane ^ step), subgroupShuffle(sum[o].y, lane ^ step));
     uint from = lane * kSide % kVector;
     float low = subgroupShuffle(sum[o].x, from), high = subgroupShuffle(sum[o].y, from);
     uint channel = block * kOutputs + o;
-    float value = (lane < kCells ? low : high) + bias.v[channel];
+    float value = (lane < kPixels ? low : high) + bias.v[channel];
     if (kRelu != 0) value = rectified(value);
-    if (lane < kVectors * kCells && cell < columns && channel < p.channels_out)
-      target.v[address(channel, row, cell, p.plane_out, columns)] = value;
+    if (lane < kVectors * kPixels && pixel < columns && channel < p.channels_out)
+      target.v[address(channel, row, pixel, p.plane_out, columns)] = value;
   }
 }

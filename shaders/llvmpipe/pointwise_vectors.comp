@@ -26,13 +26,15 @@ float read_source(uint64_t first) {
 }
 
 void main() {
-  uint block = uniform_number(gl_WorkGroupID.y), in_band = global_invocation_id().x, first = first_of_vector().x;
+  uint block = uniform_number(gl_WorkGroupID.y), in_band = global_invocation_id().x,
+       first = first_of_vector().x;
   uint sum_at = sum_address(block, in_band);
   Floats w = block_weights(block), b = block_bias(block);
   Floats before = Floats(uint64_t(sums) + 4ul * sum_address(block, first));
   uint64_t next = uint64_t(source) + uint64_t(p.first_pixel + first) * STORAGE_BYTES;
   float sum[kOutputs];
-  [[unroll]] for (uint o = 0; o < kOutputs; ++o) sum[o] = kFirst != 0 ? b.v[o] : read_vector(before, o * kLanes);
+  [[unroll]] for (uint o = 0; o < kOutputs; ++o)
+    sum[o] = kFirst != 0 ? b.v[o] : read_vector(before, o * kLanes);
   [[unroll]] for (uint i = 0; i < kChannels; ++i) {
     float value = read_source(next);
     next += uint64_t(p.plane) * STORAGE_BYTES;

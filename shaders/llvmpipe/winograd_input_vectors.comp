@@ -87,7 +87,8 @@ void main() {
   }
   if (end_order()) return;
   uint lane = gl_SubgroupInvocationID;
-  uint one_left = (lane + uniform_number(kVector - 1)) % kVector, one_right = (lane + uniform_number(1)) % kVector;
+  uint one_left = (lane + uniform_number(kVector - 1)) % kVector,
+       one_right = (lane + uniform_number(1)) % kVector;
   uint to = element(0, p.first_channel + channel, 2 * first, p.position_stride, p.channels);
   [[unroll]] for (uint y = 0; y < kSide; ++y) {
     transpose(columns[y]);  // now each lane has its own pair of tiles

@@ -38,8 +38,10 @@ void main() {
   uint channels_out = p.blocks * kOutputs;
   uint from = element(position, p.first_channel, first, p.transformed_stride, p.channels_in);
   Floats w = Floats(uint64_t(weights) + 4ul * weight), inputs = Floats(uint64_t(transformed) + 4ul * from);
-  Floats sums = Floats(uint64_t(products) + 4ul * element(position, block * kOutputs, first, p.products_stride, channels_out));
-  Floats results = Floats(uint64_t(products) + 4ul * element(position, block * kOutputs, tile, p.products_stride, channels_out));
+  Floats sums = Floats(uint64_t(products) +
+                       4ul * element(position, block * kOutputs, first, p.products_stride, channels_out));
+  Floats results = Floats(uint64_t(products) +
+                          4ul * element(position, block * kOutputs, tile, p.products_stride, channels_out));
   Pairs pairs = Pairs(uint64_t(sums) + 8ul * gl_SubgroupInvocationID);
   vec2 sum[kOutputs];
   [[unroll]] for (uint o = 0; o < kOutputs; ++o) {
@@ -48,7 +50,8 @@ void main() {
       sum[o] = kPaired != 0 ? floats(pairs.v[o * kLanes / 2]) : vec2(read_vector(sums, o * kLanes), 0.0);
   }
   [[unroll]] for (uint i = 0; i < kChannels; ++i) {
-    vec2 value = vec2(read_vector(inputs, i * kLanes), kPaired != 0 ? read_vector(inputs, i * kLanes + kVector) : 0.0);
+    vec2 value =
+        vec2(read_vector(inputs, i * kLanes), kPaired != 0 ? read_vector(inputs, i * kLanes + kVector) : 0.0);
     [[unroll]] for (uint o = 0; o < kOutputs; ++o) sum[o] = fma(vec2(w.v[i * kOutputs + o]), value, sum[o]);
     if (kOrder > 0 && (i + 1) % kOrder == 0 && i + 1 < kChannels) {
       vec2 all = vec2(0.0);

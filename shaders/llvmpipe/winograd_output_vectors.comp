@@ -24,7 +24,8 @@ void main() {
   uint o = kOutputs * uniform_number(gl_WorkGroupID.z), tile = 2 * first_of_vector().x;
   uvec2 corners[2];
   [[unroll]] for (uint i = 0; i < 2; ++i)
-    corners[i] = corner(tile + tile_of_pairs(i * kVector + gl_SubgroupInvocationID, kVector), p.first_tile_row, p.tiles_x);
+    corners[i] = corner(tile + tile_of_pairs(i * kVector + gl_SubgroupInvocationID, kVector),
+                        p.first_tile_row, p.tiles_x);
   vec2 result[2][kMostSide][kMostSide];  // [output channel][row][column], a component for each tile
   [[unroll]] for (uint k = 0; k < kOutputs; ++k) {
     uint at = element(0, o + k, tile, p.position_stride, p.channels);
@@ -48,7 +49,8 @@ void main() {
   [[unroll]] for (uint y = 0; y < kTile; ++y) {
     [[unroll]] for (uint side = 0; side < 2; ++side) {
       [[unroll]] for (uint x = 0; x < kTile; ++x)
-        store_pair(o, corners[side].y + y, corners[side].x + x, vec2(result[0][y][x][side], result[1][y][x][side]));
+        store_pair(o, corners[side].y + y, corners[side].x + x,
+                   vec2(result[0][y][x][side], result[1][y][x][side]));
     }
   }
 }

@@ -244,11 +244,11 @@ FuserOptions options_of(const raymeld_fusion_desc& desc, const ContextState& con
                             ? model.architecture().lrhs_centered
                             : desc.lrhs_sampling == RAYMELD_SAMPLING_CENTERED;
   options.exposure = desc.exposure;
-  options.changed_only = desc.changed_only;
+  options.skip_unchanged = desc.skip_unchanged;
   options.frame_images = {.inputs = desc.input_images != 0, .output = desc.output_image != 0};
   options.constants = absent_layers(desc, model);
   options.compute_variance = desc.compute_variance;
-  options.compute_exposure = desc.exposure == 0 && !desc.changed_only;
+  options.compute_exposure = desc.exposure == 0 && !desc.skip_unchanged;
   // Only raymeld_fuse() computes tiles again in fp32, and it takes no images of Vulkan.
   if (options.frame_images.any()) options.fp32_kernels.reset();
   if (desc.memory) options.scratch = {desc.memory, desc.memory_offset_bytes, desc.memory_size_bytes};
@@ -262,9 +262,9 @@ void check_desc(const raymeld_fusion_desc& desc) {
   check_choice(desc.kernels, RAYMELD_KERNELS_DIRECT, "kernels");
   check_choice(desc.lrhs_sampling, RAYMELD_SAMPLING_CENTERED, "lrhs_sampling");
   check_given_exposure(desc.exposure);
-  if (desc.changed_only && (desc.input_images || desc.output_image))
+  if (desc.skip_unchanged && (desc.input_images || desc.output_image))
     throw InvalidArgument(
-        "changed_only is for raymeld_fuse(), which takes no Vulkan images: input_images and output_image "
+        "skip_unchanged is for raymeld_fuse(), which takes no Vulkan images: input_images and output_image "
         "must be 0");
 }
 
@@ -644,9 +644,9 @@ raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands, c
     raymeld_fusion_t& made = given(fusion, "fusion");
     const raymeld_frame asked = read(given(frame, "frame"), "raymeld_frame");
     if (!commands) throw InvalidArgument("commands is VK_NULL_HANDLE");
-    if (made.options.changed_only)
+    if (made.options.skip_unchanged)
       throw InvalidArgument(
-          "raymeld_record() cannot find what changed in the inputs: changed_only is for raymeld_fuse()");
+          "raymeld_record() cannot find what changed in the inputs: skip_unchanged is for raymeld_fuse()");
     check_given_exposure(asked.exposure);
     if (made.ring && made.ring->is_pending(made.fuser.next_frame()))
       throw InvalidArgument(

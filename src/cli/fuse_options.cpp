@@ -195,9 +195,11 @@ void add_more_reports(CLI::App& command, FuseArguments& a) {
   command
       .add_flag("--profile", a.profile,
                 "Shows the time of each layer; the frame runs twice, and the second run is measured")
+      ->excludes("--skip-unchanged")
       ->excludes("--changed-only");
   command.add_option("--dump", a.dump, "Writes each layer's output as a NumPy file to this folder")
       ->type_name("DIR")
+      ->excludes("--skip-unchanged")
       ->excludes("--changed-only");
 }
 
@@ -221,11 +223,13 @@ void add_more_sequence(CLI::App& command, CLI::Option* frames, SequenceArguments
           "Skips frames whose outputs all exist and are no older than the inputs and the file of --model")
       ->needs(frames);
   command
-      .add_flag("--changed-only", frame.changed_only,
+      .add_flag("--skip-unchanged", frame.skip_unchanged,
                 "Computes only the tiles that depend on pixels that changed since the last frame, and copies "
                 "the others from its output; computes all tiles if the exposure differs, so give "
                 "--input-exposure a factor or off")
       ->needs(frames);
+  // This is the option's name in earlier versions.
+  command.add_flag("--changed-only", frame.skip_unchanged)->needs(frames)->group("");
 }
 
 // Each option goes to the group that is set when it is added.

@@ -15,8 +15,8 @@ struct MemoryUse {
   std::vector<ByteRange> reads, writes;
 };
 
-// Says for each pass, in the order of execution, whether a barrier precedes it. One does if the pass reads what
-// a pass since the last barrier wrote, or writes what such a pass read or wrote.
+// Says for each pass, in the order of execution, whether a barrier precedes it. One does if the pass reads
+// what a pass since the last barrier wrote, or writes what such a pass read or wrote.
 std::vector<bool> plan_barriers(const std::vector<MemoryUse>& passes);
 
 }  // namespace raymeld

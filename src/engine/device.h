@@ -35,7 +35,7 @@ struct DeviceInfo {
   std::array<uint32_t, 3> max_groups{};  // workgroups of one dispatch
   uint32_t subgroup_size = 0;
   uint32_t vector_lanes = 0;  // size of subgroups that the driver makes vectors of, or 0: see vector.glsl
-  uint32_t id_lanes = 0;      // the same where the driver divides to find ids, or 0: see invocation.glsl
+  uint32_t id_lanes = 0;      // the same where the driver divides to find ids, or 0: see ids.glsl
   double timestamp_period_ns = 0;  // 0: no timestamps on compute queues
   bool is_cpu = false;
   bool storage_16bit = false;

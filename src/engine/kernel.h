@@ -39,7 +39,7 @@ struct KernelRecipe {
 // Holds a compute pipeline, whose specialization constant kIdLanesId is the device's id_lanes.
 class Kernel {
  public:
-  static constexpr uint32_t kIdLanesId = 29;  // invocation.glsl
+  static constexpr uint32_t kIdLanesId = 29;  // ids.glsl
   // Throws Error.
   Kernel(const Device& device, VkPipelineCache cache, const KernelRecipe& recipe);
   ~Kernel();

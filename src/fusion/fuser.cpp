@@ -131,7 +131,7 @@ void Fuser::record(VkCommandBuffer commands, const FrameBuffer& lrhs, const Fram
 void Fuser::record(VkCommandBuffer commands, const FrameBindings& frame, float exposure,
                    std::optional<TileSize> size) {
   exposure = recorded_exposure(exposure);
-  if (options_.changed_only) throw Error("record() cannot be used with changed_only, expected fuse()");
+  if (options_.skip_unchanged) throw Error("record() cannot be used with skip_unchanged, expected fuse()");
   if (size && !is_prepared(*size))
     throw Error("recording a frame of {} x {} LRHS pixels: prepare() was not called for this size",
                 size->width, size->height);
@@ -244,7 +244,7 @@ FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const
   if (options_.frame_images.any()) throw Error("fuse() cannot be used with frame_images, expected record()");
   // The default exposure is the whole frame's, so that all tiles have the same.
   const float factor = exposure != 0 ? exposure : this->exposure(lrhs);
-  if (options_.changed_only) {
+  if (options_.skip_unchanged) {
     if (!last_frame_) {
       const TileSize frame = plan_.tiling.frame;
       last_frame_.emplace(frame, model_.architecture().scale, image_shapes(frame)[1].channels);

@@ -30,7 +30,7 @@ struct FuseReport {
   Status status;              // counts of the values that made the image
   uint32_t redone_tiles = 0;  // computed again in 32 bits; see FuserOptions::fp32_kernels
   // Holds the share of the frame's work that was skipped, because nothing changed there since the last frame;
-  // see FuserOptions::changed_only.
+  // see FuserOptions::skip_unchanged.
   double skipped_share = 0;
   // FuserOptions::profile fills these, each in the order of the first pass.
   std::vector<PassTime> layers;
@@ -76,7 +76,7 @@ class Fuser {
   // one queue. `exposure` is the factor of radiance for the network; FuserOptions::exposure does not count
   // here. With FuserOptions::compute_exposure, 0 makes the device compute exposure() of this LRHS; frames in
   // several tiles then throw SizeError. Throws Error when a view exceeds the device's limits, and with
-  // FuserOptions::changed_only, since record() does not look for changes.
+  // FuserOptions::skip_unchanged, since record() does not look for changes.
   void record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
               const FrameBuffer& fused, float exposure = 1);
   // Does the same with images by slot, for FuserOptions::frame_images. They are read in
@@ -113,7 +113,7 @@ class Fuser {
   // frame starts again with smaller tiles, unless record(), or prepare() of another size, was called before:
   // recordings may still be submitted. Throws NotFinite, Cancelled and Error, also with
   // FuserOptions::frame_images; `fused` may then hold some tiles, and the next call works if the device does.
-  // FuserOptions::changed_only keeps the inputs and the output for the next call, and the bits are those of a
+  // FuserOptions::skip_unchanged keeps the inputs and the output for the next call, and the bits are those of a
   // first call. `exposure` is the factor of radiance for the network, to be given for parts of a
   // larger frame; 0 means exposure().
   FuseReport fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress = {},
@@ -187,7 +187,7 @@ class Fuser {
   std::unique_ptr<Host> host_;
   std::unique_ptr<Fuser> wide_;  // fuses one tile in 32 bits; made when first needed
   bool last_redone_ = false;
-  std::optional<LastFrame> last_frame_;  // made by the first fuse() with FuserOptions::changed_only
+  std::optional<LastFrame> last_frame_;  // made by the first fuse() with FuserOptions::skip_unchanged
 };
 
 }  // namespace raymeld

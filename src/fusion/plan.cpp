@@ -169,7 +169,7 @@ FuserOptions wide_options(const DeviceInfo& device, FuserOptions options, uint64
   options.storage = Storage::kFloat32;
   options.kernels = *options.fp32_kernels;
   options.fp32_kernels.reset();
-  options.changed_only = false;  // tiles are computed again as a whole
+  options.skip_unchanged = false;  // tiles are computed again as a whole
   options.compute_exposure = false;
   options.scratch.reset();
   return options;

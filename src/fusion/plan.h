@@ -49,7 +49,7 @@ struct FuserOptions {
   std::optional<Kernels> fp32_kernels = {};
   // Makes fuse() compute only the tiles in which a pixel changed since the last frame, and take the others
   // from the last output: see LastFrame.
-  bool changed_only = false;
+  bool skip_unchanged = false;
   ConstantLayers constants = {};  // HRLS layers with one value, which no image holds
   // Makes the device compute the color's variance where the model reads it; no image holds it.
   bool compute_variance = false;

@@ -63,10 +63,10 @@ void demodulate(Graph& graph, const std::string& name, const Tensor& color, cons
   expect_shape(name, "LRHS", lrhs, with_channels(lrhs.shape, 6));
   expect_shape(name, "the color", color, enlarged(lrhs.shape, options.scale, 3));
   Pass pass = pass_of(graph, name, shaders::kDemodulate, {color, albedo, lrhs}, out);
-  const float cell = static_cast<float>(options.scale * options.scale);
+  const float pixels = static_cast<float>(options.scale * options.scale);
   pass.set_push(params::Demodulate{
       upsampled(graph, out, lrhs, options.transfer, options.scale, options.phase), options.scale,
-      options.phase > 0 ? options.lrhs_certainty / cell : options.lrhs_certainty});
+      options.phase > 0 ? options.lrhs_certainty / pixels : options.lrhs_certainty});
   pass.groups = strip_groups(with_channels(out.shape, 1));
   graph.add(std::move(pass));
 }
@@ -92,13 +92,13 @@ void joint_filter(Graph& graph, const std::string& name, const Tensor& in, const
   graph.add(std::move(pass));
 }
 
-void remodulate(Graph& graph, const std::string& name, const Tensor& light, const Tensor& albedo,
+void remodulate(Graph& graph, const std::string& name, const Tensor& demodulated, const Tensor& albedo,
                 const Tensor& out, Transfer transfer) {
   const Shape shape = with_channels(out.shape, 3);
-  expect_shape(name, "the demodulated radiance", light, shape);
+  expect_shape(name, "the demodulated radiance", demodulated, shape);
   expect_shape(name, "the albedo", albedo, shape);
   expect_shape(name, "the output", out, shape);
-  Pass pass = pass_of(graph, name, shaders::kRemodulate, {light, albedo}, out);
+  Pass pass = pass_of(graph, name, shaders::kRemodulate, {demodulated, albedo}, out);
   pass.set_push(params::Remodulate{shape.height, shape.width, graph.plane(out), transfer == Transfer::kLog});
   pass.groups = strip_groups(shape);
   graph.add(std::move(pass));

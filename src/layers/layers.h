@@ -218,7 +218,7 @@ void joint_filter(Graph& graph, const std::string& name, const Tensor& in, const
                   const Tensor& normal, const Tensor& brightness, const Tensor& out, uint32_t step);
 
 // Multiplies filtered demodulated radiance (H, W, 3) by albedo + 0.4 and encodes it.
-void remodulate(Graph& graph, const std::string& name, const Tensor& light, const Tensor& albedo,
+void remodulate(Graph& graph, const std::string& name, const Tensor& demodulated, const Tensor& albedo,
                 const Tensor& out, Transfer transfer);
 
 // Writes (H, W, 3): the residual plus five candidates, weighted by the softmax of the logits. rec (H, W, 8)

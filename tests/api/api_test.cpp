@@ -75,9 +75,9 @@ TEST_F(ApiTest, FailuresSayWhatWasExpected) {
   EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.record(commands, frame), "offset_bytes is 2");
   EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.record(VK_NULL_HANDLE, frame), "commands");
   raymeld_fusion_desc changes = desc_;
-  changes.changed_only = VK_TRUE;
+  changes.skip_unchanged = VK_TRUE;
   changes.output_image = VK_TRUE;
-  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, Fusion(context, model, changes), "changed_only",
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, Fusion(context, model, changes), "skip_unchanged",
                  "output_image");
   EXPECT_EQ(raymeld_model_get_info(nullptr, nullptr), RAYMELD_ERROR_INVALID_ARGUMENT);
   EXPECT_STREQ(raymeld_error(), "model is NULL");

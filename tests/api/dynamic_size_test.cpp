@@ -70,7 +70,7 @@ TEST_F(DynamicSizeTest, EverySizeHasTheBitsOfAFusionMadeForIt) {
       {.architecture = guided_architecture(2),
        .precision = RAYMELD_PRECISION_FP16,
        .kernels = RAYMELD_KERNELS_DIRECT},
-      {.architecture = cells_architecture(2)},
+      {.architecture = unshuffled_architecture(2)},
   };
   for (const Case& at : cases) {
     use(at.architecture);
@@ -187,7 +187,7 @@ TEST_F(DynamicSizeTest, AnySizeFitsInTheMemoryOfALargerOne) {
   device.buffer_device_address = device.storage_16bit = true;
   for (const uint32_t band : {32u, 256u, 1u << 16}) {
     for (const reference::Architecture& architecture :
-         {small_architecture(4), joint_architecture(4), guided_architecture(2), cells_architecture(4)}) {
+         {small_architecture(4), joint_architecture(4), guided_architecture(2), unshuffled_architecture(4)}) {
       use(architecture);
       const Model model(file_);
       const Conv2dChoice choose = [&](const Conv2dShape& shape) {

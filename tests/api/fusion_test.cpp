@@ -74,7 +74,7 @@ TEST_F(FusionTest, AbsentLayersAreNotRead) {
 
 TEST_F(FusionTest, WhatDidNotChangeIsSkipped) {
   desc_.precision = RAYMELD_PRECISION_FP32;
-  desc_.changed_only = VK_TRUE;
+  desc_.skip_unchanged = VK_TRUE;
   Fusion fusion(context_, model_of(subject_), desc_);
   const ApiFused first = fuse(fusion, subject_);
   EXPECT_EQ(first.status.skipped_share, 0);
@@ -83,7 +83,7 @@ TEST_F(FusionTest, WhatDidNotChangeIsSkipped) {
   EXPECT_EQ(second.values, first.values);
   const auto commands = reinterpret_cast<VkCommandBuffer>(uintptr_t{16});  // is not touched
   EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.record(commands, {}), "raymeld_record()",
-                 "changed_only");
+                 "skip_unchanged");
 }
 
 TEST_F(FusionTest, SaturationIsToldOnce) {

@@ -175,13 +175,13 @@ TEST_F(Cli, DataWindowsInsideTheDisplayWindow) {
       for (int x = 0; x < padded.width; ++x)
         padded.at(c, y, x) = cut.at(c, std::clamp(y - 3, 0, 13), std::clamp(x - 1, 0, 14));
   write_image(folder_ / "padded.exr", kLayeredNames, padded);
-  write_image(folder_ / "cells.exr", kColorNames, crop(read("low.exr"), 1, 0, 4, 5));
+  write_image(folder_ / "cropped.exr", kColorNames, crop(read("low.exr"), 1, 0, 4, 5));
   const auto fuse_to = [&](const std::string& lrhs, const std::string& hrls, const std::string& output) {
     return run_json(
         {"fuse", "--lrhs", lrhs, "--hrls", hrls, "-o", output, "--model", tiny_model(), "--json"});
   };
   const Json json = fuse_to("low.exr", "cut.exr", "a.exr");
-  EXPECT_EQ(json.at("peak_bytes"), fuse_to("cells.exr", "padded.exr", "b.exr").at("peak_bytes"));
+  EXPECT_EQ(json.at("peak_bytes"), fuse_to("cropped.exr", "padded.exr", "b.exr").at("peak_bytes"));
   EXPECT_EQ(json.at("warnings"), Json::array());
   EXPECT_EQ(ExrFile(folder_ / "a.exr").header().dataWindow(), window(5, 3, 15, 14));
   EXPECT_EQ(ExrFile(folder_ / "a.exr").header().displayWindow(), window(0, 0, 32, 24));

@@ -156,9 +156,9 @@ TEST_F(CliWindow, ADataWindowCostsWhatItsPixelsCost) {
         .at("gflop")
         .get<double>();
   };
-  write_image(folder_ / "cells.exr", kColorNames, random_image(kColorNames, 4, 5, 1));
+  write_image(folder_ / "cropped.exr", kColorNames, random_image(kColorNames, 4, 5, 1));
   write_image(folder_ / "full.exr", kLayeredNames, random_image(kLayeredNames, 16, 20, 2));
-  const double expected = gflop("cells.exr", "full.exr");
+  const double expected = gflop("cropped.exr", "full.exr");
   EXPECT_GT(expected, 0);
   EXPECT_EQ(gflop("low.exr", "border.exr"), expected);
   // A window of the border render takes a halo that covers all of the data window.

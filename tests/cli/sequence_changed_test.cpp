@@ -1,4 +1,4 @@
-// Fuses sequences with --changed-only: every frame comes out as it would without the option.
+// Fuses sequences with --skip-unchanged: every frame comes out as it would without the option.
 #include "sequence_fixture.h"
 
 namespace raymeld::test {
@@ -39,7 +39,7 @@ TEST_F(SequenceChanged, FramesAreWhatTheyWouldBeWithout) {
   EXPECT_EQ(run(fuse_frames("1-9", kTiled)).exit_status, 2);
   std::map<int, std::string> without;
   for (const int frame : {1, 2, 3, 4, 5, 6, 7, 9}) without[frame] = read_file(folder_ / out(frame));
-  const ProcessResult result = run(fuse_frames("1-9", {"--changed-only", "--json", kTiled[0], kTiled[1]}));
+  const ProcessResult result = run(fuse_frames("1-9", {"--skip-unchanged", "--json", kTiled[0], kTiled[1]}));
   EXPECT_EQ(result.exit_status, 2);
   const Json frames = Json::parse(result.out).at("frames");
   const auto skipped = [&](int frame) {
@@ -57,22 +57,23 @@ TEST_F(SequenceChanged, FramesAreWhatTheyWouldBeWithout) {
 
 TEST_F(SequenceChanged, ItIsSaidAndMustFitTheOtherOptions) {
   for (const int frame : {1, 2}) write(frame);
-  const ProcessResult result = run(fuse_frames("1-2", {"--changed-only"}));
+  const ProcessResult result = run(fuse_frames("1-2", {"--skip-unchanged"}));
   EXPECT_EQ(result.exit_status, 0) << result.err;
   const size_t said =
       result.err.find("100 % of the frame is copied from the last one, as nothing changed there\n");
   ASSERT_NE(said, std::string::npos) << result.err;
   EXPECT_GT(said, result.err.find("frame 2: wrote ")) << result.err;
   EXPECT_EQ(result.err.find("100 % of the frame", said + 1), std::string::npos) << result.err;
+  EXPECT_EQ(run(fuse_frames("1-2", {"--changed-only"})).err, result.err) << "the option's earlier name";
   const auto expect_error = [&](const std::vector<std::string>& arguments, const std::string& other) {
     const ProcessResult refused = run(arguments);
     EXPECT_NE(refused.exit_status, 0);
-    EXPECT_NE(refused.err.find("--changed-only"), std::string::npos) << refused.err;
+    EXPECT_NE(refused.err.find("--skip-unchanged"), std::string::npos) << refused.err;
     EXPECT_NE(refused.err.find(other), std::string::npos) << refused.err;
   };
-  expect_error(fuse({"--changed-only"}), "--frames");
-  expect_error(fuse_frames("1-2", {"--changed-only", "--profile"}), "--profile");
-  expect_error(fuse_frames("1-2", {"--changed-only", "--dump", "layers.####"}), "--dump");
+  expect_error(fuse({"--skip-unchanged"}), "--frames");
+  expect_error(fuse_frames("1-2", {"--skip-unchanged", "--profile"}), "--profile");
+  expect_error(fuse_frames("1-2", {"--skip-unchanged", "--dump", "layers.####"}), "--dump");
 }
 
 }  // namespace

@@ -49,8 +49,8 @@ Requests random_requests(std::mt19937& random) {
   return requests;
 }
 
-// Returns the buffers of network.md's graph with one dispatch per convolution, an LRHS of `pixels` pixels and
-// a scale of 2^steps. A block's wide buffer holds its input and all that its dense convolutions append.
+// Returns the buffers of the paper's network with one dispatch per convolution, an LRHS of `pixels` pixels
+// and a scale of 2^steps. A block's wide buffer holds its input and all that its dense convolutions append.
 Requests network_requests(uint64_t pixels, int steps, int groups, int blocks, int dense_layers,
                           uint64_t features, uint64_t growth) {
   Requests requests;

@@ -278,7 +278,7 @@ TEST_F(FaultsTest, TilesBecomeSmallerInAFrame) {
 TEST_F(FaultsTest, SmallerTilesTakeNothingOfTheLastFrame) {
   CallerDevice caller;
   const std::unique_ptr<Device> device = Device::wrap(caller.external());
-  Fuser fuser(*device, model_, 12, 40, {.changed_only = true}, cache());
+  Fuser fuser(*device, model_, 12, 40, {.skip_unchanged = true}, cache());
   fuse(fuser);
   subject_.lrhs.at(0, 0, 0) += 1;
   interposed().fault = {.function = "vkWaitForFences", .call = 1, .code = VK_ERROR_OUT_OF_DEVICE_MEMORY};

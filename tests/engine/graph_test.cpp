@@ -325,7 +325,7 @@ std::vector<std::vector<std::tuple<std::string, uint32_t, Access>>> accesses_of(
 TEST(Graph, PassesByAddressHaveTheAccessesAndBarriersOfThoseWithBuffers) {
   const TemporaryDirectory folder;
   for (const auto& shape :
-       {small_architecture, guided_architecture, joint_architecture, cells_architecture}) {
+       {small_architecture, guided_architecture, joint_architecture, unshuffled_architecture}) {
     const Subject subject = make_subject(shape(4), 9, 5, 1);
     write_model(folder / "model.safetensors", subject.architecture, subject.weights);
     const Model model(folder / "model.safetensors");

@@ -40,8 +40,8 @@ class ChangedTest : public GpuTest {
     return {image_of(subject.lrhs), image_of(subject.hrls)};
   }
 
-  Fuser make(const Model& model, FuserOptions options, bool changed_only = true) {
-    options.changed_only = changed_only;
+  Fuser make(const Model& model, FuserOptions options, bool skip_unchanged = true) {
+    options.skip_unchanged = skip_unchanged;
     return Fuser(gpu(), model, kHeight, kWidth, options, shared_cache_folder());
   }
 
@@ -62,7 +62,7 @@ class ChangedTest : public GpuTest {
 
 // Returns options under which a frame takes several tiles.
 FuserOptions tiled(const Model& model, FuserOptions options) {
-  options.changed_only = true;
+  options.skip_unchanged = true;
   options.max_memory_bytes = plan_fusion(model, kHeight, kWidth, gpu().info(), options).peak_bytes() / 2;
   return options;
 }
@@ -205,7 +205,7 @@ TEST_F(ChangedTest, WhatOverflowsIsComputedAgainAsAWhole) {
 TEST_F(ChangedTest, WhoCannotKnowWhatChangedIsTold) {
   const Model model = model_of(small_architecture(2));
   Fuser fuser = make(model, {});
-  EXPECT_ERROR(fuser.record(VK_NULL_HANDLE, FrameBindings{}), "record()", "changed_only");
+  EXPECT_ERROR(fuser.record(VK_NULL_HANDLE, FrameBindings{}), "record()", "skip_unchanged");
 }
 
 }  // namespace

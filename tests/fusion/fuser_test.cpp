@@ -81,7 +81,7 @@ TEST_F(FuserTest, TiledAndUntiledGiveTheSameBits) {
   size_t combinations = 0;
   std::vector<Architecture> all = shapes();
   for (const int scale : {2, 4, 8}) all.push_back(joint_architecture(scale));
-  all.push_back(cells_architecture(4));
+  all.push_back(unshuffled_architecture(4));
   for (const Architecture& a : all) {
     const int scale = a.scale;
     const bool joint = a.base == reference::Base::kJoint;  // a joint base has a large halo
@@ -113,8 +113,8 @@ struct Reach {
 
 Reach reach_of(const Fuser& fuser, const Planes& fused, int scale, int lit_cell, bool rows) {
   Reach reach{INT_MAX, INT_MIN};
-  const int cells = int(rows ? fuser.plan().tiling.frame.height : fuser.plan().tiling.frame.width);
-  for (int i = 0; i < cells * scale; ++i) {
+  const int lrhs_pixels = int(rows ? fuser.plan().tiling.frame.height : fuser.plan().tiling.frame.width);
+  for (int i = 0; i < lrhs_pixels * scale; ++i) {
     if (fused.at(0, rows ? i : 0, rows ? 0 : i) <= 0) continue;
     reach.least = std::min(reach.least, i / scale - lit_cell);
     reach.most = std::max(reach.most, i / scale - lit_cell);
@@ -229,20 +229,20 @@ TEST_F(FuserTest, BadPixelsStayWithinTheHaloAndGiveFiniteOutput) {
     const int scale = 4, h = 3, w = 20;
     const Subject subject = make_subject(small_architecture(scale), h, w, 5);
     const Model model = model_of(subject);
-    const int halo = int(receptive_halo(model.architecture())), bad_cell = w - 1;
+    const int halo = int(receptive_halo(model.architecture())), bad_column = w - 1;
     Fuser fuser = make_fuser(model, subject, {.storage = storage_of(precision)});
     const std::vector<float> clean = fuse(fuser, subject.lrhs, subject.hrls);
     for (const float bad : {kNaN, kInfinity, -kInfinity, 6e4f, 1e8f, 1e30f, FLT_MAX, -FLT_MAX}) {
       SCOPED_TRACE(fmt::format("{} in {}", bad, name_of(precision)));
       Planes lrhs = subject.lrhs, hrls = subject.hrls;
-      for (int c = 0; c < lrhs.c; ++c) lrhs.at(c, 1, bad_cell) = bad;
-      for (int c = 0; c < hrls.c; ++c) hrls.at(c, 5, bad_cell * scale) = bad;
+      for (int c = 0; c < lrhs.c; ++c) lrhs.at(c, 1, bad_column) = bad;
+      for (int c = 0; c < hrls.c; ++c) hrls.at(c, 5, bad_column * scale) = bad;
       const std::vector<float> fused = fuse(fuser, lrhs, hrls);
       size_t far_changed = 0, not_finite = 0;
       for (size_t i = 0; i < fused.size(); ++i) {
         not_finite += !std::isfinite(fused[i]);
-        const int cell = int(i % size_t(w * scale)) / scale;
-        far_changed += cell < bad_cell - halo && fused[i] != clean[i];
+        const int column = int(i % size_t(w * scale)) / scale;
+        far_changed += column < bad_column - halo && fused[i] != clean[i];
       }
       EXPECT_EQ(not_finite, 0u);
       EXPECT_EQ(far_changed, 0u);

@@ -86,7 +86,7 @@ TEST_F(VarianceTest, TiledAndUntiledGiveTheSameBits) {
 TEST_F(VarianceTest, WhatChangedHasTheBitsOfAWholeFrame) {
   const reference::Architecture architecture = small_architecture(2);
   Inputs in = inputs(architecture, 40, 40);
-  FuserOptions options{.changed_only = true, .compute_variance = true, .exposure = 1};
+  FuserOptions options{.skip_unchanged = true, .compute_variance = true, .exposure = 1};
   options.max_memory_bytes = plan_fusion(in.model, 40, 40, gpu().info(), options).peak_bytes() / 2;
   Fuser fuser(gpu(), in.model, 40, 40, options, shared_cache_folder());
   const Tiling tiling = fuser.plan().tiling;

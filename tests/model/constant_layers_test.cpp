@@ -29,7 +29,7 @@ Architecture with_all_kinds(Architecture a) {
 
 std::vector<Architecture> architectures() {
   return {with_all_kinds(small_architecture(2)), with_all_kinds(guided_architecture(4)),
-          with_all_kinds(joint_architecture(2)), with_all_kinds(cells_architecture(2))};
+          with_all_kinds(joint_architecture(2)), with_all_kinds(unshuffled_architecture(2))};
 }
 
 const ConstantLayers kAbsent{{"albedo", {}}, {"diffuse", {}}};

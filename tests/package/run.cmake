@@ -1,5 +1,6 @@
-# Installs BUILD into a folder of its own, moves it, builds the consumers against it, and runs them and the installed
-# program. Then checks the Debian packages. CPACK is the program, LIBDIR the folder of installed libraries.
+# Installs BUILD into a folder of its own, moves it, builds the consumers against it, and runs them and the
+# installed program. Then checks the Debian packages. CPACK is the program, LIBDIR the folder of installed
+# libraries.
 set(work ${BUILD}/package-test)
 file(REMOVE_RECURSE ${work})
 execute_process(COMMAND ${CMAKE_COMMAND} --install ${BUILD} --prefix ${work}/installed OUTPUT_QUIET
@@ -20,8 +21,8 @@ endif()
 
 # The consumers build without the Vulkan loader.
 execute_process(COMMAND ${CMAKE_COMMAND} -E env PKG_CONFIG_PATH=${work}/prefix/${LIBDIR}/pkgconfig
-                        ${CMAKE_COMMAND} -G Ninja -S ${SOURCE} -B ${work}/build -DCMAKE_PREFIX_PATH=${work}/prefix
-                        -DCMAKE_DISABLE_FIND_PACKAGE_Vulkan=ON
+                        ${CMAKE_COMMAND} -G Ninja -S ${SOURCE} -B ${work}/build
+                        -DCMAKE_PREFIX_PATH=${work}/prefix -DCMAKE_DISABLE_FIND_PACKAGE_Vulkan=ON
                         -DCMAKE_C_FLAGS=${FLAGS} -DCMAKE_CXX_FLAGS=${FLAGS} COMMAND_ERROR_IS_FATAL ANY)
 execute_process(COMMAND ${CMAKE_COMMAND} --build ${work}/build COMMAND_ERROR_IS_FATAL ANY)
 foreach(consumer consumer_cpp consumer_c consumer_pkg)
@@ -34,14 +35,16 @@ file(COPY_FILE ${MODEL} ${work}/prefix/share/raymeld/models/installed.safetensor
 foreach(model installed x4-fast)
   execute_process(COMMAND ${CMAKE_COMMAND} -E env --unset=RAYMELD_MODELS ${work}/build/consumer_c ${model}
                   COMMAND_ERROR_IS_FATAL ANY)
-  execute_process(COMMAND ${CMAKE_COMMAND} -E env --unset=RAYMELD_MODELS ${work}/prefix/bin/raymeld graph --model ${model}
-                          --size 256x256 OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
+  execute_process(COMMAND ${CMAKE_COMMAND} -E env --unset=RAYMELD_MODELS
+                          ${work}/prefix/bin/raymeld graph --model ${model} --size 256x256
+                  OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
 endforeach()
 execute_process(COMMAND ${work}/prefix/bin/raymeld graph --model x4 --size 256x256 OUTPUT_QUIET
                 COMMAND_ERROR_IS_FATAL ANY)
 
 # The Debian packages, unpacked over each other, have all files.
-execute_process(COMMAND ${CPACK} -G DEB -B ${work}/packages WORKING_DIRECTORY ${BUILD} OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
+execute_process(COMMAND ${CPACK} -G DEB -B ${work}/packages WORKING_DIRECTORY ${BUILD} OUTPUT_QUIET
+                COMMAND_ERROR_IS_FATAL ANY)
 file(GLOB packages ${work}/packages/*.deb)
 list(LENGTH packages count)
 if(NOT count EQUAL 5)
@@ -49,10 +52,12 @@ if(NOT count EQUAL 5)
 endif()
 foreach(package ${packages})
   execute_process(COMMAND dpkg-deb --extract ${package} ${work}/debian COMMAND_ERROR_IS_FATAL ANY)
-  execute_process(COMMAND dpkg-deb --field ${package} Package Depends OUTPUT_VARIABLE fields COMMAND_ERROR_IS_FATAL ANY)
+  execute_process(COMMAND dpkg-deb --field ${package} Package Depends OUTPUT_VARIABLE fields
+                  COMMAND_ERROR_IS_FATAL ANY)
   string(APPEND control "${fields}")
 endforeach()
-foreach(field "Package: libraymeld0.1\nDepends: [^\n]*libc6 " "Depends: libraymeld0.1 \\(= 0.1.0\\), libvulkan-dev"
+foreach(field "Package: libraymeld0.1\nDepends: [^\n]*libc6 "
+              "Depends: libraymeld0.1 \\(= 0.1.0\\), libvulkan-dev"
               "Package: raymeld\nDepends: raymeld-models \\(= 0.1.0\\), libvulkan1, [^\n]*libc6 ")
   if(NOT control MATCHES "${field}")
     message(FATAL_ERROR "no package says ${field}:\n${control}")
@@ -67,5 +72,6 @@ endforeach()
 execute_process(COMMAND ${work}/debian/usr/bin/raymeld graph --model x4 --size 256x256 OUTPUT_QUIET
                 COMMAND_ERROR_IS_FATAL ANY)
 file(COPY_FILE ${MODEL} ${work}/debian/usr/share/raymeld/models/unpacked.safetensors)
-execute_process(COMMAND ${CMAKE_COMMAND} -E env --unset=RAYMELD_MODELS LD_LIBRARY_PATH=${work}/debian/usr/${LIBDIR}
-                        ${work}/build/consumer_c unpacked COMMAND_ERROR_IS_FATAL ANY)
+execute_process(COMMAND ${CMAKE_COMMAND} -E env --unset=RAYMELD_MODELS
+                        LD_LIBRARY_PATH=${work}/debian/usr/${LIBDIR} ${work}/build/consumer_c unpacked
+                COMMAND_ERROR_IS_FATAL ANY)

@@ -35,7 +35,7 @@ Architecture joint_architecture(int scale) {
   return a;
 }
 
-Architecture cells_architecture(int scale) {
+Architecture unshuffled_architecture(int scale) {
   Architecture a = joint_architecture(scale);
   a.hrls_kernel = 1;
   return a;

@@ -18,7 +18,7 @@ reference::Architecture guided_architecture(int scale);
 // Returns guided_architecture() with a joint base and the log transfer.
 reference::Architecture joint_architecture(int scale);
 // Returns joint_architecture() with a 1x1 convolution of the unshuffled HRLS.
-reference::Architecture cells_architecture(int scale);
+reference::Architecture unshuffled_architecture(int scale);
 
 // Writes a subject's network to a file in `folder` and loads it. `metadata` is that of the file.
 Model saved_model(const std::filesystem::path& folder, const Subject& subject,

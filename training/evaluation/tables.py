@@ -219,7 +219,10 @@ def equal_spp(errors, target):
     errors = numpy.minimum.accumulate(errors)
     if target < errors[-1]:
         return RENDERS_SPP[-1] * errors[-1] / target, True
-    return float(numpy.exp(numpy.interp(numpy.log(target), numpy.log(errors[::-1]), numpy.log(RENDERS_SPP[::-1])))), False
+    return (
+        float(numpy.exp(numpy.interp(numpy.log(target), numpy.log(errors[::-1]), numpy.log(RENDERS_SPP[::-1])))),
+        False,
+    )
 
 
 def fusing_s(model, views, store):
@@ -251,7 +254,12 @@ def equal_time_sheets(models, views, store):
     """Returns (sheet of medians, sheet with one row for each view)."""
     head = ["", "inputs, s", "fusing, s"]
     for metric in ("PSNR", "RelMSE"):
-        head += [f"spp of equal {metric}", f"beyond {ALL_PLAIN} spp", "its time / inputs", "its time / (inputs + fusing)"]
+        head += [
+            f"spp of equal {metric}",
+            f"beyond {ALL_PLAIN} spp",
+            "its time / inputs",
+            "its time / (inputs + fusing)",
+        ]
     medians, rows = [], []
     for model in models:
         fusing = fusing_s(model, views, store)

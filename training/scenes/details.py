@@ -38,7 +38,10 @@ def finish(b):
 
 def bars(b, matrix, width, height, step, thick, material):
     """Builds the upright and level bars of a grille, as boxes in its plane."""
-    across = [((-width / 2 + i * step, 0, 0), (-width / 2 + i * step + thick, height, thick)) for i in range(int(width / step))]
+    across = [
+        ((-width / 2 + i * step, 0, 0), (-width / 2 + i * step + thick, height, thick))
+        for i in range(int(width / step))
+    ]
     if b.rng.random() < 0.6:
         rise = step * b.rng.choice((1, 1, 2))
         across += [((-width / 2, j * rise, 0), (width / 2, j * rise + thick, thick)) for j in range(int(height / rise))]
@@ -63,7 +66,10 @@ def rail(b):
     step = rng.uniform(0.08, 0.4)
     posts = [((-2 + i * step, y, 0), (-2 + i * step + thick, y + thick, height)) for i in range(int(4 / step))]
     wires = rng.randint(1, 9)
-    posts += [((-2, y, height * (j + 1) / wires), (2, y + thick / 2, height * (j + 1) / wires + thick / 2)) for j in range(wires)]
+    posts += [
+        ((-2, y, height * (j + 1) / wires), (2, y + thick / 2, height * (j + 1) / wires + thick / 2))
+        for j in range(wires)
+    ]
     b.boxes(posts, finish(b))
 
 
@@ -79,8 +85,12 @@ def lettering(b):
     sign.matrix_world = place_for(b) @ Matrix.Translation((0, rng.uniform(0.3, 0.9), 0.02))
     dark = rng.random() < 0.5
     ink, _, shader = materials.new_material("ink")
-    shader.inputs["Base Color"].default_value = materials.colour(rng, 0.01, 0.2) if dark else materials.colour(rng, 0.6, 0.9)
-    curve.materials.append(rng.choice((ink, ink, ink, materials.metal(rng), materials.light_emitter(rng, rng.uniform(0.5, 4)))))
+    shader.inputs["Base Color"].default_value = (
+        materials.colour(rng, 0.01, 0.2) if dark else materials.colour(rng, 0.6, 0.9)
+    )
+    curve.materials.append(
+        rng.choice((ink, ink, ink, materials.metal(rng), materials.light_emitter(rng, rng.uniform(0.5, 4))))
+    )
     if rng.random() < 0.6:
         w, h = rng.uniform(0.4, 1.1), rng.uniform(0.3, 0.8)
         board = b.surface(plain=0.7)
@@ -105,7 +115,10 @@ def mirror(b):
     matrix = place_for(b)
     b.panel([(-w / 2, 0, w / 2, h)], matrix, material)
     edge = 0.03
-    frame = [((-w / 2 - edge, -edge, -0.02), (w / 2 + edge, 0, 0.02)), ((-w / 2 - edge, h, -0.02), (w / 2 + edge, h + edge, 0.02))]
+    frame = [
+        ((-w / 2 - edge, -edge, -0.02), (w / 2 + edge, 0, 0.02)),
+        ((-w / 2 - edge, h, -0.02), (w / 2 + edge, h + edge, 0.02)),
+    ]
     frame += [((x - edge / 2, 0, -0.02), (x + edge / 2, h, 0.02)) for x in (-w / 2, w / 2)]
     b.boxes(frame, finish(b)).matrix_world = matrix
 
@@ -138,7 +151,13 @@ def lights(b):
     if kind == "lamp":
         for _ in range(rng.randint(1, 3)):
             spot = Vector((rng.uniform(-1.5, 1.5), rng.uniform(-1.5, 1.2), HEIGHT - 0.1))
-            b.light(rng.choice(("AREA", "POINT", "SPOT")), spot, spot - Vector((0, 0, 1)), rng.uniform(20, 120), rng.uniform(0.05, 0.8))
+            b.light(
+                rng.choice(("AREA", "POINT", "SPOT")),
+                spot,
+                spot - Vector((0, 0, 1)),
+                rng.uniform(20, 120),
+                rng.uniform(0.05, 0.8),
+            )
     elif kind == "uplight":
         spot = Vector((rng.uniform(-1.5, 1.5), rng.uniform(-1.5, 1), rng.uniform(0.5, 1.8)))
         b.light("AREA", spot, spot + Vector((0, 0, 1)), rng.uniform(50, 150), rng.uniform(0.2, 0.8))

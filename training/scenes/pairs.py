@@ -68,7 +68,9 @@ def run(seed, args):
     options += ["--kind", args.kind] if args.kind else []
     command = ["blender", "-b", "--factory-startup", "-P", SCRIPT, "--", "--out", *folders, *options, *renders(seed)]
     try:
-        ended = subprocess.run(list(map(str, command)), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=args.timeout_s)
+        ended = subprocess.run(
+            list(map(str, command)), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=args.timeout_s
+        )
         log = ended.stdout
     except subprocess.TimeoutExpired as expired:
         log = (expired.stdout or b"") + b"\nout of time"

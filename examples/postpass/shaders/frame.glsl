@@ -30,7 +30,10 @@ uint slot_at(uint slot, ivec2 pixel, ivec2 size) { return at(slot, pixel, size);
 vec3 tone(vec3 light) { return 1 - exp(-max(light, 0)); }
 vec3 untone(vec3 toned) { return -log(max(1 - toned, 1e-4)); }
 
-vec3 srgb(vec3 x) { return mix(12.92 * x, 1.055 * pow(max(x, 0.0031308), vec3(1 / 2.4)) - 0.055, greaterThan(x, vec3(0.0031308))); }
+vec3 srgb(vec3 x) {
+  return mix(12.92 * x, 1.055 * pow(max(x, 0.0031308), vec3(1 / 2.4)) - 0.055,
+             greaterThan(x, vec3(0.0031308)));
+}
 
 // Returns the direction to a point of the image, given in pixels from the top-left corner.
 vec3 direction_of(Camera camera, vec2 point, vec2 size) {

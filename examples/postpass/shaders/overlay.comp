@@ -28,7 +28,8 @@ void main() {
   if (all(greaterThanEqual(dot_at, ivec2(0))) && within.x < 3 && within.y < 5) {
     const uint place = cell.y * kTextColumns + cell.x;
     const uint code = constants.text[place / 4] >> (8 * (place % 4)) & 255u;
-    if (code >= kFirst && code <= kLast) lit = (kGlyphs[code - kFirst] >> (14 - 3 * within.y - within.x) & 1u) != 0;
+    if (code >= kFirst && code <= kLast)
+      lit = (kGlyphs[code - kFirst] >> (14 - 3 * within.y - within.x) & 1u) != 0;
   }
   imageStore(shown, pixel, lit ? vec4(1) : vec4(0.35 * color.rgb, 1));
 }

@@ -11,8 +11,8 @@ struct Hit {
   uint object;
 };
 
-const uint kRoom = 0, kLamp = 1, kTallBox = 2, kLowBox = 3, kPlinth = 4, kGlassBall = 5, kGoldBall = 6, kMirrorBall = 7,
-           kRedBall = 8;
+const uint kRoom = 0, kLamp = 1, kTallBox = 2, kLowBox = 3, kPlinth = 4, kGlassBall = 5, kGoldBall = 6,
+           kMirrorBall = 7, kRedBall = 8;
 
 const vec3 kRoomLow = vec3(-2.2, 0, -2.6), kRoomHigh = vec3(2.2, 2.5, 2.6);
 const vec2 kLampCentre = vec2(0.1, -0.2), kLampHalf = vec2(0.75, 0.5);  // x, z
@@ -35,7 +35,9 @@ float hit_ball(Ray ray, vec4 ball) {
 }
 
 // Turns the axes about y by the angle of this sine and cosine.
-vec3 turn(vec3 v, vec2 angle) { return vec3(angle.y * v.x - angle.x * v.z, v.y, angle.x * v.x + angle.y * v.z); }
+vec3 turn(vec3 v, vec2 angle) {
+  return vec3(angle.y * v.x - angle.x * v.z, v.y, angle.x * v.x + angle.y * v.z);
+}
 
 // Returns the distance at which the ray enters a box around the origin.
 float hit_box(Ray ray, vec3 half_size, out vec3 normal) {
@@ -52,7 +54,9 @@ const vec3 kTallCentre = vec3(-0.75, 0.65, -0.7), kTallHalf = vec3(0.34, 0.65, 0
 const vec3 kLowCentre = vec3(1.35, 0.3, -0.15), kLowHalf = vec3(0.3, 0.3, 0.3);
 const vec3 kPlinthCentre = vec3(0.42, 0.26, -0.5), kPlinthHalf = vec3(0.42, 0.26, 0.42);
 
-Ray into(Ray ray, vec3 centre, vec2 angle) { return Ray(turn(ray.origin - centre, angle), turn(ray.direction, angle)); }
+Ray into(Ray ray, vec3 centre, vec2 angle) {
+  return Ray(turn(ray.origin - centre, angle), turn(ray.direction, angle));
+}
 
 void take(inout Hit hit, float t, vec3 normal, uint object) {
   if (t < hit.t) hit = Hit(t, normal, object);
@@ -125,7 +129,8 @@ Surface surface_at(vec3 point, Hit hit) {
   if (hit.normal.x < -0.5) return Surface(vec3(0.14, 0.42, 0.16), kMatte);
   if (hit.normal.z > 0.5 || hit.normal.z < -0.5) {  // panels
     const bool groove = fract(point.x / 0.4) < 0.06 && point.y < 1.1;
-    return Surface(point.y < 1.1 ? vec3(groove ? 0.25 : 0.5) * vec3(1, 0.95, 0.85) : vec3(0.73, 0.72, 0.68), kMatte);
+    return Surface(point.y < 1.1 ? vec3(groove ? 0.25 : 0.5) * vec3(1, 0.95, 0.85) : vec3(0.73, 0.72, 0.68),
+                   kMatte);
   }
   return Surface(vec3(0.75), kMatte);
 }

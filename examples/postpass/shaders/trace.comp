@@ -46,7 +46,8 @@ float fresnel(float cosine, float eta) {
   const float refracted = 1 - eta * eta * (1 - cosine * cosine);
   if (refracted <= 0) return 1;
   const float other = sqrt(refracted);
-  const float s = (eta * cosine - other) / (eta * cosine + other), p = (cosine - eta * other) / (cosine + eta * other);
+  const float s = (eta * cosine - other) / (eta * cosine + other),
+              p = (cosine - eta * other) / (cosine + eta * other);
   return (s * s + p * p) / 2;
 }
 
@@ -63,7 +64,8 @@ vec3 lamp_light(vec3 point, vec3 normal, vec2 u) {
   const float cosines = max(dot(normal, direction), 0) * max(direction.y, 0);
   if (cosines <= 0) return vec3(0);
   const float area = 4 * kLampHalf.x * kLampHalf.y;
-  return kEmission * (visible(Ray(point, direction), distance - 2 * kNear) * cosines * area / (kPi * distance * distance));
+  return kEmission * (visible(Ray(point, direction), distance - 2 * kNear) * cosines * area /
+                      (kPi * distance * distance));
 }
 
 Path trace(Ray ray) {
@@ -104,7 +106,9 @@ Path trace(Ray ray) {
       onward = mirrors ? reflect(ray.direction, normal) : refract(ray.direction, normal, eta);
       does = mirrors ? 2 : 3;
     } else {
-      const float mirrored = surface.kind == kCoated ? fresnel(abs(cosine), 1 / 1.5) : surface.kind == kMatte ? 0 : 1;
+      const float mirrored = surface.kind == kCoated  ? fresnel(abs(cosine), 1 / 1.5)
+                             : surface.kind == kMatte ? 0
+                                                      : 1;
       const float chance = surface.kind == kCoated ? mix(0.2, 1, mirrored) : mirrored;
       if (random() < chance) {
         const float roughness = surface.kind == kMetal ? 0.25 : 0;
@@ -142,7 +146,8 @@ void main() {
   Path sum = Path(vec3(0), vec3(0), vec3(0), vec3(0), vec3(0));
   for (uint sample_index = 0; sample_index < samples; ++sample_index) {
     const vec2 point = vec2(pixel) + 0.5 + kFilterSigma * gaussian();
-    const Path path = trace(Ray(constants.camera.position.xyz, direction_of(constants.camera, point, vec2(size))));
+    const Path path =
+        trace(Ray(constants.camera.position.xyz, direction_of(constants.camera, point, vec2(size))));
     sum.color += path.color;
     sum.albedo += path.albedo;
     sum.normal += path.normal;
@@ -150,8 +155,8 @@ void main() {
     sum.specular += path.specular;
   }
   const Camera camera = constants.camera;
-  const vec3 normal = vec3(dot(sum.normal, normalize(camera.right.xyz)), dot(sum.normal, normalize(camera.up.xyz)),
-                           dot(sum.normal, camera.forward.xyz));
+  const vec3 normal = vec3(dot(sum.normal, normalize(camera.right.xyz)),
+                           dot(sum.normal, normalize(camera.up.xyz)), dot(sum.normal, camera.forward.xyz));
   for (uint c = 0; c < 3; ++c) {
     if (!kFull) {
       lrhs[at(c, pixel, size)] = sum.color[c] / samples;

@@ -72,10 +72,11 @@ class Headless(unittest.TestCase):
         printed = run("--headless", "--size", "48x40", "--frames", 60, "--script", text, "--png", png, "--validate")
         for line in (
             "frame 0: renders x4-fast, 48x40", "frame 3: shows LRHS", "frame 6: shows HRLS", "frame 9: shows converged",
-            "frame 13: shows fused", "frame 14: history on", "frame 17: camera still", "frame 20: renders x8-fast, 48x40",
-            "frame 24: renders x8-balanced", "frame 28: renders x2-fast", "frame 32: renders x4-balanced", "frame 36: device",
-            "frame 40: frames in flight 3", "frame 44: renders x4-balanced, 50x37", "frame 48: window minimised",
-            "frame 52: window restored", "validation messages: 0",
+            "frame 13: shows fused", "frame 14: history on", "frame 17: camera still",
+            "frame 20: renders x8-fast, 48x40", "frame 24: renders x8-balanced", "frame 28: renders x2-fast",
+            "frame 32: renders x4-balanced", "frame 36: device", "frame 40: frames in flight 3",
+            "frame 44: renders x4-balanced, 50x37", "frame 48: window minimised", "frame 52: window restored",
+            "validation messages: 0",
         ):  # fmt: skip
             self.assertIn(line, printed)
         self.assertEqual(pixels(png).shape, (37, 50, 3))
@@ -133,8 +134,8 @@ class Headless(unittest.TestCase):
 
 class Measure(unittest.TestCase):
     def test_fused_is_good_and_the_history_steadies_it(self):
-        printed = run("--measure", "--size", "96x96", "--measure-frames", 8, "--measure-samples", 64, "--reference-samples",
-                      128, "--validate")  # fmt: skip
+        printed = run("--measure", "--size", "96x96", "--measure-frames", 8, "--measure-samples", 64,
+                      "--reference-samples", 128, "--validate")  # fmt: skip
         fused, blended, converged = numbers(
             printed, r"flicker: fused ([\d.]+), with history ([\d.]+), converged \(64 samples\) ([\d.]+)"
         )
@@ -216,7 +217,8 @@ class Window(unittest.TestCase):
             for key, line in (("h", "history on"), ("4", "shows converged"), ("3", "shows fused"), ("f", "in flight 3"),
                               ("space", "camera moves"), ("d", "device"), ("q", "renders x4-faster"),
                               ("q", "renders x4-balanced"), ("q", "renders x4-fast"), ("s", "renders x8-fast"),
-                              ("m", "renders x2-fast"), ("m", "renders x4-balanced"), ("m", "renders x4-fast")):  # fmt: skip
+                              ("m", "renders x2-fast"), ("m", "renders x4-balanced"),
+                              ("m", "renders x4-fast")):  # fmt: skip
                 before = self.log.read_text()
                 display.xdotool("key", key)
                 end = time.monotonic() + 120

@@ -57,7 +57,7 @@ FuserOptions options_of(const FuseArguments& arguments, const FuseFiles& files, 
   FuserOptions options = fuser_options(device, *files.model, arguments.precision, arguments.kernels,
                                        arguments.overflow == Overflow::kRedo);
   options.max_memory_bytes = arguments.max_memory_mib << 20;
-  options.changed_only = arguments.changed_only;
+  options.skip_unchanged = arguments.skip_unchanged;
   options.constants = constants;
   options.phase = files.phase;
   options.keep_activations = !arguments.dump.empty();
