@@ -263,5 +263,6 @@ PYBIND11_MODULE(raymeld, module) {
           "status", &Fuser::status,
           "The status of the last frame: saturated is the number of values that fp16 could not hold,\n"
           "redone_tiles the number of tiles that were computed again in fp32 for that, and skipped_share\n"
-          "the share of the frame's work that was skipped with skip_unchanged, because nothing changed there.");
+          "the share of the frame's work that was skipped with skip_unchanged, because nothing changed "
+          "there.");
 }

@@ -113,9 +113,9 @@ class Fuser {
   // frame starts again with smaller tiles, unless record(), or prepare() of another size, was called before:
   // recordings may still be submitted. Throws NotFinite, Cancelled and Error, also with
   // FuserOptions::frame_images; `fused` may then hold some tiles, and the next call works if the device does.
-  // FuserOptions::skip_unchanged keeps the inputs and the output for the next call, and the bits are those of a
-  // first call. `exposure` is the factor of radiance for the network, to be given for parts of a
-  // larger frame; 0 means exposure().
+  // FuserOptions::skip_unchanged keeps the inputs and the output for the next call, and the bits are those of
+  // a first call. `exposure` is the factor of radiance for the network, to be given for parts of a larger
+  // frame; 0 means exposure().
   FuseReport fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress = {},
                   float exposure = 0);
   // Does the same on planar, dense memory of the caller's, whose sizes are not checked.

@@ -64,7 +64,8 @@ TEST_F(SequenceChanged, ItIsSaidAndMustFitTheOtherOptions) {
   ASSERT_NE(said, std::string::npos) << result.err;
   EXPECT_GT(said, result.err.find("frame 2: wrote ")) << result.err;
   EXPECT_EQ(result.err.find("100 % of the frame", said + 1), std::string::npos) << result.err;
-  EXPECT_EQ(run(fuse_frames("1-2", {"--changed-only"})).err, result.err) << "the option's earlier name";
+  const std::string by_earlier_name = run(fuse_frames("1-2", {"--changed-only"})).err;
+  EXPECT_NE(by_earlier_name.find("100 % of the frame is copied"), std::string::npos) << by_earlier_name;
   const auto expect_error = [&](const std::vector<std::string>& arguments, const std::string& other) {
     const ProcessResult refused = run(arguments);
     EXPECT_NE(refused.exit_status, 0);

@@ -51,7 +51,7 @@ struct FuseArguments {
   std::optional<ModelRequest> request = {};
   std::optional<Choice> choice = {};        // the choice of `model`, if no name was given
   std::optional<Imath::Box2i> window = {};  // the part to fuse, in HRLS's pixels; none: its data window
-  bool skip_unchanged = false;                // compute only changes since a sequence's last frame
+  bool skip_unchanged = false;              // compute only changes since a sequence's last frame
   bool keep_layers = false, profile = false, dry_run = false, json = false, quiet = false, verbose = false;
 
   std::vector<std::filesystem::path> inputs() const;
