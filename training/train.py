@@ -25,6 +25,11 @@ ENCODED_LOSSES = {"rms": loss.rms, "l1": loss.l1}
 WITHOUT = ("none", "hrls", "lrhs", "layers")
 
 
+def fast_precision():
+    """Returns bf16 if the processor multiplies bfloat16, else fp32; PyTorch emulates it at a tenth of the speed."""
+    return "bf16" if "avx512_bf16" in pathlib.Path("/proc/cpuinfo").read_text() else "fp32"
+
+
 def parse():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--views", required=True, help="folder of packed views, by scenes/pairs.py")
@@ -42,7 +47,9 @@ def parse():
     parser.add_argument("--size", type=int, default=96, help="crop of the full-size image, pixels")
     parser.add_argument("--rate", type=float, default=2e-3)
     parser.add_argument("--validate-every", type=float, default=3, help="minutes of training between validations")
-    parser.add_argument("--fp32", action="store_true", help="train without bfloat16 autocast")
+    parser.add_argument(
+        "--precision", choices=("fp32", "bf16"), default=fast_precision(), help="bf16 where the processor has it"
+    )
     parser.add_argument("--threads", type=int, default=1)
     return parser.parse_args()
 
@@ -133,7 +140,7 @@ class Run:
         for group in self.optimizer.param_groups:
             group["lr"] = group["factor"] * rate * min(1, (self.step + 1) / 200)
         lrhs, hrls, reference, centered, spp = dataset.batch(views, self.config, args.size, args.batch, self.step)
-        with torch.autocast("cpu", torch.bfloat16, enabled=not args.fp32):
+        with torch.autocast("cpu", torch.bfloat16, enabled=args.precision == "bf16"):
             encoded = model.predict(self.network, *self.inputs(lrhs, hrls), centered, spp=spp)[0]
         error = self.error(encoded.float(), reference)
         self.optimizer.zero_grad(set_to_none=True)
