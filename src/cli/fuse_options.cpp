@@ -86,6 +86,12 @@ void add_files(CLI::App& command, FuseArguments& a) {
 
 void add_more_files(CLI::App& command, FuseArguments& a) {
   command
+      .add_option(
+          "--guides", a.guides,
+          "Reads albedo and normal from this OpenEXR file instead of HRLS: a render as large as HRLS, "
+          "with more samples")
+      ->type_name("FILE");
+  command
       .add_option("--map-lrhs", a.lrhs_map, "Maps channels to layers, as --map does, in the LRHS file alone")
       ->type_name("ITEM")
       ->allow_extra_args(false);

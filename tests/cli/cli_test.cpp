@@ -438,6 +438,38 @@ TEST_F(Cli, LayersThatTheModelDoesWithoutAreZero) {
   EXPECT_EQ(result.err.find("albedo: looked for"), std::string::npos) << result.err;
 }
 
+// The guides' file has a color of its own, which is not read, and lacks what HRLS must have.
+TEST_F(Cli, GuidesMayComeFromAFileOfTheirOwn) {
+  const std::string model = source_path("tests/golden/guided-x4.safetensors").string();
+  const Image high = read("high.exr", kLayeredNames);
+  const std::vector<std::string> guide_names(kLayeredNames.begin(), kLayeredNames.begin() + 9);
+  const Image guides = random_image(guide_names, high.width, high.height, 77);
+  write_image(folder_ / "guides.exr", guide_names, guides);
+  Image replaced = high;
+  std::copy_n(guides.plane(3), 6 * guides.plane_size(), replaced.plane(3));
+  write_image(folder_ / "replaced.exr", kLayeredNames, replaced);
+  const auto fuse_to = [&](const std::string& output, std::vector<std::string> more) {
+    more.insert(more.begin(), {"fuse", "--lrhs", "low.exr", "-o", output, "--model", model});
+    return run(more);
+  };
+  EXPECT_EQ(fuse_to("a.exr", {"--hrls", "replaced.exr"}).exit_status, 0);
+  const ProcessResult with = fuse_to("b.exr", {"--hrls", "high.exr", "--guides", "guides.exr", "--verbose"});
+  EXPECT_EQ(with.exit_status, 0) << with.err;
+  EXPECT_NE(with.err.find("guides guides.exr: "), std::string::npos) << with.err;
+  EXPECT_EQ(read("b.exr").data, read("a.exr").data);
+
+  const auto expect_error = [&](const std::string& file, const std::string& text) {
+    const ProcessResult refused = fuse_to("c.exr", {"--hrls", "high.exr", "--guides", file});
+    EXPECT_NE(refused.exit_status, 0);
+    EXPECT_NE(refused.err.find(text), std::string::npos) << refused.err;
+    EXPECT_FALSE(fs::exists(folder_ / "c.exr"));
+  };
+  expect_error("low.exr", "neither albedo nor normal");
+  expect_error("nothing.exr", "nothing.exr");
+  write_image(folder_ / "small.exr", guide_names, crop(guides, 0, 0, 8, 8));
+  expect_error("small.exr", "the sizes must be equal");
+}
+
 TEST_F(Cli, InputExposureIsFoundOrGiven) {
   const std::string model = source_path("tests/golden/guided-x4.safetensors").string();
   const auto exposure = [&](const std::string& of, std::vector<std::string> more) {

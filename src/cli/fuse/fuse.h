@@ -38,7 +38,7 @@ struct Choice {
 
 // Holds the options for one frame, or for a sequence, of which some paths are patterns.
 struct FuseArguments {
-  std::string lrhs, hrls, output, model, device, reference, preview, before_after, dump;
+  std::string lrhs, hrls, guides, output, model, device, reference, preview, before_after, dump;
   Precision precision = Precision::kAuto;
   Overflow overflow = Overflow::kError;
   PairCheck pair_check = PairCheck::kRefuse;
@@ -87,6 +87,8 @@ struct FuseFiles {
   PairFindings pair;  // set by examine()
   std::optional<ExrFile> reference;
   LayerMap reference_map;
+  std::optional<ExrFile> guides;  // a render of HRLS's guides with more samples
+  LayerMap guides_map;            // only layers that are taken from there
 
   const ExrChannel& hrls_color() const { return hrls.channel(hrls_map.layers.at("color").terms[0][0]); }
 };
@@ -144,6 +146,9 @@ Image load_lrhs(FuseFiles& files, Console& console);
 
 // Returns whether a layer has little noise even when samples are few.
 inline bool is_guide(const std::string& layer) { return layer == "albedo" || layer == "normal"; }
+
+// Reads layers of the whole of HRLS, (3 layers, H, W), all finite; guides come from their own file, if given.
+Image load_hrls(FuseFiles& files, std::span<const std::string> layers, Console& console);
 
 // Finds from the whole frame's pixels where LRHS samples lie, unless that is given, and how bright LRHS is,
 // and makes LRHS as bright as HRLS. Warns of a pair that hardly belongs together, and throws Error for one

@@ -80,12 +80,39 @@ std::pair<float, PhaseSource> said_phase(const std::string& option, const ExrFil
   return {lrhs_phase(true, scale), PhaseSource::kDefault};
 }
 
-ConstantLayers absent_layers(const LayerMap& hrls, const Architecture& model) {
+// Returns the guides that a file has. Throws Error if it has none, or one is not as large as HRLS.
+LayerMap map_guides(const ExrFile& file, const LayerChoice& choice, const ExrFile& hrls,
+                    const Imath::Box2i& hrls_window) {
+  LayerMap map = map_color(file, choice);
+  std::erase_if(map.layers, [](const auto& layer) { return !is_guide(layer.first); });
+  if (map.layers.empty())
+    throw Error("the guides '{}' have neither albedo nor normal; the file has {}", file.path().string(),
+                map.has);
+  for (const auto& [layer, source] : map.layers) {
+    const Imath::Box2i window = file.header(file.channel(source.terms[0][0]).part).dataWindow();
+    if (window.size() != hrls_window.size())
+      throw Error("the {} of the guides '{}' is {}, and HRLS '{}' is {}: the sizes must be equal", layer,
+                  file.path().string(), size_text(window), hrls.path().string(), size_text(hrls_window));
+  }
+  return map;
+}
+
+// Returns the layers that neither HRLS nor the guides have.
+ConstantLayers absent_layers(const LayerMap& hrls, const LayerMap& guides, const Architecture& model) {
   ConstantLayers absent;
   for (const std::string& layer : model.optional_layers) {
-    if (!hrls.layers.contains(layer)) absent[layer] = {};
+    if (!hrls.layers.contains(layer) && !guides.layers.contains(layer)) absent[layer] = {};
   }
   return absent;
+}
+
+// Splits layers into those that are read from HRLS and those that are read from the guides.
+std::pair<std::vector<std::string>, std::vector<std::string>> split_layers(
+    std::span<const std::string> layers, const LayerMap& guides) {
+  std::pair<std::vector<std::string>, std::vector<std::string>> split;
+  for (const std::string& layer : layers)
+    (guides.layers.contains(layer) ? split.second : split.first).push_back(layer);
+  return split;
 }
 
 // Throws Error unless the reference is as large as HRLS.
@@ -173,8 +200,15 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
   const Canvas frame = canvas_of(scale);
   const Imath::Box2i window = find_window(arguments, hrls, hrls_windows.data);
   const Canvas canvas = find_canvas(frame, window, architecture);
-  const ConstantLayers absent = absent_layers(hrls_map, architecture);
-  require_layers(hrls_map, image_layers(architecture, absent), hrls.path().string());
+  std::optional<ExrFile> guides;
+  LayerMap guides_map;
+  if (!arguments.guides.empty()) {
+    guides.emplace(arguments.guides);
+    guides_map = map_guides(*guides, choice, hrls, hrls_windows.data);
+  }
+  const ConstantLayers absent = absent_layers(hrls_map, guides_map, architecture);
+  require_layers(hrls_map, split_layers(image_layers(architecture, absent), guides_map).first,
+                 hrls.path().string());
   std::optional<ExrFile> reference;
   LayerMap reference_map;
   if (!arguments.reference.empty()) {
@@ -198,7 +232,9 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
                   phase_source,
                   {},
                   std::move(reference),
-                  std::move(reference_map)};
+                  std::move(reference_map),
+                  std::move(guides),
+                  std::move(guides_map)};
   check_passed_channels(files, arguments.keep_layers);
   return files;
 }
@@ -216,11 +252,27 @@ Image load_lrhs(FuseFiles& files, Console& console) {
   return seen_through(std::move(lrhs), files.lrhs_windows.data, files.frame.lrhs);
 }
 
+Image load_hrls(FuseFiles& files, std::span<const std::string> layers, Console& console) {
+  const auto [own, guided] = split_layers(layers, files.guides_map);
+  Image read = load_layers(files.hrls, files.hrls_map, own);
+  sanitize_input(read, "HRLS", files.hrls.path(), console);
+  if (guided.empty()) return read;
+  Image guides = load_layers(*files.guides, files.guides_map, guided);
+  sanitize_input(guides, "guides", files.guides->path(), console);
+  Image all(read.width, read.height, 3 * int(layers.size()));
+  int next = 0, next_guide = 0;
+  for (size_t i = 0; i < layers.size(); ++i) {
+    const bool is_guided = files.guides_map.layers.contains(layers[i]);
+    const float* from = is_guided ? guides.plane(3 * next_guide++) : read.plane(3 * next++);
+    std::copy_n(from, 3 * all.plane_size(), all.plane(3 * int(i)));
+  }
+  return all;
+}
+
 ColorPair load_colors(const FuseArguments& arguments, FuseFiles& files, Console& console) {
   std::vector<std::string> layers = image_layers(files.model->architecture(), files.absent_layers);
   std::erase_if(layers, [](const std::string& layer) { return layer != "color" && !is_guide(layer); });
-  Image lrhs = load_lrhs(files, console), hrls = load_layers(files.hrls, files.hrls_map, layers);
-  sanitize_input(hrls, "HRLS", files.hrls.path(), console);
+  Image lrhs = load_lrhs(files, console), hrls = load_hrls(files, layers, console);
   hrls = seen_through(std::move(hrls), files.hrls_windows.data, files.frame.hrls);
   examine(arguments, files, lrhs, hrls, layers, console);
   return {std::move(lrhs), std::move(hrls)};
@@ -248,8 +300,7 @@ void load_frame(FuseFrame& frame) {
   images.lrhs = load_lrhs(files, frame.console);
   const Architecture& model = files.model->architecture();
   images.constants = files.absent_layers;
-  images.hrls = load_layers(files.hrls, files.hrls_map, image_layers(model, images.constants));
-  sanitize_input(images.hrls, "HRLS", files.hrls.path(), frame.console);
+  images.hrls = load_hrls(files, image_layers(model, images.constants), frame.console);
   take_constant_layers(model, images.hrls, images.constants);
   images.hrls = seen_through(std::move(images.hrls), files.hrls_windows.data, files.frame.hrls);
   examine(frame.arguments, files, images.lrhs, images.hrls, image_layers(model, images.constants),

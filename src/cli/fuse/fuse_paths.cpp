@@ -6,7 +6,9 @@ namespace fs = std::filesystem;
 
 std::vector<fs::path> FuseArguments::inputs() const {
   std::vector<fs::path> paths = {lrhs, hrls};
-  if (!reference.empty()) paths.push_back(reference);
+  for (const std::string& path : {guides, reference}) {
+    if (!path.empty()) paths.push_back(path);
+  }
   return paths;
 }
 

@@ -35,6 +35,7 @@ nlohmann::ordered_json plan_json(const FuseArguments& arguments, FuseFiles& file
   json["activation_bytes"] = graph.activation_bytes();
   json["unaliased_bytes"] = graph.unaliased_bytes();
   json["layers"] = {{"lrhs", to_json(files.lrhs_map)}, {"hrls", to_json(files.hrls_map)}};
+  if (files.guides) json["layers"]["guides"] = to_json(files.guides_map);
   json["hrls_layers"] = files.model->architecture().hrls_layers;
   return json;
 }

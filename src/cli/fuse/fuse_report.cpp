@@ -163,9 +163,11 @@ std::vector<std::string> opening_lines(const FuseArguments& names, const FuseFra
 }
 
 std::string channels_text(const FuseArguments& names, const FuseFiles& files) {
-  return fmt::format("LRHS {}: color from {}\nHRLS {}: {}model {} takes {}", names.lrhs,
+  const std::string guides =
+      files.guides ? fmt::format("guides {}: {}", names.guides, layer_map_text(files.guides_map)) : "";
+  return fmt::format("LRHS {}: color from {}\nHRLS {}: {}{}model {} takes {}", names.lrhs,
                      fmt::join(files.lrhs_map.layers.at("color").terms[0], ", "), names.hrls,
-                     layer_map_text(files.hrls_map), files.model->name(),
+                     layer_map_text(files.hrls_map), guides, files.model->name(),
                      fmt::join(files.model->architecture().hrls_layers, ", "));
 }
 

@@ -14,9 +14,10 @@ struct PathOption {
   bool written;
 };
 
-constexpr std::array<PathOption, 7> kPathOptions = {
+constexpr std::array<PathOption, 8> kPathOptions = {
     {{"--lrhs", &FuseArguments::lrhs, false},
      {"--hrls", &FuseArguments::hrls, false},
+     {"--guides", &FuseArguments::guides, false},
      {"--reference", &FuseArguments::reference, false},
      {"--output", &FuseArguments::output, true},
      {"--preview", &FuseArguments::preview, true},
