@@ -70,8 +70,8 @@ std::string repr_of(const raymeld::SharedModel& model) {
 class Fuser {
  public:
   Fuser(std::shared_ptr<raymeld::SharedModel> model, int64_t height, int64_t width,
-        const std::string& precision, const std::string& kernels, const std::string& sampling,
-        uint64_t max_memory_bytes, float exposure, bool skip_unchanged,
+        const std::string& precision, const std::string& kernels, const std::string& sampling, float lrhs_spp,
+        float hrls_spp, uint64_t max_memory_bytes, float exposure, bool skip_unchanged,
         const std::vector<std::string>& absent_layers, const std::string& device)
       : model_(std::move(model)),
         height_(side(height, "height")),
@@ -91,6 +91,8 @@ class Fuser {
                                                   {{"model", RAYMELD_SAMPLING_MODEL},
                                                    {"nearest", RAYMELD_SAMPLING_NEAREST},
                                                    {"centered", RAYMELD_SAMPLING_CENTERED}});
+    desc.lrhs_spp = lrhs_spp;
+    desc.hrls_spp = hrls_spp;
     desc.max_memory_bytes = max_memory_bytes;
     desc.exposure = exposure;
     desc.skip_unchanged = skip_unchanged;
@@ -235,18 +237,21 @@ PYBIND11_MODULE(raymeld, module) {
       "A model made ready for frames of one size on one device.\n\n"
       "height and width are those of LRHS, in pixels, at most 65536. precision is 'auto', 'fp32'\n"
       "or 'fp16', and kernels 'auto' or 'direct'. sampling says where LRHS samples lie: 'model',\n"
-      "'nearest' or 'centered'. max_memory_bytes limits the memory taken on the device; 0 allows all\n"
+      "'nearest' or 'centered'. lrhs_spp and hrls_spp are the samples a pixel of both renders, for models\n"
+      "that know them; 0 stands for scale^2 and 1. max_memory_bytes limits the memory taken on the device; 0 "
+      "allows all\n"
       "that it has to give. With an exposure of 0, each frame gets the exposure that suits the model.\n"
       "skip_unchanged computes only the tiles that changed since the last frame. absent_layers are the\n"
       "optional layers of the model that HRLS does not have. device is an index of devices(), a UUID\n"
       "or part of a name; '' is the first GPU, else a driver for CPUs.\n"
       "Raises Error and ValueError.")
       .def(py::init<std::shared_ptr<SharedModel>, int64_t, int64_t, const std::string&, const std::string&,
-                    const std::string&, uint64_t, float, bool, const std::vector<std::string>&,
+                    const std::string&, float, float, uint64_t, float, bool, const std::vector<std::string>&,
                     const std::string&>(),
            py::arg("model"), py::arg("height"), py::arg("width"), py::kw_only(),
            py::arg("precision") = "auto", py::arg("kernels") = "auto", py::arg("sampling") = "model",
-           py::arg("max_memory_bytes") = 0, py::arg("exposure") = 0.0f, py::arg("skip_unchanged") = false,
+           py::arg("lrhs_spp") = 0.0f, py::arg("hrls_spp") = 0.0f, py::arg("max_memory_bytes") = 0,
+           py::arg("exposure") = 0.0f, py::arg("skip_unchanged") = false,
            py::arg("absent_layers") = std::vector<std::string>{}, py::arg("device") = "")
       .def("__repr__", &Fuser::repr)
       .def(

@@ -103,8 +103,29 @@ CASES = {
             exposure_key=0.2,
         ),
     ),
+    "spp-x4": (
+        (4, 3),
+        model.Config(
+            4,
+            4,
+            3,
+            1,
+            1,
+            1,
+            ("color", "albedo", "normal"),
+            hrls_encoder="unshuffled",
+            upscale="direct",
+            upscaled_features=3,
+            guide="hrls",
+            base="joint",
+            lrhs_certainty=16.0,
+            lrhs_sampling=("centered", "nearest"),
+            knows_spp=True,
+        ),
+    ),
 }
-CENTERED = ("guided-x4", "joint-x2")  # LRHS is read as centered here, as nearest samples elsewhere
+SPP = {"spp-x4": (64.0, 2.0)}  # samples a pixel of LRHS and HRLS
+CENTERED = ("guided-x4", "joint-x2", "spp-x4")  # LRHS is read as centered here, as nearest samples elsewhere
 
 
 def random_network(config, generator):
@@ -170,6 +191,15 @@ def layer_outputs(network, run):
     }
     encode_lrhs = network.encode_lrhs  # adds the bias of centered samples after its convolution
     network.encode_lrhs = lambda *inputs: seen.setdefault("lrhs", encode_lrhs(*inputs))
+    encode_hrls = network.encode_hrls  # adds the bias by samples after its convolution
+
+    def see_hrls(*inputs):
+        f_hrls = encode_hrls(*inputs)
+        if network.config.knows_spp:
+            seen["hrls"] = f_hrls
+        return f_hrls
+
+    network.encode_hrls = see_hrls
     for name, part in network.named_modules():
         if isinstance(part, torch.nn.Conv2d) and name != "lrhs" and not name.endswith("merge"):
             then = after.get(name.split(".")[0], after[""])
@@ -200,9 +230,11 @@ def write_case(folder, name, shape, config):
     centered = torch.tensor(name in CENTERED)
     exposure = float(numpy.float32(model.exposure(lrhs.double(), config)))
 
+    spp = torch.tensor(SPP[name], dtype=torch.float64).reshape(1, 2, 1, 1) if name in SPP else None
+
     def run():
         inputs = lrhs.double() * exposure, exposed(hrls.double(), config, exposure)
-        encoded, output = model.predict(network, *inputs, centered, exposure)
+        encoded, output = model.predict(network, *inputs, centered, exposure, spp)
         return encoded, (output / exposure).clamp(max=model.HALF_MAX)
 
     tensors |= layer_outputs(network, run)
@@ -210,6 +242,8 @@ def write_case(folder, name, shape, config):
     export.write(folder / f"{name}.safetensors", name, config, network.float().state_dict(), {"untrained": True}, half)
     stored = {key: value[0].float().numpy() for key, value in tensors.items()}
     metadata = {"model": name, "lrhs_sampling": "centered" if centered else "nearest", "exposure": repr(exposure)}
+    if name in SPP:
+        metadata |= dict(zip(("lrhs_spp", "hrls_spp"), map(str, SPP[name])))
     safetensors.save(folder / f"{name}.golden.safetensors", stored, metadata)
 
 

@@ -233,9 +233,9 @@ class Network(nn.Module):
 
     def add_spp_bias(self, y, conv, spp, which):
         """Adds to `y` the bias by the samples of LRHS (`which` 0) or HRLS (1), if the network knows them."""
-        return (
-            y + (conv.by_spp[:, None, None] * log_spp(spp)[:, which, None]).to(y.dtype) if self.config.knows_spp else y
-        )
+        if not self.config.knows_spp:
+            return y
+        return y + (conv.by_spp[:, None, None] * torch.log2(spp)[:, which, None]).to(y.dtype)
 
     def prepared(self, x):
         """Converts an input once; left to the layers, the conversions take a third of a training step."""
@@ -314,12 +314,8 @@ class Steering(nn.Module):
             guides = self.own(torch.cat([layers, low], dim=1)) + more[:, :n]
         widths = self.widths[:, None]
         if self.config.knows_spp:
-            widths = widths + self.widths_by_spp[:, None] * log_spp(spp)[:, 1, :, 0]
+            widths = widths + self.widths_by_spp[:, None] * torch.log2(spp)[:, 1, :, 0]
         return guides, more[:, n:].clamp(-STEERING_MOST, STEERING_MOST), widths.exp(), self.taps.exp()[:, TAP_KINDS]
-
-
-def log_spp(spp):
-    return torch.log2(spp.clamp(min=1).minimum(torch.tensor(SPP_MOST).to(spp)[:, None, None]))
 
 
 def joint_guides(albedo, normal):
@@ -445,7 +441,8 @@ def predict(network, lrhs, hrls, centered=torch.tensor(False), exposure=1.0, spp
     """
     config = network.config
     if spp is None:
-        spp = torch.tensor([config.scale**2, 1.0]).reshape(1, 2, 1, 1).to(lrhs)
+        spp = torch.tensor([config.scale**2, 1.0]).reshape(1, 2, 1, 1)
+    spp = spp.clamp(min=1).minimum(torch.tensor(SPP_MOST).to(spp)[:, None, None]).to(lrhs)
 
     def upsampled(x):
         bases = [bilinear(x, config.scale)]

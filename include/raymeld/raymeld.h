@@ -217,7 +217,7 @@ typedef struct raymeld_model_info {
   uint32_t scale RAYMELD_IS(0);       /* full-size pixels per LRHS pixel in each direction: 2, 4 or 8 */
   uint32_t layer_count RAYMELD_IS(0); /* the number of HRLS layers, three channels each */
   uint32_t optional_layer_count RAYMELD_IS(0);
-  uint32_t reserved RAYMELD_IS(0);
+  VkBool32 knows_spp RAYMELD_IS(VK_FALSE); /* VK_TRUE: raymeld_fusion_desc::lrhs_spp and hrls_spp matter */
   /* Lists the layers by channel: color first, then any of albedo, normal, diffuse, specular, variance. */
   const char* const* layers RAYMELD_IS(NULL);
   const char* const* optional_layers RAYMELD_IS(NULL); /* layers that the model was trained to do without */
@@ -263,6 +263,10 @@ typedef struct raymeld_fusion_desc {
   raymeld_precision precision RAYMELD_IS(RAYMELD_PRECISION_AUTO);
   raymeld_kernels kernels RAYMELD_IS(RAYMELD_KERNELS_AUTO);
   raymeld_sampling lrhs_sampling RAYMELD_IS(RAYMELD_SAMPLING_MODEL);
+  /* Say how many samples a pixel of each render has, for models that know it (raymeld_model_info). 0: as many
+   * as usual, scale^2 and 1. Counts are clamped to 1 to 256 and 1 to 16. */
+  float lrhs_spp RAYMELD_IS(0);
+  float hrls_spp RAYMELD_IS(0);
   /* VK_TRUE: HRLS does not hold "variance"; the device computes it from the color if the model reads it. */
   VkBool32 compute_variance RAYMELD_IS(VK_FALSE);
   /* Limits the memory that the fusion takes on the device, with the activations in `memory`. 0: as much as

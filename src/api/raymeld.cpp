@@ -142,6 +142,11 @@ void check_given_exposure(float exposure) {
   }
 }
 
+void check_samples(float spp, const char* name) {
+  if (!(std::isfinite(spp) && spp >= 0))
+    throw InvalidArgument("{} is {}, expected a number of samples a pixel or 0", name, spp);
+}
+
 // Holds the buffers that this device shares with others.
 class SharedBuffers {
  public:
@@ -253,6 +258,7 @@ FuserOptions options_of(const raymeld_fusion_desc& desc, const ContextState& con
   if (options.frame_images.any()) options.fp32_kernels.reset();
   if (desc.memory) options.scratch = {desc.memory, desc.memory_offset_bytes, desc.memory_size_bytes};
   options.phase = lrhs_phase(centered, model.architecture().scale);
+  options.samples = {desc.lrhs_spp, desc.hrls_spp};
   return options;
 }
 
@@ -262,6 +268,8 @@ void check_desc(const raymeld_fusion_desc& desc) {
   check_choice(desc.kernels, RAYMELD_KERNELS_DIRECT, "kernels");
   check_choice(desc.lrhs_sampling, RAYMELD_SAMPLING_CENTERED, "lrhs_sampling");
   check_given_exposure(desc.exposure);
+  check_samples(desc.lrhs_spp, "lrhs_spp");
+  check_samples(desc.hrls_spp, "hrls_spp");
   if (desc.skip_unchanged && (desc.input_images || desc.output_image))
     throw InvalidArgument(
         "skip_unchanged is for raymeld_fuse(), which takes no Vulkan images: input_images and output_image "
@@ -582,6 +590,7 @@ raymeld_result raymeld_model_get_info(raymeld_model model, raymeld_model_info* i
     known.layers = state.layers.data();
     known.optional_layer_count = count_of(state.optional_layers);
     known.optional_layers = state.optional_layers.data();
+    known.knows_spp = state.model.architecture().knows_spp;
     known.parameters = state.model.parameters();
     write(known, given(info, "info"), "raymeld_model_info");
   });

@@ -103,6 +103,16 @@ void add_more_files(CLI::App& command, FuseArguments& a) {
           "pixels of both files)")
       ->check(CLI::IsMember({"auto", "nearest", "centered"}))
       ->capture_default_str();
+  for (const auto& [name, count, file] :
+       {std::tuple("--lrhs-spp", &a.samples.lrhs, "LRHS"), {"--hrls-spp", &a.samples.hrls, "HRLS"}}) {
+    command
+        .add_option(name, *count,
+                    fmt::format("Says how many samples a pixel of {} has, for models that know it; Cycles "
+                                "writes it into its files",
+                                file))
+        ->check(CLI::PositiveNumber)
+        ->type_name("N");
+  }
   add_named<PairCheck>(
       command, "--pair-check", a.pair_check,
       {{"refuse", PairCheck::kRefuse}, {"warn", PairCheck::kWarn}, {"off", PairCheck::kOff}},

@@ -115,7 +115,8 @@ Architecture read_architecture(const std::filesystem::path& model) {
           .head_features = number("head_features"),
           .head_layers = number("head_layers"),
           .lrhs_certainty = std::stof(metadata.at("lrhs_certainty")),
-          .hrls_kernel = metadata.contains("hrls_kernel") ? number("hrls_kernel") : 3};
+          .hrls_kernel = metadata.contains("hrls_kernel") ? number("hrls_kernel") : 3,
+          .knows_spp = metadata.contains("knows_spp") && metadata.at("knows_spp") == "true"};
 }
 
 reference::Weights read_weights(const std::filesystem::path& model) {
@@ -131,8 +132,11 @@ reference::Weights read_weights(const std::filesystem::path& model) {
                      .kernel = int(weight.shape.at(2)),
                      .weight = {weight.values.begin(), weight.values.end()},
                      .bias = {bias.begin(), bias.end()}};
-    if (centered == tensors.end()) continue;
-    weights[name].centered_bias = {centered->second.values.begin(), centered->second.values.end()};
+    if (centered != tensors.end())
+      weights[name].centered_bias = {centered->second.values.begin(), centered->second.values.end()};
+    const auto by_spp = tensors.find(name + ".by_spp");
+    if (by_spp != tensors.end())
+      weights[name].by_spp = {by_spp->second.values.begin(), by_spp->second.values.end()};
   }
   return weights;
 }

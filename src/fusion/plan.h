@@ -53,7 +53,8 @@ struct FuserOptions {
   ConstantLayers constants = {};  // HRLS layers with one value, which no image holds
   // Makes the device compute the color's variance where the model reads it; no image holds it.
   bool compute_variance = false;
-  float phase = 0;                // see lrhs_phase()
+  float phase = 0;  // see lrhs_phase()
+  SampleCounts samples = {};
   float exposure = 0;             // used by fuse(), see exposure.h; 0: what the model's exposure_key asks for
   bool compute_exposure = false;  // record() can find what the model's exposure_key asks for, on the device
   // Is the caller's memory for activations, except those of tiles that are computed again in 32 bits. Nothing

@@ -51,8 +51,8 @@ void find_sources(Convolution& conv) {
                 conv.sources.size());
   }
   const size_t expected = conv.options.kernel * conv.options.kernel * count * conv.channels_out;
-  if (conv.weight.size() != expected) {
-    throw Error("layer {}: {} weights, expected {}x{}x{}x{}", conv.name, conv.weight.size(),
+  if (conv.weights.weight.size() != expected) {
+    throw Error("layer {}: {} weights, expected {}x{}x{}x{}", conv.name, conv.weights.weight.size(),
                 conv.channels_out, count, conv.options.kernel, conv.options.kernel);
   }
 }
@@ -79,8 +79,7 @@ Convolution make_convolution(const Graph& graph, const std::string& name, const 
                    .width = in.shape.width / u,
                    .channels_in = (in.shape.channels + second) * u * u,
                    .channels_out = out.shape.channels * s * s,
-                   .weight = weights.weight,
-                   .bias = weights.bias,
+                   .weights = weights,
                    .sources = {},
                    .constants = {},
                    .half = graph.storage() == Storage::kFloat16,
@@ -167,7 +166,7 @@ float Convolution::bias_at(uint32_t o, uint32_t border_case) const {
   const auto beyond = [&](uint32_t tap, uint32_t first, uint32_t last) {
     return (tap == 0 && border_case & first) || (tap == 2 && border_case & last);
   };
-  double sum = double{bias[o]} * bias_factor;
+  double sum = weights.bias_of(o) * bias_factor;
   for (const auto& [channel, value] : constants) {
     for (uint32_t ky = 0; ky < options.kernel; ++ky) {
       if (beyond(ky, RAYMELD_TOP, RAYMELD_BOTTOM)) continue;
@@ -181,8 +180,8 @@ float Convolution::bias_at(uint32_t o, uint32_t border_case) const {
 }
 
 float Convolution::stored_weight(uint32_t o, uint32_t channel, uint32_t ky, uint32_t kx, float factor) const {
-  const size_t inputs = weight.size() / (size_t{channels_out} * options.kernel * options.kernel);
-  const float own = weight[((o * inputs + channel) * options.kernel + ky) * options.kernel + kx];
+  const size_t inputs = weights.weight.size() / (size_t{channels_out} * options.kernel * options.kernel);
+  const float own = weights.weight[((o * inputs + channel) * options.kernel + ky) * options.kernel + kx];
   const float value = own * factor;
   if (!half) return value;
   if (std::abs(value) > 65504.0f)

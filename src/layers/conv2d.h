@@ -13,7 +13,7 @@ struct Convolution {
   Tensor in, out;
   Conv2dOptions options;
   uint32_t height, width, channels_in, channels_out;
-  std::span<const float> weight, bias;
+  ConvWeights weights;
   // `sources` are the weights' input channels that are convolved, in order. `constants` are the others that
   // have a value other than 0, with this value.
   std::vector<uint32_t> sources;

@@ -17,6 +17,13 @@ namespace raymeld {
 struct ConvWeights {
   std::span<const float> weight;
   std::span<const float> bias;
+  // The bias grows by bias_by_spp [channels_out] times log_spp; empty where the layer knows no sample count.
+  std::span<const float> bias_by_spp = {};
+  float log_spp = 0;  // base 2
+
+  double bias_of(size_t o) const {
+    return bias_by_spp.empty() ? bias[o] : bias[o] + double{bias_by_spp[o]} * log_spp;
+  }
 };
 
 inline constexpr uint32_t kMatrixColumns = 32;  // width of conv2d_matrix.comp's workgroups in pixels

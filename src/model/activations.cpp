@@ -36,7 +36,7 @@ ActivationEstimate::Moments ActivationEstimate::sum_of(const Conv2dLink& link,
                                                        const std::vector<Moments>& inputs, uint32_t o) const {
   const size_t taps = size_t{link.options.kernel} * link.options.kernel;
   const float* weight = link.weights.weight.data() + o * inputs.size() * taps;
-  Moments sum{link.weights.bias[o], 0};
+  Moments sum{link.weights.bias_of(o), 0};
   for (const auto& [mean, variance] : inputs) {
     double total = 0, squares = 0;
     for (size_t tap = 0; tap < taps; ++tap, ++weight) {

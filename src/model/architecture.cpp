@@ -157,6 +157,7 @@ Architecture parse_architecture(const Metadata& metadata, const std::string& fil
   a.exposure_key = entries.number("exposure_key", true);
   a.base = base(entries, a.hrls_layers);
   a.lrhs_certainty = entries.number("lrhs_certainty", true);
+  a.knows_spp = entries.has("knows_spp") && entries.choice("knows_spp", "true", "false");
   parse_sampling(entries, a);
   parse_encoder(entries, a);
   a.upscale = entries.choice("upscale", "stages", "direct") ? Upscale::kStages : Upscale::kDirect;
@@ -173,6 +174,11 @@ Architecture parse_architecture(const Metadata& metadata, const std::string& fil
                                                       : "0, as there are no head_features");
   }
   return a;
+}
+
+SampleCounts SampleCounts::known(uint32_t scale) const {
+  return {std::clamp(lrhs > 0 ? lrhs : float(scale * scale), 1.0f, 256.0f),
+          std::clamp(hrls > 0 ? hrls : 1.0f, 1.0f, 16.0f)};
 }
 
 uint32_t Architecture::levels() const { return static_cast<uint32_t>(std::countr_zero(scale)); }

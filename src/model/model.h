@@ -54,9 +54,20 @@ struct Architecture {
   bool both_samplings = false;  // trained on both, with a separate bias for centered samples
   Base base = Base::kNone;
   float lrhs_certainty = 0;  // see JointOptions; used by the joint base
+  bool knows_spp = false;    // biases and certainty depend on SampleCounts
 
   uint32_t levels() const;  // log2(scale)
   bool trained_on(bool centered) const { return both_samplings || centered == lrhs_centered; }
+};
+
+// Says how many samples a pixel of each render has; 0 where that is not known. Unknown counts are taken for
+// s^2 and 1: a pixel of LRHS has as many samples as the s x s pixels of HRLS that it covers.
+struct SampleCounts {
+  float lrhs = 0, hrls = 0;
+
+  bool operator==(const SampleCounts&) const = default;
+  // Returns the counts, each known and within what networks were trained on: 1 to 256 and 1 to 16.
+  SampleCounts known(uint32_t scale) const;
 };
 
 // Returns the kind of a layer's three channels.
@@ -79,6 +90,10 @@ class Model {
   uint64_t parameters() const;
   float largest_weight() const;  // the largest magnitude, without biases
 
+  // Returns the part of layer `name`'s bias that grows with the logarithm of a sample count, [out].
+  std::span<const float> bias_by_spp(const std::string& name, uint32_t out) const {
+    return tensor(name + ".by_spp", {out});
+  }
   // Returns the weights of layer `name`, whose shape must be [out][in][kernel][kernel]. `bias` names one of
   // its biases.
   ConvWeights conv(const std::string& name, uint32_t out, uint32_t in, uint32_t kernel,

@@ -22,6 +22,7 @@ struct Builder {
   const Conv2dChoice& choose;
   const StorageExponents& exponents;
   const HrlsChannels& hrls_channels;
+  SampleCounts samples = {};
   ActivationEstimate* estimate = nullptr;  // follows the convolutions, unless null
   const Architecture& a = model.architecture();
 
@@ -39,7 +40,12 @@ struct Builder {
                       out.shape.channels * s * s, options.kernel};
     const auto weights_in =
         options.constants.empty() ? shape.channels_in : uint32_t(options.constants.size()) * u * u;
-    const ConvWeights weights = model.conv(name, shape.channels_out, weights_in, shape.kernel, bias);
+    ConvWeights weights = model.conv(name, shape.channels_out, weights_in, shape.kernel, bias);
+    if (a.knows_spp && (name == "lrhs" || name == "hrls")) {
+      const auto [lrhs_spp, hrls_spp] = samples.known(a.scale);
+      weights.bias_by_spp = model.bias_by_spp(name, shape.channels_out);
+      weights.log_spp = std::log2(name == "lrhs" ? lrhs_spp : hrls_spp);
+    }
     options.how = choose(shape);
     // The estimate includes the constants, without which a tile's error is smaller.
     if (options.how.winograd_tile() == 4 && !tile_4_is_accurate(a, weights, weights_in)) {
@@ -54,6 +60,13 @@ struct Builder {
   void conv(const std::string& name, const Tensor& in, const Tensor& out, const Conv2dOptions& options,
             const std::string& bias = "bias") {
     conv2d_chain(graph, std::array{link(name, in, out, options, bias)});
+  }
+
+  // Returns the certainty of a pixel of LRHS in the joint filter.
+  float lrhs_certainty() const {
+    if (!a.knows_spp) return a.lrhs_certainty;
+    const auto [lrhs_spp, hrls_spp] = samples.known(a.scale);
+    return a.lrhs_certainty * lrhs_spp / (hrls_spp * float(a.scale * a.scale));
   }
 
   // Returns Conv2dOptions::constants for a convolution that reads `channels` other channels before HRLS, and
@@ -210,7 +223,7 @@ void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
   const HrlsChannels& hrls_channels = build.hrls_channels;
   const std::vector<EncodedChannel> lrhs_channels{{.channel = 0}, {.channel = 1}, {.channel = 2}};
   const bool joint = a.base == Base::kJoint;
-  const JointOptions joint_options{a.transfer, a.scale, phase, a.lrhs_certainty};
+  const JointOptions joint_options{a.transfer, a.scale, phase, build.lrhs_certainty()};
 
   // A joint base puts the irradiance after the encoded LRHS, and the filtered images after the encoded HRLS.
   const Tensor lrhs = build.tensor("encode.lrhs", height, width, joint ? 6 : 3);
@@ -255,11 +268,15 @@ double encoded(Transfer transfer, float radiance) {
 
 void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase,
              const Conv2dChoice& choose, const StorageExponents& exponents, const ConstantLayers& constants,
-             bool compute_variance) {
+             bool compute_variance, const SampleCounts& samples) {
   check_constant_layers(model, constants);
   const HrlsChannels channels = hrls_channels(model.architecture(), constants, compute_variance);
-  Builder build{
-      .graph = graph, .model = model, .choose = choose, .exponents = exponents, .hrls_channels = channels};
+  Builder build{.graph = graph,
+                .model = model,
+                .choose = choose,
+                .exponents = exponents,
+                .hrls_channels = channels,
+                .samples = samples};
   add_network(build, height, width, phase);
 }
 

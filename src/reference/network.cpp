@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 #include <functional>
 #include <stdexcept>
 
@@ -197,6 +198,18 @@ Outputs outputs_of(Run& run, const Architecture& a, const Frame& frame, Precisio
 }
 
 }  // namespace
+
+void take_samples(Architecture& architecture, Weights& weights, double lrhs_spp, double hrls_spp) {
+  if (!architecture.knows_spp) return;
+  for (const auto& [name, spp] : {std::pair("lrhs", lrhs_spp), {"hrls", hrls_spp}}) {
+    Conv& conv = weights.at(name);
+    for (std::vector<double>* bias : {&conv.bias, &conv.centered_bias})
+      for (size_t o = 0; o < bias->size(); ++o) (*bias)[o] += conv.by_spp[o] * std::log2(spp);
+    conv.by_spp.clear();
+  }
+  architecture.lrhs_certainty *= lrhs_spp / (hrls_spp * architecture.scale * architecture.scale);
+  architecture.knows_spp = false;
+}
 
 Outputs network(const Architecture& a, const Weights& weights, const Planes& lrhs, const Planes& hrls,
                 double phase, Precision precision, const std::map<std::string, Planes>& given,

@@ -12,10 +12,11 @@
 namespace raymeld::reference {
 
 // Holds a convolution's weights [out][in][kernel][kernel] and bias [out]; the kernel is 1 or 3. The network
-// reads centered_bias instead of the bias where LRHS samples lie centered, unless it is empty.
+// reads centered_bias instead of the bias where LRHS samples lie centered, unless it is empty. by_spp is the
+// part of the bias that grows with the binary logarithm of a sample count, or empty.
 struct Conv {
   int out = 0, in = 0, kernel = 0;
-  std::vector<double> weight, bias, centered_bias = {};
+  std::vector<double> weight, bias, centered_bias = {}, by_spp = {};
 
   double at(int o, int i, int ky, int kx) const {
     return weight[((size_t(o) * in + i) * kernel + ky) * kernel + kx];
@@ -138,6 +139,7 @@ struct Architecture {
   int upscaled_features = 0, head_features = 0, head_layers = 0;  // upscaled_features 0: as many as features
   double lrhs_certainty = 0;                                      // the joint base's certainty of LRHS
   int hrls_kernel = 3;                                            // the kernel of unshuffled HRLS
+  bool knows_spp = false;                                         // see take_samples()
 
   int upscaled() const { return upscaled_features > 0 ? upscaled_features : features; }
   // These count the channels that the network reads and writes.
@@ -148,6 +150,10 @@ struct Architecture {
 
 using Weights = std::map<std::string, Conv>;     // keys are names of layers: "groups.0.blocks.1.merge"
 using Outputs = std::map<std::string, Bounded>;  // keys are these and those that network() adds
+
+// Turns a network that knows_spp into the one that it is for these samples a pixel: lrhs and hrls have other
+// biases, and lrhs_certainty is multiplied by lrhs_spp / (hrls_spp s^2).
+void take_samples(Architecture& architecture, Weights& weights, double lrhs_spp, double hrls_spp);
 
 // Returns every layer's output by the name of its weights: `merge` with the block's input added, `up.i` after
 // the shuffle. Further outputs are encode.lrhs, encode.hrls, above_clip (3, h, w; scene linear and not

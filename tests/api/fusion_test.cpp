@@ -38,6 +38,25 @@ TEST_F(FusionTest, SamplesLieWhereTheModelOrTheCallerSays) {
   EXPECT_NE(fused_with(RAYMELD_SAMPLING_CENTERED), nearest);
 }
 
+TEST_F(FusionTest, AModelMayKnowHowManySamplesAPixelHas) {
+  EXPECT_FALSE(model_of(subject_).info().knows_spp);
+  const SharedModel model(source_path("tests/golden/spp-x4.safetensors").string());
+  EXPECT_TRUE(model.info().knows_spp);
+  const auto fused_with = [&](float lrhs_spp, float hrls_spp) {
+    desc_.lrhs_spp = lrhs_spp;
+    desc_.hrls_spp = hrls_spp;
+    Fusion fusion(context_, model, desc_);
+    return fuse(fusion, subject_).values;
+  };
+  const std::vector<float> usual = fused_with(16, 1);
+  EXPECT_EQ(fused_with(0, 0), usual);
+  EXPECT_NE(fused_with(64, 1), usual);
+  EXPECT_NE(fused_with(16, 2), usual);
+  EXPECT_EQ(fused_with(1000, 100), fused_with(256, 16));
+  for (const float spp : {-1.0f, std::numeric_limits<float>::infinity()})
+    EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fused_with(spp, 1), "lrhs_spp is");
+}
+
 TEST_F(FusionTest, LayersThatMayBeZeroAndTheExposureAreTold) {
   const SharedModel model = model_of(subject_, {{"optional_layers", "normal"}, {"exposure_key", "0.2"}});
   EXPECT_EQ(model.layers(), (std::vector<std::string>{"color", "albedo", "normal"}));

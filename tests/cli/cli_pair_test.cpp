@@ -63,6 +63,43 @@ TEST_F(CliPair, TheOptionAndTheFileDecideOverThePixels) {
   EXPECT_EQ(planned().at("lrhs_sampling"), "nearest");
 }
 
+// A model that knows samples takes them from an option, else from the file, else for the usual ones.
+TEST_F(CliPair, SamplesAreWhatTheOptionOrTheFileSays) {
+  const Pair pair = make_pair(4, true);
+  write_pair(pair);
+  std::map<std::string, std::vector<float>> seen;
+  const auto fuse_with = [&](const std::string& name, const std::vector<std::string>& more) {
+    std::vector<std::string> arguments{
+        "fuse",      "--lrhs",   "low.exr",
+        "--hrls",    "high.exr", "-o",
+        "fused.exr", "--model",  source_path("tests/golden/spp-x4.safetensors").string()};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const ProcessResult result = run(arguments);
+    EXPECT_EQ(result.exit_status, 0) << result.err;
+    seen[name] = read("fused.exr").data;
+    return result.err;
+  };
+  EXPECT_NE(fuse_with("unknown", {}).find("16 and 1 samples a pixel, as the files do not say"),
+            std::string::npos);
+  EXPECT_NE(fuse_with("said", {"--lrhs-spp", "64", "--hrls-spp", "2"}).find("64 and 2 samples a pixel"),
+            std::string::npos);
+  fuse_with("usual", {"--lrhs-spp", "16", "--hrls-spp", "1"});
+  ExrOutput marked;
+  marked.source = Imf::Header(pair.lrhs.width, pair.lrhs.height);
+  marked.source.insert("cycles.ViewLayer.samples", Imf::StringAttribute("64"));
+  const std::vector<std::string> names{"ViewLayer.Combined.R", "ViewLayer.Combined.G",
+                                       "ViewLayer.Combined.B"};
+  for (int c = 0; c < 3; ++c) marked.planes.push_back({names[size_t(c)], Imf::FLOAT, pair.lrhs.plane(c)});
+  write_exr(folder_ / "low.exr", marked);
+  EXPECT_NE(fuse_with("file", {"--hrls-spp", "2"}).find("64 and 2 samples a pixel"), std::string::npos);
+  EXPECT_EQ(seen["usual"], seen["unknown"]);
+  EXPECT_EQ(seen["file"], seen["said"]);
+  EXPECT_NE(seen["said"], seen["usual"]);
+  const ProcessResult refused = run({"fuse", "--lrhs-spp", "-1"});
+  EXPECT_NE(refused.exit_status, 0);
+  EXPECT_NE(refused.err.find("--lrhs-spp"), std::string::npos) << refused.err;
+}
+
 TEST_F(CliPair, WithoutEvidenceLrhsIsAnOrdinarySmallRender) {
   const nlohmann::json plan = planned();
   EXPECT_EQ(plan.at("lrhs_sampling"), "centered");

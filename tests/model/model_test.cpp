@@ -85,6 +85,23 @@ TEST_F(ModelTest, TheOtherChoicesOfTheNetworkAreRead) {
   EXPECT_EQ(Model(golden_model_path("joint-x2")).architecture().lrhs_certainty, 3);
 }
 
+TEST_F(ModelTest, AModelThatKnowsSamplesHasBiasesForThem) {
+  EXPECT_FALSE(Model(golden_model_path("joint-x4")).architecture().knows_spp);
+  EXPECT_TRUE(Model(golden_model_path("spp-x4")).architecture().knows_spp);
+  for (const char* layer : {"lrhs.by_spp", "hrls.by_spp"}) {
+    SafeTensors content = read_safetensors(golden_model_path("spp-x4"));
+    content.tensors.erase(layer);
+    write_safetensors(file_, content);
+    const std::string message = error_of([&] { Model model(file_); });
+    EXPECT_TRUE(contains(message, layer)) << message;
+  }
+  SafeTensors content = read_safetensors(golden_model_path("spp-x4"));
+  content.metadata["knows_spp"] = "false";
+  write_safetensors(file_, content);
+  const std::string message = error_of([&] { Model model(file_); });
+  EXPECT_TRUE(contains(message, "by_spp belongs to no layer")) << message;
+}
+
 TEST_F(ModelTest, AJointBaseNeedsAlbedoAndNormal) {
   SafeTensors content = read_safetensors(golden_model_path("joint-x2"));
   for (const char* layers : {"color", "color,albedo", "color,normal", "color,diffuse,albedo"}) {

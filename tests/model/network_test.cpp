@@ -53,9 +53,9 @@ TEST_F(NetworkTest, GoldenOutputs) {
     for (const Precision precision : kPrecisions) {
       SCOPED_TRACE(fmt::format("{} {}", name, name_of(precision)));
       const Model model(golden_model_path(name));
-      const conform::NetworkRun run =
-          conform::run_network(target(), model, subject_of(golden),
-                               {.storage = storage_of(precision), .phase = float(golden.phase)});
+      const conform::NetworkRun run = conform::run_network(
+          target(), model, subject_of(golden),
+          {.storage = storage_of(precision), .phase = float(golden.phase), .samples = golden.samples});
       EXPECT_NEAR(run.report.exposure, golden.exposure, 1e-6 * golden.exposure);
       const Outputs carried =
           reference::network(golden.architecture, golden.weights, golden.lrhs, golden.hrls, golden.phase,

@@ -29,8 +29,9 @@ constexpr const char* kJointLayers[] = {"irradiance",   "demodulate",   "joint.0
 }  // namespace
 
 const std::vector<std::string>& golden_names() {
-  static const std::vector<std::string> names = {"tiny-x2",   "tiny-x4",   "tiny-x8",  "guided-x2",
-                                                 "guided-x4", "guided-x8", "joint-x2", "joint-x4"};
+  static const std::vector<std::string> names = {"tiny-x2",   "tiny-x4",   "tiny-x8",
+                                                 "guided-x2", "guided-x4", "guided-x8",
+                                                 "joint-x2",  "joint-x4",  "spp-x4"};
   return names;
 }
 
@@ -47,6 +48,10 @@ Golden load_golden(const std::string& name) {
   if (content.metadata.at("lrhs_sampling") == "centered")
     golden.phase = (golden.architecture.scale - 1) / 2.0;
   golden.exposure = std::stod(content.metadata.at("exposure"));
+  if (golden.architecture.knows_spp) {
+    golden.samples = {std::stof(content.metadata.at("lrhs_spp")), std::stof(content.metadata.at("hrls_spp"))};
+    take_samples(golden.architecture, golden.weights, golden.samples.lrhs, golden.samples.hrls);
+  }
   golden.lrhs = take_planes(tensors, "lrhs_input");
   golden.hrls = take_planes(tensors, "hrls_input");
   golden.outputs["output"] = take_planes(tensors, "output");

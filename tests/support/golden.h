@@ -2,13 +2,14 @@
 
 #include <filesystem>
 
+#include "model/model.h"
 #include "reference/reference.h"
 
 namespace raymeld::test {
 
 // Holds a tiny network with random weights, its raw inputs, and every layer's output as PyTorch computed it
 // in float64. The files are tests/golden/tiny-x2 and so on; guided-x2 makes the other choices of the network,
-// and joint-x2 has a joint base.
+// joint-x2 has a joint base, and spp-x4 knows samples.
 struct Golden {
   reference::Architecture architecture;
   reference::Weights weights;
@@ -16,6 +17,7 @@ struct Golden {
   std::map<std::string, reference::Planes> outputs;  // keyed by the names of reference::network()
   double phase = 0;                                  // phase of the LRHS samples
   double exposure = 1;
+  SampleCounts samples = {};  // architecture and weights are those for these samples
 };
 
 // Throws when a file or an expected layer is missing, or when a layer is unknown.

@@ -45,6 +45,7 @@ struct FuseArguments {
   KernelChoice kernels = KernelChoice::kAuto;
   std::string sampling = "auto", output_type = "auto";
   std::vector<std::string> map, lrhs_map;
+  SampleCounts samples = {};  // 0: as the files say
   float exposure_stops = 0;
   float input_exposure = 0;  // 0: the exposure that the model asks for
   uint64_t max_memory_mib = 0;
@@ -84,7 +85,8 @@ struct FuseFiles {
   ConstantLayers absent_layers;  // layers that the model takes and HRLS lacks
   float phase = 0;               // see FuserOptions; examine() finds it if neither option nor file gives it
   PhaseSource phase_source = PhaseSource::kDefault;
-  PairFindings pair;  // set by examine()
+  SampleCounts samples;  // 0 where neither an option nor the file gives a count
+  PairFindings pair;     // set by examine()
   std::optional<ExrFile> reference;
   LayerMap reference_map;
   std::optional<ExrFile> guides;  // a render of HRLS's guides with more samples

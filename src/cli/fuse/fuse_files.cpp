@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <array>
+#include <charconv>
+#include <cmath>
 
 #include "cli/common/inputs.h"
 #include "cli/common/models.h"
@@ -78,6 +80,17 @@ std::pair<float, PhaseSource> said_phase(const std::string& option, const ExrFil
     if (said == "nearest" || said == "centered") return {lrhs_phase(said == "centered", scale), source};
   }
   return {lrhs_phase(true, scale), PhaseSource::kDefault};
+}
+
+// Returns how many samples a pixel of a file has: as an option says, or as Cycles writes into its file; 0 if
+// neither does.
+float known_spp(float option, const ExrFile& file, const LayerMap& map) {
+  if (option > 0) return option;
+  const std::string name = fmt::format("cycles.{}.samples", map.view_layer);
+  const auto* text = file.header().findTypedAttribute<Imf::StringAttribute>(name);
+  float spp = 0;
+  if (text) std::from_chars(text->value().data(), text->value().data() + text->value().size(), spp);
+  return std::isfinite(spp) && spp >= 1 ? spp : 0;
 }
 
 // Returns the guides that a file has. Throws Error if it has none, or one is not as large as HRLS.
@@ -217,6 +230,8 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
     check_reference(*reference, reference_map, hrls, hrls_windows.data);
   }
   const auto [phase, phase_source] = said_phase(arguments.sampling, lrhs, architecture.scale);
+  const SampleCounts samples{known_spp(arguments.samples.lrhs, lrhs, lrhs_map),
+                             known_spp(arguments.samples.hrls, hrls, hrls_map)};
   FuseFiles files{std::move(lrhs),
                   std::move(hrls),
                   std::move(lrhs_map),
@@ -230,6 +245,7 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
                   absent,
                   phase,
                   phase_source,
+                  samples,
                   {},
                   std::move(reference),
                   std::move(reference_map),

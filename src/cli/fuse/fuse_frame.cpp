@@ -60,6 +60,7 @@ FuserOptions options_of(const FuseArguments& arguments, const FuseFiles& files, 
   options.skip_unchanged = arguments.skip_unchanged;
   options.constants = constants;
   options.phase = files.phase;
+  options.samples = files.samples;
   options.keep_activations = !arguments.dump.empty();
   options.profile = arguments.profile;
   return options;
@@ -68,6 +69,7 @@ FuserOptions options_of(const FuseArguments& arguments, const FuseFiles& files, 
 struct FrameFuser::Cached {
   std::shared_ptr<const Model> model;
   float phase;
+  SampleCounts samples;
   ConstantLayers constants;
   uint32_t height, width;  // LRHS's size
   Storage storage;
@@ -76,6 +78,7 @@ struct FrameFuser::Cached {
   Cached(const Device& device, const FuseFrame& frame, const FuserOptions& options)
       : model(frame.files.model),
         phase(options.phase),
+        samples(options.samples),
         constants(options.constants),
         height(uint32_t(frame.images.lrhs.height)),
         width(uint32_t(frame.images.lrhs.width)),
@@ -84,8 +87,9 @@ struct FrameFuser::Cached {
 
   bool suits(const FuseFrame& frame) const {
     const Image& lrhs = frame.images.lrhs;
-    return model == frame.files.model && phase == frame.files.phase && constants == frame.images.constants &&
-           height == uint32_t(lrhs.height) && width == uint32_t(lrhs.width);
+    return model == frame.files.model && phase == frame.files.phase && samples == frame.files.samples &&
+           constants == frame.images.constants && height == uint32_t(lrhs.height) &&
+           width == uint32_t(lrhs.width);
   }
 };
 

@@ -60,6 +60,8 @@ Json facts(const FuseFiles& files, const DeviceInfo& device, Storage storage, co
           {"height", height_of(files.window)},
           {"lrhs_sampling", sampling_name(files)},
           {"lrhs_sampling_from", sampling_source(files)},
+          {"lrhs_spp", files.samples.lrhs},
+          {"hrls_spp", files.samples.hrls},
           {"phase_evidence", files.pair.phase_evidence},
           {"pair_correlation", files.pair.correlation},
           {"lrhs_brightness", files.pair.brightness},

@@ -94,6 +94,14 @@ std::string sampling_text(const FuseFiles& files) {
   return fmt::format("LRHS is {}, {}", what, why());
 }
 
+// Says how many samples the model takes the renders to have.
+std::string samples_text(const FuseFiles& files) {
+  const auto [lrhs, hrls] = files.samples.known(uint32_t(files.frame.scale));
+  const bool said = files.samples.lrhs > 0 && files.samples.hrls > 0;
+  return fmt::format("{:g} and {:g} samples a pixel{}", lrhs, hrls,
+                     said ? "" : ", as the files do not say (--lrhs-spp, --hrls-spp)");
+}
+
 }  // namespace
 
 const char* sampling_name(const FuseFiles& files) { return files.phase == 0 ? "nearest" : "centered"; }
@@ -125,6 +133,7 @@ std::vector<std::string> findings(const FuseFiles& files) {
   if (files.frame.lrhs == files.lrhs_windows.data &&
       !starts_agree(files.lrhs_windows, files.hrls_windows, files.frame.scale))
     found.push_back("the data windows start at different places and are taken for the same view");
+  if (files.model->architecture().knows_spp) found.push_back(samples_text(files));
   add_view_layers("LRHS", files.lrhs_map, found);
   add_view_layers("HRLS", files.hrls_map, found);
   if (!files.absent_layers.empty()) found.push_back(absent_text(files.absent_layers));
