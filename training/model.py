@@ -53,7 +53,6 @@ class Config:
     lrhs_layers: tuple = ("color",)  # all but color are optional
     knows_spp: bool = False
     guide_features: int = 0  # N; 0 gives the joint filter its fixed guides
-    guide_source: str = "encoder"  # encoder or trunk, the part whose output the guides are computed from
 
     def __post_init__(self):
         self.upscaled_features = self.upscaled_features or self.features
@@ -180,8 +179,8 @@ class Network(nn.Module):
         self.lrhs = nn.Conv2d(3 * (len(config.lrhs_layers) + (config.base == "joint")), c, 3, padding=1)
         if len(config.lrhs_sampling) == 2:
             self.lrhs.centered_bias = nn.Parameter(self.lrhs.bias.detach().clone())
-        steered_by_trunk = config.guide_features and config.guide_source != "encoder"
-        encoded = 3 * len(config.hrls_layers) if steered_by_trunk else k
+        # A filter that the network steers comes after the trunk, so the encoder reads none of its levels.
+        encoded = 3 * len(config.hrls_layers) if config.guide_features else k
         if config.hrls_encoder == "full":
             self.hrls = nn.Conv2d(encoded, c, 3, padding=1)
             self.down = nn.ModuleList(nn.Conv2d(4 * c, c, 3, padding=1) for _ in range(halvings))
@@ -190,7 +189,7 @@ class Network(nn.Module):
         if config.knows_spp:
             self.lrhs.by_spp, self.hrls.by_spp = (nn.Parameter(torch.zeros(c)) for _ in range(2))
         if config.guide_features:
-            self.steering = Steering(config, {"trunk": c, "encoder": 2 * c}[config.guide_source])
+            self.steering = Steering(config)
         self.fuse = nn.Conv2d(2 * c, c, 1)
         self.groups = nn.ModuleList(Group(config) for _ in range(config.groups))
         if config.upscale == "stages":
@@ -209,12 +208,6 @@ class Network(nn.Module):
         if config.base != "none":
             nn.init.zeros_(self.rec.bias)
             self.rec.weight.data.mul_(0.1)
-
-    def unshuffled(self, hrls, first=0):
-        """Unshuffles and convolves `hrls`, the encoder's input channels from `first` on, without the bias."""
-        planes = self.config.scale**2
-        weight = self.hrls.weight[:, first * planes : (first + hrls.shape[1]) * planes]
-        return F.conv2d(F.pixel_unshuffle(hrls, self.config.scale), weight, padding=self.config.hrls_kernel // 2)
 
     def encode_hrls(self, hrls, spp):
         if self.config.hrls_encoder == "unshuffled":
@@ -279,12 +272,12 @@ class Steering(nn.Module):
     It starts as the filter with fixed guides.
     """
 
-    def __init__(self, config, read):
+    def __init__(self, config):
         super().__init__()
         self.config = config
         n, levels = config.guide_features, max(JOINT_LEVELS)
         self.own = nn.Conv2d(3 * len(config.hrls_layers) + 6, n, 1, bias=False)
-        self.features = nn.Conv2d(read, (n + 2) * config.scale**2, 3, padding=1)
+        self.features = nn.Conv2d(config.features, (n + 2) * config.scale**2, 3, padding=1)
         self.widths = nn.Parameter(torch.zeros(levels, n))
         self.taps = nn.Parameter(torch.tensor([1 / 4, 1 / 8, 1 / 16]).log().repeat(levels, 1))
         if config.knows_spp:
@@ -397,18 +390,11 @@ def steer(network, low, high, up, filtered, centered, spp):
     `low` and `high` are the network's inputs, `up` is LRHS and its irradiance at full size; `filtered` computes the
     candidates.
     """
-    config, layers = network.config, network.prepared(high)
+    layers = network.prepared(high)
     f_lrhs = network.encode_lrhs(network.prepared(low), centered, spp)
-    if config.guide_source == "trunk":
-        read = y = network.trunk(f_lrhs, network.encode_hrls(layers, spp))
-    else:
-        seen = network.unshuffled(layers) + network.hrls.bias[:, None, None]
-        seen = network.add_spp_bias(seen, network.hrls, spp, 1)
-        read = torch.cat([f_lrhs, F.relu(seen)], dim=1)
-    candidates = filtered(steering=network.steering(read, high, up, spp))
+    y = network.trunk(f_lrhs, network.encode_hrls(layers, spp))
+    candidates = filtered(steering=network.steering(y, high, up, spp))
     levels = network.prepared(torch.cat(candidates[2:], dim=1))
-    if config.guide_source == "encoder":
-        y = network.trunk(f_lrhs, F.relu(seen + network.unshuffled(levels, high.shape[1])))
     return candidates, network.reconstruct(y, torch.cat([layers, levels], dim=1))
 
 

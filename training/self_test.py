@@ -151,9 +151,9 @@ class Steered(unittest.TestCase):
         lrhs, hrls = (torch.rand(2, *shape, generator=generator).to(kind) for shape in ((layers, 4, 6), (18, 16, 24)))
         return lrhs, hrls
 
-    def network(self, source="encoder"):
+    def network(self):
         torch.manual_seed(1)
-        return model.Network(stock.config("x4-fast", (*STEERED, f"guide_source={source}")))
+        return model.Network(stock.config("x4-fast", STEERED))
 
     def test_starts_as_the_fixed_filter(self):
         """The steered filter is the fixed one until widths, taps and features have learned."""
@@ -162,35 +162,15 @@ class Steered(unittest.TestCase):
         up, spp = hrls[:, :6], torch.tensor([16.0, 1.0])[None, :, None, None]
         arguments = up, hrls[:, :3], hrls[:, 3:6], hrls[:, 6:9]
         with torch.no_grad():
-            steering = network.steering(torch.rand(2, 48, 4, 6), hrls, up, spp)
+            steering = network.steering(torch.rand(2, 24, 4, 6), hrls, up, spp)
             for centered in torch.tensor([False, True]):
                 expected = model.joint_candidates(*arguments, fixed, centered)
                 for a, b in zip(model.joint_candidates(*arguments, steered, centered, spp, steering), expected):
                     torch.testing.assert_close(a, b, rtol=1e-3, atol=1e-3)
 
-    def test_starts_as_the_model_before(self):
-        """Guides from the encoders leave the image of a model without them as it was."""
-        before, network, (lrhs, hrls) = model.Network(stock.config("x4-fast")), self.network(), self.inputs()
-        own = network.state_dict()
-        network.load_state_dict(
-            own | {key: grow.overlaid(own[key], value) for key, value in before.state_dict().items()}
-        )
-        bare = torch.cat([lrhs[:, :3], 0 * lrhs[:, 3:]], dim=1)
-        with torch.no_grad():
-            for centered in torch.tensor([False, True]):
-                expected = model.predict(before, lrhs[:, :3], hrls, centered)[0]
-                torch.testing.assert_close(
-                    model.predict(network, bare, hrls, centered)[0], expected, rtol=1e-3, atol=1e-3
-                )
-
     def test_gradient_of_all_that_steers(self):
-        for source in ("encoder", "trunk"):
-            with self.subTest(source):
-                self.compare_slopes(self.network(source).double())
-
-    def compare_slopes(self, network):
         """Compares gradients with finite differences, in double precision."""
-        lrhs, hrls = self.inputs(torch.float64)
+        network, (lrhs, hrls) = self.network().double(), self.inputs(torch.float64)
         with torch.no_grad():
             for tensor in network.steering.parameters():
                 tensor += 0.1 * torch.randn_like(tensor)
