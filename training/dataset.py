@@ -194,18 +194,24 @@ def batch(views, config, size, count, seed):
     return tuple(torch.stack(images) for images in zip(*(sample(views, config, size, rng) for _ in range(count))))
 
 
-def pair(view, config, low, high, guides=None):
+def pair(view, config, low, high, guides=None, decimated=None):
     """Returns a whole view with its ordinary small render: lrhs, hrls, reference, exposure of all three, spp.
 
     The images are a batch of one. `guides`, if given, is the sample count of the separate render that albedo and normal
-    of HRLS are taken from.
+    of HRLS are taken from. `decimated`, if given, names a full-size render. LRHS is every s-th pixel of it then, and
+    the reference has no part in it.
     """
     exposure = view.exposure(config)
     hrls = view.read(f"{high:04}")[:LAYER_CHANNELS].float()
     if guides:
         hrls[3:9] = view.read(f"guides-{guides:04}")[:6]
     hrls[RADIANCE] *= exposure
-    lrhs = lrhs_layers(view.read(f"lowres-x{config.scale}-{low:04}").float(), config)
+    if decimated:
+        low, lrhs = view.spp[decimated], view.read(decimated)[:, :: config.scale, :: config.scale]
+    else:
+        lrhs = view.read(f"lowres-x{config.scale}-{low:04}")
+    lrhs = lrhs_layers(lrhs.float(), config)
     lrhs[:3] *= exposure
     spp = torch.tensor([float(low), float(high)]).reshape(1, 2, 1, 1)
-    return lrhs[None], with_variance(hrls)[None], view.reference()[None, :3] * exposure, exposure, spp
+    reference = view.reference([part for part in REFERENCE if part != decimated])
+    return lrhs[None], with_variance(hrls)[None], reference[None, :3] * exposure, exposure, spp

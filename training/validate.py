@@ -19,12 +19,16 @@ from evaluation import baselines
 # The pairs cost two, four and eight samples a pixel together.
 SPP = {2: ((4, 1), (8, 2), (16, 4)), 4: ((16, 1), (32, 2), (64, 4)), 8: ((64, 1), (128, 2), (256, 4))}
 
+# Samples of HRLS, and the full-size render that LRHS is every s-th pixel of.
+DECIMATED = ((1, "0008"), (2, "reference-a"), (4, "reference-a"))
+
 
 def parse():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--views", required=True, help="folder of packed views")
     parser.add_argument("models", nargs="*", type=pathlib.Path)
     parser.add_argument("--guides", type=int, help="take albedo and normal of HRLS from a render of that many samples")
+    parser.add_argument("--decimated", action="store_true", help="take every s-th pixel of full-size renders as LRHS")
     parser.add_argument("--bare", action="store_true", help="give LRHS no layers but color")
     return parser.parse_args()
 
@@ -48,13 +52,13 @@ def measured(image, reference):
 
 
 @torch.no_grad()
-def score(network, view, counts, blank=lambda lrhs, hrls: (lrhs, hrls), guides=None):
+def score(network, view, counts, blank=lambda lrhs, hrls: (lrhs, hrls), guides=None, decimated=None):
     """Returns (PSNR, RelMSE) of a whole view.
 
-    `blank` may zero parts of the inputs; `guides` is the sample count of the render that gives albedo and normal.
+    `blank` may zero parts of the inputs; `guides` and `decimated` are those of dataset.pair().
     """
-    lrhs, hrls, reference, exposure, spp = dataset.pair(view, network.config, *counts, guides)
-    centered = torch.tensor("centered" in network.config.lrhs_sampling)
+    lrhs, hrls, reference, exposure, spp = dataset.pair(view, network.config, *counts, guides, decimated)
+    centered = torch.tensor("centered" in network.config.lrhs_sampling and not decimated)
     fused = model.predict(network, *blank(lrhs, hrls), centered, exposure, spp)[1]
     return measured(fused / exposure, reference / exposure)
 
@@ -89,8 +93,12 @@ def main():
 
     for path in args.models:
         network = load(path)
-        counts = SPP[network.config.scale]
-        scores = [[score(network, view, pair, blank, args.guides) for view in views] for pair in counts]
+        pairs = [(*counts, None) for counts in SPP[network.config.scale]]
+        if args.decimated:
+            pairs = [(None, spp, render) for spp, render in DECIMATED]
+        scores = [
+            [score(network, view, counts, blank, args.guides, render) for view in views] for *counts, render in pairs
+        ]
         show(f"{path.parent.name}/{path.stem}", scores, rivals)
 
 
