@@ -11,7 +11,7 @@ endforeach()
 # The benchmark is built, and measures one convolution by its fastest kernel.
 add_test(NAME bench COMMAND raymeld_bench --benchmark_filter=^conv2d/3x3/128x128/40-16/F.4
   --benchmark_min_time=0.01)
-set_tests_properties(bench PROPERTIES PASS_REGULAR_EXPRESSION "F.4,3..*FLOP/s=")
+set_tests_properties(bench PROPERTIES PASS_REGULAR_EXPRESSION "F.4, 3..*FLOP/s=")
 
 # Sources are as clang-format leaves them.
 find_program(CLANG_FORMAT clang-format REQUIRED)
