@@ -2,6 +2,8 @@
 #include <OpenEXR/ImfStringAttribute.h>
 #include <fmt/format.h>
 
+#include <map>
+
 #include "cli_fixture.h"
 #include "made_pair.h"
 
