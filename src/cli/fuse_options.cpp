@@ -68,7 +68,7 @@ void add_files(CLI::App& command, FuseArguments& a) {
       ->type_name("FILE");
   command
       .add_option("-o,--output", a.output,
-                  "Writes the fused image to this OpenEXR file; windows, attributes and alpha are those of "
+                  "Writes the fused image to this OpenEXR file; windows and attributes are those of "
                   "HRLS")
       ->type_name("FILE")
       ->check(ends_in(".exr", "; --preview writes a PNG"));
@@ -128,6 +128,9 @@ void add_more_files(CLI::App& command, FuseArguments& a) {
                   "Writes channels of this type; auto is the type of HRLS's color")
       ->check(CLI::IsMember({"auto", "half", "float"}))
       ->capture_default_str();
+  command.add_flag("--layers", a.layers,
+                   "Also writes the diffuse, specular and other (emission) light of the fused image, which "
+                   "add up to it; both files need diffuse and specular, and it takes four times as long");
   command.add_flag("--keep-layers", a.keep_layers,
                    "Copies all other HRLS channels to the output, bit by bit");
   command

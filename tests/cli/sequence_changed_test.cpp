@@ -12,11 +12,11 @@ class SequenceChanged : public SequenceTest {
   inline static const std::vector<std::string> kTiled{"--max-memory", "3"};  // 3 MiB: several tiles
 
   void write(int frame) const {
-    write_image(folder_ / low(frame), kColorNames, low_);
+    write_image(folder_ / low(frame), kAlphaNames, low_);
     write_image(folder_ / high(frame), kLayeredNames, high_);
   }
 
-  Image low_ = random_image(kColorNames, kWidth, kHeight, 1),
+  Image low_ = random_image(kAlphaNames, kWidth, kHeight, 1),
         high_ = random_image(kLayeredNames, 4 * kWidth, 4 * kHeight, 2);
 };
 
@@ -24,7 +24,7 @@ TEST_F(SequenceChanged, FramesAreWhatTheyWouldBeWithout) {
   write(1);
   low_.at(1, 3, 3) = 0.25f;
   write(2);
-  high_.at(9, 0, 0) = 0;  // alpha, which the model does not read
+  high_.at(9, 0, 0) = 0;  // alpha, which is fused by itself
   write(3);
   const Image layers = high_;
   for (int c = 6; c < 9; ++c) std::fill_n(high_.plane(c), high_.plane_size(), 0.5f);

@@ -18,6 +18,7 @@ inline Imath::Box2i window(int x, int y, int width, int height) {
 
 // The models of tests/golden take these channels: three of each layer, and alpha.
 inline const std::vector<std::string> kColorNames = {"R", "G", "B"};
+inline const std::vector<std::string> kAlphaNames = {"R", "G", "B", "A"};
 inline const std::vector<std::string> kLayeredNames = {
     "R", "G", "B", "normal.X", "normal.Y", "normal.Z", "albedo.R", "albedo.G", "albedo.B", "A"};
 

@@ -2,6 +2,10 @@
 // fused and written; a sequence (sequence.h) runs these same steps in threads.
 #pragma once
 
+#include <algorithm>
+#include <array>
+#include <functional>
+#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -53,6 +57,7 @@ struct FuseArguments {
   std::optional<Choice> choice = {};        // the choice of `model`, if no name was given
   std::optional<Imath::Box2i> window = {};  // the part to fuse, in HRLS's pixels; none: its data window
   bool skip_unchanged = false;              // compute only changes since a sequence's last frame
+  bool layers = false;                      // also write the parts of the light
   bool keep_layers = false, profile = false, dry_run = false, json = false, quiet = false, verbose = false;
 
   std::vector<std::filesystem::path> inputs() const;
@@ -95,16 +100,30 @@ struct FuseFiles {
   const ExrChannel& hrls_color() const { return hrls.channel(hrls_map.layers.at("color").terms[0][0]); }
 };
 
+inline const std::string kAlpha = "alpha";
+// The parts of the light that --layers writes, and the layers that they are computed from.
+inline const std::array<std::string, 3> kLightParts = {"diffuse", "specular", "emission"};
+inline const std::vector<std::string> kReadLight = {"color", "diffuse", "specular"};
+
+// Holds an image that is fused as the color is, with the same guides: alpha, in three equal channels, or one
+// of kLightParts. Emission is all light that is neither diffuse nor specular.
+struct Companion {
+  std::string name;
+  Image lrhs, hrls;  // (3, h, w) and (3, s h, s w) of the canvas
+};
+
 struct FuseImages {
   Image lrhs, hrls;                   // the canvas: (3, h, w) and (K, s h, s w), all finite
   ConstantLayers constants;           // constant and absent layers, which `hrls` does not hold
   float exposure = 1;                 // the whole frame's exposure, see FuserOptions
   std::optional<Image> reference;     // (3, H, W) of the window
   std::vector<ExrRawChannel> passed;  // the channels of passed_channels(), unchanged
+  std::vector<Companion> companions;
 };
 
 struct FuseResult {
-  Image fused;  // (3, H, W) of the window
+  Image fused;                              // (3, H, W) of the window
+  std::map<std::string, Image> companions;  // each (3, H, W); alpha counts in the first channel only
   FuseReport report;
   double time_ms = 0;  // time of Fuser::fuse(), which --budget limits
   Tiling tiling;
@@ -128,6 +147,10 @@ struct FuseFrame {
   StagedFiles staged;
   std::vector<Phase> phases = {};  // finished phases, in their order
 
+  bool has_companion(const std::string& name) const {
+    return std::ranges::find(images.companions, name, &Companion::name) != images.companions.end();
+  }
+
   // Drops the inputs, often the largest part of a frame's memory, unless outputs show them.
   void drop_inputs() {
     if (!arguments.compares()) images.hrls = {};
@@ -140,8 +163,24 @@ void run_fuse(const FuseArguments& arguments);
 // Opens the files. Throws Error when a file, a layer or a model is missing, or sizes or windows do not fit.
 FuseFiles open_files(const FuseArguments& arguments, LastModel& models);
 
-// Returns the channels of HRLS that are copied to the output: alpha, or with `keep_layers` all but the color.
-std::vector<std::string> passed_channels(const FuseFiles& files, bool keep_layers);
+// Returns the channels of HRLS that may be copied to the output: alpha, or with --keep-layers all but those
+// that are fused.
+std::vector<std::string> passed_channels(const FuseFiles& files, const FuseArguments& arguments);
+
+// Returns the name of the output's channel for red (0), green or blue light of one of kLightParts.
+std::string light_channel(const std::string& part, int c);
+
+// Returns whether both files have an alpha. It is copied nevertheless where it has one value everywhere.
+bool fuses_alpha(const FuseFiles& files);
+
+// Reads what is fused beside the color: an alpha that is not the same everywhere, and the parts of the light
+// if the options ask for them. Throws Error.
+void load_companions(FuseFrame& frame);
+
+// Fuses an LRHS (3, h, w) and an HRLS of image_layers() with a factor of radiance.
+using FuseOne = std::function<Image(const Image& lrhs, const Image& hrls, float exposure)>;
+// Fuses the companions of a frame whose color is fused. The parts of the light add up to the color.
+void fuse_companions(FuseFrame& frame, const FuseOne& fuse);
 
 // Reads the whole frame's LRHS, (3, h, w), all finite.
 Image load_lrhs(FuseFiles& files, Console& console);
@@ -211,14 +250,15 @@ class FrameFuser {
   // Notes that it compiles if the device has no kernels on disk yet.
   void prepare(const FuseFrame& frame);
 
-  // Fuses a frame and stages the files of --dump. All frames must have the same options. Throws Error, and
-  // Cancelled when `progress` returns false; the next frame may still work then.
+  // Fuses a frame with its companions and stages the files of --dump. All frames must have the same options.
+  // Throws Error, and Cancelled when `progress` returns false; the next frame may still work then.
   void fuse(FuseFrame& frame, const Progress& progress);
 
  private:
   struct Cached;
   struct Preparation;
   Cached& cached_for(FuseFrame& frame);
+  void fuse_color(FuseFrame& frame, Cached& cached, const Progress& progress);
 
   const Device& device_;
   std::unique_ptr<Preparation> preparation_;

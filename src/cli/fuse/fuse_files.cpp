@@ -161,8 +161,8 @@ uint64_t pixels_outside(const Windows& lrhs, const Imath::Box2i& canvas) {
   return area(canvas) - area({first, last});
 }
 
-void check_passed_channels(const FuseFiles& files, bool keep_layers) {
-  for (const std::string& name : passed_channels(files, keep_layers)) {
+void check_passed_channels(const FuseFiles& files, const FuseArguments& arguments) {
+  for (const std::string& name : passed_channels(files, arguments)) {
     const ExrChannel& channel = files.hrls.channel(name);
     const Imath::Box2i window = files.hrls.header(channel.part).dataWindow();
     if (window != files.hrls_windows.data) {
@@ -222,6 +222,10 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
   const ConstantLayers absent = absent_layers(hrls_map, guides_map, architecture);
   require_layers(hrls_map, split_layers(image_layers(architecture, absent), guides_map).first,
                  hrls.path().string());
+  if (arguments.layers) {
+    require_layers(lrhs_map, kReadLight, lrhs.path().string());
+    require_layers(hrls_map, kReadLight, hrls.path().string());
+  }
   std::optional<ExrFile> reference;
   LayerMap reference_map;
   if (!arguments.reference.empty()) {
@@ -251,7 +255,7 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
                   std::move(reference_map),
                   std::move(guides),
                   std::move(guides_map)};
-  check_passed_channels(files, arguments.keep_layers);
+  check_passed_channels(files, arguments);
   return files;
 }
 
@@ -329,8 +333,10 @@ void load_frame(FuseFrame& frame) {
     sanitize_input(*images.reference, "reference", files.reference->path(), frame.console);
     images.reference = seen_through(std::move(*images.reference), files.hrls_windows.data, files.window);
   }
+  load_companions(frame);
   const bool keeps = frame.arguments.keep_layers;
-  for (const std::string& name : passed_channels(files, keeps)) {
+  for (const std::string& name : passed_channels(files, frame.arguments)) {
+    if (name == files.hrls_map.alpha && frame.has_companion(kAlpha)) continue;
     images.passed.push_back(cropped(files.hrls.read_raw(name), files.window));
     sanitize_passed(images.passed.back(), !keeps, files.hrls.path(), frame.console);
   }

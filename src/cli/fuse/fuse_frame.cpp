@@ -74,6 +74,7 @@ struct FrameFuser::Cached {
   uint32_t height, width;  // LRHS's size
   Storage storage;
   Fuser fuser;
+  std::optional<Fuser> beside;  // fuses companions where `fuser` keeps the color for the next frame
 
   Cached(const Device& device, const FuseFrame& frame, const FuserOptions& options)
       : model(frame.files.model),
@@ -90,6 +91,13 @@ struct FrameFuser::Cached {
     return model == frame.files.model && phase == frame.files.phase && samples == frame.files.samples &&
            constants == frame.images.constants && height == uint32_t(lrhs.height) &&
            width == uint32_t(lrhs.width);
+  }
+
+  Fuser& for_companions(const Device& device, FuserOptions options) {
+    if (!options.skip_unchanged) return fuser;
+    options.skip_unchanged = false;
+    if (!beside) beside.emplace(device, *model, height, width, options);
+    return *beside;
   }
 };
 
@@ -167,10 +175,8 @@ FrameFuser::Cached& FrameFuser::cached_for(FuseFrame& frame) {
   return *cached_;
 }
 
-void FrameFuser::fuse(FuseFrame& frame, const Progress& progress) try {
-  Cached& cached = cached_for(frame);
+void FrameFuser::fuse_color(FuseFrame& frame, Cached& cached, const Progress& progress) {
   Fuser& fuser = cached.fuser;
-  if (!progress(0)) throw Cancelled();
   const FuseArguments& arguments = frame.arguments;
   FuseResult& result = frame.result;
   result.storage = cached.storage;
@@ -194,6 +200,26 @@ void FrameFuser::fuse(FuseFrame& frame, const Progress& progress) try {
   report_overflow(arguments, result.report, result.tiling.count(), frame.console);
   if (!arguments.dump.empty()) dump_layers(arguments.dump_folder(), fuser.last(), fused, frame.staged);
   result.fused = seen_through(std::move(fused), frame.files.canvas.hrls, frame.files.window);
+}
+
+void FrameFuser::fuse(FuseFrame& frame, const Progress& progress) try {
+  Cached& cached = cached_for(frame);
+  if (!progress(0)) throw Cancelled();
+  const size_t count = 1 + frame.images.companions.size();
+  size_t done = 0;
+  const auto of_all = [&](double share) { return progress((double(done) + share) / double(count)); };
+  fuse_color(frame, cached, of_all);
+  if (count == 1) return;
+  const PhaseTimer timer(frame, "companions");
+  Fuser& fuser = cached.for_companions(
+      device_, options_of(frame.arguments, frame.files, device_, frame.images.constants));
+  fuse_companions(frame, [&](const Image& lrhs, const Image& hrls, float exposure) {
+    ++done;
+    Image fused;
+    const FuseReport report = fuser.fuse(lrhs, hrls, fused, of_all, exposure);
+    report_overflow(frame.arguments, report, fuser.plan().tiling.count(), frame.console);
+    return fused;
+  });
 } catch (...) {
   cached_.reset();  // its state is unknown; the next frame gets a new one
   throw;

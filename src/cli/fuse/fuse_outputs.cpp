@@ -1,6 +1,6 @@
 #include <OpenEXR/ImfStringAttribute.h>
 
-#include <algorithm>
+#include <set>
 
 #include "cli/fuse/fuse.h"
 #include "io/label.h"
@@ -57,6 +57,14 @@ void stage_image(FuseFrame& frame) {
   const ChannelTriple names = color_names(files, arguments.keep_layers);
   const Imf::PixelType type = output_type(arguments.output_type, files.hrls_color().type);
   for (int c = 0; c < 3; ++c) output.planes.push_back({names[size_t(c)], type, frame.result.fused.plane(c)});
+  for (const auto& [name, image] : frame.result.companions) {
+    if (name == kAlpha) {
+      const ExrChannel& alpha = files.hrls.channel(*files.hrls_map.alpha);
+      output.planes.push_back({arguments.keep_layers ? alpha.name : "A", type, image.plane(0)});
+    } else {
+      for (int c = 0; c < 3; ++c) output.planes.push_back({light_channel(name, c), type, image.plane(c)});
+    }
+  }
   check_interrupted();
   size_t clamped = 0;
   frame.staged.add(arguments.output, [&](AtomicFile& file) { clamped = write_exr(file, output); });
@@ -103,13 +111,17 @@ void stage_previews(FuseFrame& frame, const std::optional<Comparison>& compariso
 
 }  // namespace
 
-std::vector<std::string> passed_channels(const FuseFiles& files, bool keep_layers) {
-  std::vector<std::string> names;
+std::string light_channel(const std::string& part, int c) { return part + '.' + "RGB"[c]; }
+
+std::vector<std::string> passed_channels(const FuseFiles& files, const FuseArguments& arguments) {
   const auto& alpha = files.hrls_map.alpha;
+  if (!arguments.keep_layers) return alpha ? std::vector{*alpha} : std::vector<std::string>{};
   const ChannelTriple& color = files.hrls_map.layers.at("color").terms[0];
-  for (const std::string& name : files.hrls.channel_names()) {
-    if (keep_layers ? std::ranges::find(color, name) == color.end() : name == alpha) names.push_back(name);
-  }
+  std::set<std::string> fused(color.begin(), color.end());
+  for (int c = 0; c < 3 && arguments.layers; ++c)
+    for (const std::string& part : kLightParts) fused.insert(light_channel(part, c));
+  std::vector<std::string> names = files.hrls.channel_names();
+  std::erase_if(names, [&](const std::string& name) { return fused.contains(name); });
   return names;
 }
 
