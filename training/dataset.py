@@ -17,6 +17,7 @@ LAYER_CHANNELS = 3 * len(LAYERS)
 REFERENCE = ("reference-a", "reference-b")  # independent parts of 16 and 48 samples, of held-out seeds 64 and 192
 TARGET_CLIP = 100.0  # limit at the view's exposure, section 3.2 of Hou et al. 2021
 CENTERED_SHARE = 0.75  # share of crops with an ordinary small render; the others have every s-th pixel
+COARSE_SHARE = 0.25  # share of the ordinary small renders for x4 that are of x8, upsampled
 GUIDES_SHARE = 0.25  # share of crops whose albedo and normal are a render of their own
 NO_LRHS_LAYERS_SHARE = 0.2  # share of crops whose LRHS has no layers but color
 
@@ -43,6 +44,16 @@ class View:
     def small(self, scale):
         """Returns the names of the ordinary small renders."""
         return [name for name in self.spp if name.startswith(f"lowres-x{scale}-")]
+
+    def read_lrhs(self, name, scale):
+        """Returns (an ordinary small render [LAYERS, H / scale, W / scale], its samples a pixel).
+
+        A render of twice the scale is upsampled, and each of its samples counts for the four pixels that it covers.
+        """
+        layers, own_scale = self.read(name)[:LAYER_CHANNELS].float(), int(name[len("lowres-x")])
+        if own_scale == scale:
+            return layers, self.spp[name]
+        return model.bilinear(layers[None], 2, 0.5)[0], self.spp[name] / 4
 
     def guides(self):
         """Returns the names of the renders of albedo and normal alone."""
@@ -148,7 +159,8 @@ def lrhs_layers(lrhs, config):
 def pick_lrhs(view, scale, high, is_centered, rng):
     """Returns (name of the render that LRHS is made of, names of the target's parts, which share no noise with it)."""
     if is_centered:
-        return rng.choice(view.small(scale)), REFERENCE
+        is_coarse = scale == 4 and rng.random() < COARSE_SHARE
+        return rng.choice(view.small(2 * scale if is_coarse else scale)), REFERENCE
     low = rng.choice([*REFERENCE, *REFERENCE, *(name for name in view.full_size()[1:] if name != high)])
     return low, [part for part in REFERENCE if part != low]
 
@@ -168,8 +180,11 @@ def sample(views, config, size, rng):
     y, x = (rng.randint(0, (side - size) // scale) * scale for side in view.read(high).shape[-2:])
     here = window(y, x, size)
     hrls, reference = view.read(high)[:LAYER_CHANNELS][here].float(), view.reference(parts, here)
-    there = window(*(n // scale for n in (y, x, size))) if is_centered else here
-    lrhs = view.read(low)[:LAYER_CHANNELS][there].float()
+    if is_centered:
+        lrhs, low_spp = view.read_lrhs(low, scale)
+        lrhs = lrhs[window(*(n // scale for n in (y, x, size)))]
+    else:
+        lrhs, low_spp = view.read(low)[:LAYER_CHANNELS][here].float(), view.spp[low]
     if view.guides() and rng.random() < GUIDES_SHARE:
         hrls[3:9] = view.read(rng.choice(view.guides()))[:6][here]
     images = [hrls, reference, lrhs]
@@ -185,7 +200,7 @@ def sample(views, config, size, rng):
     if rng.random() < NO_LRHS_LAYERS_SHARE:
         lrhs[3:] = 0
     reference = reference[:3].clamp(0, TARGET_CLIP) * exposure
-    spp = torch.tensor([float(view.spp[name]) for name in (low, high)])
+    spp = torch.tensor([float(low_spp), float(view.spp[high])])
     return lrhs, hrls, reference, torch.tensor(is_centered).reshape(1, 1, 1), spp.reshape(2, 1, 1)
 
 
@@ -194,10 +209,10 @@ def batch(views, config, size, count, seed):
     return tuple(torch.stack(images) for images in zip(*(sample(views, config, size, rng) for _ in range(count))))
 
 
-def pair(view, config, low, high, guides=None, decimated=None):
+def pair(view, config, low, high, guides=None, decimated=None, small_scale=None):
     """Returns a whole view with its ordinary small render: lrhs, hrls, reference, exposure of all three, spp.
 
-    The images are a batch of one. `guides`, if given, is the sample count of the separate render that albedo and normal
+    The images are a batch of one. `small_scale` is the small render's, by default the config's. `guides`, if given, is the sample count of the separate render that albedo and normal
     of HRLS are taken from. `decimated`, if given, names a full-size render. LRHS is every s-th pixel of it then, and
     the reference has no part in it.
     """
@@ -207,10 +222,10 @@ def pair(view, config, low, high, guides=None, decimated=None):
         hrls[3:9] = view.read(f"guides-{guides:04}")[:6]
     hrls[RADIANCE] *= exposure
     if decimated:
-        low, lrhs = view.spp[decimated], view.read(decimated)[:, :: config.scale, :: config.scale]
+        low, lrhs = view.spp[decimated], view.read(decimated)[:, :: config.scale, :: config.scale].float()
     else:
-        lrhs = view.read(f"lowres-x{config.scale}-{low:04}")
-    lrhs = lrhs_layers(lrhs.float(), config)
+        lrhs, low = view.read_lrhs(f"lowres-x{small_scale or config.scale}-{low:04}", config.scale)
+    lrhs = lrhs_layers(lrhs, config)
     lrhs[:3] *= exposure
     spp = torch.tensor([float(low), float(high)]).reshape(1, 2, 1, 1)
     reference = view.reference([part for part in REFERENCE if part != decimated])

@@ -163,8 +163,8 @@ def parts_of_joint_base(seen):
     def irradiance(*inputs):
         return seen.setdefault("irradiance", parts[0](*inputs))
 
-    def joint_filter(light, guides, levels, *steering):
-        filtered = parts[1](light, guides, levels, *steering)
+    def joint_filter(light, guides, levels, *widths):
+        filtered = parts[1](light, guides, levels, *widths)
         if levels > 1:  # the irradiance is filtered once
             seen["demodulate"] = torch.cat([light, guides[:, -1:] * model.JOINT_IRRADIANCE], dim=1)
             seen.update({f"joint.{level}": image for level, image in enumerate(filtered)})

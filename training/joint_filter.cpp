@@ -9,6 +9,7 @@ namespace {
 
 // A pixel has three colors and, as its last channel, a certainty.
 constexpr int kColors = 3, kChannels = 4, kTaps = 9;
+constexpr float kBinomial[3] = {0.25f, 0.5f, 0.25f};
 
 // Holds planes with `pad` replicated pixels on each side.
 struct Padded {
@@ -50,16 +51,13 @@ struct Padded {
 // Holds the inputs of a level, the four channels of x and the guides, padded by `step` pixels.
 struct Level {
   int h, w, step, guides;
-  const float* taps;
   Padded planes;
 
-  Level(const float* x, const float* guide, const float* kernel, int guide_count, int height, int width,
-        int step_pixels)
+  Level(const float* x, const float* guide, int guide_count, int height, int width, int step_pixels)
       : h(height),
         w(width),
         step(step_pixels),
         guides(guide_count),
-        taps(kernel),
         planes(kChannels + guide_count, height, width, step_pixels) {
     for (int c = 0; c < kChannels; ++c) planes.fill(c, x + c * h * w);
     for (int g = 0; g < guides; ++g) planes.fill(kChannels + g, guide + g * h * w);
@@ -74,7 +72,8 @@ struct Level {
       const float *a = planes.row(c, y), *b = a + offset(tap);
       for (int i = 0; i < w; ++i) weight[i] += (a[i] - b[i]) * (a[i] - b[i]);
     }
-    for (int i = 0; i < w; ++i) weight[i] = taps[tap] * std::exp(-weight[i]);
+    const float kernel = kBinomial[tap / 3] * kBinomial[tap % 3];
+    for (int i = 0; i < w; ++i) weight[i] = kernel * std::exp(-weight[i]);
   }
 };
 
@@ -106,8 +105,7 @@ void forward(Level& level, float* out) {
 
 // Adds to the gradients; `out` is the output of forward(). Pixel j has the weight w for pixel i and the
 // certainty c. W is the sum of w, and C is the sum of w c. A level is y = (sum of w c x) / C and C / W.
-void backward(Level& level, const float* out, const float* grad_out, float* grad_x, float* grad_guides,
-              float* grad_taps) {
+void backward(Level& level, const float* out, const float* grad_out, float* grad_x, float* grad_guides) {
   const int h = level.h, w = level.w, plane = h * w;
   Padded grads(kChannels + level.guides, h, w, level.step);
   std::vector<float> weights(kTaps * w), total(w), per_color(kColors * w), per_count(w), of_weight(w);
@@ -140,9 +138,6 @@ void backward(Level& level, const float* out, const float* grad_out, float* grad
       for (int i = 0; i < w; ++i) grad_counts[i] += weight[i] * of_weight[i];
       for (int i = 0; i < w; ++i)
         of_weight[i] = of_weight[i] * counts[i] - per_count[i] * result[kColors * plane + i];
-      float by_tap = 0;
-      for (int i = 0; i < w; ++i) by_tap += of_weight[i] * weight[i];
-      grad_taps[tap] += by_tap / level.taps[tap];
       for (int i = 0; i < w; ++i) of_weight[i] *= -2 * weight[i];
       for (int c = kChannels; c < kChannels + level.guides; ++c) {
         const float *a = level.planes.row(c, y), *b = a + offset;
@@ -159,26 +154,25 @@ void backward(Level& level, const float* out, const float* grad_out, float* grad
 
 }  // namespace
 
-// Filters x [n, 4, h, w] by guides [n, guide_count, h, w] and taps [9] into out [n, 4, h, w].
-extern "C" void level_forward(const float* x, const float* guides, const float* taps, int n, int guide_count,
-                              int h, int w, int step, float* out) {
+// Filters x [n, 4, h, w] by guides [n, guide_count, h, w] into out [n, 4, h, w].
+extern "C" void level_forward(const float* x, const float* guides, int n, int guide_count, int h, int w,
+                              int step, float* out) {
   const size_t image = static_cast<size_t>(kChannels) * h * w,
                guide = static_cast<size_t>(guide_count) * h * w;
   for (int i = 0; i < n; ++i) {
-    Level level(x + i * image, guides + i * guide, taps, guide_count, h, w, step);
+    Level level(x + i * image, guides + i * guide, guide_count, h, w, step);
     forward(level, out + i * image);
   }
 }
 
-// Adds to `grad_x`, `grad_guides` and `grad_taps`, which have the shapes of x, guides and taps.
-extern "C" void level_backward(const float* x, const float* guides, const float* taps, const float* out,
-                               const float* grad_out, int n, int guide_count, int h, int w, int step,
-                               float* grad_x, float* grad_guides, float* grad_taps) {
+// Adds to `grad_x` and `grad_guides`, which have the shapes of x and guides.
+extern "C" void level_backward(const float* x, const float* guides, const float* out, const float* grad_out,
+                               int n, int guide_count, int h, int w, int step, float* grad_x,
+                               float* grad_guides) {
   const size_t image = static_cast<size_t>(kChannels) * h * w,
                guide = static_cast<size_t>(guide_count) * h * w;
   for (int i = 0; i < n; ++i) {
-    Level level(x + i * image, guides + i * guide, taps, guide_count, h, w, step);
-    backward(level, out + i * image, grad_out + i * image, grad_x + i * image, grad_guides + i * guide,
-             grad_taps);
+    Level level(x + i * image, guides + i * guide, guide_count, h, w, step);
+    backward(level, out + i * image, grad_out + i * image, grad_x + i * image, grad_guides + i * guide);
   }
 }

@@ -1,7 +1,6 @@
 """Defines the fusion network and the encoding of its inputs; names are those of the model file."""
 
 import dataclasses
-import functools
 import math
 
 import torch
@@ -18,8 +17,6 @@ ALBEDO_FLOOR = 0.4
 JOINT_COMPRESS = 0.2
 JOINT_ALBEDO, JOINT_NORMAL, JOINT_IRRADIANCE = 1.5, 1.2, 0.0667
 JOINT_LEVELS = (1, 3, 5)
-TAP_KINDS = [2, 1, 2, 1, 0, 1, 2, 1, 2]  # each 3x3 tap, row by row: 0 centre, 1 side, 2 corner
-STEERING_MOST = 4.0  # limit of the logarithms by which a network scales the renders' certainties
 SPP_MOST = (256.0, 16.0)  # counts of LRHS and HRLS samples a pixel are clamped to these
 # A pixel brighter than FIREFLY times the second brightest of its neighbours plus FIREFLY_FLOOR is a firefly.
 FIREFLY, FIREFLY_FLOOR = 20.0, 1e-3
@@ -52,7 +49,6 @@ class Config:
     exposure_key: float = 0.0
     lrhs_layers: tuple = ("color",)  # all but color are optional
     knows_spp: bool = False
-    guide_features: int = 0  # N; 0 gives the joint filter its fixed guides
 
     def __post_init__(self):
         self.upscaled_features = self.upscaled_features or self.features
@@ -179,17 +175,15 @@ class Network(nn.Module):
         self.lrhs = nn.Conv2d(3 * (len(config.lrhs_layers) + (config.base == "joint")), c, 3, padding=1)
         if len(config.lrhs_sampling) == 2:
             self.lrhs.centered_bias = nn.Parameter(self.lrhs.bias.detach().clone())
-        # A filter that the network steers comes after the trunk, so the encoder reads none of its levels.
-        encoded = 3 * len(config.hrls_layers) if config.guide_features else k
         if config.hrls_encoder == "full":
-            self.hrls = nn.Conv2d(encoded, c, 3, padding=1)
+            self.hrls = nn.Conv2d(k, c, 3, padding=1)
             self.down = nn.ModuleList(nn.Conv2d(4 * c, c, 3, padding=1) for _ in range(halvings))
         else:
-            self.hrls = nn.Conv2d(encoded * s * s, c, config.hrls_kernel, padding=config.hrls_kernel // 2)
+            self.hrls = nn.Conv2d(k * s * s, c, config.hrls_kernel, padding=config.hrls_kernel // 2)
         if config.knows_spp:
             self.lrhs.by_spp, self.hrls.by_spp = (nn.Parameter(torch.zeros(c)) for _ in range(2))
-        if config.guide_features:
-            self.steering = Steering(config)
+            if config.base == "joint":
+                self.joint = JointConstants()
         self.fuse = nn.Conv2d(2 * c, c, 1)
         self.groups = nn.ModuleList(Group(config) for _ in range(config.groups))
         if config.upscale == "stages":
@@ -265,50 +259,25 @@ class Network(nn.Module):
         return self.reconstruct(y, hrls)
 
 
-class Steering(nn.Module):
-    """Computes the joint filter's guides, certainties, widths and taps.
+class JointConstants(nn.Module):
+    """Holds what a network that knows_spp has learned of the joint filter; it starts as the fixed filter.
 
-    Each pixel has N guides and a factor for the certainty of each render; each level has widths of the guides and taps.
-    It starts as the filter with fixed guides.
+    The guides of each level, albedo, normal and brightness, are multiplied by exp(widths + widths_by_spp log2 n_H), and
+    LRHS's certainty by exp(certainty[0] + certainty[1] log2 n_H), where n_H is the samples a pixel of HRLS.
     """
 
-    def __init__(self, config):
+    def __init__(self):
         super().__init__()
-        self.config = config
-        n, levels = config.guide_features, max(JOINT_LEVELS)
-        self.own = nn.Conv2d(3 * len(config.hrls_layers) + 6, n, 1, bias=False)
-        self.features = nn.Conv2d(config.features, (n + 2) * config.scale**2, 3, padding=1)
-        self.widths = nn.Parameter(torch.zeros(levels, n))
-        self.taps = nn.Parameter(torch.tensor([1 / 4, 1 / 8, 1 / 16]).log().repeat(levels, 1))
-        if config.knows_spp:
-            self.widths_by_spp = nn.Parameter(torch.zeros(levels, n))
-        for tensor in self.features.parameters():
-            nn.init.zeros_(tensor)
-        self.start_fixed()
+        levels = max(JOINT_LEVELS)
+        self.widths, self.widths_by_spp = (nn.Parameter(torch.zeros(levels, 3)) for _ in range(2))
+        self.certainty = nn.Parameter(torch.zeros(2))
 
-    def start_fixed(self):
-        """Sets the first seven guides to those of joint_guides() and brightness; the others begin small."""
-        weight, layers = self.own.weight.data[..., 0, 0], self.config.hrls_layers
-        weight.mul_(0.05)
-        weight[:7] = 0
-        for first, name, width in ((0, "albedo", JOINT_ALBEDO), (3, "normal", JOINT_NORMAL)):
-            start = 3 * layers.index(name)
-            weight[first : first + 3, start : start + 3] = torch.eye(3) / width
-        weight[6, -3:] = luminance(torch.eye(3)[..., None, None])[:, 0, 0] / JOINT_IRRADIANCE
-
-    def forward(self, read, layers, low, spp):
-        """Returns (guides, logarithms of certainty factors, widths, taps).
-
-        The first two are [N, C, H, W]; the factors are LRHS's and HRLS's.
-        """
-        n = self.config.guide_features
-        more = F.pixel_shuffle(self.features(read), self.config.scale).to(layers.dtype)
-        with torch.autocast("cpu", enabled=False):
-            guides = self.own(torch.cat([layers, low], dim=1)) + more[:, :n]
-        widths = self.widths[:, None]
-        if self.config.knows_spp:
-            widths = widths + self.widths_by_spp[:, None] * torch.log2(spp)[:, 1, :, 0]
-        return guides, more[:, n:].clamp(-STEERING_MOST, STEERING_MOST), widths.exp(), self.taps.exp()[:, TAP_KINDS]
+    def forward(self, spp):
+        """Returns the factors of the guides [levels, N, 7], and of LRHS's certainty [N, 1, 1, 1]."""
+        log_spp = torch.log2(spp[:, 1, 0, 0])
+        widths = (self.widths[:, None] + self.widths_by_spp[:, None] * log_spp[:, None]).exp()
+        certainty = (self.certainty[0] + self.certainty[1] * log_spp).exp()
+        return widths[..., [0, 0, 0, 1, 1, 1, 2]], certainty[:, None, None, None]
 
 
 def joint_guides(albedo, normal):
@@ -345,57 +314,39 @@ def without_fireflies(color):
     return color * ((FIREFLY * second + FIREFLY_FLOOR) / bright.clamp(min=FIREFLY_FLOOR)).clamp(max=1)
 
 
-def joint_light(low, hrls, albedo, config, centered, counts=(1, 1)):
+def joint_light(low, hrls, albedo, config, centered, factor=1.0):
     """Returns the joint filter's input [N, 4, H, W]: both renders' demodulated radiance, compressed, and its certainty.
 
     HRLS has the certainty 1. LRHS has lrhs_certainty at the pixels that it renders; where LRHS is centered, this is
-    spread evenly over all pixels. `counts` multiply the certainties of LRHS and HRLS. `low` is joint_candidates()'s.
+    spread evenly over all pixels. `factor` multiplies LRHS's certainty. `low` is joint_candidates()'s.
     """
     light = without_fireflies(linear(hrls, config)) / (albedo + ALBEDO_FLOOR)
     nearest = torch.zeros_like(light[:, :1])
     nearest[..., :: config.scale, :: config.scale] = config.lrhs_certainty
-    certainty = torch.where(centered, torch.tensor(config.lrhs_certainty / config.scale**2).to(light), nearest)
+    certainty = factor * torch.where(centered, torch.tensor(config.lrhs_certainty / config.scale**2).to(light), nearest)
     nearest_light = decode(low[:, :3], config.transfer) / (albedo + ALBEDO_FLOOR)
     given = torch.where(centered, decode(low[:, 3:], config.transfer), nearest_light)
-    certainty, own = certainty * counts[0], counts[1]
-    light = (own * light + certainty * given) / (own + certainty)
-    return torch.cat([torch.log1p(JOINT_COMPRESS * light) / JOINT_COMPRESS, own + certainty], dim=1)
+    light = (light + certainty * given) / (1 + certainty)
+    return torch.cat([torch.log1p(JOINT_COMPRESS * light) / JOINT_COMPRESS, 1 + certainty], dim=1)
 
 
-def joint_candidates(low, hrls, albedo, normal, config, centered, spp=None, steering=None):
+def joint_candidates(low, hrls, albedo, normal, config, centered, spp=None, constants=None):
     """Returns the encoded candidates: LRHS, LRHS remodulated by HRLS's albedo, and three levels of the filter.
 
     `low` [N, 6, H, W] is the encoded LRHS and its irradiance, both upsampled; the others are full-size layers.
-    `steering` is the output of Steering, or None for fixed guides.
+    `constants` is the JointConstants of a network that knows_spp.
     """
-    if steering:
-        guides, counts, widths, taps = steering
-        counts = counts.exp().split(1, dim=1)
-    else:
-        brightness = luminance(low[:, 3:])[:, None]
-        guides = torch.cat([joint_guides(albedo, normal), brightness / JOINT_IRRADIANCE], dim=1)
-        counts, widths, taps = (1, 1), None, None
+    brightness = luminance(low[:, 3:])[:, None]
+    guides = torch.cat([joint_guides(albedo, normal), brightness / JOINT_IRRADIANCE], dim=1)
+    widths, factor = None, 1.0
     if config.knows_spp:
-        counts = counts[0] * spp[:, :1] / spp[:, 1:] / config.scale**2, counts[1]
-    light = joint_light(low, hrls, albedo, config, centered, counts)
-    levels = joint_filter(light, guides, max(JOINT_LEVELS), widths, taps)
+        widths, factor = constants(spp)
+        factor = factor * spp[:, :1] / spp[:, 1:] / config.scale**2
+    light = joint_light(low, hrls, albedo, config, centered, factor)
+    levels = joint_filter(light, guides, max(JOINT_LEVELS), widths)
     lights = [torch.expm1(JOINT_COMPRESS * levels[level - 1][:, :3]) / JOINT_COMPRESS for level in JOINT_LEVELS]
     lights = [decode(low[:, 3:], config.transfer), *lights]
     return low[:, :3], *(transfer(light * (albedo + ALBEDO_FLOOR), config.transfer) for light in lights)
-
-
-def steer(network, low, high, up, filtered, centered, spp):
-    """Returns (candidates of a filter that the network steers, the network's output).
-
-    `low` and `high` are the network's inputs, `up` is LRHS and its irradiance at full size; `filtered` computes the
-    candidates.
-    """
-    layers = network.prepared(high)
-    f_lrhs = network.encode_lrhs(network.prepared(low), centered, spp)
-    y = network.trunk(f_lrhs, network.encode_hrls(layers, spp))
-    candidates = filtered(steering=network.steering(y, high, up, spp))
-    levels = network.prepared(torch.cat(candidates[2:], dim=1))
-    return candidates, network.reconstruct(y, torch.cat([layers, levels], dim=1))
 
 
 def joint_predict(network, lrhs, hrls, upsampled, centered, spp):
@@ -408,12 +359,9 @@ def joint_predict(network, lrhs, hrls, upsampled, centered, spp):
     low = torch.cat([low[:, :3], light, low[:, 3:]], dim=1)
     up = upsampled(low[:, :6])
     high = encode(hrls, config.hrls_layers, config)
-    filtered = functools.partial(joint_candidates, up, layers["color"], albedo, normal, config, centered, spp)
-    if config.guide_features:
-        candidates, y = steer(network, low, high, up, filtered, centered, spp)
-    else:
-        candidates = filtered()
-        y = network(low, torch.cat([high, *candidates[2:]], dim=1), centered, spp)
+    constants = network.joint if config.knows_spp else None
+    candidates = joint_candidates(up, layers["color"], albedo, normal, config, centered, spp, constants)
+    y = network(low, torch.cat([high, *candidates[2:]], dim=1), centered, spp)
     weights = torch.softmax(y[:, 3:], dim=1).split(1, dim=1)
     return y[:, :3] + sum(weight * candidate for weight, candidate in zip(weights, candidates, strict=True))
 

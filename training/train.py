@@ -19,7 +19,7 @@ import safetensors
 import stock
 import validate
 
-STEERING_RATE = 4  # times the rate of the rest of the network
+JOINT_RATE = 4  # times the rate of the rest of the network
 LOGGED = ("step", "minutes", "loss", "psnr", "relmse", "psnr_2", "relmse_2", "psnr_4", "relmse_4", "views", "held_out")
 ENCODED_LOSSES = {"rms": loss.rms, "l1": loss.l1}
 WITHOUT = ("none", "hrls", "lrhs", "layers")
@@ -76,8 +76,8 @@ class Run:
     def rates(self):
         """Returns groups of parameters with the factors of their learning rates."""
         named = list(self.network.named_parameters())
-        steering, rest = ([p for name, p in named if name.startswith("steering") == of] for of in (True, False))
-        return [{"params": rest, "factor": 1}, {"params": steering, "factor": STEERING_RATE}]
+        joint, rest = ([p for name, p in named if name.startswith("joint.") == of] for of in (True, False))
+        return [{"params": rest, "factor": 1}, {"params": joint, "factor": JOINT_RATE}]
 
     def start_from(self, path):
         """Starts as a model that is no larger, or with another's fitting tensors; returns how the model was trained."""

@@ -29,6 +29,7 @@ def parse():
     parser.add_argument("models", nargs="*", type=pathlib.Path)
     parser.add_argument("--guides", type=int, help="take albedo and normal of HRLS from a render of that many samples")
     parser.add_argument("--decimated", action="store_true", help="take every s-th pixel of full-size renders as LRHS")
+    parser.add_argument("--small-scale", type=int, help="take small renders of this scale, twice the model's")
     parser.add_argument("--bare", action="store_true", help="give LRHS no layers but color")
     return parser.parse_args()
 
@@ -52,12 +53,12 @@ def measured(image, reference):
 
 
 @torch.no_grad()
-def score(network, view, counts, blank=lambda lrhs, hrls: (lrhs, hrls), guides=None, decimated=None):
+def score(network, view, counts, blank=lambda lrhs, hrls: (lrhs, hrls), guides=None, decimated=None, small_scale=None):
     """Returns (PSNR, RelMSE) of a whole view.
 
-    `blank` may zero parts of the inputs; `guides` and `decimated` are those of dataset.pair().
+    `blank` may zero parts of the inputs; the others are those of dataset.pair().
     """
-    lrhs, hrls, reference, exposure, spp = dataset.pair(view, network.config, *counts, guides, decimated)
+    lrhs, hrls, reference, exposure, spp = dataset.pair(view, network.config, *counts, guides, decimated, small_scale)
     centered = torch.tensor("centered" in network.config.lrhs_sampling and not decimated)
     fused = model.predict(network, *blank(lrhs, hrls), centered, exposure, spp)[1]
     return measured(fused / exposure, reference / exposure)
@@ -93,11 +94,12 @@ def main():
 
     for path in args.models:
         network = load(path)
-        pairs = [(*counts, None) for counts in SPP[network.config.scale]]
+        pairs = [(*counts, None) for counts in SPP[args.small_scale or network.config.scale]]
         if args.decimated:
             pairs = [(None, spp, render) for spp, render in DECIMATED]
         scores = [
-            [score(network, view, counts, blank, args.guides, render) for view in views] for *counts, render in pairs
+            [score(network, view, counts, blank, args.guides, render, args.small_scale) for view in views]
+            for *counts, render in pairs
         ]
         show(f"{path.parent.name}/{path.stem}", scores, rivals)
 
