@@ -202,7 +202,8 @@ struct JointFilter {
   uint height;
   uint width;
   uint plane;
-  uint step;       // a power of two
+  uint step;                         // a power of two
+  float albedo, normal, brightness;  // differences of guides are multiplied by these
 };
 
 struct Remodulate {
@@ -223,8 +224,8 @@ struct Decode {
 }  // namespace raymeld::params
 #endif
 
-// These constants belong to the joint base. Differences between guides are divided by the widths; the
-// brightness among them is encoded. A pixel brighter than FIREFLY times its second brightest neighbour
+// These constants belong to the joint base. Differences between guides are divided by the widths unless a
+// model has learned others; the brightness among them is encoded. A pixel brighter than FIREFLY times its second brightest neighbour
 // + FIREFLY_FLOOR is a firefly.
 #define RAYMELD_ALBEDO_FLOOR 0.4  // added to the albedo before radiance is divided by it
 #define RAYMELD_COMPRESS 0.2  // log(1 + COMPRESS x) / COMPRESS is filtered

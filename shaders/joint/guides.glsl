@@ -18,9 +18,10 @@ float squared(vec3 v) {
   return sum;
 }
 
-float squared_distance(Surface a, Surface b) {
-  precise vec3 color = (a.albedo - b.albedo) / RAYMELD_ALBEDO_WIDTH,
-               facing = (a.normal - b.normal) / RAYMELD_NORMAL_WIDTH;
+// Returns the squared distance of surfaces whose albedo and normal are multiplied by these factors.
+float squared_distance(Surface a, Surface b, float albedo_factor, float normal_factor) {
+  precise vec3 color = (a.albedo - b.albedo) * albedo_factor,
+               facing = (a.normal - b.normal) * normal_factor;
   precise float sum = squared(color) + squared(facing);
   return sum;
 }

@@ -30,9 +30,10 @@ struct Sums {
 uint row_of(uint top, int row) { return uint(clamp(int(top) + row * int(p.step), 0, int(p.height) - 1)); }
 
 void add(inout Sums sums, Tap own, Tap tap, vec4 value, float kernel) {
-  precise float difference = (tap.brightness - own.brightness) / RAYMELD_BRIGHTNESS_WIDTH;
-  precise float weight =
-      kernel * exp(-(squared_distance(tap.surface, own.surface) + difference * difference));
+  precise float difference = (tap.brightness - own.brightness) * p.brightness;
+  precise float distance =
+      squared_distance(tap.surface, own.surface, p.albedo, p.normal) + difference * difference;
+  precise float weight = kernel * exp(-distance);
   precise float certainty = weight * value.w;
   sums.light += certainty * value.xyz;
   sums.certainty += certainty;

@@ -98,6 +98,8 @@ void check_filter(Check& check, const JointTrial& c) {
   const Planes certainty = c.image(1, c.full(), 6, [](double u) { return 1 + 60 * u; });
   const Planes x = concat(c.image(3, c.full(), 4, [](double u) { return 30 * u; }), certainty);
   const int step = 1 << c.seed % 5;
+  const bool learned = c.seed % 2 == 1;  // the widths are not the filter's own
+  const GuideFactors factors = learned ? GuideFactors{3, 0.5f, 1.5f} : GuideFactors{};
   LayerRun run(c.target, c.precision, c.method.addressed);
   run.graph().read_vectors(c.method.kernel.vector);
   const Tensor in = run.input("in", x), high = run.input("hrls", hrls);
@@ -113,7 +115,7 @@ void check_filter(Check& check, const JointTrial& c) {
     const Tensor out = run.tensor("out", 4, c.full().h, c.full().w);
     const auto filter = [&](const Tensor& target) {
       joint_filter(run.graph(), "filter", in, high.slice(3, 3), high.slice(6, 3), guide, target,
-                   uint32_t(step));
+                   uint32_t(step), factors);
     };
     filter(out);
     outputs.push_back({brightness, out, out});
@@ -128,7 +130,8 @@ void check_filter(Check& check, const JointTrial& c) {
     check.same_bits(run.read(out), run.read(lane_by_lane), "by vectors and lane by lane");
     check.within(run.read(out),
                  reference::joint_filter(exact(x), slice(exact(hrls), 3, 3), slice(exact(hrls), 6, 3),
-                                         exact(brightness), step, c.precision),
+                                         exact(brightness), step, c.precision,
+                                         {factors.albedo, factors.normal, factors.brightness}),
                  fmt::format("step {}, {} brightness", step, &out == &outputs[0].out ? "even" : "varied"));
   }
 }

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <cmath>
 #include <sstream>
 
 namespace raymeld::conform {
@@ -73,6 +74,22 @@ Base base_of(const std::string& name) {
   return name == "joint" ? Base::kJoint : name == "bilinear" ? Base::kBilinear : Base::kNone;
 }
 
+// Adds widths of the joint filter to a file. The network then knows samples, and nothing depends on them.
+void add_joint_widths(const Architecture& a, SafeTensors& content) {
+  content.metadata["knows_spp"] = "true";
+  const auto add = [&](const char* name, std::vector<size_t> shape, std::vector<float> values) {
+    content.tensors[name] = {TensorType::kF32, std::move(shape), std::move(values)};
+  };
+  const std::vector<double>& widths = a.joint_widths;
+  std::vector<float> logarithms;
+  for (const double width : widths) logarithms.push_back(float(std::log(width)));
+  add("joint.widths", {widths.size() / 3, 3}, logarithms);
+  add("joint.widths_by_spp", {widths.size() / 3, 3}, std::vector<float>(widths.size()));
+  add("joint.certainty", {2}, {0, 0});
+  for (const char* name : {"lrhs.by_spp", "hrls.by_spp"})
+    add(name, {size_t(a.features)}, std::vector<float>(size_t(a.features)));
+}
+
 }  // namespace
 
 SafeTensors model_file(const Architecture& architecture, const reference::Weights& weights,
@@ -89,11 +106,18 @@ SafeTensors model_file(const Architecture& architecture, const reference::Weight
     content.tensors[name + ".centered_bias"] = {
         TensorType::kF32, {out}, {conv.centered_bias.begin(), conv.centered_bias.end()}};
   }
+  if (!architecture.joint_widths.empty()) add_joint_widths(architecture, content);
   return content;
 }
 
 Architecture read_architecture(const std::filesystem::path& model) {
-  const std::map<std::string, std::string> metadata = read_safetensors(model).metadata;
+  const SafeTensors content = read_safetensors(model);
+  const std::map<std::string, std::string>& metadata = content.metadata;
+  const auto joint = [&](const char* name) {
+    const auto found = content.tensors.find(std::string("joint.") + name);
+    if (found == content.tensors.end()) return std::vector<double>{};
+    return std::vector<double>(found->second.values.begin(), found->second.values.end());
+  };
   const auto number = [&](const char* key) { return std::stoi(metadata.at(key)); };
   return {.scale = number("scale"),
           .features = number("features"),
@@ -116,7 +140,10 @@ Architecture read_architecture(const std::filesystem::path& model) {
           .head_layers = number("head_layers"),
           .lrhs_certainty = std::stof(metadata.at("lrhs_certainty")),
           .hrls_kernel = metadata.contains("hrls_kernel") ? number("hrls_kernel") : 3,
-          .knows_spp = metadata.contains("knows_spp") && metadata.at("knows_spp") == "true"};
+          .knows_spp = metadata.contains("knows_spp") && metadata.at("knows_spp") == "true",
+          .joint_widths = joint("widths"),
+          .joint_widths_by_spp = joint("widths_by_spp"),
+          .joint_certainty = joint("certainty")};
 }
 
 reference::Weights read_weights(const std::filesystem::path& model) {

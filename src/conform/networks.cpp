@@ -203,7 +203,8 @@ std::vector<Variant> variants() {
                         .hrls_layers = {kRadiance, kRadiance, kAlbedo, kNormal},
                         .base = kJoint,
                         .transfer = kLog,
-                        .clip = 100},
+                        .clip = 100,
+                        .joint_widths = {1, 0.5, 2, 3, 1, 1, 1.5, 0.7, 1, 6, 2, 0.8, 8, 2, 1}},
        .height = 1,
        .width = 1},
   };

@@ -72,7 +72,8 @@ void demodulate(Graph& graph, const std::string& name, const Tensor& color, cons
 }
 
 void joint_filter(Graph& graph, const std::string& name, const Tensor& in, const Tensor& albedo,
-                  const Tensor& normal, const Tensor& brightness, const Tensor& out, uint32_t step) {
+                  const Tensor& normal, const Tensor& brightness, const Tensor& out, uint32_t step,
+                  const GuideFactors& factors) {
   const Shape shape = with_channels(out.shape, 4), guide = with_channels(out.shape, 3);
   expect_shape(name, "the input", in, shape);
   expect_shape(name, "the albedo", albedo, guide);
@@ -85,7 +86,12 @@ void joint_filter(Graph& graph, const std::string& name, const Tensor& in, const
   const uint32_t vector = llvmpipe::filter_vector(graph, strips, step);
   Pass pass = pass_of(graph, name, shaders::kJointFilter, {in, albedo, normal, brightness}, out, vector > 0);
   if (vector > 0) pass.constants = {vector};
-  set_push(pass, params::JointFilter{shape.height, shape.width, graph.plane(out), step}, vector > 0);
+  set_push(pass,
+           params::JointFilter{shape.height, shape.width, graph.plane(out), step,
+                               factors.albedo / float(RAYMELD_ALBEDO_WIDTH),
+                               factors.normal / float(RAYMELD_NORMAL_WIDTH),
+                               factors.brightness / float(RAYMELD_BRIGHTNESS_WIDTH)},
+           vector > 0);
   pass.groups = pixel_groups(strips);
   constexpr double kFlopOfTap = 34;
   pass.flop = 9 * kFlopOfTap * static_cast<double>(shape.pixels());

@@ -217,12 +217,19 @@ void irradiance(Graph& graph, const std::string& name, const Tensor& lrhs, const
 void demodulate(Graph& graph, const std::string& name, const Tensor& color, const Tensor& albedo,
                 const Tensor& lrhs, const Tensor& out, const JointOptions& options);
 
+// Holds what joint_filter() multiplies differences of guides by, beside its own widths.
+struct GuideFactors {
+  float albedo = 1, normal = 1, brightness = 1;
+};
+
 // Filters (H, W, 4) -> (H, W, 4), demodulated radiance and its certainty: a level of the a-trous filter of
 // Dammertz et al. 2010, with the binomial 3x3 kernel at `step` pixels, edges replicated, times
-// exp(-|difference of albedo / 1.5, normal / 1.2, brightness / 0.0667|^2). Radiance is weighted by its
-// certainty as well, and the mean certainty is passed on: normalized convolution, Knutsson and Westin 1993.
+// exp(-|difference of albedo / 1.5, normal / 1.2, brightness / 0.0667, times their factors|^2). Radiance is
+// weighted by its certainty as well, and the mean certainty is passed on: normalized convolution, Knutsson
+// and Westin 1993.
 void joint_filter(Graph& graph, const std::string& name, const Tensor& in, const Tensor& albedo,
-                  const Tensor& normal, const Tensor& brightness, const Tensor& out, uint32_t step);
+                  const Tensor& normal, const Tensor& brightness, const Tensor& out, uint32_t step,
+                  const GuideFactors& factors = {});
 
 // Multiplies filtered demodulated radiance (H, W, 3) by albedo + 0.4 and encodes it.
 void remodulate(Graph& graph, const std::string& name, const Tensor& demodulated, const Tensor& albedo,

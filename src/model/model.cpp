@@ -35,7 +35,11 @@ void Model::check_tensors() const {
     tensor("lrhs.centered_bias", {architecture_.features});
     used.insert("lrhs.centered_bias");
   }
-  if (architecture_.knows_spp) used.insert({"lrhs.by_spp", "hrls.by_spp"});  // network() asked for them
+  if (architecture_.knows_spp) {  // network() asked for these
+    used.insert({"lrhs.by_spp", "hrls.by_spp"});
+    if (architecture_.base == Base::kJoint)
+      used.insert({"joint.widths", "joint.widths_by_spp", "joint.certainty"});
+  }
   for (const auto& [key, values] : tensors_) {
     if (!used.contains(key)) {
       throw Error("model {}: tensor {} belongs to no layer of the network that the metadata describes", file_,

@@ -94,6 +94,11 @@ class Model {
   std::span<const float> bias_by_spp(const std::string& name, uint32_t out) const {
     return tensor(name + ".by_spp", {out});
   }
+  // Returns what a model that knows_spp with a joint base has learned of its filter, see
+  // docs/model-format.md: "widths" and "widths_by_spp" [levels, 3], or "certainty" [2].
+  std::span<const float> joint(const std::string& name, const std::vector<size_t>& shape) const {
+    return tensor("joint." + name, shape);
+  }
   // Returns the weights of layer `name`, whose shape must be [out][in][kernel][kernel]. `bias` names one of
   // its biases.
   ConvWeights conv(const std::string& name, uint32_t out, uint32_t in, uint32_t kernel,

@@ -64,9 +64,24 @@ struct Builder {
 
   // Returns the certainty of a pixel of LRHS in the joint filter.
   float lrhs_certainty() const {
-    if (!a.knows_spp) return a.lrhs_certainty;
+    if (!a.knows_spp || a.base != Base::kJoint) return a.lrhs_certainty;
     const auto [lrhs_spp, hrls_spp] = samples.known(a.scale);
-    return a.lrhs_certainty * lrhs_spp / (hrls_spp * float(a.scale * a.scale));
+    const auto learned = model.joint("certainty", {2});
+    return a.lrhs_certainty * lrhs_spp / (hrls_spp * float(a.scale * a.scale)) *
+           std::exp(learned[0] + learned[1] * std::log2(hrls_spp));
+  }
+
+  // Returns the factors of a level of the joint filter.
+  GuideFactors guide_factors(uint32_t level) const {
+    if (!a.knows_spp) return {};
+    const float log_spp = std::log2(samples.known(a.scale).hrls);
+    const auto widths = model.joint("widths", {kJointLevels, 3}),
+               by_spp = model.joint("widths_by_spp", {kJointLevels, 3});
+    const auto factor = [&](uint32_t guide) {
+      const uint32_t i = 3 * level + guide;
+      return std::exp(widths[i] + by_spp[i] * log_spp);
+    };
+    return {factor(0), factor(1), factor(2)};
   }
 
   // Returns Conv2dOptions::constants for a convolution that reads `channels` other channels before HRLS, and
@@ -185,7 +200,7 @@ struct Builder {
     for (uint32_t level = 0; level < kJointLevels; ++level) {
       const Tensor next = tensor(fmt::format("joint.{}", level), hrls.shape.height, hrls.shape.width, 4);
       joint_filter(graph, fmt::format("joint.{}", level), x, albedo, normal, lights.slice(4, 1), next,
-                   1u << level);
+                   1u << level, guide_factors(level));
       x = next;
       if (level % 2 == 0) {
         remodulate(graph, fmt::format("remodulate.{}", level + 1), x.slice(0, 3), albedo,

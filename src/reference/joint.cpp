@@ -276,14 +276,15 @@ Bounded demodulate(const Bounded& color, const Bounded& albedo, const Bounded& l
 }
 
 Bounded joint_filter(const Bounded& x, const Bounded& albedo, const Bounded& normal,
-                     const Bounded& brightness, int step, Precision precision) {
+                     const Bounded& brightness, int step, Precision precision, const GuideFactors& factors) {
   const int h = x.value.h, w = x.value.w;
   expect_shape(x, 4, h, w);
   expect_shape(albedo, 3, h, w);
   expect_shape(normal, 3, h, w);
   expect_shape(brightness, 1, h, w);
-  const std::vector<Guide> guides{
-      {albedo, kAlbedoWidth}, {normal, kNormalWidth}, {brightness, kBrightnessWidth}};
+  const std::vector<Guide> guides{{albedo, kAlbedoWidth / factors[0]},
+                                  {normal, kNormalWidth / factors[1]},
+                                  {brightness, kBrightnessWidth / factors[2]}};
   Bounded result = exact(Planes(4, h, w));
   for (int y = 0; y < h; ++y) {
     for (int column = 0; column < w; ++column) {

@@ -125,6 +125,13 @@ struct Candidates {
   Bounded remodulated;  // three levels of the filter, 9 channels
 };
 
+// Returns the factors of a level of the joint filter; take_samples() has made them.
+GuideFactors factors_of(const Architecture& a, int level) {
+  GuideFactors factors{1, 1, 1};
+  if (!a.joint_widths.empty()) std::copy_n(a.joint_widths.begin() + 3 * level, 3, factors.begin());
+  return factors;
+}
+
 Candidates candidates(Run& run, const Architecture& a, const Bounded& lrhs, const Bounded& hrls, double phase,
                       Precision precision) {
   const Bounded color = slice(hrls, 0, 3), albedo = slice(hrls, first_channel(a, LayerKind::kAlbedo), 3);
@@ -140,7 +147,7 @@ Candidates candidates(Run& run, const Architecture& a, const Bounded& lrhs, cons
   Bounded x = slice(demodulated, 0, 4);
   for (int level = 0; level < 5; ++level) {
     x = run.keep("joint." + std::to_string(level),
-                 joint_filter(x, albedo, normal, brightness, 1 << level, precision));
+                 joint_filter(x, albedo, normal, brightness, 1 << level, precision, factors_of(a, level)));
     if (level % 2 == 1) continue;
     const Bounded remodulated = run.keep("remodulate." + std::to_string(level + 1),
                                          remodulate(slice(x, 0, 3), albedo, a.transfer, precision));
@@ -208,6 +215,12 @@ void take_samples(Architecture& architecture, Weights& weights, double lrhs_spp,
     conv.by_spp.clear();
   }
   architecture.lrhs_certainty *= lrhs_spp / (hrls_spp * architecture.scale * architecture.scale);
+  const double log_spp = std::log2(hrls_spp);
+  std::vector<double>& widths = architecture.joint_widths;
+  for (size_t i = 0; i < widths.size(); ++i)
+    widths[i] = std::exp(widths[i] + architecture.joint_widths_by_spp[i] * log_spp);
+  if (const auto& certainty = architecture.joint_certainty; !certainty.empty())
+    architecture.lrhs_certainty *= std::exp(certainty[0] + certainty[1] * log_spp);
   architecture.knows_spp = false;
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <map>
 #include <string>
 #include <vector>
@@ -109,12 +110,16 @@ Bounded irradiance(const Bounded& lrhs, const Bounded& albedo, const Bounded& no
 Bounded demodulate(const Bounded& color, const Bounded& albedo, const Bounded& lrhs, double certainty,
                    Transfer transfer, int scale, double phase, Precision precision);
 
+// Holds the factors of albedo, normal and brightness.
+using GuideFactors = std::array<double, 3>;
+
 // Filters (4, H, W), demodulated radiance and its certainty. Returns the mean over the 3x3 pixels at
 // distances of `step`, edges replicated, weighted by (1/4, 1/2, 1/4)^2 and by exp(-d^2), where d is the
-// distance of albedo / 1.5, normal / 1.2 and brightness / 0.0667 (one channel). The certainty weights the
-// other channels as well.
+// distance of albedo / 1.5, normal / 1.2 and brightness / 0.0667 (one channel), each times its factor. The
+// certainty weights the other channels as well.
 Bounded joint_filter(const Bounded& x, const Bounded& albedo, const Bounded& normal,
-                     const Bounded& brightness, int step, Precision precision);
+                     const Bounded& brightness, int step, Precision precision,
+                     const GuideFactors& factors = {1, 1, 1});
 
 // Takes ln(1 + 0.2 x) / 0.2 of demodulated radiance x (3, H, W) and returns x * (albedo + 0.4), encoded.
 Bounded remodulate(const Bounded& demodulated, const Bounded& albedo, Transfer transfer, Precision precision);
@@ -140,6 +145,8 @@ struct Architecture {
   double lrhs_certainty = 0;                                      // the joint base's certainty of LRHS
   int hrls_kernel = 3;                                            // the kernel of unshuffled HRLS
   bool knows_spp = false;                                         // see take_samples()
+  // Hold what a joint base has learned, or nothing. widths and widths_by_spp have three values a level.
+  std::vector<double> joint_widths = {}, joint_widths_by_spp = {}, joint_certainty = {};
 
   int upscaled() const { return upscaled_features > 0 ? upscaled_features : features; }
   // These count the channels that the network reads and writes.
@@ -152,7 +159,9 @@ using Weights = std::map<std::string, Conv>;     // keys are names of layers: "g
 using Outputs = std::map<std::string, Bounded>;  // keys are these and those that network() adds
 
 // Turns a network that knows_spp into the one that it is for these samples a pixel: lrhs and hrls have other
-// biases, and lrhs_certainty is multiplied by lrhs_spp / (hrls_spp s^2).
+// biases, and lrhs_certainty is multiplied by lrhs_spp / (hrls_spp s^2). What a joint base has learned gives
+// exp(widths + widths_by_spp log2 hrls_spp) in joint_widths, the factors of joint_filter(), and multiplies
+// lrhs_certainty by exp(certainty[0] + certainty[1] log2 hrls_spp).
 void take_samples(Architecture& architecture, Weights& weights, double lrhs_spp, double hrls_spp);
 
 // Returns every layer's output by the name of its weights: `merge` with the block's input added, `up.i` after

@@ -168,9 +168,11 @@ Guides flat(int h, int w) {
 }
 
 // An image of three channels gets the same certainty everywhere.
-Bounded filtered(const Planes& x, const Guides& guides, int step, Precision precision = kFp32) {
+Bounded filtered(const Planes& x, const Guides& guides, int step, Precision precision = kFp32,
+                 const GuideFactors& factors = {1, 1, 1}) {
   const Bounded certain = x.c == 4 ? exact(x) : concat(exact(x), exact(uniform(1, x.h, x.w, 2)));
-  const Bounded y = joint_filter(certain, guides.albedo, guides.normal, guides.brightness, step, precision);
+  const Bounded y =
+      joint_filter(certain, guides.albedo, guides.normal, guides.brightness, step, precision, factors);
   return x.c == 4 ? y : slice(y, 0, 3);
 }
 
@@ -230,6 +232,19 @@ TEST(JointFilter, EveryGuideHasItsWidth) {
   }
   EXPECT_NEAR(first(2, 0, 0.0667), expected(1), 1e-12);
   EXPECT_NEAR(first(2, 0, 20), 0, 1e-12);
+}
+
+TEST(JointFilter, FactorsMultiplyTheGuides) {
+  const Planes x(3, 1, 2, {0, 1, 0, 1, 0, 1});
+  Guides guides = flat(1, 2), multiplied = flat(1, 2);
+  const GuideFactors factors{0.5, 3, 2};
+  for (int c = 0; c < 3; ++c) {
+    guides.albedo.value.at(c, 0, 1) += 0.2, multiplied.albedo.value.at(c, 0, 1) += 0.1;
+    guides.normal.value.at(c, 0, 1) -= 0.1, multiplied.normal.value.at(c, 0, 1) -= 0.3;
+  }
+  guides.brightness.value.at(0, 0, 1) += 0.01, multiplied.brightness.value.at(0, 0, 1) += 0.02;
+  EXPECT_NEAR(filtered(x, guides, 1, kFp32, factors).value.at(0, 0, 0),
+              filtered(x, multiplied, 1).value.at(0, 0, 0), 1e-12);
 }
 
 TEST(Remodulate, UndoesDemodulate) {
