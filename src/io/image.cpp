@@ -11,33 +11,57 @@ namespace raymeld {
 namespace {
 
 // Holds which four samples of a row one output reads, and their weights.
-struct CubicTaps {
+struct Taps {
   std::array<int, 4> index;
   std::array<float, 4> weight;
 };
 
-CubicTaps cubic_taps(float position, int size) {
+Taps cubic_taps(float position, int size) {
   const float base = std::floor(position);
   const float t = position - base;
-  CubicTaps taps;
+  Taps taps;
   taps.weight = {((-0.5f * t + 1.0f) * t - 0.5f) * t, (1.5f * t - 2.5f) * t * t + 1.0f,
                  ((-1.5f * t + 2.0f) * t + 0.5f) * t, (0.5f * t - 0.5f) * t * t};
   for (int i = 0; i < 4; ++i) taps.index[i] = std::clamp(int(base) - 1 + i, 0, size - 1);
   return taps;
 }
 
-std::vector<CubicTaps> all_taps(int size, int scale, float phase) {
-  std::vector<CubicTaps> taps;
+Taps linear_taps(float position, int size) {
+  Taps taps = cubic_taps(position, size);
+  const float t = position - std::floor(position);
+  taps.weight = {0, 1 - t, t, 0};
+  return taps;
+}
+
+std::vector<Taps> all_taps(int size, int scale, float phase, Taps taps_at(float, int)) {
+  std::vector<Taps> taps;
   taps.reserve(size_t(size) * size_t(scale));
-  for (int i = 0; i < size * scale; ++i) taps.push_back(cubic_taps((float(i) - phase) / float(scale), size));
+  for (int i = 0; i < size * scale; ++i) taps.push_back(taps_at((float(i) - phase) / float(scale), size));
   return taps;
 }
 
 template <typename Row>
-float blend(const CubicTaps& taps, Row&& row) {
+float blend(const Taps& taps, Row&& row) {
   float sum = 0;
   for (int i = 0; i < 4; ++i) sum += taps.weight[i] * row(taps.index[i]);
   return sum;
+}
+
+Image upsample(const Image& image, int scale, float phase, Taps taps_at(float, int)) {
+  if (scale < 1) throw Error("cannot upsample by {}: the scale must be at least 1", scale);
+  const std::vector<Taps> columns = all_taps(image.width, scale, phase, taps_at);
+  const std::vector<Taps> rows = all_taps(image.height, scale, phase, taps_at);
+  Image wide(image.width * scale, image.height, image.channels);
+  Image result(image.width * scale, image.height * scale, image.channels);
+  for (int c = 0; c < image.channels; ++c) {
+    for (int y = 0; y < wide.height; ++y)
+      for (int x = 0; x < wide.width; ++x)
+        wide.at(c, y, x) = blend(columns[x], [&](int from) { return image.at(c, y, from); });
+    for (int y = 0; y < result.height; ++y)
+      for (int x = 0; x < result.width; ++x)
+        result.at(c, y, x) = blend(rows[y], [&](int from) { return wide.at(c, from, x); });
+  }
+  return result;
 }
 
 double finite_or_zero(float value) { return std::isfinite(value) ? double(value) : 0.0; }
@@ -73,20 +97,11 @@ Image first_channels(const Image& image, int count) {
 }
 
 Image upsample_bicubic(const Image& image, int scale, float phase) {
-  if (scale < 1) throw Error("cannot upsample by {}: the scale must be at least 1", scale);
-  const std::vector<CubicTaps> columns = all_taps(image.width, scale, phase);
-  const std::vector<CubicTaps> rows = all_taps(image.height, scale, phase);
-  Image wide(image.width * scale, image.height, image.channels);
-  Image result(image.width * scale, image.height * scale, image.channels);
-  for (int c = 0; c < image.channels; ++c) {
-    for (int y = 0; y < wide.height; ++y)
-      for (int x = 0; x < wide.width; ++x)
-        wide.at(c, y, x) = blend(columns[x], [&](int from) { return image.at(c, y, from); });
-    for (int y = 0; y < result.height; ++y)
-      for (int x = 0; x < result.width; ++x)
-        result.at(c, y, x) = blend(rows[y], [&](int from) { return wide.at(c, from, x); });
-  }
-  return result;
+  return upsample(image, scale, phase, cubic_taps);
+}
+
+Image upsample_bilinear(const Image& image, int scale, float phase) {
+  return upsample(image, scale, phase, linear_taps);
 }
 
 float linear_to_srgb(float linear) {

@@ -31,6 +31,9 @@ struct Image {
 // low-resolution render.
 Image upsample_bicubic(const Image& image, int scale, float phase);
 
+// Does the same by linear interpolation; edges are replicated.
+Image upsample_bilinear(const Image& image, int scale, float phase);
+
 // Returns the first `count` channels.
 Image first_channels(const Image& image, int count);
 

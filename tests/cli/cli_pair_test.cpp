@@ -102,6 +102,73 @@ TEST_F(CliPair, SamplesAreWhatTheOptionOrTheFileSays) {
   EXPECT_NE(refused.err.find("--lrhs-spp"), std::string::npos) << refused.err;
 }
 
+// The samples of an LRHS of x8 are interpolated at the middles of 4x4 pixels, and each counts for four of
+// these.
+TEST_F(CliPair, AnX4ModelFusesAnLrhsOfX8) {
+  const Image low = random_image(kColorNames, 7, 5, 1), high = random_image(kLayeredNames, 56, 40, 2);
+  write_image(folder_ / "low.exr", kColorNames, low, Imf::FLOAT);
+  write_image(folder_ / "high.exr", kLayeredNames, high, Imf::FLOAT);
+  const auto fuse_to = [&](const std::string& output, const std::string& lrhs, const std::string& sampling,
+                           const std::string& spp, const std::vector<std::string>& more = {}) {
+    std::vector<std::string> arguments{"fuse",
+                                       "--lrhs",
+                                       lrhs,
+                                       "--hrls",
+                                       "high.exr",
+                                       "-o",
+                                       output,
+                                       "--model",
+                                       source_path("tests/golden/spp-x4.safetensors").string(),
+                                       "--lrhs-spp",
+                                       spp,
+                                       "--hrls-spp",
+                                       "2",
+                                       "--output-type",
+                                       "float",
+                                       "--precision",
+                                       "fp32",
+                                       "--kernels",
+                                       "direct",
+                                       "--pair-check",
+                                       "off",
+                                       "--input-exposure",
+                                       "1",
+                                       "--lrhs-sampling",
+                                       sampling,
+                                       "--json"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return run_json(arguments);
+  };
+  for (const auto& [sampling, phase] : {std::pair("centered", 3.5), {"nearest", 0.0}}) {
+    Image twice(14, 10, 3);
+    for (int c = 0; c < 3; ++c) {
+      for (int y = 0; y < twice.height; ++y) {
+        for (int x = 0; x < twice.width; ++x) {
+          const double v = (4 * y + 1.5 - phase) / 8, u = (4 * x + 1.5 - phase) / 8;
+          const int top = int(std::floor(v)), left = int(std::floor(u));
+          const auto at = [&](int row, int column) {
+            return double(low.at(c, std::clamp(row, 0, 4), std::clamp(column, 0, 6)));
+          };
+          const auto along = [&](int row) {
+            return at(row, left) * (left + 1 - u) + at(row, left + 1) * (u - left);
+          };
+          twice.at(c, y, x) = float(along(top) * (top + 1 - v) + along(top + 1) * (v - top));
+        }
+      }
+    }
+    write_image(folder_ / "twice.exr", kColorNames, twice, Imf::FLOAT);
+    const nlohmann::json report = fuse_to("out.exr", "low.exr", sampling, "64");
+    EXPECT_EQ(report.at("scale"), 8);
+    EXPECT_EQ(report.at("lrhs_sampling"), sampling);
+    fuse_to("twice-out.exr", "twice.exr", "centered", "16");
+    const Image fused = read("out.exr"), expected = read("twice-out.exr");
+    for (size_t i = 0; i < fused.data.size(); ++i)
+      ASSERT_NEAR(fused.data[i], expected.data[i], 1e-4 * (1 + expected.data[i])) << sampling << " " << i;
+    fuse_to("part.exr", "low.exr", sampling, "64", {"--window", "11,9,13,8"});
+    EXPECT_EQ(read("part.exr").data, crop(fused, 11, 9, 13, 8).data);
+  }
+}
+
 TEST_F(CliPair, WithoutEvidenceLrhsIsAnOrdinarySmallRender) {
   const nlohmann::json plan = planned();
   EXPECT_EQ(plan.at("lrhs_sampling"), "centered");

@@ -49,6 +49,13 @@ TEST(Image, BicubicKeepsALinearRampForBothPhases) {
   }
 }
 
+TEST(Image, BilinearIsTheMeanOfNeighbours) {
+  Image low(2, 1, 1);
+  low.data = {1, 3};
+  const Image high = upsample_bilinear(low, 2, 0.5f);
+  EXPECT_EQ(high.data, (std::vector<float>{1, 1.5f, 2.5f, 3, 1, 1.5f, 2.5f, 3}));
+}
+
 TEST(Image, BicubicOfPhase0GoesThroughTheSamples) {
   Image low(4, 4, 1);
   for (int i = 0; i < 16; ++i) low.data[i] = float((i * 7) % 11);

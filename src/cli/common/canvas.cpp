@@ -55,6 +55,12 @@ Canvas part_of(const Canvas& canvas, const Box2i& window, int halo) {
   return {s, moved(with_halo, canvas.lrhs.min), moved(full, canvas.hrls.min)};
 }
 
+Canvas upsampled(const Canvas& canvas, int factor) {
+  return {canvas.scale / factor,
+          {canvas.lrhs.min * factor, (canvas.lrhs.max + V2i(1)) * factor - V2i(1)},
+          canvas.hrls};
+}
+
 Image seen_through(Image image, const Box2i& from, const Box2i& to) {
   if (from == to) return image;
   Image result(width_of(to), height_of(to), image.channels);

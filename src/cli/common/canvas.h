@@ -33,6 +33,9 @@ bool starts_agree(const Windows& lrhs, const Windows& hrls, int scale);
 // `halo` more on each side, within the canvas.
 Canvas part_of(const Canvas& canvas, const Imath::Box2i& window, int halo);
 
+// Returns the canvas with an LRHS that is upsampled by `factor`, which divides the scale.
+Canvas upsampled(const Canvas& canvas, int factor);
+
 // Crops `image`, which covers the window `from`, to the window `to`; repeats its edge where it has no pixels.
 Image seen_through(Image image, const Imath::Box2i& from, const Imath::Box2i& to);
 

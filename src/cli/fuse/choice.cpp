@@ -114,7 +114,7 @@ Choice choose_model(const FuseArguments& arguments, bool sequence, const Device&
                     Console& console) {
   const ModelRequest& request = arguments.request.value();
   const FuseFiles files = open_files(arguments, models);
-  const std::vector<CurvePoint> points = models_of(files.canvas.scale);
+  const std::vector<CurvePoint> points = models_of(files.frame.scale);
   Timer timer{arguments, device, models, console, sequence};
   const Candidates candidates = candidates_of(points, timer, request.kind == ModelRequest::Kind::kBudget);
   const std::vector<Candidate> front = front_of(candidates.all);

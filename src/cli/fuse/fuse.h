@@ -85,17 +85,26 @@ struct FuseFiles {
   LayerMap lrhs_map, hrls_map;
   Windows lrhs_windows, hrls_windows;  // windows of the parts that hold the color
   std::shared_ptr<const Model> model;
-  Canvas frame, canvas;          // the whole frame; the part that is fused: the window and a halo
+  Canvas frame;                  // the whole frame as the files have it
+  Canvas canvas;                 // the part that is fused at the model's scale: the window and a halo
   Imath::Box2i window;           // the output's window, within HRLS's data window
   ConstantLayers absent_layers;  // layers that the model takes and HRLS lacks
-  float phase = 0;               // see FuserOptions; examine() finds it if neither option nor file gives it
+  float phase = 0;               // LRHS's own; examine() finds it if neither option nor file gives it
   PhaseSource phase_source = PhaseSource::kDefault;
-  SampleCounts samples;  // 0 where neither an option nor the file gives a count
+  SampleCounts samples;  // the files' own; 0 where neither an option nor the file gives a count
   PairFindings pair;     // set by examine()
   std::optional<ExrFile> reference;
   LayerMap reference_map;
   std::optional<ExrFile> guides;  // a render of HRLS's guides with more samples
   LayerMap guides_map;            // only layers that are taken from there
+
+  // Returns the factor by which LRHS is upsampled for the model: an x4 model fuses an LRHS of x8 too.
+  int upsampling() const { return frame.scale / canvas.scale; }
+  // These are FuserOptions::phase and samples, those of the LRHS that the model reads.
+  float model_phase() const { return upsampling() == 1 ? phase : lrhs_phase(true, uint32_t(canvas.scale)); }
+  SampleCounts model_samples() const {
+    return {samples.lrhs / float(upsampling() * upsampling()), samples.hrls};
+  }
 
   const ExrChannel& hrls_color() const { return hrls.channel(hrls_map.layers.at("color").terms[0][0]); }
 };
@@ -181,6 +190,9 @@ void load_companions(FuseFrame& frame);
 using FuseOne = std::function<Image(const Image& lrhs, const Image& hrls, float exposure)>;
 // Fuses the companions of a frame whose color is fused. The parts of the light add up to the color.
 void fuse_companions(FuseFrame& frame, const FuseOne& fuse);
+
+// Returns the canvas's part of an LRHS image that covers `from`, upsampled to the model's scale.
+Image for_canvas(const FuseFiles& files, Image lrhs, const Imath::Box2i& from);
 
 // Reads the whole frame's LRHS, (3, h, w), all finite.
 Image load_lrhs(FuseFiles& files, Console& console);

@@ -110,7 +110,7 @@ bool fuses_alpha(const FuseFiles& files) { return files.hrls_map.alpha && files.
 void load_companions(FuseFrame& frame) {
   FuseFiles& files = frame.files;
   const auto add = [&](const std::string& name, Image lrhs, Image hrls) {
-    lrhs = seen_through(std::move(lrhs), files.lrhs_windows.data, files.canvas.lrhs);
+    lrhs = for_canvas(files, std::move(lrhs), files.lrhs_windows.data);
     hrls = seen_through(std::move(hrls), files.hrls_windows.data, files.canvas.hrls);
     frame.images.companions.push_back({name, std::move(lrhs), std::move(hrls)});
   };

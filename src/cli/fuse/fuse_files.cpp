@@ -12,6 +12,7 @@
 #include "io/exr_window.h"
 #include "model/halo.h"
 #include "model/network.h"
+#include "numbers.h"
 
 namespace raymeld::cli {
 namespace {
@@ -19,6 +20,12 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::array<int, 3> kScales = {2, 4, 8};
+
+// Returns the scales of the pairs that a model fuses.
+std::vector<int> scales_of(const Architecture& model) {
+  const int scale = int(model.scale);
+  return scale == 4 ? std::vector{4, 8} : std::vector{scale};
+}
 
 LayerMap map_lrhs(const FuseArguments& arguments, const ExrFile& lrhs) try {
   LayerMap map = arguments.lrhs_map.empty() ? map_color(lrhs, parse_layer_choice(arguments.map))
@@ -161,6 +168,15 @@ uint64_t pixels_outside(const Windows& lrhs, const Imath::Box2i& canvas) {
   return area(canvas) - area({first, last});
 }
 
+// Returns the pixels of LRHS's file that the canvas reads.
+Imath::Box2i read_from_lrhs(const FuseFiles& files) {
+  const Imath::Box2i& window = files.canvas.lrhs;
+  const auto down = [factor = files.upsampling()](Imath::V2i at) {
+    return Imath::V2i(divide_down(at.x, factor), divide_down(at.y, factor));
+  };
+  return {down(window.min), down(window.max)};
+}
+
 void check_passed_channels(const FuseFiles& files, const FuseArguments& arguments) {
   for (const std::string& name : passed_channels(files, arguments)) {
     const ExrChannel& channel = files.hrls.channel(name);
@@ -209,10 +225,10 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
       arguments.model.empty() ? default_model(canvas_of(kScales).scale) : find_model(arguments.model);
   auto model = models.load(model_file);
   const Architecture& architecture = model->architecture();
-  const std::array<int, 1> scale = {int(architecture.scale)};
-  const Canvas frame = canvas_of(scale);
+  const Canvas frame = canvas_of(scales_of(architecture));
   const Imath::Box2i window = find_window(arguments, hrls, hrls_windows.data);
-  const Canvas canvas = find_canvas(frame, window, architecture);
+  const Canvas canvas =
+      find_canvas(upsampled(frame, frame.scale / int(architecture.scale)), window, architecture);
   std::optional<ExrFile> guides;
   LayerMap guides_map;
   if (!arguments.guides.empty()) {
@@ -233,7 +249,7 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
     reference_map = map_color(*reference, choice);
     check_reference(*reference, reference_map, hrls, hrls_windows.data);
   }
-  const auto [phase, phase_source] = said_phase(arguments.sampling, lrhs, architecture.scale);
+  const auto [phase, phase_source] = said_phase(arguments.sampling, lrhs, uint32_t(frame.scale));
   const SampleCounts samples{known_spp(arguments.samples.lrhs, lrhs, lrhs_map),
                              known_spp(arguments.samples.hrls, hrls, hrls_map)};
   FuseFiles files{std::move(lrhs),
@@ -259,10 +275,19 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
   return files;
 }
 
+Image for_canvas(const FuseFiles& files, Image lrhs, const Imath::Box2i& from) {
+  const int factor = files.upsampling();
+  if (factor == 1) return seen_through(std::move(lrhs), from, files.canvas.lrhs);
+  lrhs = seen_through(std::move(lrhs), from, files.frame.lrhs);
+  const float scale = float(files.canvas.scale);
+  lrhs = upsample_bilinear(lrhs, factor, (files.phase - files.model_phase()) / scale);
+  return seen_through(std::move(lrhs), upsampled(files.frame, factor).lrhs, files.canvas.lrhs);
+}
+
 Image load_lrhs(FuseFiles& files, Console& console) {
   Image lrhs = load_layers(files.lrhs, files.lrhs_map, kColor);
   sanitize_input(lrhs, "LRHS", files.lrhs.path(), console);
-  if (const uint64_t outside = pixels_outside(files.lrhs_windows, files.canvas.lrhs)) {
+  if (const uint64_t outside = pixels_outside(files.lrhs_windows, read_from_lrhs(files))) {
     console.warn(
         fmt::format("LRHS '{}': {} pixels that HRLS needs lie outside its data window, whose edge is "
                     "repeated there",
@@ -326,7 +351,7 @@ void load_frame(FuseFrame& frame) {
   examine(frame.arguments, files, images.lrhs, images.hrls, image_layers(model, images.constants),
           frame.console);
   images.exposure = exposure_for(frame.arguments, *files.model, images.lrhs);
-  images.lrhs = seen_through(std::move(images.lrhs), files.frame.lrhs, files.canvas.lrhs);
+  images.lrhs = for_canvas(files, std::move(images.lrhs), files.frame.lrhs);
   images.hrls = seen_through(std::move(images.hrls), files.frame.hrls, files.canvas.hrls);
   if (files.reference) {
     images.reference = load_layers(*files.reference, files.reference_map, kColor);

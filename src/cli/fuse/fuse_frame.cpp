@@ -59,8 +59,8 @@ FuserOptions options_of(const FuseArguments& arguments, const FuseFiles& files, 
   options.max_memory_bytes = arguments.max_memory_mib << 20;
   options.skip_unchanged = arguments.skip_unchanged;
   options.constants = constants;
-  options.phase = files.phase;
-  options.samples = files.samples;
+  options.phase = files.model_phase();
+  options.samples = files.model_samples();
   options.keep_activations = !arguments.dump.empty();
   options.profile = arguments.profile;
   return options;
@@ -88,9 +88,9 @@ struct FrameFuser::Cached {
 
   bool suits(const FuseFrame& frame) const {
     const Image& lrhs = frame.images.lrhs;
-    return model == frame.files.model && phase == frame.files.phase && samples == frame.files.samples &&
-           constants == frame.images.constants && height == uint32_t(lrhs.height) &&
-           width == uint32_t(lrhs.width);
+    return model == frame.files.model && phase == frame.files.model_phase() &&
+           samples == frame.files.model_samples() && constants == frame.images.constants &&
+           height == uint32_t(lrhs.height) && width == uint32_t(lrhs.width);
   }
 
   Fuser& for_companions(const Device& device, FuserOptions options) {

@@ -53,7 +53,7 @@ Json facts(const FuseFiles& files, const DeviceInfo& device, Storage storage, co
   return {{"device", device.name},
           {"model", files.model->name()},
           {"precision", precision_name(storage)},
-          {"scale", files.canvas.scale},
+          {"scale", files.frame.scale},
           {"x", files.window.min.x},
           {"y", files.window.min.y},
           {"width", width_of(files.window)},

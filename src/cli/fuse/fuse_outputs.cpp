@@ -84,7 +84,7 @@ Comparison make_comparison(const FuseFiles& files, const FuseImages& images) {
   const auto as_written = [&](Image image) {
     return seen_through(std::move(image), files.canvas.hrls, files.window);
   };
-  return {as_written(upsample_bicubic(images.lrhs, files.canvas.scale, files.phase)),
+  return {as_written(upsample_bicubic(images.lrhs, files.canvas.scale, files.model_phase())),
           as_written(first_channels(images.hrls, 3))};
 }
 

@@ -39,10 +39,10 @@ void examine(const FuseArguments& arguments, FuseFiles& files, Image& lrhs, cons
   for (size_t i = 0; i < layers.size(); ++i) {
     if (is_guide(layers[i])) guides.insert(guides.end(), {int(3 * i), int(3 * i + 1), int(3 * i + 2)});
   }
-  files.pair = examine_pair(lrhs, hrls, files.canvas.scale, guides);
+  files.pair = examine_pair(lrhs, hrls, files.frame.scale, guides);
   const PairFindings& found = files.pair;
   if (!has_phase) {
-    files.phase = lrhs_phase(!found.is_nearest(), uint32_t(files.canvas.scale));
+    files.phase = lrhs_phase(!found.is_nearest(), uint32_t(files.frame.scale));
     files.phase_source = found.shows_phase() ? PhaseSource::kPair : PhaseSource::kDefault;
   }
   if (arguments.pair_check == PairCheck::kOff) {

@@ -77,7 +77,7 @@ void add_view_layers(const char* role, const LayerMap& map, std::vector<std::str
 std::string sampling_text(const FuseFiles& files) {
   const std::string what = files.phase > 0
                                ? "an ordinary small render"
-                               : fmt::format("one of {0} x {0} pixels of a full render", files.canvas.scale);
+                               : fmt::format("one of {0} x {0} pixels of a full render", files.frame.scale);
   const auto why = [&] {
     switch (files.phase_source) {
       case PhaseSource::kOption:
@@ -137,7 +137,7 @@ std::vector<std::string> findings(const FuseFiles& files) {
   add_view_layers("LRHS", files.lrhs_map, found);
   add_view_layers("HRLS", files.hrls_map, found);
   if (!files.absent_layers.empty()) found.push_back(absent_text(files.absent_layers));
-  if (!files.model->architecture().trained_on(files.phase > 0))
+  if (!files.model->architecture().trained_on(files.model_phase() > 0))
     found.push_back(fmt::format("{} was not trained on {} LRHS", files.model->name(), sampling_name(files)));
   return found;
 }
@@ -153,7 +153,7 @@ std::vector<std::string> findings(const FuseFrame& frame) {
 
 std::string read_text(const FuseArguments& names, const FuseFiles& files) {
   return fmt::format("read {}, {}, and {}, {}{}: scale {}", names.lrhs, size_text(files.lrhs_windows.data),
-                     names.hrls, size_text(files.hrls_windows.data), window_text(files), files.canvas.scale);
+                     names.hrls, size_text(files.hrls_windows.data), window_text(files), files.frame.scale);
 }
 
 std::string device_text(const FuseFiles& files, const DeviceInfo& device, Storage storage) {

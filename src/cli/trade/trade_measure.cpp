@@ -97,9 +97,12 @@ struct ReferenceCrop {
       }
     }
     const std::string& file = frame.files.model->file();
-    output = reference::network(conform::read_architecture(file), conform::read_weights(file),
-                                planes_of(lrhs), planes_of(all), frame.files.phase,
-                                reference::Precision::kFp32, {}, images.exposure)
+    reference::Architecture architecture = conform::read_architecture(file);
+    reference::Weights weights = conform::read_weights(file);
+    const auto [lrhs_spp, hrls_spp] = frame.files.model_samples().known(uint32_t(architecture.scale));
+    take_samples(architecture, weights, lrhs_spp, hrls_spp);
+    output = reference::network(architecture, weights, planes_of(lrhs), planes_of(all),
+                                frame.files.model_phase(), reference::Precision::kFp32, {}, images.exposure)
                  .at("output")
                  .value;
   }
@@ -335,7 +338,7 @@ std::vector<TradeStrip> make_strips(const std::vector<TestView>& views,
     for (const SettingResults& of : settings) {
       const auto frame = load(pair, of.setting, models);
       if (images.empty()) {
-        images.push_back(upsample_bicubic(frame->images.lrhs, int(scale), frame->files.phase));
+        images.push_back(upsample_bicubic(frame->images.lrhs, int(scale), frame->files.model_phase()));
         images.push_back(first_channels(frame->images.hrls, 3));
       }
       Bench(device).measure(pair, *frame, of.setting);
