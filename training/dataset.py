@@ -19,7 +19,6 @@ TARGET_CLIP = 100.0  # limit at the view's exposure, section 3.2 of Hou et al. 2
 CENTERED_SHARE = 0.75  # share of crops with an ordinary small render; the others have every s-th pixel
 COARSE_SHARE = 0.25  # share of the ordinary small renders for x4 that are of x8, upsampled
 GUIDES_SHARE = 0.25  # share of crops whose albedo and normal are a render of their own
-NO_LRHS_LAYERS_SHARE = 0.2  # share of crops whose LRHS has no layers but color
 
 
 class View:
@@ -151,11 +150,6 @@ def window(y, x, size):
     return ..., slice(y, y + size), slice(x, x + size)
 
 
-def lrhs_layers(lrhs, config):
-    """Returns the layers that the config lists, in its order; `lrhs` has all of LAYERS."""
-    return torch.cat([lrhs[3 * LAYERS.index(name) :][:3] for name in config.lrhs_layers])
-
-
 def pick_lrhs(view, scale, high, is_centered, rng):
     """Returns (name of the render that LRHS is made of, names of the target's parts, which share no noise with it)."""
     if is_centered:
@@ -168,7 +162,7 @@ def pick_lrhs(view, scale, high, is_centered, rng):
 def sample(views, config, size, rng):
     """Makes one random crop.
 
-    Returns lrhs [L, size/s, size/s], hrls [K, size, size], reference [3, size, size], whether LRHS is centered, and the
+    Returns lrhs [3, size/s, size/s], hrls [K, size, size], reference [3, size, size], whether LRHS is centered, and the
     samples a pixel of LRHS and HRLS.
     """
     scale, view = config.scale, rng.choice(views)
@@ -195,10 +189,7 @@ def sample(views, config, size, rng):
     add_fireflies(hrls, rng)
     hrls = with_variance(hrls)
     drop_layers(hrls, config, rng)
-    lrhs = lrhs_layers(lrhs if is_centered else lrhs[:, ::scale, ::scale], config)
-    lrhs[:3] *= exposure
-    if rng.random() < NO_LRHS_LAYERS_SHARE:
-        lrhs[3:] = 0
+    lrhs = (lrhs if is_centered else lrhs[:, ::scale, ::scale])[:3] * exposure
     reference = reference[:3].clamp(0, TARGET_CLIP) * exposure
     spp = torch.tensor([float(low_spp), float(view.spp[high])])
     return lrhs, hrls, reference, torch.tensor(is_centered).reshape(1, 1, 1), spp.reshape(2, 1, 1)
@@ -212,9 +203,9 @@ def batch(views, config, size, count, seed):
 def pair(view, config, low, high, guides=None, decimated=None, small_scale=None):
     """Returns a whole view with its ordinary small render: lrhs, hrls, reference, exposure of all three, spp.
 
-    The images are a batch of one. `small_scale` is the small render's, by default the config's. `guides`, if given, is the sample count of the separate render that albedo and normal
-    of HRLS are taken from. `decimated`, if given, names a full-size render. LRHS is every s-th pixel of it then, and
-    the reference has no part in it.
+    The images are a batch of one. `small_scale` is the small render's, by default the config's. `guides`, if given, is
+    the sample count of the separate render that albedo and normal of HRLS are taken from. `decimated`, if given, names
+    a full-size render. LRHS is every s-th pixel of it then, and the reference has no part in it.
     """
     exposure = view.exposure(config)
     hrls = view.read(f"{high:04}")[:LAYER_CHANNELS].float()
@@ -225,8 +216,7 @@ def pair(view, config, low, high, guides=None, decimated=None, small_scale=None)
         low, lrhs = view.spp[decimated], view.read(decimated)[:, :: config.scale, :: config.scale].float()
     else:
         lrhs, low = view.read_lrhs(f"lowres-x{small_scale or config.scale}-{low:04}", config.scale)
-    lrhs = lrhs_layers(lrhs, config)
-    lrhs[:3] *= exposure
+    lrhs = lrhs[:3] * exposure
     spp = torch.tensor([float(low), float(high)]).reshape(1, 2, 1, 1)
     reference = view.reference([part for part in REFERENCE if part != decimated])
     return lrhs[None], with_variance(hrls)[None], reference[None, :3] * exposure, exposure, spp

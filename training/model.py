@@ -47,7 +47,6 @@ class Config:
     lrhs_sampling: tuple = ("nearest",)
     optional_layers: tuple = ()
     exposure_key: float = 0.0
-    lrhs_layers: tuple = ("color",)  # all but color are optional
     knows_spp: bool = False
 
     def __post_init__(self):
@@ -161,7 +160,7 @@ class Group(nn.Module):
 
 
 class Network(nn.Module):
-    """Maps encoded lrhs [N, L, h, w] and hrls [N, K, s*h, s*w] to the encoded image [N, 3, s*h, s*w].
+    """Maps encoded lrhs [N, 3, h, w] and hrls [N, K, s*h, s*w] to the encoded image [N, 3, s*h, s*w].
 
     A network with a joint base returns a residual and the logarithm of a weight for each candidate instead, and K
     includes the channels of the filter's levels.
@@ -172,7 +171,7 @@ class Network(nn.Module):
         self.config = config
         c, s, halvings = config.features, config.scale, config.halvings
         k, m = 3 * (len(config.hrls_layers) + config.joint_layers), config.upscaled_features
-        self.lrhs = nn.Conv2d(3 * (len(config.lrhs_layers) + (config.base == "joint")), c, 3, padding=1)
+        self.lrhs = nn.Conv2d(6 if config.base == "joint" else 3, c, 3, padding=1)
         if len(config.lrhs_sampling) == 2:
             self.lrhs.centered_bias = nn.Parameter(self.lrhs.bias.detach().clone())
         if config.hrls_encoder == "full":
@@ -285,23 +284,20 @@ def joint_guides(albedo, normal):
 
 
 def irradiance(lrhs, albedo, normal, config, centered):
-    """Demodulates LRHS by its albedo, encodes it and averages like pixels over 3x3.
+    """Demodulates LRHS by HRLS's albedo, encodes it and averages like pixels over 3x3.
 
-    Albedo and normal are LRHS's own, channels 3 to 8, if it has any. Otherwise they are HRLS's: of the same pixel or,
-    where LRHS is centered, the mean of the s x s pixels that a pixel of LRHS covers.
+    Albedo and normal are those of the same pixel or, where LRHS is centered, the mean of the s x s pixels that a pixel
+    of LRHS covers.
     """
 
     def own(layer):
         cell = layer[..., :: config.scale, :: config.scale]
         return torch.where(centered, F.avg_pool2d(layer, config.scale), cell) if centered.any() else cell
 
-    guides = own(torch.cat([albedo, normal], dim=1))
-    if lrhs.shape[1] > 3:
-        known = lrhs[:, 3:].abs().amax((1, 2, 3), keepdim=True) > 0
-        guides = torch.where(known, lrhs[:, 3:9], guides)
-    light = transfer(linear(lrhs[:, :3], config) / (guides[:, :3] + ALBEDO_FLOOR), config.transfer)
+    albedo, normal = own(albedo), own(normal)
+    light = transfer(linear(lrhs, config) / (albedo + ALBEDO_FLOOR), config.transfer)
     even = torch.cat([light, torch.ones_like(light[:, :1])], dim=1)
-    return joint_filter(even, joint_guides(guides[:, :3], guides[:, 3:]), 1)[0, :, :3]
+    return joint_filter(even, joint_guides(albedo, normal), 1)[0, :, :3]
 
 
 def without_fireflies(color):
@@ -354,10 +350,8 @@ def joint_predict(network, lrhs, hrls, upsampled, centered, spp):
     config = network.config
     layers = dict(zip(config.hrls_layers, hrls.split(3, dim=1)))
     albedo, normal = (encode_layer(layers[name], name, config) for name in ("albedo", "normal"))
-    low = encode(lrhs, config.lrhs_layers, config)
-    light = irradiance(torch.cat([lrhs[:, :3], low[:, 3:]], dim=1), albedo, normal, config, centered)
-    low = torch.cat([low[:, :3], light, low[:, 3:]], dim=1)
-    up = upsampled(low[:, :6])
+    low = torch.cat([encode(lrhs, ("color",), config), irradiance(lrhs, albedo, normal, config, centered)], dim=1)
+    up = upsampled(low)
     high = encode(hrls, config.hrls_layers, config)
     constants = network.joint if config.knows_spp else None
     candidates = joint_candidates(up, layers["color"], albedo, normal, config, centered, spp, constants)
@@ -367,7 +361,7 @@ def joint_predict(network, lrhs, hrls, upsampled, centered, spp):
 
 
 def predict(network, lrhs, hrls, centered=torch.tensor(False), exposure=1.0, spp=None):
-    """Fuses lrhs [N, L, h, w] and hrls [N, K, s*h, s*w], as rendered, to (encoded, scene linear) [N, 3, s*h, s*w].
+    """Fuses lrhs [N, 3, h, w] and hrls [N, K, s*h, s*w], as rendered, to (encoded, scene linear) [N, 3, s*h, s*w].
 
     `centered` and `spp` are those of Network.forward; by default a pixel of LRHS has as many samples as the s x s
     pixels of HRLS that it covers. `exposure` is the factor by which the inputs were multiplied. The linear image
@@ -392,7 +386,7 @@ def predict(network, lrhs, hrls, centered=torch.tensor(False), exposure=1.0, spp
         if config.base == "bilinear":
             y = y + upsampled(low)
     fused = decode(y, config.transfer)
-    beyond = torch.nan_to_num(lrhs[:, :3] - config.clip).clamp(0, HALF_MAX * exposure)
+    beyond = torch.nan_to_num(lrhs - config.clip).clamp(0, HALF_MAX * exposure)
     return y, fused + (8 * fused / config.clip - 1).clamp(0, 1) * above_clip(beyond, upsampled)
 
 

@@ -122,7 +122,6 @@ class Run:
         if self.args.without == "hrls":
             hrls = torch.zeros_like(hrls)
         if self.args.without == "layers":
-            lrhs = torch.cat([lrhs[:, :3], torch.zeros_like(lrhs[:, 3:])], dim=1)
             kept = torch.tensor([name not in self.config.optional_layers for name in self.config.hrls_layers])
             hrls = hrls * kept.repeat_interleave(3)[:, None, None]
         return lrhs, hrls

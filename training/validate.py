@@ -30,7 +30,6 @@ def parse():
     parser.add_argument("--guides", type=int, help="take albedo and normal of HRLS from a render of that many samples")
     parser.add_argument("--decimated", action="store_true", help="take every s-th pixel of full-size renders as LRHS")
     parser.add_argument("--small-scale", type=int, help="take small renders of this scale, twice the model's")
-    parser.add_argument("--bare", action="store_true", help="give LRHS no layers but color")
     return parser.parse_args()
 
 
@@ -89,18 +88,15 @@ def main():
     rivals = [[filter_score(view, spp) for view in views] for spp in (2, 4, 8)]
     show("SVGF-like filter of a plain render", rivals, rivals)
 
-    def blank(lrhs, hrls):
-        return (torch.cat([lrhs[:, :3], 0 * lrhs[:, 3:]], dim=1) if args.bare else lrhs), hrls
-
     for path in args.models:
         network = load(path)
-        pairs = [(*counts, None) for counts in SPP[args.small_scale or network.config.scale]]
-        if args.decimated:
-            pairs = [(None, spp, render) for spp, render in DECIMATED]
-        scores = [
-            [score(network, view, counts, blank, args.guides, render, args.small_scale) for view in views]
-            for *counts, render in pairs
+        pairs = [
+            dict(counts=counts, guides=args.guides, small_scale=args.small_scale)
+            for counts in SPP[args.small_scale or network.config.scale]
         ]
+        if args.decimated:
+            pairs = [dict(counts=(None, spp), guides=args.guides, decimated=render) for spp, render in DECIMATED]
+        scores = [[score(network, view, **pair) for view in views] for pair in pairs]
         show(f"{path.parent.name}/{path.stem}", scores, rivals)
 
 

@@ -56,7 +56,9 @@ void main() {
     for (int dx = -1; dx <= 1; ++dx) {
       uvec2 tap = uvec2(clamp(ivec2(id) + ivec2(dx, dy), ivec2(0), ivec2(p.width, p.height) - 1));
       Surface near = surface_at(tap);
-      float weight = binomial(dx, dy) * exp(-squared_distance(near, own, 1.0 / RAYMELD_ALBEDO_WIDTH, 1.0 / RAYMELD_NORMAL_WIDTH));
+      float distance =
+          squared_distance(near, own, 1.0 / RAYMELD_ALBEDO_WIDTH, 1.0 / RAYMELD_NORMAL_WIDTH);
+      float weight = binomial(dx, dy) * exp(-distance);
       for (uint c = 0; c < 3; ++c) sum[c] += weight * light_at(c, tap, near.albedo[c]);
       weights += weight;
     }
