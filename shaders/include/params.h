@@ -224,9 +224,9 @@ struct Decode {
 }  // namespace raymeld::params
 #endif
 
-// These constants belong to the joint base. Differences between guides are divided by the widths unless a
-// model has learned others; the brightness among them is encoded. A pixel brighter than FIREFLY times its second brightest neighbour
-// + FIREFLY_FLOOR is a firefly.
+// These constants belong to the joint base. Differences between guides are divided by the widths, beside what
+// a model has learned; the brightness among them is encoded. A pixel brighter than FIREFLY times its second
+// brightest neighbour + FIREFLY_FLOOR is a firefly.
 #define RAYMELD_ALBEDO_FLOOR 0.4  // added to the albedo before radiance is divided by it
 #define RAYMELD_COMPRESS 0.2  // log(1 + COMPRESS x) / COMPRESS is filtered
 #define RAYMELD_ALBEDO_WIDTH 1.5
