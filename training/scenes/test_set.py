@@ -3,13 +3,19 @@
 
 The views show models of Scopia.sh3f in layouts of test_scenes.py; no training uses either. Each view has HRLS of 1 to
 8 spp (with layers), plain renders of 16 and 32 spp, LRHS of three scales, an ordinary small render, and the reference.
+References take most of the time. Those in data/test, compressed with an error of about 60 dB, are taken from there;
+--references renders them anew.
 """
 
 import argparse
+import json
 import pathlib
+import shutil
 
 import generate
+import OpenImageIO as oiio
 
+REFERENCES = pathlib.Path(__file__).resolve().parents[2] / "data/test"
 CATALOGUE = "/usr/share/sweethome3d/furniture/Scopia.sh3f"
 # A view is (kind, seed); any first views of the list are varied.
 VIEWS = [
@@ -42,8 +48,33 @@ def parse():
     parser.add_argument("--reference-spp", type=int, default=512)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--timeout-s", type=float, default=7200)
+    parser.add_argument("--references", action="store_true", help="render only references, into data/test")
     parser.add_argument("--look", action="store_true", help="render only 16 spp, to look at")
     return parser.parse_args()
+
+
+def keep_reference(folder):
+    """Compresses the reference of a view and puts it into REFERENCES with the view's record."""
+    kept = REFERENCES / folder.name
+    kept.mkdir(parents=True, exist_ok=True)
+    for half in ("reference-a.exr", "reference-b.exr"):
+        image = oiio.ImageBuf(str(folder / half))
+        names = [name for name in image.spec().channelnames if name[:-1].endswith("Combined.") and name[-1] in "RGB"]
+        color = oiio.ImageBufAlgo.channels(image, tuple(sorted(names, key=lambda name: "RGB".index(name[-1]))))
+        color.set_write_format(oiio.HALF)
+        color.specmod().attribute("compression", "dwab:20")
+        if not color.write(str(kept / half)):
+            raise OSError(f"{kept / half}: {color.geterror()}")
+    record = json.loads((folder / "view.json").read_text())
+    record.pop("whole")
+    (kept / "view.json").write_text(json.dumps(record, indent=1) + "\n")
+
+
+def take_reference(final):
+    """Starts a view with its kept reference, if there is one and the view is not there yet."""
+    kept, partial = REFERENCES / final.name, final.with_suffix(".part")
+    if kept.exists() and not final.exists() and not partial.exists():
+        shutil.copytree(kept, partial)
 
 
 def main():
@@ -52,13 +83,19 @@ def main():
     for kind, seed in VIEWS[: args.views]:
         arguments = ["--kind", kind, "--seed", str(seed), "--catalogue", args.catalogue, "--threads", str(args.threads)]
         arguments += ["--width", str(args.size), "--height", str(args.size)]
+        final = args.out / f"view-{seed:05}"
         if args.look:
             arguments += ["--plain-spp", "16"]
+        elif args.references:
+            arguments += ["--reference-spp", str(args.reference_spp)]
         else:
+            take_reference(final)
             arguments += ["--spp", "1", "2", "4", "8", "--plain-spp", "16", "32"]
             arguments += ["--lrhs", *(f"{scale}:{spp}" for scale, counts in LRHS.items() for spp in counts)]
             arguments += ["--lowres", "4:16", "--reference-spp", str(args.reference_spp)]
-        generate.run_view(args.out / f"view-{seed:05}", arguments, args.timeout_s)
+        generate.run_view(final, arguments, args.timeout_s)
+        if args.references and final.exists():
+            keep_reference(final)
 
 
 main()
