@@ -15,7 +15,7 @@ from evaluation import agreement, pictures, tables, test_set
 from evaluation.jobs import Model, Store
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-TABLES = ("main", "grid", "ablations", "losses", "robustness", "equal-time")
+TABLES = ("main", "decimated", "grid", "ablations", "losses", "robustness", "equal-time")
 SHOWN = "x4-balanced"  # the model in the pictures
 
 
@@ -86,6 +86,7 @@ def main():
 
     plans = {
         "main": [tables.main_plan(models)],
+        "decimated": [tables.decimated_plan(models)],
         "robustness": [tables.robustness_plan(models)],
         "ablations": [tables.ablation_plan(models, ablations)],
         "losses": [tables.losses_plan(losses)],
@@ -100,7 +101,7 @@ def main():
         sheets += [tables.lead_sheet(name, models, views, store) for name in tables.RIVALS]
         sheets += [tables.scenes_sheet(models, views, store)]
     if "equal-time" in args.tables:
-        sheets += tables.equal_time_sheets(models, views, store)
+        sheets += [*tables.equal_time_sheets(models, views, store), tables.equal_seconds_sheet(models, views, store)]
     for sheet in sheets:
         sheet.write_csv(args.out)
         print(f"\n{sheet.name}\n{sheet.markdown()}")

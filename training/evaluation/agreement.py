@@ -15,7 +15,7 @@ import model as networks
 import safetensors
 from evaluation.images import Exr, read
 from evaluation.jobs import fuse
-from evaluation.test_set import PAIRS, lrhs, render
+from evaluation.test_set import PAIRS, decimated, render
 
 SIZE = 128  # side of the part that is fused, in pixels of HRLS
 # The error that rounding to fp32 makes is measured on PyTorch, against float64. The program sums in another order and
@@ -101,7 +101,7 @@ def check(model, view, program):
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
         low, high, reference, fused = (folder / f"{name}.exr" for name in ("low", "high", "reference", "fused"))
-        write_crop(view.folder / lrhs(model.scale, pair[0]), SIZE // model.scale, low)
+        write_crop(view.folder / decimated(model.scale, pair[0]), SIZE // model.scale, low)
         write_crop(view.folder / render(pair[1]), SIZE, high)
         write_crop(view.folder / "reference-a.exr", SIZE, reference)
         fuse(program, model, low, high, fused)

@@ -5,11 +5,14 @@ import dataclasses
 import numpy
 
 
-def bicubic(image, scale, a=-0.5):
-    """Upsamples [h, w, C] to [s*h, s*w, C] by Keys' kernel; sample i sits at pixel s*i, edges are replicated."""
+def bicubic(image, scale, phase=0, a=-0.5):
+    """Upsamples [h, w, C] to [s*h, s*w, C] by Keys' kernel; edges are replicated.
+
+    Sample i sits at pixel s*i + phase.
+    """
     for axis in (0, 1):
         size = image.shape[axis]
-        u = numpy.arange(size * scale, dtype=numpy.float32) / scale
+        u = (numpy.arange(size * scale, dtype=numpy.float32) - phase) / scale
         first = numpy.floor(u).astype(int)
         total = 0
         for tap in range(-1, 3):

@@ -67,6 +67,9 @@ class Job:
     def parameters(self):
         return TUNED[self.method][int(pathlib.Path(self.hrls).stem)]
 
+    def is_small_render(self):
+        return self.lrhs.startswith("lowres")
+
     def changed_files(self, view, folder):
         """Returns (LRHS, HRLS, factor of the result); new files go to `folder`."""
         paths = [view.folder / self.lrhs, view.folder / self.hrls]
@@ -83,7 +86,8 @@ class Job:
         with tempfile.TemporaryDirectory() as folder:
             folder = pathlib.Path(folder)
             lrhs, hrls, gain = self.changed_files(view, folder)
-            sampling = "centered" if self.lrhs == test_set.LOW_RESOLUTION else "nearest"
+            # The pixels of renders show what LRHS is. Those of changed ones may not.
+            sampling = "auto" if not self.change else "centered" if self.is_small_render() else "nearest"
             report = fuse(program, self.model, lrhs, hrls, folder / "fused.exr", sampling)
             return read(folder / "fused.exr") * gain, report["device_ms"] / 1000
 
@@ -103,7 +107,8 @@ class Job:
             result = FILTERS[self.method](*render, self.parameters())
         else:
             low = read(view.folder / self.lrhs)
-            result = bicubic(low, view.reference().shape[0] // low.shape[0])
+            scale = view.reference().shape[0] // low.shape[0]
+            result = bicubic(low, scale, (scale - 1) / 2 if self.is_small_render() else 0)
         return result, time.perf_counter() - start
 
 

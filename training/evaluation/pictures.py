@@ -28,7 +28,7 @@ def worst_crop(fused, reference):
 
 def crops(model, view, program):
     """Returns bicubic LRHS, HRLS, both filters of a plain render of as many samples, fused, reference side by side."""
-    bicubic, atrous, svgf = (rival(method, model, 0) for method in ("bicubic", "atrous", "svgf"))
+    bicubic, atrous, svgf = (rival(method, model.scale, 0) for method in ("bicubic", "atrous", "svgf"))
     hrls = Job("render", hrls=render(PAIRS[model.scale][0][1]))
     images = [job.image(view, program)[0] for job in (bicubic, hrls, atrous, svgf, base(model))]
     images.append(view.reference())

@@ -53,8 +53,9 @@ def write_view(folder):
     for seed, (name, noise) in enumerate(names.items()):
         exr(noise, seed).write(folder / name)
     low = exr(1 / 16, 100)
-    low.pixels = low.pixels[::4, ::4]
-    low.write(folder / test_set.lrhs(4, 16))
+    Exr(low.channels, low.pixels[::4, ::4]).write(folder / test_set.decimated(4, 16))
+    cells = low.pixels.reshape(SIZE // 4, 4, SIZE // 4, 4, -1)
+    Exr(low.channels, numpy.ascontiguousarray(cells.mean((1, 3)))).write(folder / test_set.lrhs(4, 16))
     times = {n: 0.5 + 0.25 * n for n in test_set.PLAIN}
     files = {test_set.render(n): {"spp": n, "seconds": (2 if n == 2 else 1) * s} for n, s in times.items()}
     (folder / "view.json").write_text(json.dumps({"kind": "ramp", "files": files}))
@@ -78,6 +79,8 @@ class Baselines(unittest.TestCase):
         up = bicubic(full[::4, ::4], 4)
         numpy.testing.assert_allclose(up[::4, ::4], full[::4, ::4], atol=1e-6)
         numpy.testing.assert_allclose(up[4:-8], full[4:-8], atol=1e-6)
+        centered = bicubic(full.reshape(SIZE // 4, 4, SIZE, 3).mean(1)[:, ::4], 4, 1.5)
+        numpy.testing.assert_allclose(centered[8:-8, 8:-8], full[8:-8, 8:-8], atol=1e-6)
 
     def test_filters_remove_noise_and_keep_edges(self):
         truth = numpy.prod(numpy.broadcast_arrays(*scene(1e-9, 0)[:2]), axis=0) / scene(1e-9, 0)[1]
@@ -131,10 +134,24 @@ class Views(unittest.TestCase):
         model = Model(pathlib.Path("x4.safetensors"), "", 4, "{}")
         store, filtered = Store(self.path / "results.csv", None), Score(30, 0.02, 1)
         for method, score in (("render", Score(20, 0.1, 1)), ("atrous", filtered), ("bicubic", Score(25, 0.01, 1))):
-            store.scores[tables.rival(method, model, 0).key(self.view)] = score
+            store.scores[tables.rival(method, 4, 0).key(self.view)] = score
         store.scores[tables.base(model).key(self.view)] = Score(33, 0.005, 1)
         self.assertEqual(tables.lead(model, 0, self.view, store), (3, 2))
         self.assertIsNone(tables.lead(model, 0, self.view, store, tables.RIVALS["lead-svgf"]))
+
+    def test_a_filter_is_timed_by_its_render(self):
+        """The view's renders take 0.5 + 0.25 spp seconds."""
+        store = Store(self.path / "results.csv", None)
+        for spp in test_set.AVERAGES:
+            score = Score(30 + numpy.log2(0.5 + 0.25 * spp), 0.01, 9)
+            store.scores[Job("svgf", hrls=test_set.render(spp)).key(self.view)] = score
+        for seconds in (0.8, 1.2, 2, 5):
+            self.assertAlmostEqual(tables.filtered_psnr(self.view, store, seconds), 30 + numpy.log2(seconds), 1)
+
+    def test_x4_models_are_measured_with_pairs_of_x8_too(self):
+        model = Model(pathlib.Path("x4.safetensors"), "", 4, "{}")
+        labels = [tables.label(*one[:3]) for one in tables.pairings([model])]
+        self.assertEqual(labels[::5], ["x4, 16-1", "x4, x8, 256-4"])
 
     def test_all_renders_together_are_worth_their_samples(self):
         last, together = (job.image(self.view, None)[0] for job in tables.RENDERS[-2:])

@@ -9,7 +9,7 @@ import numpy
 
 from evaluation.changes import EXPOSURES
 from evaluation.jobs import Job, Score
-from evaluation.test_set import ALL_PLAIN, AVERAGES, HALVES, LOW_RESOLUTION, PAIRS, PLAIN, lrhs, render
+from evaluation.test_set import ALL_PLAIN, AVERAGES, HALVES, PAIRS, PLAIN, decimated, lrhs, render
 
 # A sheet of leads compares with the best of these baselines in the same view.
 RIVALS = {"lead": ("render", "atrous", "bicubic"), "lead-svgf": ("svgf",)}
@@ -73,13 +73,14 @@ def sheet(plan, views, store):
     return Sheet(plan.name, [plan.head, *plan.columns], rows)
 
 
-def fused(model, pair, change=""):
-    return Job("fused", lrhs(model.scale, pair[0]), render(pair[1]), model, change)
+def fused(model, pair, change="", scale=None, lrhs=lrhs):
+    """Returns the job with the pair of `scale`, by default the model's; `lrhs` or decimated() names the small image."""
+    return Job("fused", lrhs(scale or model.scale, pair[0]), render(pair[1]), model, change)
 
 
-def base(model, change=""):
+def base(model, change="", lrhs=lrhs):
     """Returns the job with the pair of two samples a pixel together."""
-    return fused(model, PAIRS[model.scale][0], change)
+    return fused(model, PAIRS[model.scale][0], change, lrhs=lrhs)
 
 
 def bicubic(scale, pair):
@@ -90,6 +91,22 @@ def pairs_text(scale):
     return ", ".join(f"{low}-{high}" for low, high in PAIRS[scale])
 
 
+def scales(model):
+    """Returns the scales of the pairs that a model fuses."""
+    return (4, 8) if model.scale == 4 else (model.scale,)
+
+
+def pairings(models):
+    """Returns (model, scale of the pair, pair, its place in AVERAGES) for all that is compared at equal samples."""
+    both = [(model, scale) for model in models for scale in scales(model)]
+    both.sort(key=lambda one: one[1])
+    return [(model, scale, pair, i) for model, scale in both for i, pair in enumerate(PAIRS[scale])]
+
+
+def label(model, scale, pair):
+    return f"{model.name}, {'' if scale == model.scale else f'x{scale}, '}{pair[0]}-{pair[1]}"
+
+
 def main_plan(models):
     rows = [
         ("the reference's own noise", [Job("half")] * 3),
@@ -97,13 +114,22 @@ def main_plan(models):
         ("a-trous filter of it", [Job("atrous", hrls=render(spp)) for spp in AVERAGES]),
         ("SVGF-like filter of it", [Job("svgf", hrls=render(spp)) for spp in AVERAGES]),
     ]
-    for scale in sorted({model.scale for model in models}):
+    for scale in sorted({scale for model in models for scale in scales(model)}):
         pairs = PAIRS[scale]
         rows.append((f"bicubic of LRHS, x{scale}", [bicubic(scale, pair) for pair in pairs]))
         for model in models:
-            if model.scale == scale:
-                rows.append((f"{model.name} ({pairs_text(scale)})", [fused(model, pair) for pair in pairs]))
+            if scale in scales(model):
+                name = f"{model.name}, x{scale}" if scale != model.scale else model.name
+                rows.append((f"{name} ({pairs_text(scale)})", [fused(model, pair, scale=scale) for pair in pairs]))
     return Plan("main", "", [f"{spp} spp" for spp in AVERAGES], rows)
+
+
+def decimated_plan(models):
+    rows = [
+        (f"{m.name} ({pairs_text(m.scale)})", [fused(m, pair, lrhs=decimated) for pair in PAIRS[m.scale]])
+        for m in models
+    ]
+    return Plan("decimated", "", [f"{spp} spp" for spp in AVERAGES], rows)
 
 
 def grid_plan(model):
@@ -149,11 +175,10 @@ def robustness_plan(models):
     changes = [f"exposure {stops:+}" for stops in EXPOSURES] + ["fireflies", "alpha"]
     labels = [f"both inputs x 2^{stops}, result / 2^{stops}" for stops in EXPOSURES]
     labels += ["fireflies: 0.1 % of the HRLS pixels x 1000", "alpha: a ramp from 0 to 1"]
-    low_resolution = lambda m: Job("fused", LOW_RESOLUTION, render(1), m) if m.scale == 4 else None
     rows = [("as in training, 2 spp together", [base(model) for model in models])]
     rows += [(label, [base(model, change) for model in models]) for label, change in zip(labels, changes)]
     rows += [
-        ("LRHS really rendered at low resolution, centered", [low_resolution(model) for model in models]),
+        ("LRHS is every s-th pixel of a full-size render", [base(model, lrhs=decimated) for model in models]),
         ("most samples (16-8, 64-8, 256-8)", [fused(model, last[model.scale]) for model in models]),
         (
             "LRHS of half the reference, 8 spp HRLS",
@@ -163,16 +188,17 @@ def robustness_plan(models):
     return Plan("robustness", "", [model.name for model in models], rows)
 
 
-def rival(method, model, i):
+def rival(method, scale, i):
     """Returns the baseline's job at the average of the i-th pair."""
     if method == "bicubic":
-        return bicubic(model.scale, PAIRS[model.scale][i])
+        return bicubic(scale, PAIRS[scale][i])
     return Job(method, hrls=render(AVERAGES[i]))
 
 
-def lead(model, i, view, store, rivals=RIVALS["lead"]):
+def lead(model, i, view, store, rivals=RIVALS["lead"], scale=None):
     """Returns (decibels, RelMSE of the best baseline over the model's), or None if one of them was not measured."""
-    jobs = [fused(model, PAIRS[model.scale][i]), *(rival(method, model, i) for method in rivals)]
+    scale = scale or model.scale
+    jobs = [fused(model, PAIRS[scale][i], scale=scale), *(rival(method, scale, i) for method in rivals)]
     scores = [store.get(job, view) for job in jobs]
     if not all(scores):
         return None
@@ -182,15 +208,14 @@ def lead(model, i, view, store, rivals=RIVALS["lead"]):
 
 def lead_sheet(name, models, views, store):
     rows = []
-    for model in models:
-        for i, (low, high) in enumerate(PAIRS[model.scale]):
-            leads = [lead(model, i, view, store, RIVALS[name]) for view in views]
-            if not leads or not all(leads):
-                continue
-            psnr, relmse = zip(*leads)
-            ahead = [f"{sum(p > 0 for p in psnr)} of {len(views)}", f"{sum(r > 1 for r in relmse)} of {len(views)}"]
-            decibels = [f"{value:+.2f}" for value in (statistics.median(psnr), min(psnr), max(psnr))]
-            rows.append([f"{model.name}, {low}-{high}", *ahead, *decibels, f"{statistics.median(relmse):.2f}"])
+    for model, scale, pair, i in pairings(models):
+        leads = [lead(model, i, view, store, RIVALS[name], scale) for view in views]
+        if not leads or not all(leads):
+            continue
+        psnr, relmse = zip(*leads)
+        ahead = [f"{sum(p > 0 for p in psnr)} of {len(views)}", f"{sum(r > 1 for r in relmse)} of {len(views)}"]
+        decibels = [f"{value:+.2f}" for value in (statistics.median(psnr), min(psnr), max(psnr))]
+        rows.append([label(model, scale, pair), *ahead, *decibels, f"{statistics.median(relmse):.2f}"])
     head = ["", "ahead in PSNR", "ahead in RelMSE", "lead, median dB", "least", "most", "RelMSE / own, median"]
     return Sheet(name, head, rows)
 
@@ -203,6 +228,41 @@ def scenes_sheet(models, views, store):
     jobs += [(model.name, base(model)) for model in models if model.scale == 4]
     rows = [[f"{v.name[5:]} {v.record['kind']}", *(store.get(job, v) for _, job in jobs)] for v in views]
     return Sheet("scenes", ["view", *(name for name, _ in jobs)], rows)
+
+
+def filtered_psnr(view, store, seconds):
+    """Returns the PSNR of the SVGF-like filter of a plain render that takes so many seconds, None if not measured.
+
+    It is interpolated over the logarithm of time between 2, 4 and 8 samples a pixel, and extrapolated beyond them.
+    """
+    scores = [store.get(Job("svgf", hrls=render(spp)), view) for spp in AVERAGES]
+    if not all(scores):
+        return None
+    times, psnrs = numpy.log([view.seconds(spp) for spp in AVERAGES]), [score.psnr for score in scores]
+    at = numpy.log(seconds)
+    first = 0 if at < times[1] else 1
+    slope = (psnrs[first + 1] - psnrs[first]) / (times[first + 1] - times[first])
+    return float(psnrs[first] + slope * (at - times[first]))
+
+
+def equal_seconds_sheet(models, views, store):
+    """Makes the table of leads over the filter when rendering both inputs and fusing take as long as its render."""
+    rows = []
+    for model, scale, pair, _ in pairings(models):
+        fusing = fusing_s(model, views, store)
+        leads = []
+        for view in views:
+            own = store.get(fused(model, pair, scale=scale), view)
+            seconds = view.seconds(pair[0], scale) + view.seconds(pair[1]) + (fusing or 0)
+            filtered = filtered_psnr(view, store, seconds)
+            leads.append((own.psnr - filtered, seconds) if own and filtered else None)
+        if not leads or not all(leads):
+            continue
+        psnr, seconds = zip(*leads)
+        decibels = [f"{value:+.2f}" for value in (statistics.median(psnr), min(psnr), max(psnr))]
+        ahead = f"{sum(p > 0 for p in psnr)} of {len(views)}"
+        rows.append([label(model, scale, pair), f"{statistics.median(seconds):.1f}", ahead, *decibels])
+    return Sheet("equal-seconds", ["", "seconds", "ahead in PSNR", "lead, median dB", "least", "most"], rows)
 
 
 # RENDERS are the plain renders, RENDERS_SPP their samples a pixel.

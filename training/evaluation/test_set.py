@@ -22,11 +22,15 @@ def render(spp):
 
 
 def lrhs(scale, spp):
+    """Returns the file of an ordinary small render, whose samples lie all over its pixels."""
+    return f"lowres-x{scale}-{spp:04}.exr"
+
+
+def decimated(scale, spp):
     """Returns the file with every scale-th pixel of a full-size render."""
     return f"lrhs-x{scale}-{spp:04}.exr"
 
 
-LOW_RESOLUTION = "lowres-x4-0016.exr"  # rendered at low resolution, so that samples lie all over its pixels
 HALVES = ("reference-a.exr", "reference-b.exr")
 
 

@@ -2,7 +2,8 @@
 """Renders the public test set, or its first views, one Blender process each; run it again to go on after a stop.
 
 The views show models of Scopia.sh3f in layouts of test_scenes.py; no training uses either. Each view has HRLS of 1 to
-8 spp (with layers), plain renders of 16 and 32 spp, LRHS of three scales, an ordinary small render, and the reference.
+8 spp (with layers), plain renders of 16 and 32 spp, ordinary small renders of three scales, every second and every
+fourth pixel of full-size ones, and the reference.
 References take most of the time. Those in data/test, compressed with an error of about 60 dB, are taken from there;
 --references renders them anew.
 """
@@ -36,7 +37,8 @@ VIEWS = [
     ("shop", 15),
     ("washroom", 16),
 ]
-LRHS = {2: (4, 8, 16), 4: (4, 8, 16, 32, 64), 8: (64, 128, 256)}
+LOWRES = {2: (4, 8, 16), 4: (4, 8, 16, 32, 64), 8: (64, 128, 256)}
+LRHS = {2: (4, 8, 16), 4: (16, 32, 64)}
 
 
 def parse():
@@ -91,8 +93,9 @@ def main():
         else:
             take_reference(final)
             arguments += ["--spp", "1", "2", "4", "8", "--plain-spp", "16", "32"]
-            arguments += ["--lrhs", *(f"{scale}:{spp}" for scale, counts in LRHS.items() for spp in counts)]
-            arguments += ["--lowres", "4:16", "--reference-spp", str(args.reference_spp)]
+            for option, scales in (("--lowres", LOWRES), ("--lrhs", LRHS)):
+                arguments += [option, *(f"{scale}:{spp}" for scale, counts in scales.items() for spp in counts)]
+            arguments += ["--reference-spp", str(args.reference_spp)]
         generate.run_view(final, arguments, args.timeout_s)
         if args.references and final.exists():
             keep_reference(final)
