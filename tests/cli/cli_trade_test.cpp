@@ -70,6 +70,19 @@ class CliTrade : public Cli {
   }
 };
 
+TEST_F(CliTrade, OrdinarySmallRendersComeBeforeDecimatedOnes) {
+  write_view("set", 5);
+  fs::copy_file(folder_ / "set/lrhs-x4-0016.exr", folder_ / "set/lowres-x4-0024.exr");
+  Json view = read_json("set/view.json");
+  view["files"]["lowres-x4-0024.exr"] = {{"spp", 24}, {"scale", 4}, {"seconds", 1.5}};
+  write_file(folder_ / "set/view.json", view.dump());
+  const ProcessResult result = trade();
+  ASSERT_EQ(result.exit_status, 0) << result.err;
+  const Json report = read_json("report/trade.json");
+  ASSERT_FALSE(report.at("settings").empty());
+  for (const Json& setting : report.at("settings")) EXPECT_EQ(setting.at("lrhs_spp"), 24);
+}
+
 TEST_F(CliTrade, WritesWhatFuseGives) {
   write_view("set/one", 5);
   write_view("set/two", 9);

@@ -18,7 +18,7 @@ TestView load_view(const fs::path& folder) try {
   std::ifstream stream(folder / kManifest);
   const nlohmann::json json = nlohmann::json::parse(stream);
   TestView view{.name = fs::canonical(folder).filename().string()};
-  std::vector<TestRender> all;
+  std::vector<TestRender> all, decimated;
   for (const auto& [name, entry] : json.at("files").items()) {
     const TestRender render{folder / name, entry.at("spp"), entry.value("scale", 1u),
                             entry.value("seconds", 0.0)};
@@ -32,12 +32,14 @@ TestView load_view(const fs::path& folder) try {
     }
     all.push_back(render);
     if (render.scale > 1) {
-      if (name.starts_with("lrhs")) view.lrhs.push_back(render);
+      if (name.starts_with("lowres")) view.lrhs.push_back(render);
+      if (name.starts_with("lrhs")) decimated.push_back(render);
       continue;
     }
     view.plain.push_back(render);
     if (entry.value("layers", "") == "fusion") view.hrls.push_back(render);
   }
+  if (view.lrhs.empty()) view.lrhs = decimated;
   for (auto* renders : {&view.lrhs, &view.hrls, &view.plain})
     std::ranges::sort(*renders, {}, &TestRender::spp);
   if (view.hrls.empty() || view.lrhs.empty() || view.references.empty())
