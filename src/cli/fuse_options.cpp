@@ -132,7 +132,7 @@ void add_more_files(CLI::App& command, FuseArguments& a) {
                    "Also writes the diffuse, specular and other (emission) light of the fused image, which "
                    "add up to it; both files need diffuse and specular, and it takes four times as long");
   command.add_flag("--keep-layers", a.keep_layers,
-                   "Copies all other HRLS channels to the output, bit by bit");
+                   "Copies all HRLS channels that are not fused to the output, bit by bit");
   command
       .add_option("--preview-before-after", a.before_after,
                   "Writes a PNG with bicubic LRHS, HRLS, fused and, if given, the reference side by side")

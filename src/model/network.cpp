@@ -62,13 +62,20 @@ struct Builder {
     conv2d_chain(graph, std::array{link(name, in, out, options, bias)});
   }
 
+  // Returns exp(x). Throws an Error that names the tensor where a float cannot hold it.
+  float exponential(const char* name, float x) const {
+    const float result = std::exp(x);
+    if (std::isfinite(result)) return result;
+    throw Error("model {}: tensor {} gives a factor exp({}), which is not finite", model.file(), name, x);
+  }
+
   // Returns the certainty of a pixel of LRHS in the joint filter.
   float lrhs_certainty() const {
     if (!a.knows_spp || a.base != Base::kJoint) return a.lrhs_certainty;
     const auto [lrhs_spp, hrls_spp] = samples.known(a.scale);
     const auto learned = model.joint("certainty", {2});
     return a.lrhs_certainty * lrhs_spp / (hrls_spp * float(a.scale * a.scale)) *
-           std::exp(learned[0] + learned[1] * std::log2(hrls_spp));
+           exponential("joint.certainty", learned[0] + learned[1] * std::log2(hrls_spp));
   }
 
   // Returns the factors of a level of the joint filter.
@@ -79,7 +86,7 @@ struct Builder {
                by_spp = model.joint("widths_by_spp", {kJointLevels, 3});
     const auto factor = [&](uint32_t guide) {
       const uint32_t i = 3 * level + guide;
-      return std::exp(widths[i] + by_spp[i] * log_spp);
+      return exponential("joint.widths", widths[i] + by_spp[i] * log_spp);
     };
     return {factor(0), factor(1), factor(2)};
   }

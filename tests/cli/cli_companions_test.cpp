@@ -82,6 +82,16 @@ TEST_F(CliCompanions, AlphaIsCopiedWhereItIsTheSameEverywhereOrLrhsHasNone) {
   EXPECT_EQ(ExrFile(folder_ / "out.exr").channel("A").type, Imf::HALF);
 }
 
+// LRHS's own alpha is another one where an option names HRLS's.
+TEST_F(CliCompanions, AnAlphaThatAnOptionNamesIsCopied) {
+  const std::vector<std::string> names = {
+      "R", "G", "B", "A", "normal.X", "normal.Y", "normal.Z", "albedo.R", "albedo.G", "albedo.B", "mask"};
+  write_image(folder_ / "low.exr", kAlphaNames, random_image(kAlphaNames, 8, 6, 1));
+  write_image(folder_ / "high.exr", names, random_image(names, 32, 24, 2));
+  fuse_to("out.exr", "low.exr", "high.exr", {"--map", "alpha=mask"});
+  EXPECT_EQ(read("out.exr", {"A"}).data, read("high.exr", {"mask"}).data);
+}
+
 TEST_F(CliCompanions, PartsOfTheLightAddUpToTheColor) {
   Image low = random_image(kLitNames, 8, 6, 3), high = random_image(kLitNames, 32, 24, 4);
   for (Image* image : {&low, &high}) {

@@ -97,6 +97,10 @@ TEST_F(ModelTest, AModelThatKnowsSamplesHasBiasesForThem) {
     EXPECT_TRUE(contains(message, layer)) << message;
   }
   SafeTensors content = read_safetensors(golden_model_path("spp-x4"));
+  SafeTensors endless = content;
+  endless.tensors.at("joint.widths").values[4] = 100;
+  write_safetensors(file_, endless);
+  EXPECT_TRUE(contains(error_of([&] { Model model(file_); }), "joint.widths gives a factor"));
   content.metadata["knows_spp"] = "false";
   write_safetensors(file_, content);
   const std::string message = error_of([&] { Model model(file_); });

@@ -51,7 +51,7 @@ class View:
         A render of 1 / s^2 of the pixels takes 1 / s^2 of the time. Other load on the machine only makes it slower, so
         the line is fitted to the lower quartile (of relative deviations, by reweighted least squares).
         """
-        files = self.record["files"].values()
+        files = [file for file in self.record["files"].values() if "seconds" in file]
         spp = numpy.array([file["spp"] for file in files])
         seconds = numpy.array([file["seconds"] * file.get("scale", 1) ** 2 for file in files])
         line = numpy.polyfit(spp, seconds, 1, w=1 / seconds)
@@ -62,7 +62,7 @@ class View:
         return line
 
     def seconds(self, spp, scale=1):
-        """Returns the time of a render of every scale-th pixel, with that many samples each."""
+        """Returns the time of a render at 1 / scale of the size, with that many samples a pixel."""
         return float(numpy.polyval(self.cost, spp)) / scale**2
 
     @functools.lru_cache(maxsize=2)

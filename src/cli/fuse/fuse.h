@@ -179,7 +179,8 @@ std::vector<std::string> passed_channels(const FuseFiles& files, const FuseArgum
 // Returns the name of the output's channel for red (0), green or blue light of one of kLightParts.
 std::string light_channel(const std::string& part, int c);
 
-// Returns whether both files have an alpha. It is copied nevertheless where it has one value everywhere.
+// Returns whether both files have an alpha of floats that lies as the color does. It is copied nevertheless
+// where it has one value everywhere.
 bool fuses_alpha(const FuseFiles& files);
 
 // Reads what is fused beside the color: an alpha that is not the same everywhere, and the parts of the light

@@ -50,7 +50,7 @@ std::array<Image, 3> read_light(ExrFile& file, const LayerMap& map, const char* 
 }
 
 // Returns the HRLS image of a companion. It has a surface of the same normals that sends out nothing but the
-// companion's light, and for alpha it is white where the pixel is covered.
+// companion's light. For alpha an albedo that the image holds is white where the pixel is covered.
 Image hrls_of(const FuseFrame& frame, const Companion& companion) {
   const bool is_alpha = companion.name == kAlpha;
   Image hrls = frame.images.hrls;
@@ -105,7 +105,16 @@ void share_out(const Image& color, std::map<std::string, Image>& parts) {
 
 }  // namespace
 
-bool fuses_alpha(const FuseFiles& files) { return files.hrls_map.alpha && files.lrhs_map.alpha; }
+bool fuses_alpha(const FuseFiles& files) {
+  if (!files.hrls_map.alpha || !files.lrhs_map.alpha) return false;
+  const ExrChannel &own = files.lrhs.channel(*files.lrhs_map.alpha),
+                   &other = files.hrls.channel(*files.hrls_map.alpha);
+  const auto is_plain = [](const ExrChannel& channel) {
+    return channel.type != Imf::UINT && channel.x_sampling == 1 && channel.y_sampling == 1;
+  };
+  return is_plain(own) && is_plain(other) &&
+         files.lrhs.header(own.part).dataWindow() == files.lrhs_windows.data;
+}
 
 void load_companions(FuseFrame& frame) {
   FuseFiles& files = frame.files;

@@ -27,9 +27,19 @@ std::vector<int> scales_of(const Architecture& model) {
   return scale == 4 ? std::vector{4, 8} : std::vector{scale};
 }
 
+// Drops from LRHS's map what `choice` takes from other channels of HRLS, as LRHS's own would not match.
+void drop_mapped(const LayerChoice& choice, LayerMap& map) {
+  for (const auto& [layer, channels] : choice.overrides) {
+    if (layer == "alpha") map.alpha.reset();
+    if (layer != "color") map.layers.erase(layer);
+  }
+}
+
 LayerMap map_lrhs(const FuseArguments& arguments, const ExrFile& lrhs) try {
-  LayerMap map = arguments.lrhs_map.empty() ? map_color(lrhs, parse_layer_choice(arguments.map))
-                                            : map_layers(lrhs, parse_layer_choice(arguments.lrhs_map));
+  const bool has_own = !arguments.lrhs_map.empty();
+  const LayerChoice choice = parse_layer_choice(has_own ? arguments.lrhs_map : arguments.map);
+  LayerMap map = has_own ? map_layers(lrhs, choice) : map_color(lrhs, choice);
+  if (!has_own) drop_mapped(choice, map);
   require_layers(map, kColor, lrhs.path().string());
   return map;
 } catch (const Error& error) {

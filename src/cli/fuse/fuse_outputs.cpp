@@ -60,7 +60,8 @@ void stage_image(FuseFrame& frame) {
   for (const auto& [name, image] : frame.result.companions) {
     if (name == kAlpha) {
       const ExrChannel& alpha = files.hrls.channel(*files.hrls_map.alpha);
-      output.planes.push_back({arguments.keep_layers ? alpha.name : "A", type, image.plane(0)});
+      output.planes.push_back({arguments.keep_layers ? alpha.name : "A",
+                               output_type(arguments.output_type, alpha.type), image.plane(0)});
     } else {
       for (int c = 0; c < 3; ++c) output.planes.push_back({light_channel(name, c), type, image.plane(c)});
     }

@@ -96,9 +96,10 @@ std::string sampling_text(const FuseFiles& files) {
 
 // Says how many samples the model takes the renders to have.
 std::string samples_text(const FuseFiles& files) {
-  const auto [lrhs, hrls] = files.samples.known(uint32_t(files.frame.scale));
+  const auto [lrhs, hrls] = files.model_samples().known(uint32_t(files.canvas.scale));
+  const int upsampled = files.upsampling() * files.upsampling();
   const bool said = files.samples.lrhs > 0 && files.samples.hrls > 0;
-  return fmt::format("{:g} and {:g} samples a pixel{}", lrhs, hrls,
+  return fmt::format("{:g} and {:g} samples a pixel{}", lrhs * float(upsampled), hrls,
                      said ? "" : ", as the files do not say (--lrhs-spp, --hrls-spp)");
 }
 
@@ -138,7 +139,8 @@ std::vector<std::string> findings(const FuseFiles& files) {
   add_view_layers("HRLS", files.hrls_map, found);
   if (!files.absent_layers.empty()) found.push_back(absent_text(files.absent_layers));
   if (!files.model->architecture().trained_on(files.model_phase() > 0))
-    found.push_back(fmt::format("{} was not trained on {} LRHS", files.model->name(), sampling_name(files)));
+    found.push_back(fmt::format("{} was not trained on {} LRHS", files.model->name(),
+                                files.model_phase() > 0 ? "centered" : "nearest"));
   return found;
 }
 
