@@ -22,10 +22,6 @@ class CliCompanions : public Cli {
     const ProcessResult result = run(arguments);
     ASSERT_EQ(result.exit_status, 0) << result.err;
   }
-
-  static void copy_planes(const Image& from, int first, Image& to, int at) {
-    std::copy_n(from.plane(first), 3 * from.plane_size(), to.plane(at));
-  }
 };
 
 // Fills the part left of column `edge` with 1 and the rest with 0. The column has `even` and `odd` in turn.

@@ -206,6 +206,11 @@ def lead(model, i, view, store, rivals=RIVALS["lead"], scale=None):
     return own.psnr - max(s.psnr for s in others), min(s.relmse for s in others) / own.relmse
 
 
+def spread(decibels):
+    """Returns the texts of the median, the least and the most."""
+    return [f"{value:+.2f}" for value in (statistics.median(decibels), min(decibels), max(decibels))]
+
+
 def lead_sheet(name, models, views, store):
     rows = []
     for model, scale, pair, i in pairings(models):
@@ -214,8 +219,7 @@ def lead_sheet(name, models, views, store):
             continue
         psnr, relmse = zip(*leads)
         ahead = [f"{sum(p > 0 for p in psnr)} of {len(views)}", f"{sum(r > 1 for r in relmse)} of {len(views)}"]
-        decibels = [f"{value:+.2f}" for value in (statistics.median(psnr), min(psnr), max(psnr))]
-        rows.append([label(model, scale, pair), *ahead, *decibels, f"{statistics.median(relmse):.2f}"])
+        rows.append([label(model, scale, pair), *ahead, *spread(psnr), f"{statistics.median(relmse):.2f}"])
     head = ["", "ahead in PSNR", "ahead in RelMSE", "lead, median dB", "least", "most", "RelMSE / own, median"]
     return Sheet(name, head, rows)
 
@@ -259,9 +263,8 @@ def equal_seconds_sheet(models, views, store):
         if not leads or not all(leads):
             continue
         psnr, seconds = zip(*leads)
-        decibels = [f"{value:+.2f}" for value in (statistics.median(psnr), min(psnr), max(psnr))]
         ahead = f"{sum(p > 0 for p in psnr)} of {len(views)}"
-        rows.append([label(model, scale, pair), f"{statistics.median(seconds):.1f}", ahead, *decibels])
+        rows.append([label(model, scale, pair), f"{statistics.median(seconds):.1f}", ahead, *spread(psnr)])
     return Sheet("equal-seconds", ["", "seconds", "ahead in PSNR", "lead, median dB", "least", "most"], rows)
 
 

@@ -4,6 +4,7 @@
 The views show models of Scopia.sh3f in layouts of test_scenes.py; no training uses either. Each view has HRLS of 1 to
 8 spp (with layers), plain renders of 16 and 32 spp, ordinary small renders of three scales, decimated ones of as
 many, and the reference.
+
 References take most of the time. Those in data/test, compressed with an error of about 60 dB, are taken from there;
 --references renders them anew.
 """

@@ -72,11 +72,11 @@ Image hrls_of(const FuseFrame& frame, const Companion& companion) {
 }
 
 // Limits a fused alpha to what HRLS has in the 3x3 pixels around, and LRHS in the cell: only edges change.
-void limit_alpha(Image& fused, const Companion& alpha, uint32_t scale) {
-  const int height = fused.height, width = fused.width, s = int(scale);
+void limit_alpha(Image& fused, const Companion& alpha, int scale) {
+  const int height = fused.height, width = fused.width;
   for (int y = 0; y < height; ++y) {
     for (int x = 0; x < width; ++x) {
-      float least = alpha.lrhs.at(0, y / s, x / s), most = least;
+      float least = alpha.lrhs.at(0, y / scale, x / scale), most = least;
       for (int near_y = std::max(y - 1, 0); near_y <= std::min(y + 1, height - 1); ++near_y) {
         for (int near_x = std::max(x - 1, 0); near_x <= std::min(x + 1, width - 1); ++near_x) {
           const float value = alpha.hrls.at(0, near_y, near_x);
@@ -91,15 +91,12 @@ void limit_alpha(Image& fused, const Companion& alpha, uint32_t scale) {
 
 // Scales the fused parts so that they add up to the fused color. Light that no part has becomes the last's.
 void share_out(const Image& color, std::map<std::string, Image>& parts) {
+  float *diffuse = parts.at(kLightParts[0]).plane(0), *specular = parts.at(kLightParts[1]).plane(0),
+        *rest = parts.at(kLightParts[2]).plane(0);
   for (size_t i = 0; i < color.data.size(); ++i) {
-    std::array<float*, kLightParts.size()> values;
-    float sum = 0;
-    for (size_t p = 0; p < kLightParts.size(); ++p) {
-      values[p] = &parts.at(kLightParts[p]).data[i];
-      sum += *values[p];
-    }
-    for (float* value : values) *value = sum > 0 ? *value / sum * color.data[i] : 0;
-    if (!(sum > 0)) *values.back() = color.data[i];
+    const float sum = diffuse[i] + specular[i] + rest[i];
+    for (float* part : {diffuse, specular, rest}) part[i] = sum > 0 ? part[i] / sum * color.data[i] : 0;
+    if (!(sum > 0)) rest[i] = color.data[i];
   }
 }
 
@@ -146,7 +143,7 @@ void fuse_companions(FuseFrame& frame, const FuseOne& fuse) {
     const bool is_alpha = companion.name == kAlpha;
     Image& image = fused[companion.name];
     image = fuse(companion.lrhs, hrls_of(frame, companion), is_alpha ? 1 : images.exposure);
-    if (is_alpha) limit_alpha(image, companion, uint32_t(frame.files.canvas.scale));
+    if (is_alpha) limit_alpha(image, companion, frame.files.canvas.scale);
     image = seen_through(std::move(image), frame.files.canvas.hrls, frame.files.window);
     companion.lrhs = companion.hrls = {};
   }
