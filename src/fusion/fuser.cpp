@@ -230,25 +230,25 @@ void Fuser::check_sizes(const Image& lrhs, const Image& hrls) const {
 }
 
 FuseReport Fuser::fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress,
-                       float exposure) {
+                       float exposure, size_t sequence) {
   check_sizes(lrhs, hrls);
   if (fused.width != hrls.width || fused.height != hrls.height || fused.channels != 3) {
     fused = Image(hrls.width, hrls.height, 3);
   }
-  return fuse(lrhs.data.data(), hrls.data.data(), fused.data.data(), progress, exposure);
+  return fuse(lrhs.data.data(), hrls.data.data(), fused.data.data(), progress, exposure, sequence);
 }
 
 FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress,
-                       float exposure) {
+                       float exposure, size_t sequence) {
   if (exposure != 0) check_exposure(exposure);
   if (options_.frame_images.any()) throw Error("fuse() cannot be used with frame_images, expected record()");
   // The default exposure is the whole frame's, so that all tiles have the same.
   const float factor = exposure != 0 ? exposure : this->exposure(lrhs);
   if (options_.skip_unchanged) {
-    if (!last_frame_) {
-      const TileSize frame = plan_.tiling.frame;
-      last_frame_.emplace(frame, model_.architecture().scale, image_shapes(frame)[1].channels);
-    }
+    const TileSize frame = plan_.tiling.frame;
+    const uint32_t channels = image_shapes(frame)[1].channels;
+    const auto found = last_frames_.try_emplace(sequence, frame, model_.architecture().scale, channels).first;
+    last_frame_ = &found->second;
     last_frame_->begin(lrhs, hrls, factor);
   }
   // The counts are reset however this ends, since take_status() counts recorded frames only.

@@ -113,14 +113,14 @@ class Fuser {
   // frame starts again with smaller tiles, unless record(), or prepare() of another size, was called before:
   // recordings may still be submitted. Throws NotFinite, Cancelled and Error, also with
   // FuserOptions::frame_images; `fused` may then hold some tiles, and the next call works if the device does.
-  // FuserOptions::skip_unchanged keeps the inputs and the output for the next call, and the bits are those of
-  // a first call. `exposure` is the factor of radiance for the network, to be given for parts of a larger
-  // frame; 0 means exposure().
+  // FuserOptions::skip_unchanged keeps the inputs and the output for the next call of the same `sequence`,
+  // and the bits are those of a first call. `exposure` is the factor of radiance for the network, to be given
+  // for parts of a larger frame; 0 means exposure().
   FuseReport fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress = {},
-                  float exposure = 0);
+                  float exposure = 0, size_t sequence = 0);
   // Does the same on planar, dense memory of the caller's, whose sizes are not checked.
   FuseReport fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress = {},
-                  float exposure = 0);
+                  float exposure = 0, size_t sequence = 0);
 
  private:
   static constexpr uint32_t kHostSet = kFramesInFlight;  // the descriptor set of fuse()'s own recordings
@@ -187,7 +187,8 @@ class Fuser {
   std::unique_ptr<Host> host_;
   std::unique_ptr<Fuser> wide_;  // fuses one tile in 32 bits; made when first needed
   bool last_redone_ = false;
-  std::optional<LastFrame> last_frame_;  // made by the first fuse() with FuserOptions::skip_unchanged
+  std::map<size_t, LastFrame> last_frames_;  // keyed by sequence; see FuserOptions::skip_unchanged
+  LastFrame* last_frame_ = nullptr;          // the one of the frame at hand
 };
 
 }  // namespace raymeld

@@ -1,8 +1,12 @@
 // Tests what is fused beside the color: alpha, and with --layers the parts of the light.
+#include <map>
+
 #include "cli_fixture.h"
 
 namespace raymeld::test {
 namespace {
+
+using Json = nlohmann::json;
 
 const std::vector<std::string> kLitNames = {
     "R",        "G",         "B",         "normal.X",  "normal.Y",   "normal.Z",   "albedo.R",  "albedo.G",
@@ -133,6 +137,31 @@ TEST_F(CliCompanions, PartsOfTheLightAddUpToTheColor) {
   fuse_to("kept.exr", "low.exr", "high.exr", {"--layers", "--input-exposure", "1", "--keep-layers"});
   EXPECT_EQ(read("kept.exr", {"diffuse.R"}).data, read("out.exr", {"diffuse.R"}).data);
   EXPECT_EQ(read("kept.exr", {"albedo.R"}).data, read("high.exr", {"albedo.R"}).data);
+}
+
+// Values that are not finite are warned of once, and each run of the network counts in the plan.
+TEST_F(CliCompanions, WarningsAndRunsAreCountedOnce) {
+  Image low = random_image(kLitNames, 8, 6, 3), high = random_image(kLitNames, 32, 24, 4);
+  for (const int channel : {0, 9, 12}) low.at(channel, 1, 1) = high.at(channel, 2, 2) = NAN;
+  write_image(folder_ / "low.exr", kLitNames, low);
+  write_image(folder_ / "high.exr", kLitNames, high);
+  const auto warnings = [&](const std::vector<std::string>& more) {
+    const Json json = run_json(fuse(more));
+    std::map<std::string, int> counts;
+    for (const Json& warning : json.at("warnings")) {
+      const std::string text = warning.at("message");
+      if (text.find("are NaN") != std::string::npos)
+        counts[text.substr(0, 4)] += warning.at("count").get<int>();
+    }
+    return counts;
+  };
+  const std::map<std::string, int> expected{{"LRHS", 3}, {"HRLS", 3}};
+  EXPECT_EQ(warnings({"--layers", "--json"}), expected);
+  const Json plan = run_json(fuse({"--dry-run", "--json"})),
+             all = run_json(fuse({"--layers", "--dry-run", "--json"}));
+  EXPECT_EQ(plan.at("runs"), 1);
+  EXPECT_EQ(all.at("runs"), 4);
+  EXPECT_DOUBLE_EQ(all.at("gflop"), 4 * plan.at("gflop").get<double>());
 }
 
 TEST_F(CliCompanions, PartsOfTheLightNeedTheLayers) {

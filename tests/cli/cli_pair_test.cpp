@@ -4,6 +4,7 @@
 
 #include <map>
 
+#include "choice/metrics.h"
 #include "cli_fixture.h"
 #include "made_pair.h"
 
@@ -108,6 +109,8 @@ TEST_F(CliPair, AnX4ModelFusesAnLrhsOfX8) {
   const Image low = random_image(kColorNames, 7, 5, 1), high = random_image(kLayeredNames, 56, 40, 2);
   write_image(folder_ / "low.exr", kColorNames, low, Imf::FLOAT);
   write_image(folder_ / "high.exr", kLayeredNames, high, Imf::FLOAT);
+  const Image reference = first_channels(high, 3);
+  write_image(folder_ / "reference.exr", kColorNames, reference, Imf::FLOAT);
   const auto fuse_to = [&](const std::string& output, const std::string& lrhs, const std::string& sampling,
                            const std::string& spp, const std::vector<std::string>& more = {}) {
     std::vector<std::string> arguments{"fuse",
@@ -157,8 +160,11 @@ TEST_F(CliPair, AnX4ModelFusesAnLrhsOfX8) {
       }
     }
     write_image(folder_ / "twice.exr", kColorNames, twice, Imf::FLOAT);
-    const nlohmann::json report = fuse_to("out.exr", "low.exr", sampling, "64");
+    const nlohmann::json report =
+        fuse_to("out.exr", "low.exr", sampling, "64", {"--reference", "reference.exr"});
     EXPECT_EQ(report.at("scale"), 8);
+    const double bicubic = psnr_srgb(upsample_bicubic(low, 8, float(phase)), reference);
+    EXPECT_NEAR(report.at("metrics").at("bicubic_lrhs").at("psnr_db").get<double>(), bicubic, 1e-3);
     EXPECT_EQ(report.at("lrhs_sampling"), sampling);
     fuse_to("twice-out.exr", "twice.exr", "centered", "16");
     const Image fused = read("out.exr"), expected = read("twice-out.exr");

@@ -202,6 +202,24 @@ TEST_F(ChangedTest, WhatOverflowsIsComputedAgainAsAWhole) {
   }
 }
 
+// Frames of different sequences are not compared with each other.
+TEST_F(ChangedTest, EachSequenceHasALastFrame) {
+  const Architecture a = small_architecture(2);
+  const Model model = model_of(a);
+  Fuser fuser = make(model, {});
+  const std::array scenes = {make_scene(a, 8), make_scene(a, 9)};
+  std::array<Image, 2> first;
+  for (const double skipped : {0, 1}) {
+    for (size_t i : {0, 1}) {
+      Image fused;
+      EXPECT_EQ(fuser.fuse(scenes[i].lrhs, scenes[i].hrls, fused, {}, 1, i).skipped_share, skipped) << i;
+      if (skipped == 0) first[i] = fused;
+      EXPECT_EQ(fused.data, first[i].data) << i;
+    }
+  }
+  EXPECT_NE(first[0].data, first[1].data);
+}
+
 TEST_F(ChangedTest, WhoCannotKnowWhatChangedIsTold) {
   const Model model = model_of(small_architecture(2));
   Fuser fuser = make(model, {});

@@ -39,6 +39,7 @@ struct Timer {
   LastModel& models;
   Console& console;
   bool sequence;
+  double runs;  // the network's runs for a frame
   FrameTimes times{device};
 
   // Returns none if the model was not measured and `measures` is false.
@@ -56,7 +57,7 @@ struct Timer {
       time = times.measure(*files.model, height, width, options);
     }
     if (!time) return {};
-    return sequence ? time->further_ms : time->first_ms;
+    return (sequence ? time->further_ms : time->first_ms) + (runs - 1) * time->further_ms;
   }
 };
 
@@ -113,9 +114,9 @@ std::optional<ModelRequest> parse_budget(const std::string& text) {
 Choice choose_model(const FuseArguments& arguments, bool sequence, const Device& device, LastModel& models,
                     Console& console) {
   const ModelRequest& request = arguments.request.value();
-  const FuseFiles files = open_files(arguments, models);
+  FuseFiles files = open_files(arguments, models);
   const std::vector<CurvePoint> points = models_of(files.frame.scale);
-  Timer timer{arguments, device, models, console, sequence};
+  Timer timer{arguments, device, models, console, sequence, double(count_runs(files, arguments))};
   const Candidates candidates = candidates_of(points, timer, request.kind == ModelRequest::Kind::kBudget);
   const std::vector<Candidate> front = front_of(candidates.all);
 

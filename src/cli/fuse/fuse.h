@@ -110,9 +110,9 @@ struct FuseFiles {
 };
 
 inline const std::string kAlpha = "alpha";
-// The parts of the light that --layers writes, and the layers that they are computed from.
+// The parts of the light that --layers writes, and the layers that both files must have for them.
 inline const std::array<std::string, 3> kLightParts = {"diffuse", "specular", "emission"};
-inline const std::vector<std::string> kReadLight = {"color", "diffuse", "specular"};
+inline const std::vector<std::string> kSplitLight = {"diffuse", "specular"};
 
 // Holds an image that is fused as the color is, with the same guides: alpha, in three equal channels, or one
 // of kLightParts. Emission is all light that is neither diffuse nor specular.
@@ -121,8 +121,14 @@ struct Companion {
   Image lrhs, hrls;  // (3, h, w) and (3, s h, s w) of the canvas
 };
 
+// Holds the inputs as the user sees them beside the fused image, (3, H, W) of the window.
+struct ShownInputs {
+  Image bicubic, hrls;
+};
+
 struct FuseImages {
   Image lrhs, hrls;                   // the canvas: (3, h, w) and (K, s h, s w), all finite
+  ShownInputs shown;                  // empty unless the fused image is compared with them
   ConstantLayers constants;           // constant and absent layers, which `hrls` does not hold
   float exposure = 1;                 // the whole frame's exposure, see FuserOptions
   std::optional<Image> reference;     // (3, H, W) of the window
@@ -134,7 +140,7 @@ struct FuseResult {
   Image fused;                              // (3, H, W) of the window
   std::map<std::string, Image> companions;  // each (3, H, W); alpha counts in the first channel only
   FuseReport report;
-  double time_ms = 0;  // time of Fuser::fuse(), which --budget limits
+  double time_ms = 0;  // time of Fuser::fuse(), companions included, which --budget limits
   Tiling tiling;
   uint64_t allocated_bytes = 0;
   Storage storage = Storage::kFloat32;  // 32 bits also if every tile was computed again in them
@@ -156,14 +162,8 @@ struct FuseFrame {
   StagedFiles staged;
   std::vector<Phase> phases = {};  // finished phases, in their order
 
-  bool has_companion(const std::string& name) const {
-    return std::ranges::find(images.companions, name, &Companion::name) != images.companions.end();
-  }
-
-  // Drops the inputs, often the largest part of a frame's memory, unless outputs show them.
-  void drop_inputs() {
-    if (!arguments.compares()) images.hrls = {};
-  }
+  // Drops what only the network reads, often the largest part of a frame's memory.
+  void drop_inputs() { images.hrls = {}; }
 };
 
 // Runs the command for one frame. Throws Error and Cancelled, and then leaves no output behind.
@@ -179,13 +179,15 @@ std::vector<std::string> passed_channels(const FuseFiles& files, const FuseArgum
 // Returns the name of the output's channel for red (0), green or blue light of one of kLightParts.
 std::string light_channel(const std::string& part, int c);
 
-// Returns whether both files have an alpha of floats that lies as the color does. It is copied nevertheless
-// where it has one value everywhere.
-bool fuses_alpha(const FuseFiles& files);
+// Takes HRLS's alpha as a companion if LRHS has one too, and returns whether it did. An alpha that is the
+// same everywhere is to be copied. Throws Error.
+bool load_alpha(FuseFrame& frame, const ExrRawChannel& of_hrls);
 
-// Reads what is fused beside the color: an alpha that is not the same everywhere, and the parts of the light
-// if the options ask for them. Throws Error.
-void load_companions(FuseFrame& frame);
+// Reads the parts of the light as companions, after the color. Throws Error.
+void load_light(FuseFrame& frame);
+
+// Returns how often the network will run for a frame, judged by alpha's pixels and the options. Throws Error.
+int count_runs(FuseFiles& files, const FuseArguments& arguments);
 
 // Fuses an LRHS (3, h, w) and an HRLS of image_layers() with a factor of radiance.
 using FuseOne = std::function<Image(const Image& lrhs, const Image& hrls, float exposure)>;
@@ -209,6 +211,9 @@ Image load_hrls(FuseFiles& files, std::span<const std::string> layers, Console& 
 // that does not, as far as --pair-check says so. `layers` are the layers in `hrls`, color first.
 void examine(const FuseArguments& arguments, FuseFiles& files, Image& lrhs, const Image& hrls,
              std::span<const std::string> layers, Console& console);
+
+// Makes LRHS as bright as HRLS, as examine() found.
+void match_brightness(const FuseFiles& files, Image& lrhs);
 
 struct ColorPair {
   Image lrhs, hrls;

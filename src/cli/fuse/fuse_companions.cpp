@@ -1,15 +1,31 @@
 // Fuses alpha and the parts of the light beside the color, through the same network.
 #include <algorithm>
+#include <cstring>
 
 #include "cli/common/inputs.h"
 #include "cli/fuse/fuse.h"
+#include "io/exr_window.h"
 #include "model/constant_layers.h"
 
 namespace raymeld::cli {
 namespace {
 
-bool is_even(const Image& image, float value) {
-  return std::ranges::all_of(image.data, [=](float other) { return other == value; });
+bool is_even(const ExrRawChannel& channel) {
+  const auto& bytes = channel.bytes;
+  const size_t size = channel.type == Imf::HALF ? 2 : 4;
+  return std::memcmp(bytes.data(), bytes.data() + size, bytes.size() - size) == 0;
+}
+
+Image as_floats(const ExrRawChannel& channel) {
+  Image image(width_of(channel.data_window), height_of(channel.data_window), 1);
+  if (channel.type == Imf::HALF) {
+    std::vector<half> halves(image.data.size());
+    std::memcpy(halves.data(), channel.bytes.data(), channel.bytes.size());
+    std::ranges::copy(halves, image.data.begin());
+  } else {
+    std::memcpy(image.data.data(), channel.bytes.data(), channel.bytes.size());
+  }
+  return image;
 }
 
 // Returns a channel three times, as the network reads a color.
@@ -22,31 +38,45 @@ Image grey(Image image) {
   return image;
 }
 
-Image read_alpha(ExrFile& file, const std::string& channel, const char* role, Console& console) {
-  const std::string names[] = {channel};
-  Image alpha = file.read(names);
-  sanitize_input(alpha, role, file.path(), console);
-  return alpha;
+// Holds alpha as both files have it, (1, h, w) and (1, H, W).
+struct AlphaPair {
+  Image lrhs, hrls;
+};
+
+// Returns whether both files have an alpha of floats that lies as the color does.
+bool have_alphas(const FuseFiles& files) {
+  if (!files.hrls_map.alpha || !files.lrhs_map.alpha) return false;
+  const ExrChannel &own = files.lrhs.channel(*files.lrhs_map.alpha),
+                   &other = files.hrls.channel(*files.hrls_map.alpha);
+  const auto is_plain = [](const ExrChannel& channel) {
+    return channel.type != Imf::UINT && channel.x_sampling == 1 && channel.y_sampling == 1;
+  };
+  return is_plain(own) && is_plain(other) &&
+         files.lrhs.header(own.part).dataWindow() == files.lrhs_windows.data;
 }
 
-// Returns images of (3, H, W) each: diffuse, specular, and emission, which is all other light.
-std::array<Image, 3> split_light(const Image& read) {
-  const size_t count = 3 * read.plane_size();
+// Returns the alphas if they are to be fused. One that is the same everywhere is copied.
+std::optional<AlphaPair> varying_alphas(FuseFiles& files, const ExrRawChannel& of_hrls) {
+  if (!have_alphas(files)) return {};
+  AlphaPair pair{files.lrhs.read(std::array{*files.lrhs_map.alpha}), as_floats(of_hrls)};
+  const float value = pair.hrls.data[0];
+  const auto is_value = [=](float other) { return other == value; };
+  if (is_even(of_hrls) && std::ranges::all_of(pair.lrhs.data, is_value)) return {};
+  return pair;
+}
+
+// Returns diffuse, specular, and emission, which is all other light, (3, H, W) each, of a color (3, H, W) and
+// `split` (6, H, W) of kSplitLight.
+std::array<Image, 3> parts_of(const Image& color, const Image& split) {
   std::array<Image, 3> parts;
-  for (int i = 0; i < 3; ++i) {
-    parts[size_t(i)] = Image(read.width, read.height, 3);
-    std::copy_n(read.plane(3 * ((i + 1) % 3)), count, parts[size_t(i)].plane(0));
+  parts.fill(Image(color.width, color.height, 3));
+  const size_t count = 3 * color.plane_size();
+  for (size_t i = 0; i < count; ++i) {
+    parts[0].data[i] = split.data[i];
+    parts[1].data[i] = split.data[count + i];
+    parts[2].data[i] = std::max(color.data[i] - split.data[i] - split.data[count + i], 0.0f);
   }
-  Image& rest = parts[2];
-  for (size_t i = 0; i < count; ++i)
-    rest.data[i] = std::max(rest.data[i] - parts[0].data[i] - parts[1].data[i], 0.0f);
   return parts;
-}
-
-std::array<Image, 3> read_light(ExrFile& file, const LayerMap& map, const char* role, Console& console) {
-  Image read = load_layers(file, map, kReadLight);
-  sanitize_input(read, role, file.path(), console);
-  return split_light(read);
 }
 
 // Returns the HRLS image of a companion. It has a surface of the same normals that sends out nothing but the
@@ -102,38 +132,43 @@ void share_out(const Image& color, std::map<std::string, Image>& parts) {
 
 }  // namespace
 
-bool fuses_alpha(const FuseFiles& files) {
-  if (!files.hrls_map.alpha || !files.lrhs_map.alpha) return false;
-  const ExrChannel &own = files.lrhs.channel(*files.lrhs_map.alpha),
-                   &other = files.hrls.channel(*files.hrls_map.alpha);
-  const auto is_plain = [](const ExrChannel& channel) {
-    return channel.type != Imf::UINT && channel.x_sampling == 1 && channel.y_sampling == 1;
-  };
-  return is_plain(own) && is_plain(other) &&
-         files.lrhs.header(own.part).dataWindow() == files.lrhs_windows.data;
+bool load_alpha(FuseFrame& frame, const ExrRawChannel& of_hrls) {
+  FuseFiles& files = frame.files;
+  auto alphas = varying_alphas(files, of_hrls);
+  if (!alphas) return false;
+  sanitize_input(alphas->lrhs, "LRHS", files.lrhs.path(), frame.console);
+  sanitize_input(alphas->hrls, "HRLS", files.hrls.path(), frame.console);
+  frame.images.companions.push_back(
+      {kAlpha, for_canvas(files, grey(std::move(alphas->lrhs)), files.lrhs_windows.data),
+       seen_through(grey(std::move(alphas->hrls)), files.hrls_windows.data, files.canvas.hrls)});
+  return true;
 }
 
-void load_companions(FuseFrame& frame) {
+void load_light(FuseFrame& frame) {
   FuseFiles& files = frame.files;
-  const auto add = [&](const std::string& name, Image lrhs, Image hrls) {
-    lrhs = for_canvas(files, std::move(lrhs), files.lrhs_windows.data);
-    hrls = seen_through(std::move(hrls), files.hrls_windows.data, files.canvas.hrls);
-    frame.images.companions.push_back({name, std::move(lrhs), std::move(hrls)});
-  };
-  if (fuses_alpha(files)) {
-    Image lrhs = read_alpha(files.lrhs, *files.lrhs_map.alpha, "LRHS", frame.console);
-    Image hrls = read_alpha(files.hrls, *files.hrls_map.alpha, "HRLS", frame.console);
-    const float value = hrls.data[0];
-    if (!is_even(hrls, value) || !is_even(lrhs, value))
-      add(kAlpha, grey(std::move(lrhs)), grey(std::move(hrls)));
+  const FuseImages& images = frame.images;
+  Image lrhs = load_layers(files.lrhs, files.lrhs_map, kSplitLight);
+  sanitize_input(lrhs, "LRHS", files.lrhs.path(), frame.console);
+  match_brightness(files, lrhs);
+  lrhs = for_canvas(files, std::move(lrhs), files.lrhs_windows.data);
+  Image hrls = load_layers(files.hrls, files.hrls_map, kSplitLight);
+  const auto& layers = files.model->architecture().hrls_layers;
+  const auto is_read = [&](const std::string& layer) { return std::ranges::count(layers, layer) > 0; };
+  if (std::ranges::all_of(kSplitLight, is_read)) {
+    sanitize(hrls);  // load_hrls() has warned
+  } else {
+    sanitize_input(hrls, "HRLS", files.hrls.path(), frame.console);
   }
-  if (!frame.arguments.layers) return;
-  auto lrhs = read_light(files.lrhs, files.lrhs_map, "LRHS", frame.console);
-  auto hrls = read_light(files.hrls, files.hrls_map, "HRLS", frame.console);
-  for (size_t i = 0; i < kLightParts.size(); ++i) {
-    for (float& value : lrhs[i].data) value *= files.pair.brightness;
-    add(kLightParts[i], std::move(lrhs[i]), std::move(hrls[i]));
-  }
+  hrls = seen_through(std::move(hrls), files.hrls_windows.data, files.canvas.hrls);
+  auto low = parts_of(images.lrhs, lrhs), high = parts_of(first_channels(images.hrls, 3), hrls);
+  for (size_t i = 0; i < kLightParts.size(); ++i)
+    frame.images.companions.push_back({kLightParts[i], std::move(low[i]), std::move(high[i])});
+}
+
+int count_runs(FuseFiles& files, const FuseArguments& arguments) {
+  const auto& alpha = files.hrls_map.alpha;
+  const bool fuses_alpha = alpha && have_alphas(files) && varying_alphas(files, files.hrls.read_raw(*alpha));
+  return 1 + (fuses_alpha ? 1 : 0) + (arguments.layers ? int(kLightParts.size()) : 0);
 }
 
 void fuse_companions(FuseFrame& frame, const FuseOne& fuse) {

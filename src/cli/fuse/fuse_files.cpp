@@ -163,9 +163,10 @@ Imath::Box2i find_window(const FuseArguments& arguments, const ExrFile& hrls, co
               window_text(data), hrls.path().string());
 }
 
-// Returns the part of `frame` that is computed for a window.
+// Returns the part of `frame` that is computed for a window. The variance of companions is found within it.
 Canvas find_canvas(const Canvas& frame, const Imath::Box2i& window, const Architecture& model) {
-  return part_of(frame, window, int(receptive_halo(model)));
+  const bool reads_variance = std::ranges::count(model.hrls_layers, "variance") > 0;
+  return part_of(frame, window, int(receptive_halo(model, reads_variance)));
 }
 
 // Returns the number of pixels of the canvas that LRHS has no data for.
@@ -249,8 +250,8 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
   require_layers(hrls_map, split_layers(image_layers(architecture, absent), guides_map).first,
                  hrls.path().string());
   if (arguments.layers) {
-    require_layers(lrhs_map, kReadLight, lrhs.path().string());
-    require_layers(hrls_map, kReadLight, hrls.path().string());
+    require_layers(lrhs_map, kSplitLight, lrhs.path().string());
+    require_layers(hrls_map, kSplitLight, hrls.path().string());
   }
   std::optional<ExrFile> reference;
   LayerMap reference_map;
@@ -361,6 +362,13 @@ void load_frame(FuseFrame& frame) {
   examine(frame.arguments, files, images.lrhs, images.hrls, image_layers(model, images.constants),
           frame.console);
   images.exposure = exposure_for(frame.arguments, *files.model, images.lrhs);
+  if (frame.arguments.compares()) {
+    const auto as_written = [&](Image image) {
+      return seen_through(std::move(image), files.frame.hrls, files.window);
+    };
+    images.shown = {as_written(upsample_bicubic(images.lrhs, files.frame.scale, files.phase)),
+                    as_written(first_channels(images.hrls, 3))};
+  }
   images.lrhs = for_canvas(files, std::move(images.lrhs), files.frame.lrhs);
   images.hrls = seen_through(std::move(images.hrls), files.frame.hrls, files.canvas.hrls);
   if (files.reference) {
@@ -368,13 +376,14 @@ void load_frame(FuseFrame& frame) {
     sanitize_input(*images.reference, "reference", files.reference->path(), frame.console);
     images.reference = seen_through(std::move(*images.reference), files.hrls_windows.data, files.window);
   }
-  load_companions(frame);
   const bool keeps = frame.arguments.keep_layers;
   for (const std::string& name : passed_channels(files, frame.arguments)) {
-    if (name == files.hrls_map.alpha && frame.has_companion(kAlpha)) continue;
-    images.passed.push_back(cropped(files.hrls.read_raw(name), files.window));
+    ExrRawChannel channel = files.hrls.read_raw(name);
+    if (name == files.hrls_map.alpha && load_alpha(frame, channel)) continue;
+    images.passed.push_back(cropped(std::move(channel), files.window));
     sanitize_passed(images.passed.back(), !keeps, files.hrls.path(), frame.console);
   }
+  if (frame.arguments.layers) load_light(frame);
 }
 
 }  // namespace raymeld::cli

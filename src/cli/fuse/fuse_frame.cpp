@@ -74,7 +74,6 @@ struct FrameFuser::Cached {
   uint32_t height, width;  // LRHS's size
   Storage storage;
   Fuser fuser;
-  std::optional<Fuser> beside;  // fuses companions where `fuser` keeps the color for the next frame
 
   Cached(const Device& device, const FuseFrame& frame, const FuserOptions& options)
       : model(frame.files.model),
@@ -91,13 +90,6 @@ struct FrameFuser::Cached {
     return model == frame.files.model && phase == frame.files.model_phase() &&
            samples == frame.files.model_samples() && constants == frame.images.constants &&
            height == uint32_t(lrhs.height) && width == uint32_t(lrhs.width);
-  }
-
-  Fuser& for_companions(const Device& device, FuserOptions options) {
-    if (!options.skip_unchanged) return fuser;
-    options.skip_unchanged = false;
-    if (!beside) beside.emplace(device, *model, height, width, options);
-    return *beside;
   }
 };
 
@@ -211,12 +203,14 @@ void FrameFuser::fuse(FuseFrame& frame, const Progress& progress) try {
   fuse_color(frame, cached, of_all);
   if (count == 1) return;
   const PhaseTimer timer(frame, "companions");
-  Fuser& fuser = cached.for_companions(
-      device_, options_of(frame.arguments, frame.files, device_, frame.images.constants));
   fuse_companions(frame, [&](const Image& lrhs, const Image& hrls, float exposure) {
     ++done;
+    Fuser& fuser = cached.fuser;
     Image fused;
-    const FuseReport report = fuser.fuse(lrhs, hrls, fused, of_all, exposure);
+    const Stopwatch watch;
+    const FuseReport report = fuser.fuse(lrhs, hrls, fused, of_all, exposure, done);
+    frame.result.time_ms += watch.ms();
+    frame.result.report.device_ms += report.device_ms;
     report_overflow(frame.arguments, report, fuser.plan().tiling.count(), frame.console);
     return fused;
   });

@@ -75,21 +75,7 @@ void stage_image(FuseFrame& frame) {
                        clamped);
 }
 
-// Holds the inputs that the fused image is compared with, (3, H, W) of the window. The canvas's halo is wider
-// than the neighbourhood that cubic interpolation reads.
-struct Comparison {
-  Image bicubic, hrls;
-};
-
-Comparison make_comparison(const FuseFiles& files, const FuseImages& images) {
-  const auto as_written = [&](Image image) {
-    return seen_through(std::move(image), files.canvas.hrls, files.window);
-  };
-  return {as_written(upsample_bicubic(images.lrhs, files.canvas.scale, files.model_phase())),
-          as_written(first_channels(images.hrls, 3))};
-}
-
-void stage_previews(FuseFrame& frame, const std::optional<Comparison>& comparison) {
+void stage_previews(FuseFrame& frame) {
   const FuseArguments& arguments = frame.arguments;
   const Image& fused = frame.result.fused;
   const auto picture = [&](const Image& image) { return to_srgb(image, arguments.exposure_stops); };
@@ -103,8 +89,8 @@ void stage_previews(FuseFrame& frame, const std::optional<Comparison>& compariso
     pictures.push_back(picture(image));
     add_label(pictures.back(), label);
   };
-  add(comparison->bicubic, "BICUBIC LRHS");
-  add(comparison->hrls, "HRLS");
+  add(frame.images.shown.bicubic, "BICUBIC LRHS");
+  add(frame.images.shown.hrls, "HRLS");
   add(fused, "FUSED");
   if (frame.images.reference) add(*frame.images.reference, "REFERENCE");
   stage(arguments.before_after, side_by_side(pictures));
@@ -128,16 +114,14 @@ std::vector<std::string> passed_channels(const FuseFiles& files, const FuseArgum
 
 QualityTable stage_outputs(FuseFrame& frame) {
   const PhaseTimer timer(frame, "write");
-  std::optional<Comparison> comparison;
-  if (frame.arguments.compares()) comparison = make_comparison(frame.files, frame.images);
-  stage_previews(frame, comparison);
+  stage_previews(frame);
   // The image comes last: it gets its name only when all other files have theirs.
   stage_image(frame);
   if (!frame.images.reference) return {};
   const Image& reference = *frame.images.reference;
   return {{"fused", measure(frame.result.fused, reference)},
-          {"bicubic_lrhs", measure(comparison->bicubic, reference)},
-          {"hrls", measure(comparison->hrls, reference)}};
+          {"bicubic_lrhs", measure(frame.images.shown.bicubic, reference)},
+          {"hrls", measure(frame.images.shown.hrls, reference)}};
 }
 
 }  // namespace raymeld::cli

@@ -64,7 +64,12 @@ void examine(const FuseArguments& arguments, FuseFiles& files, Image& lrhs, cons
                   "leaves it as it is",
                   files.lrhs.path().string(), 1 / found.brightness, files.hrls.path().string()),
       1);
-  for (float& value : lrhs.data) value = std::clamp(value * found.brightness, -65504.0f, 65504.0f);
+  match_brightness(files, lrhs);
+}
+
+void match_brightness(const FuseFiles& files, Image& lrhs) {
+  for (float& value : lrhs.data)
+    value = std::clamp(value * files.pair.brightness, -kLargestHalf, kLargestHalf);
 }
 
 }  // namespace raymeld::cli

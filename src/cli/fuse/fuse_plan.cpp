@@ -7,6 +7,7 @@ namespace {
 
 struct Plan {
   float exposure = 0;
+  int runs = 1;  // the network's runs, of which `fusion` is one
   FuserOptions options;
   FusePlan fusion;
 };
@@ -15,7 +16,7 @@ Plan make_plan(const FuseArguments& arguments, FuseFiles& files, const Device& d
   const ColorPair colors = load_colors(arguments, files, console);
   const float exposure = exposure_for(arguments, *files.model, colors.lrhs);
   const FuserOptions options = options_of(arguments, files, device, files.absent_layers);
-  return {exposure, options,
+  return {exposure, count_runs(files, arguments), options,
           plan_fusion(*files.model, uint32_t(height_of(files.canvas.lrhs)),
                       uint32_t(width_of(files.canvas.lrhs)), device.info(), options)};
 }
@@ -30,7 +31,8 @@ nlohmann::ordered_json plan_json(const FuseArguments& arguments, FuseFiles& file
   auto json = facts(files, device.info(), plan.options.storage, tiling, plan.exposure);
   json["tile_width"] = tiling.tile.width, json["tile_height"] = tiling.tile.height;
   json["halo"] = tiling.halo;
-  json["gflop"] = plan.fusion.flop * 1e-9;
+  json["runs"] = plan.runs;
+  json["gflop"] = plan.runs * plan.fusion.flop * 1e-9;
   json["peak_bytes"] = plan.fusion.peak_bytes();
   json["activation_bytes"] = graph.activation_bytes();
   json["unaliased_bytes"] = graph.unaliased_bytes();
@@ -50,7 +52,9 @@ std::string plan_text(const FuseArguments& arguments, FuseFiles& files, const De
                      channels_text(arguments, files), plan.exposure) +
          fmt::format("{} tile(s) of {} x {} LRHS pixels, halo {}; {:.3f} GFLOP, {:.1f} % of it for halos\n",
                      tiling.count(), tiling.tile.width, tiling.tile.height, tiling.halo,
-                     plan.fusion.flop * 1e-9, 100 - 100 / tiling.overhead()) +
+                     plan.runs * plan.fusion.flop * 1e-9, 100 - 100 / tiling.overhead()) +
+         (plan.runs == 1 ? ""
+                         : fmt::format("{} runs, for the color and what is fused beside it\n", plan.runs)) +
          fmt::format(
              "memory {:.1f} MiB: weights {:.1f}, activations {:.1f} ({:.1f} without aliasing), frame "
              "{:.1f}\n",
