@@ -45,6 +45,7 @@ void set_up(CLI::App& app) {
   add_compare(app);
   add_degrade(app);
   add_graph(app);
+  add_compile(app);
   add_tune(app);
   add_trade(app);
   add_conform(app);

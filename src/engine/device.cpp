@@ -5,6 +5,7 @@
 #include "engine/constants.h"
 #include "engine/instance.h"
 #include "engine/kernel_pool.h"
+#include "engine/pipeline_statistics.h"
 #include "error.h"
 
 namespace raymeld {
@@ -50,6 +51,8 @@ std::unique_ptr<Device> Device::create(const DeviceRequest& request) {
   const size_t chosen = select_device(infos, request.selector);
   device->adopt(candidates[chosen], static_cast<uint32_t>(chosen));
   device->find_queue_family();
+  device->tells_statistics_ =
+      request.pipeline_statistics && tells_pipeline_statistics(device->vk_, device->physical_device_);
   device->create_device();
   return device;
 }
@@ -159,15 +162,21 @@ void Device::create_device() {
     features.shaderInt64 = VK_TRUE;
     extensions.push_back(VK_KHR_BUFFER_DEVICE_ADDRESS_EXTENSION_NAME);
   }
-  CooperativeMatrixFeatures matrix(&storage, info_.cooperative_matrix.has_value());
-  if (info_.cooperative_matrix) {
-    extensions.insert(extensions.end(), matrix.kExtensions.begin(), matrix.kExtensions.end());
-  }
   if (info_.external_memory_fd) extensions.push_back(VK_KHR_EXTERNAL_MEMORY_FD_EXTENSION_NAME);
   if (info_.dma_buf) extensions.push_back(VK_EXT_EXTERNAL_MEMORY_DMA_BUF_EXTENSION_NAME);
+  auto statistics = vk_struct<VkPhysicalDevicePipelineExecutablePropertiesFeaturesKHR>(
+      VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PIPELINE_EXECUTABLE_PROPERTIES_FEATURES_KHR, &storage);
+  statistics.pipelineExecutableInfo = VK_TRUE;
+  void* chain = tells_statistics_ ? static_cast<void*>(&statistics) : &storage;
+  CooperativeMatrixFeatures matrix(chain, info_.cooperative_matrix.has_value());
+  if (tells_statistics_) extensions.push_back(VK_KHR_PIPELINE_EXECUTABLE_PROPERTIES_EXTENSION_NAME);
+  if (info_.cooperative_matrix) {
+    extensions.insert(extensions.end(), matrix.kExtensions.begin(), matrix.kExtensions.end());
+    chain = &matrix.matrix;
+  }
   info_.timeline_semaphore = false;  // no caller can make a semaphore of this device
   auto info = vk_struct<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO);
-  info.pNext = info_.cooperative_matrix ? static_cast<void*>(&matrix.matrix) : &storage;
+  info.pNext = chain;
   info.pEnabledFeatures = &features;
   info.enabledExtensionCount = static_cast<uint32_t>(extensions.size());
   info.ppEnabledExtensionNames = extensions.data();

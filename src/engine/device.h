@@ -60,6 +60,7 @@ struct DeviceRequest {
   // first integrated GPU, virtual GPU or CPU.
   std::string selector;
   Validation validation = Validation::kNone;
+  bool pipeline_statistics = false;  // asks the driver to keep what pipeline_executables() reads
   // Is called with each warning and error of the validation layers, those of the device's end included, by
   // any thread but one at a time.
   std::function<void(const std::string&)> on_message = {};
@@ -89,6 +90,8 @@ class Device {
   ConstantPool& constants() const { return *constants_; }
   KernelPool& kernels() const { return *kernels_; }
 
+  // Returns whether pipelines are made with statistics: they were asked for, and the driver has them.
+  bool tells_statistics() const { return tells_statistics_; }
   // Returns whether raymeld made the device, and not the caller.
   bool is_own() const { return owns_; }
 
@@ -119,6 +122,7 @@ class Device {
 
   VulkanFunctions vk_;
   bool owns_ = false;
+  bool tells_statistics_ = false;
   VkInstance instance_ = VK_NULL_HANDLE;
   VkDebugUtilsMessengerEXT messenger_ = VK_NULL_HANDLE;
   VkPhysicalDevice physical_device_ = VK_NULL_HANDLE;

@@ -28,6 +28,7 @@ Kernel::Kernel(const Device& device, VkPipelineCache cache, const KernelRecipe& 
                                             values.size() * sizeof(uint32_t), values.data()};
   auto info = vk_struct<VkComputePipelineCreateInfo>(VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO);
   info.flags = VK_PIPELINE_CREATE_DISPATCH_BASE_BIT;
+  if (device.tells_statistics()) info.flags |= VK_PIPELINE_CREATE_CAPTURE_STATISTICS_BIT_KHR;
   info.stage = {VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
                 nullptr,
                 recipe.stage_flags,

@@ -47,6 +47,10 @@ void VulkanFunctions::load_device(VkDevice device) {
 #define RAYMELD_LOAD(name) require(name, GetDeviceProcAddr(device, "vk" #name), #name);
   RAYMELD_DEVICE_FUNCTIONS(RAYMELD_LOAD)
 #undef RAYMELD_LOAD
+  GetPipelineExecutablePropertiesKHR = reinterpret_cast<PFN_vkGetPipelineExecutablePropertiesKHR>(
+      GetDeviceProcAddr(device, "vkGetPipelineExecutablePropertiesKHR"));
+  GetPipelineExecutableStatisticsKHR = reinterpret_cast<PFN_vkGetPipelineExecutableStatisticsKHR>(
+      GetDeviceProcAddr(device, "vkGetPipelineExecutableStatisticsKHR"));
   GetMemoryFdPropertiesKHR = reinterpret_cast<PFN_vkGetMemoryFdPropertiesKHR>(
       GetDeviceProcAddr(device, "vkGetMemoryFdPropertiesKHR"));
   GetBufferDeviceAddress = reinterpret_cast<PFN_vkGetBufferDeviceAddress>(

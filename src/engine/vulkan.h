@@ -102,6 +102,9 @@ struct VulkanFunctions {
       nullptr;
   // This is null unless the device has buffer_device_address.
   PFN_vkGetBufferDeviceAddress GetBufferDeviceAddress = nullptr;
+  // These are null unless the device has VK_KHR_pipeline_executable_properties.
+  PFN_vkGetPipelineExecutablePropertiesKHR GetPipelineExecutablePropertiesKHR = nullptr;
+  PFN_vkGetPipelineExecutableStatisticsKHR GetPipelineExecutableStatisticsKHR = nullptr;
   // This is null unless the device has VK_KHR_external_memory_fd.
   PFN_vkGetMemoryFdPropertiesKHR GetMemoryFdPropertiesKHR = nullptr;
 

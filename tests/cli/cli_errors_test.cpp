@@ -59,7 +59,7 @@ TEST_F(CliErrors, Usage) {
   expect_error({"graph", "--model", tiny_model(), "--size", "64"}, {"--size", "'64'", "WxH"});
   expect_error({"graph", "--model", tiny_model(), "--size", "66x48"}, {"66x48", "scale 4"});
   expect_error({"tune", "--model", tiny_model(), "--size", "66x48"}, {"66x48", "scale 4"});
-  for (const char* command : {"graph", "tune"})
+  for (const char* command : {"graph", "compile", "tune"})
     expect_error({command, "--model", tiny_model(), "--size", "4000000000x64"},
                  {"1000000000 x 16", "to 65536"});
   for (const char* views : {"0", "-3", "two"})

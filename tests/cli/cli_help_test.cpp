@@ -8,8 +8,8 @@
 namespace raymeld::test {
 namespace {
 
-const std::vector<std::string> kCommands = {"fuse",  "devices", "compare", "degrade",
-                                            "graph", "tune",    "trade",   "conform"};
+const std::vector<std::string> kCommands = {"fuse",    "devices", "compare", "degrade", "graph",
+                                            "compile", "tune",    "trade",   "conform"};
 
 class CliHelp : public Cli {
  protected:

@@ -591,5 +591,29 @@ TEST_F(Cli, GraphNeedsNoDevice) {
             "digraph \"a\\\"b\\\\\" {");
 }
 
+// Every dispatch of a frame belongs to one of the kernels.
+TEST_F(Cli, CompilesWhatAFrameRuns) {
+  const std::vector<std::string> compile = {"compile", "--model",     tiny_model(), "--size",
+                                            "32x24",   "--precision", "fp32"};
+  std::vector<std::string> as_json = compile;
+  as_json.push_back("--json");
+  const Json json = run_json(as_json), plan = run_json(fuse({"--precision", "fp32", "--dry-run", "--json"}));
+  double dispatches = 0, flop = 0;
+  const std::string text = run(compile).out;
+  for (const Json& kernel : json.at("kernels")) {
+    EXPECT_GT(kernel.at("compile_ms"), 0) << kernel;
+    EXPECT_NE(text.find(kernel.at("kernel").get<std::string>() + ", "), std::string::npos) << text;
+    for (const Json& layer : kernel.at("layers")) {
+      EXPECT_GT(layer.at("workgroups"), 0) << layer;
+      EXPECT_NE(text.find(layer.at("name").get<std::string>()), std::string::npos) << text;
+      dispatches += layer.at("dispatches").get<double>();
+      flop += layer.at("flop").get<double>();
+    }
+  }
+  EXPECT_GT(dispatches, 0);
+  EXPECT_EQ(dispatches, json.at("dispatches"));
+  EXPECT_NEAR(flop * 1e-9, plan.at("gflop"), 1e-9);
+}
+
 }  // namespace
 }  // namespace raymeld::test

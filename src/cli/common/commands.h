@@ -10,6 +10,7 @@ void add_devices(CLI::App& app);
 void add_compare(CLI::App& app);
 void add_degrade(CLI::App& app);
 void add_graph(CLI::App& app);
+void add_compile(CLI::App& app);
 void add_tune(CLI::App& app);
 void add_trade(CLI::App& app);
 void add_conform(CLI::App& app);
