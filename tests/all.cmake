@@ -43,12 +43,17 @@ set_tests_properties(drivers PROPERTIES ENVIRONMENT RAYMELD=$<TARGET_FILE:raymel
 add_test(NAME matrix COMMAND ${PROJECT_SOURCE_DIR}/scripts/test-matrix)
 set_tests_properties(matrix PROPERTIES FIXTURES_REQUIRED sid COST 200)
 
+# The compilers of GPUs compile every kernel of the stock models, with no card in the machine.
+add_test(NAME gpus COMMAND ${PROJECT_SOURCE_DIR}/scripts/test-gpus)
+set_tests_properties(gpus PROPERTIES ENVIRONMENT RAYMELD=$<TARGET_FILE:raymeld>
+  FIXTURES_REQUIRED sid COST 60)
+
 # Runs libFuzzer and a few units under sanitizers, in one build with clang.
 add_test(NAME sanitize COMMAND ${PROJECT_SOURCE_DIR}/scripts/sanitize --some)
 set_tests_properties(sanitize PROPERTIES RUN_SERIAL TRUE)
 
-set_tests_properties(bench format package blender training evaluation drivers matrix sanitize slurm soak
+set_tests_properties(bench format package blender training evaluation drivers matrix gpus sanitize slurm soak
   trade_page PROPERTIES LABELS all)
 # A machine may be busy, and some of these tests build.
-set_tests_properties(${unit_tests} drivers matrix sanitize package evaluation training blender
+set_tests_properties(${unit_tests} drivers matrix gpus sanitize package evaluation training blender
   PROPERTIES TIMEOUT 3000)

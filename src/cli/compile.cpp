@@ -33,6 +33,7 @@ struct LayerWork {
 
 struct Compiled {
   std::string name;
+  std::vector<uint32_t> constants;
   double time_ms = 0;
   std::vector<PipelineExecutable> executables;
   std::vector<LayerWork> layers;
@@ -59,7 +60,12 @@ std::vector<Compiled> compile_all(const Device& device, const Graph& graph) {
       check_interrupted();
       const Stopwatch watch;
       const Kernel kernel(device, VK_NULL_HANDLE, recipes[i]);
-      kernels.push_back({recipes[i].name, watch.ms(), pipeline_executables(device, kernel.pipeline()), {}});
+      const double time_ms = watch.ms();
+      kernels.push_back({recipes[i].name,
+                         recipes[i].constants,
+                         time_ms,
+                         pipeline_executables(device, kernel.pipeline()),
+                         {}});
     }
     kernels[at->second].add(graph.passes()[i]);
   }
@@ -73,7 +79,10 @@ Json to_json(const PipelineExecutable& executable) {
 }
 
 Json to_json(const Compiled& kernel) {
-  Json json{{"kernel", kernel.name}, {"compile_ms", kernel.time_ms}, {"executables", Json::array()}};
+  Json json{{"kernel", kernel.name},
+            {"constants", kernel.constants},
+            {"compile_ms", kernel.time_ms},
+            {"executables", Json::array()}};
   for (const PipelineExecutable& executable : kernel.executables)
     json["executables"].push_back(to_json(executable));
   for (const LayerWork& layer : kernel.layers)
