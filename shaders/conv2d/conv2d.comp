@@ -6,6 +6,8 @@
 // Each invocation computes kVectors * 4 output channels of kRows pixels in one column, so that a weight
 // serves kRows pixels and an input value all channels of the block. Neighbouring invocations are
 // neighbours in x.
+// Where its pixels lie, and which of them are in the image, is found once for all channels, so that no load
+// takes a branch or waits for another.
 // Weights lie as [channels_out / (4 kVectors)][channels_in][kx][ky][kVectors] vec4, padded with zeros.
 #version 450
 #extension GL_GOOGLE_include_directive : require
@@ -26,28 +28,19 @@ layout(constant_id = 6) const uint kBorders = 0;  // the bias is a table, see bo
 layout(push_constant) uniform Push {
   Conv2d p;
 };
-layout(std430, binding = 1) readonly buffer Weights { STORAGE4 weights[]; };
-layout(std430, binding = 2) readonly buffer Bias { vec4 bias[]; };
-layout(std430, binding = 3) readonly buffer Input { STORAGE in_data[]; };
-layout(std430, binding = 4) writeonly buffer Output { STORAGE out_data[]; };
+layout(std430, binding = 1) restrict readonly buffer Weights { STORAGE4 weights[]; };
+layout(std430, binding = 2) restrict readonly buffer Bias { vec4 bias[]; };
+layout(std430, binding = 3) restrict readonly buffer Input { STORAGE in_data[]; };
+layout(std430, binding = 4) restrict writeonly buffer Output { STORAGE out_data[]; };
 // The input is bound in place of residuals that are missing.
-layout(std430, binding = 5) readonly buffer Residual0 { STORAGE residual0[]; };
-layout(std430, binding = 6) readonly buffer Residual1 { STORAGE residual1[]; };
-layout(std430, binding = 7) readonly buffer Residual2 { STORAGE residual2[]; };
+layout(std430, binding = 5) restrict readonly buffer Residual0 { STORAGE residual0[]; };
+layout(std430, binding = 6) restrict readonly buffer Residual1 { STORAGE residual1[]; };
+layout(std430, binding = 7) restrict readonly buffer Residual2 { STORAGE residual2[]; };
 // The input is bound where there is no second input.
-layout(std430, binding = 8) readonly buffer Second { STORAGE second_data[]; };
+layout(std430, binding = 8) restrict readonly buffer Second { STORAGE second_data[]; };
 
 const uint kRadius = kKernel / 2;
 const uint kColumn = kRows + kKernel - 1;
-
-// Returns 0 outside the image; unsigned wrap-around makes one comparison serve both edges.
-float load(uint i, uint y, uint x) {
-  bool inside = y < p.height && x < p.width;
-  bool second = kSecondInput != 0 && i >= p.channels_first;
-  uint at = inside ? address(second ? i - p.channels_first : i, y, x, p.plane, p.width) : 0;
-  float value = second ? float(second_data[at]) : float(in_data[at]);
-  return inside ? value : 0.0;
-}
 
 void store(uint o, uint y, uint x, float value) {
   uint at = address(o, y, x, p.plane, p.width);
@@ -72,19 +65,35 @@ void main() {
     }
     [[unroll]] for (uint v = 0; v < kVectors; ++v) sum[r][v] = bias[first + v];
   }
-  uint weight = block * p.channels_in * kKernel * kKernel * kVectors;
-  for (uint i = 0; i < p.channels_in; ++i) {
-    [[unroll]] for (uint kx = 0; kx < kKernel; ++kx) {
-      float column[kColumn];
-      [[unroll]] for (uint r = 0; r < kColumn; ++r) column[r] = load(i, y0 + r - kRadius, x + kx - kRadius);
-      [[unroll]] for (uint ky = 0; ky < kKernel; ++ky) {
-        [[unroll]] for (uint v = 0; v < kVectors; ++v) {
-          vec4 w = vec4(weights[weight++]);
-          [[unroll]] for (uint r = 0; r < kRows; ++r) sum[r][v] = fma(w, vec4(column[r + ky]), sum[r][v]);
-        }
-      }
+  bool inside[kKernel][kColumn];
+  uint pixel[kKernel][kColumn];
+  [[unroll]] for (uint kx = 0; kx < kKernel; ++kx) {
+    [[unroll]] for (uint r = 0; r < kColumn; ++r) {
+      uint py = y0 + r - kRadius, px = x + kx - kRadius;
+      inside[kx][r] = py < p.height && px < p.width;  // unsigned wrap-around serves both edges
+      pixel[kx][r] = inside[kx][r] ? py * p.width + px : 0;
     }
   }
+  uint weight = block * p.channels_in * kKernel * kKernel * kVectors;
+#define ADD_CHANNELS(data, count)                                                                            \
+  for (uint i = 0; i < (count); ++i) {                                                                       \
+    [[unroll]] for (uint kx = 0; kx < kKernel; ++kx) {                                                       \
+      float column[kColumn];                                                                                 \
+      [[unroll]] for (uint r = 0; r < kColumn; ++r) {                                                        \
+        float value = float(data[i * p.plane + pixel[kx][r]]);                                               \
+        column[r] = inside[kx][r] ? value : 0.0;                                                             \
+      }                                                                                                      \
+      [[unroll]] for (uint ky = 0; ky < kKernel; ++ky) {                                                     \
+        [[unroll]] for (uint v = 0; v < kVectors; ++v) {                                                     \
+          vec4 w = vec4(weights[weight++]);                                                                  \
+          [[unroll]] for (uint r = 0; r < kRows; ++r) sum[r][v] = fma(w, vec4(column[r + ky]), sum[r][v]);   \
+        }                                                                                                    \
+      }                                                                                                      \
+    }                                                                                                        \
+  }
+  uint channels_first = kSecondInput != 0 ? p.channels_first : p.channels_in;
+  ADD_CHANNELS(in_data, channels_first)
+  if (kSecondInput != 0) ADD_CHANNELS(second_data, p.channels_in - channels_first)
   [[unroll]] for (uint r = 0; r < kRows; ++r) {
     if (y0 + r >= p.height) break;
     [[unroll]] for (uint v = 0; v < kVectors; ++v) {
@@ -94,4 +103,5 @@ void main() {
       }
     }
   }
+  count_saturated();
 }

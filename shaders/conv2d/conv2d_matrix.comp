@@ -152,4 +152,5 @@ void main() {
       subgroupBarrier();
     }
   }
+  count_saturated();
 }

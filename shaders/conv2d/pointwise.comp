@@ -24,4 +24,5 @@ void main() {
     [[unroll]] for (uint o = 0; o < kOutputs; ++o) sum[o] = fma(w.v[i * kOutputs + o], value, sum[o]);
   }
   store_sums(block, pixel, sum_at, sum);
+  count_saturated();
 }

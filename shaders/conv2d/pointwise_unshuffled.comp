@@ -58,4 +58,5 @@ void main() {
     if (channel < p.channels_out)
       target.v[address(channel, pixel.y, pixel.x, p.plane_out, columns)] = STORAGE(storable(value));
   }
+  count_saturated();
 }

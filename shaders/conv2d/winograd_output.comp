@@ -29,4 +29,5 @@ void main() {
   }
   finish(o, corners, result);
   store_tiles(o, corners, result);
+  count_saturated();
 }

@@ -24,4 +24,5 @@ void main() {
   // Compares instead of calling max, whose result for NaN is undefined in GLSL.
   value = value > 0.0 ? min(value, 65504.0) : 0.0;
   target.v[address(id.z, id.y, id.x, p.plane, p.width)] = STORAGE(storable(value));
+  count_saturated();
 }

@@ -63,4 +63,5 @@ void main() {
         target.v[address(to, strip.pixels[k].y, id.x, p.plane, p.width)] = STORAGE(storable(values[k]));
     }
   }
+  count_saturated();
 }

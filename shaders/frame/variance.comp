@@ -45,4 +45,5 @@ void main() {
     float value = to_network(min(variance[c], p.clip), p.log_transfer);
     target.v[address(c, id.y, id.x, p.plane, p.width)] = STORAGE(storable(value));
   }
+  count_saturated();
 }

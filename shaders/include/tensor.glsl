@@ -24,15 +24,22 @@ uint address(uint c, uint y, uint x, uint plane, uint width) { return c * plane 
 // reach decode, which counts them.
 float rectified(float value) { return value < 0.0 && value >= -3.402823466e38 ? 0.0 : value; }
 
+uint saturated_here = 0;  // this invocation's values that were beyond 16 bits
+
 // Returns the value that STORAGE() can hold. Values beyond 16 bits saturate and are counted; they
 // are never passed on as infinity. (A function that returned STORAGE would need 16-bit
 // arithmetic, which is not required.)
 float storable(float value) {
 #ifdef STORAGE_F16
   if (abs(value) > 65504.0) {
-    atomicAdd(status.saturated, 1u);
+    ++saturated_here;
     value = clamp(value, -65504.0, 65504.0);
   }
 #endif
   return value;
+}
+
+// Reports what storable() counted, by one atomic. Shaders call it at the end.
+void count_saturated() {
+  if (saturated_here > 0) atomicAdd(status.saturated, saturated_here);
 }

@@ -83,4 +83,5 @@ void main() {
   [[unroll]] for (uint k = 0; k < kStrip; ++k) {
     if (strip.wanted[k]) demodulate(strip.pixels[k], own[k] * firefly_limit(luminances, k));
   }
+  count_saturated();
 }

@@ -66,4 +66,5 @@ void main() {
   for (uint c = 0; c < 3; ++c) {
     target.v[address(c, id.y, id.x, p.plane, p.width)] = STORAGE(storable(sum[c] / weights));
   }
+  count_saturated();
 }

@@ -48,4 +48,5 @@ void main() {
     }
   }
   [[unroll]] for (uint k = 0; k < kStrip; ++k) store(uvec2(id.x, top + k * p.step), sums[k]);
+  count_saturated();
 }

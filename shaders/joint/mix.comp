@@ -45,4 +45,5 @@ void main() {
     for (uint i = 0; i < 3; ++i) sum += weights[2 + i] * float(filtered.v[element + 3 * i * p.plane]);
     target.v[element] = STORAGE(storable(float(rec.v[element]) + sum / total));
   }
+  count_saturated();
 }

@@ -32,4 +32,5 @@ void main() {
   [[unroll]] for (uint k = 0; k < kStrip; ++k) {
     if (strip.wanted[k]) target.v[at[k]] = STORAGE(storable(values[k]));
   }
+  count_saturated();
 }

@@ -68,4 +68,5 @@ void main() {
   }
   if (end_order()) return;
   [[unroll]] for (uint k = 0; k < kStrip; ++k) store(uvec2(id.x, top + k * p.step), sums[k]);
+  count_saturated();
 }

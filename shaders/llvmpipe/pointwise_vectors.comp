@@ -46,4 +46,5 @@ void main() {
     }
   }
   store_sums(block, p.first_pixel + in_band, sum_at, sum);
+  count_saturated();
 }

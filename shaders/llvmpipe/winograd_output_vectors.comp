@@ -44,6 +44,7 @@ void main() {
   if (end_order()) return;
   if (kOutputs == 1) {
     store_tiles(o, corners, result[0]);
+    count_saturated();
     return;
   }
   [[unroll]] for (uint y = 0; y < kTile; ++y) {
