@@ -43,7 +43,7 @@ set_tests_properties(drivers PROPERTIES ENVIRONMENT RAYMELD=$<TARGET_FILE:raymel
 add_test(NAME matrix COMMAND ${PROJECT_SOURCE_DIR}/scripts/test-matrix)
 set_tests_properties(matrix PROPERTIES FIXTURES_REQUIRED sid COST 200)
 
-# The compilers of GPUs compile every kernel of the stock models, with no card in the machine.
+# The compilers of GPUs compile what the stock models run on them, with no card in the machine.
 add_test(NAME gpus COMMAND ${PROJECT_SOURCE_DIR}/scripts/test-gpus)
 set_tests_properties(gpus PROPERTIES ENVIRONMENT RAYMELD=$<TARGET_FILE:raymeld>
   FIXTURES_REQUIRED sid COST 60)

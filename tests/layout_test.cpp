@@ -106,5 +106,32 @@ TEST(Layout, ALayerHasOneNameEverywhere) {
     EXPECT_TRUE(cases.contains(layer)) << layer << " has no cases in src/conform";
 }
 
+// Returns a shader with all that it includes, but for tensor.glsl, which defines both functions.
+std::string with_includes(const fs::path& file) {
+  std::string text = read_file(file);
+  const std::string own = text;
+  const std::regex include(R"re(#include "(\w+\.glsl)")re");
+  for (auto at = std::sregex_iterator(own.begin(), own.end(), include); at != std::sregex_iterator(); ++at) {
+    const std::string name = (*at)[1];
+    if (name == "tensor.glsl") continue;
+    for (const auto& entry : fs::recursive_directory_iterator(source_path("shaders")))
+      if (entry.path().filename() == name) text += with_includes(entry.path());
+  }
+  return text;
+}
+
+// Values that saturate would not be counted otherwise.
+TEST(Layout, ShadersThatStoreCountWhatSaturates) {
+  int stores = 0;
+  for (const auto& entry : fs::recursive_directory_iterator(source_path("shaders"))) {
+    if (entry.path().extension() != ".comp") continue;
+    const std::string text = with_includes(entry.path());
+    const bool counts = text.find("count_saturated();") != std::string::npos;
+    EXPECT_EQ(text.find("storable(") != std::string::npos, counts) << entry.path();
+    stores += counts;
+  }
+  EXPECT_GT(stores, 10);
+}
+
 }  // namespace
 }  // namespace raymeld::test

@@ -41,5 +41,7 @@ float storable(float value) {
 
 // Reports what storable() counted, by one atomic. Shaders call it at the end.
 void count_saturated() {
+#ifdef STORAGE_F16
   if (saturated_here > 0) atomicAdd(status.saturated, saturated_here);
+#endif
 }

@@ -14,7 +14,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr int kFrameTimesVersion = 3;
+constexpr int kFrameTimesVersion = 4;
 constexpr size_t kFurtherFrames = 3;
 
 std::filesystem::path file_of(const Device& device, const std::filesystem::path& folder) {
@@ -115,7 +115,7 @@ std::optional<FrameTime> FrameTimes::known(const Model& model, uint32_t height, 
 }
 
 FrameTime FrameTimes::measure(const Model& model, uint32_t height, uint32_t width, FuserOptions options) {
-  options.keep_activations = options.profile = false;
+  options.keep_activations = options.profile = options.skip_unchanged = false;
   const FusePlan whole = plan_fusion(model, height, width, device_.info(), options);
   const TileSize size = measured_size(model, height, width, most_pixels_);
   const double part = plan_fusion(model, size.height, size.width, device_.info(), options).flop / whole.flop;

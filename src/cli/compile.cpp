@@ -1,7 +1,7 @@
 // Compiles a frame's kernels on a device and shows what the driver's compiler made of them.
 #include <fmt/ranges.h>
 
-#include <chrono>
+#include <algorithm>
 #include <map>
 
 #include "cli/common/commands.h"
@@ -39,12 +39,12 @@ struct Compiled {
   std::vector<LayerWork> layers;
 
   void add(const Pass& pass) {
-    if (layers.empty() || layers.back().name != pass.name) layers.push_back({.name = pass.name});
-    LayerWork& layer = layers.back();
-    ++layer.dispatches;
-    layer.workgroups += double(pass.groups[0]) * pass.groups[1] * pass.groups[2];
-    layer.flop += pass.flop;
-    layer.bytes += pass.bytes;
+    auto layer = std::ranges::find(layers, pass.name, &LayerWork::name);
+    if (layer == layers.end()) layer = layers.insert(layer, {.name = pass.name});
+    ++layer->dispatches;
+    layer->workgroups += double(pass.groups[0]) * pass.groups[1] * pass.groups[2];
+    layer->flop += pass.flop;
+    layer->bytes += pass.bytes;
   }
 };
 
@@ -135,6 +135,7 @@ void run(const CompileArguments& arguments) {
   print(fmt::format("model {}, {} x {} pixels, {}, on {} ({})\n\n", model.name(), full.width, full.height,
                     precision, device->info().name, device->info().driver));
   for (const Compiled& kernel : kernels) print(to_text(kernel));
+  if (!device->tells_statistics()) print("The driver tells nothing of its kernels.\n");
   print(fmt::format("{} kernels in {:.1f} ms; {} dispatches, {} barriers, {} tile(s)\n", kernels.size(),
                     total_ms, plan.graph.passes().size(), plan.graph.barrier_count(), plan.tiling.count()));
 }

@@ -52,6 +52,7 @@ void Fuser::take_smaller_tiles(const OutOfMemory& refused) try {
   wide_.reset();
   last_redone_ = false;
   if (last_frame_) last_frame_->change_all();
+  std::erase_if(last_frames_, [&](const auto& known) { return &known.second != last_frame_; });
   host_.reset();
   exposures_.clear();
   program_.reset();

@@ -35,6 +35,9 @@ struct FuseReport {
   // FuserOptions::profile fills these, each in the order of the first pass.
   std::vector<PassTime> layers;
   std::vector<PassTime> kernels;
+
+  // Adds the times of another run.
+  void add_times(const FuseReport& run);
 };
 
 // Is called with the share of a frame that is done, in [0, 1]. Returning false stops it with Cancelled.

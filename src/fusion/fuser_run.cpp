@@ -29,6 +29,12 @@ void add_time(std::vector<PassTime>& times, const PassTime& pass) {
 
 }  // namespace
 
+void FuseReport::add_times(const FuseReport& run) {
+  device_ms += run.device_ms;
+  for (const PassTime& layer : run.layers) add_time(layers, layer);
+  for (const PassTime& kernel : run.kernels) add_time(kernels, kernel);
+}
+
 FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float exposure,
                       const Progress& progress) {
   FuseReport report;
@@ -91,10 +97,8 @@ Image Fuser::redo_tile(const Progress& progress, FuseReport& report) {
   const FuseReport redone = wide_->run_within_memory(static_cast<const float*>(host_->lrhs.mapped()),
                                                      static_cast<const float*>(host_->hrls.mapped()),
                                                      image.data.data(), report.exposure, go_on);
-  report.device_ms += redone.device_ms;
+  report.add_times(redone);
   report.status.not_finite += redone.status.not_finite;
-  for (const PassTime& layer : redone.layers) add_time(report.layers, layer);
-  for (const PassTime& kernel : redone.kernels) add_time(report.kernels, kernel);
   ++report.redone_tiles;
   if (shortage_.empty()) shortage_ = wide_->shortage();
   return image;

@@ -279,15 +279,17 @@ TEST_F(FaultsTest, SmallerTilesTakeNothingOfTheLastFrame) {
   CallerDevice caller;
   const std::unique_ptr<Device> device = Device::wrap(caller.external());
   Fuser fuser(*device, model_, 12, 40, {.skip_unchanged = true}, cache());
-  fuse(fuser);
+  Image fused;
+  const Image hrls = image_of(subject_.hrls), other = image_of(subject_.lrhs);
+  for (const size_t sequence : {0, 1}) fuser.fuse(other, hrls, fused, {}, 0, sequence);
   subject_.lrhs.at(0, 0, 0) += 1;
   interposed().fault = {.function = "vkWaitForFences", .call = 1, .code = VK_ERROR_OUT_OF_DEVICE_MEMORY};
-  Image fused;
-  const FuseReport report = fuser.fuse(image_of(subject_.lrhs), image_of(subject_.hrls), fused);
+  const FuseReport report = fuser.fuse(image_of(subject_.lrhs), hrls, fused);
   interposed().fault = {};
   EXPECT_GT(fuser.plan().tiling.count(), 1u);
   EXPECT_EQ(report.skipped_share, 0);
   EXPECT_TRUE(same_bits(fused.data, run(caller, {}).values));
+  EXPECT_EQ(fuser.fuse(other, hrls, fused, {}, 0, 1).skipped_share, 0);  // another sequence's last frame
 }
 
 TEST_F(FaultsTest, NoMemoryAtAllIsAnErrorThatSaysHowMuchWasAsked) {

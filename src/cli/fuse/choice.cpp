@@ -38,9 +38,10 @@ struct Timer {
   const Device& device;
   LastModel& models;
   Console& console;
+  FuseFiles& frame;
   bool sequence;
-  double runs;  // the network's runs for a frame
   FrameTimes times{device};
+  std::optional<int> runs = {};  // the network's runs for a frame
 
   // Returns none if the model was not measured and `measures` is false.
   std::optional<double> of(const CurvePoint& point, bool measures) {
@@ -57,7 +58,8 @@ struct Timer {
       time = times.measure(*files.model, height, width, options);
     }
     if (!time) return {};
-    return (sequence ? time->further_ms : time->first_ms) + (runs - 1) * time->further_ms;
+    if (!runs) runs = count_runs(frame, arguments);
+    return (sequence ? time->further_ms : time->first_ms) + (*runs - 1) * time->further_ms;
   }
 };
 
@@ -116,7 +118,7 @@ Choice choose_model(const FuseArguments& arguments, bool sequence, const Device&
   const ModelRequest& request = arguments.request.value();
   FuseFiles files = open_files(arguments, models);
   const std::vector<CurvePoint> points = models_of(files.frame.scale);
-  Timer timer{arguments, device, models, console, sequence, double(count_runs(files, arguments))};
+  Timer timer{arguments, device, models, console, files, sequence};
   const Candidates candidates = candidates_of(points, timer, request.kind == ModelRequest::Kind::kBudget);
   const std::vector<Candidate> front = front_of(candidates.all);
 

@@ -110,7 +110,7 @@ struct FuseFiles {
 };
 
 inline const std::string kAlpha = "alpha";
-// The parts of the light that --layers writes, and the layers that both files must have for them.
+// These are the parts of the light that --layers writes, and the layers that both files must have for them.
 inline const std::array<std::string, 3> kLightParts = {"diffuse", "specular", "emission"};
 inline const std::vector<std::string> kSplitLight = {"diffuse", "specular"};
 
@@ -118,6 +118,7 @@ inline const std::vector<std::string> kSplitLight = {"diffuse", "specular"};
 // of kLightParts. Emission is all light that is neither diffuse nor specular.
 struct Companion {
   std::string name;
+  size_t sequence;   // see Fuser::fuse(); the color's is 0
   Image lrhs, hrls;  // (3, h, w) and (3, s h, s w) of the canvas
 };
 
@@ -189,8 +190,8 @@ void load_light(FuseFrame& frame);
 // Returns how often the network will run for a frame, judged by alpha's pixels and the options. Throws Error.
 int count_runs(FuseFiles& files, const FuseArguments& arguments);
 
-// Fuses an LRHS (3, h, w) and an HRLS of image_layers() with a factor of radiance.
-using FuseOne = std::function<Image(const Image& lrhs, const Image& hrls, float exposure)>;
+// Fuses a companion's LRHS and an HRLS of image_layers() with a factor of radiance.
+using FuseOne = std::function<Image(const Companion& companion, const Image& hrls, float exposure)>;
 // Fuses the companions of a frame whose color is fused. The parts of the light add up to the color.
 void fuse_companions(FuseFrame& frame, const FuseOne& fuse);
 
@@ -277,6 +278,8 @@ class FrameFuser {
   struct Preparation;
   Cached& cached_for(FuseFrame& frame);
   void fuse_color(FuseFrame& frame, Cached& cached, const Progress& progress);
+  Image fuse_companion(FuseFrame& frame, const Companion& companion, const Image& hrls, float exposure,
+                       Fuser& fuser, const Progress& progress);
 
   const Device& device_;
   std::unique_ptr<Preparation> preparation_;

@@ -139,7 +139,7 @@ bool load_alpha(FuseFrame& frame, const ExrRawChannel& of_hrls) {
   sanitize_input(alphas->lrhs, "LRHS", files.lrhs.path(), frame.console);
   sanitize_input(alphas->hrls, "HRLS", files.hrls.path(), frame.console);
   frame.images.companions.push_back(
-      {kAlpha, for_canvas(files, grey(std::move(alphas->lrhs)), files.lrhs_windows.data),
+      {kAlpha, 1, for_canvas(files, grey(std::move(alphas->lrhs)), files.lrhs_windows.data),
        seen_through(grey(std::move(alphas->hrls)), files.hrls_windows.data, files.canvas.hrls)});
   return true;
 }
@@ -162,7 +162,7 @@ void load_light(FuseFrame& frame) {
   hrls = seen_through(std::move(hrls), files.hrls_windows.data, files.canvas.hrls);
   auto low = parts_of(images.lrhs, lrhs), high = parts_of(first_channels(images.hrls, 3), hrls);
   for (size_t i = 0; i < kLightParts.size(); ++i)
-    frame.images.companions.push_back({kLightParts[i], std::move(low[i]), std::move(high[i])});
+    frame.images.companions.push_back({kLightParts[i], 2 + i, std::move(low[i]), std::move(high[i])});
 }
 
 int count_runs(FuseFiles& files, const FuseArguments& arguments) {
@@ -177,7 +177,7 @@ void fuse_companions(FuseFrame& frame, const FuseOne& fuse) {
   for (Companion& companion : images.companions) {
     const bool is_alpha = companion.name == kAlpha;
     Image& image = fused[companion.name];
-    image = fuse(companion.lrhs, hrls_of(frame, companion), is_alpha ? 1 : images.exposure);
+    image = fuse(companion, hrls_of(frame, companion), is_alpha ? 1 : images.exposure);
     if (is_alpha) limit_alpha(image, companion, frame.files.canvas.scale);
     image = seen_through(std::move(image), frame.files.canvas.hrls, frame.files.window);
     companion.lrhs = companion.hrls = {};

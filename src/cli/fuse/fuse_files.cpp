@@ -363,11 +363,11 @@ void load_frame(FuseFrame& frame) {
           frame.console);
   images.exposure = exposure_for(frame.arguments, *files.model, images.lrhs);
   if (frame.arguments.compares()) {
-    const auto as_written = [&](Image image) {
-      return seen_through(std::move(image), files.frame.hrls, files.window);
-    };
-    images.shown = {as_written(upsample_bicubic(images.lrhs, files.frame.scale, files.phase)),
-                    as_written(first_channels(images.hrls, 3))};
+    // Cubic interpolation reads two LRHS pixels in each direction.
+    const Canvas part = part_of(files.frame, files.window, 2);
+    const Image lrhs = seen_through(images.lrhs, files.frame.lrhs, part.lrhs);
+    images.shown = {seen_through(upsample_bicubic(lrhs, part.scale, files.phase), part.hrls, files.window),
+                    seen_through(first_channels(images.hrls, 3), files.frame.hrls, files.window)};
   }
   images.lrhs = for_canvas(files, std::move(images.lrhs), files.frame.lrhs);
   images.hrls = seen_through(std::move(images.hrls), files.frame.hrls, files.canvas.hrls);

@@ -182,38 +182,47 @@ void FrameFuser::fuse_color(FuseFrame& frame, Cached& cached, const Progress& pr
   result.time_ms = watch.ms();
   result.tiling = fuser.plan().tiling;
   if (result.report.redone_tiles == result.tiling.count()) result.storage = Storage::kFloat32;
-  if (!fuser.shortage().empty()) {
-    frame.console.warn(
-        fmt::format("{}; fused in {} smaller tiles of {} x {} LRHS pixels instead", fuser.shortage(),
-                    result.tiling.count(), result.tiling.tile.width, result.tiling.tile.height),
-        1);
-  }
-  result.allocated_bytes = fuser.allocated_bytes();
   report_overflow(arguments, result.report, result.tiling.count(), frame.console);
   if (!arguments.dump.empty()) dump_layers(arguments.dump_folder(), fuser.last(), fused, frame.staged);
   result.fused = seen_through(std::move(fused), frame.files.canvas.hrls, frame.files.window);
 }
 
+Image FrameFuser::fuse_companion(FuseFrame& frame, const Companion& companion, const Image& hrls,
+                                 float exposure, Fuser& fuser, const Progress& progress) {
+  FuseResult& result = frame.result;
+  Image fused;
+  const Stopwatch watch;
+  const FuseReport report = fuser.fuse(companion.lrhs, hrls, fused, progress, exposure, companion.sequence);
+  result.time_ms += watch.ms();
+  result.report.add_times(report);
+  result.report.skipped_share += report.skipped_share;
+  report_overflow(frame.arguments, report, fuser.plan().tiling.count(), frame.console);
+  return fused;
+}
+
 void FrameFuser::fuse(FuseFrame& frame, const Progress& progress) try {
   Cached& cached = cached_for(frame);
   if (!progress(0)) throw Cancelled();
-  const size_t count = 1 + frame.images.companions.size();
-  size_t done = 0;
-  const auto of_all = [&](double share) { return progress((double(done) + share) / double(count)); };
+  Fuser& fuser = cached.fuser;
+  const double count = double(1 + frame.images.companions.size());
+  double done = 0;
+  const auto of_all = [&](double share) { return progress((done + share) / count); };
   fuse_color(frame, cached, of_all);
-  if (count == 1) return;
-  const PhaseTimer timer(frame, "companions");
-  fuse_companions(frame, [&](const Image& lrhs, const Image& hrls, float exposure) {
-    ++done;
-    Fuser& fuser = cached.fuser;
-    Image fused;
-    const Stopwatch watch;
-    const FuseReport report = fuser.fuse(lrhs, hrls, fused, of_all, exposure, done);
-    frame.result.time_ms += watch.ms();
-    frame.result.report.device_ms += report.device_ms;
-    report_overflow(frame.arguments, report, fuser.plan().tiling.count(), frame.console);
-    return fused;
-  });
+  if (count > 1) {
+    const PhaseTimer timer(frame, "companions");
+    fuse_companions(frame, [&](const Companion& companion, const Image& hrls, float exposure) {
+      ++done;
+      return fuse_companion(frame, companion, hrls, exposure, fuser, of_all);
+    });
+  }
+  frame.result.report.skipped_share /= count;
+  const Tiling& tiling = fuser.plan().tiling;
+  if (!fuser.shortage().empty()) {
+    frame.console.warn(fmt::format("{}; fused in {} smaller tiles of {} x {} LRHS pixels instead",
+                                   fuser.shortage(), tiling.count(), tiling.tile.width, tiling.tile.height),
+                       1);
+  }
+  frame.result.allocated_bytes = fuser.allocated_bytes();
 } catch (...) {
   cached_.reset();  // its state is unknown; the next frame gets a new one
   throw;

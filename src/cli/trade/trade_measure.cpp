@@ -30,12 +30,13 @@ FuseArguments arguments_of(const TestPair& pair, const TradeSetting& setting) {
   return arguments;
 }
 
-// Reads a pair of renders as a setting's model takes them.
+// Reads a pair of renders as a setting's model takes them; only the color is fused.
 std::unique_ptr<FuseFrame> load(const TestPair& pair, const TradeSetting& setting, LastModel& models) {
   const FuseArguments arguments = arguments_of(pair, setting);
   auto frame = std::unique_ptr<FuseFrame>(
       new FuseFrame{arguments, Console(false), open_files(arguments, models), {}, {}, {}});
   load_frame(*frame);
+  frame->images.companions.clear();
   return frame;
 }
 
