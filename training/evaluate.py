@@ -15,7 +15,7 @@ from evaluation import agreement, pictures, tables, test_set
 from evaluation.jobs import Model, Store
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-TABLES = ("main", "decimated", "grid", "ablations", "losses", "robustness", "equal-time")
+TABLES = ("main", "paper", "decimated", "grid", "ablations", "losses", "robustness", "equal-time")
 SHOWN = "x4-balanced"  # the model in the pictures
 
 
@@ -69,7 +69,7 @@ def write_docs(sheets, models, losses, views, store):
     page.write_text(tables.insert(page.read_text(), sheets))
     shown = next((model for model in models if model.name == SHOWN), None)
     has_main = any(sheet.name == "main" for sheet in sheets)
-    if has_main and shown and all(tables.lead(shown, 0, view, store) for view in views):
+    if has_main and shown and all(tables.first_lead(shown, view, store) for view in views):
         print("pictures:", *(view.name for view in pictures.write_worst(shown, views, store, docs)))
     if losses and all(tables.mean(job, views, store) for job in tables.losses_plan(losses).jobs()):
         pictures.write_losses(losses, views, store, docs / "quality-losses.png")
@@ -86,6 +86,7 @@ def main():
 
     plans = {
         "main": [tables.main_plan(models)],
+        "paper": [tables.main_plan(models, "paper", test_set.PAPER_PAIRS)],
         "decimated": [tables.decimated_plan(models)],
         "robustness": [tables.robustness_plan(models)],
         "ablations": [tables.ablation_plan(models, ablations)],
@@ -98,7 +99,7 @@ def main():
         measure(plans, views, store)
     sheets = [tables.sheet(plan, views, store) for plan in plans if plan.name != "plain"]
     if "main" in args.tables:
-        sheets += [tables.lead_sheet(name, models, views, store) for name in tables.RIVALS]
+        sheets += [tables.lead_sheet(name, models, views, store) for name in tables.LEADS]
         sheets += [tables.scenes_sheet(models, views, store)]
     if "equal-time" in args.tables:
         sheets += [*tables.equal_time_sheets(models, views, store), tables.equal_seconds_sheet(models, views, store)]

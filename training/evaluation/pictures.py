@@ -6,7 +6,7 @@ import torch
 
 import loss
 from evaluation.jobs import Job
-from evaluation.tables import base, lead, losses_plan, mean, rival
+from evaluation.tables import base, first_lead, losses_plan, mean, rival
 from evaluation.test_set import PAIRS, render
 
 matplotlib.use("Agg")
@@ -28,8 +28,9 @@ def worst_crop(fused, reference):
 
 def crops(model, view, program):
     """Returns bicubic LRHS, HRLS, both filters of a plain render of as many samples, fused, reference side by side."""
-    bicubic, atrous, svgf = (rival(method, model.scale, 0) for method in ("bicubic", "atrous", "svgf"))
-    hrls = Job("render", hrls=render(PAIRS[model.scale][0][1]))
+    pair = PAIRS[model.scale][0]
+    bicubic, atrous, svgf = (rival(method, model.scale, pair, 0) for method in ("bicubic", "atrous", "svgf"))
+    hrls = Job("render", hrls=render(pair[1]))
     images = [job.image(view, program)[0] for job in (bicubic, hrls, atrous, svgf, base(model))]
     images.append(view.reference())
     y, x = worst_crop(*images[-2:])
@@ -41,7 +42,7 @@ def write_worst(model, views, store, folder, count=3):
 
     The least lead comes first. All views must have been measured.
     """
-    order = sorted(views, key=lambda view: lead(model, 0, view, store)[0])
+    order = sorted(views, key=lambda view: first_lead(model, view, store)[0])
     for i, view in enumerate(order[:count]):
         pyplot.imsave(folder / f"quality-worst-{i + 1}.png", crops(model, view, store.program))
     return order[:count]

@@ -9,10 +9,15 @@ import numpy
 
 from evaluation.changes import EXPOSURES
 from evaluation.jobs import Job, Score
-from evaluation.test_set import ALL_PLAIN, AVERAGES, HALVES, PAIRS, PLAIN, decimated, lrhs, render
+from evaluation.test_set import ALL_PLAIN, AVERAGES, HALVES, PAIRS, PAPER_PAIRS, PLAIN, decimated, lrhs, render
 
-# A sheet of leads compares with the best of these baselines in the same view.
-RIVALS = {"lead": ("render", "atrous", "bicubic"), "lead-svgf": ("svgf",)}
+BASELINES = ("render", "atrous", "bicubic")
+# A sheet of leads has these pairs, and compares with the best of these baselines in the same view.
+LEADS = {
+    "lead": (PAIRS, BASELINES),
+    "lead-svgf": (PAIRS, ("svgf",)),
+    "paper-lead-svgf": (PAPER_PAIRS, ("svgf",)),
+}
 
 
 @dataclasses.dataclass
@@ -87,8 +92,8 @@ def bicubic(scale, pair):
     return Job("bicubic", lrhs(scale, pair[0]))
 
 
-def pairs_text(scale):
-    return ", ".join(f"{low}-{high}" for low, high in PAIRS[scale])
+def pairs_text(pairs):
+    return ", ".join(f"{low}-{high}" for low, high in pairs)
 
 
 def scales(model):
@@ -96,18 +101,18 @@ def scales(model):
     return (4, 8) if model.scale == 4 else (model.scale,)
 
 
-def pairings(models):
+def pairings(models, pairs=PAIRS):
     """Returns (model, scale of the pair, pair, its place in AVERAGES) for all that is compared at equal samples."""
     both = [(model, scale) for model in models for scale in scales(model)]
     both.sort(key=lambda one: one[1])
-    return [(model, scale, pair, i) for model, scale in both for i, pair in enumerate(PAIRS[scale])]
+    return [(model, scale, pair, i) for model, scale in both for i, pair in enumerate(pairs[scale])]
 
 
 def label(model, scale, pair):
     return f"{model.name}, {'' if scale == model.scale else f'x{scale}, '}{pair[0]}-{pair[1]}"
 
 
-def main_plan(models):
+def main_plan(models, name="main", pairs=PAIRS):
     rows = [
         ("the reference's own noise", [Job("half")] * 3),
         ("plain render", [Job("render", hrls=render(spp)) for spp in AVERAGES]),
@@ -115,20 +120,20 @@ def main_plan(models):
         ("SVGF-like filter of it", [Job("svgf", hrls=render(spp)) for spp in AVERAGES]),
     ]
     for scale in sorted({scale for model in models for scale in scales(model)}):
-        pairs = PAIRS[scale]
-        rows.append((f"bicubic of LRHS, x{scale}", [bicubic(scale, pair) for pair in pairs]))
+        rows.append((f"bicubic of LRHS, x{scale}", [bicubic(scale, pair) for pair in pairs[scale]]))
         for model in models:
             if scale in scales(model):
-                name = f"{model.name}, x{scale}" if scale != model.scale else model.name
-                rows.append((f"{name} ({pairs_text(scale)})", [fused(model, pair, scale=scale) for pair in pairs]))
-    return Plan("main", "", [f"{spp} spp" for spp in AVERAGES], rows)
+                what = f"{model.name}, x{scale}" if scale != model.scale else model.name
+                jobs = [fused(model, pair, scale=scale) for pair in pairs[scale]]
+                rows.append((f"{what} ({pairs_text(pairs[scale])})", jobs))
+    return Plan(name, "", [f"{spp} spp" for spp in AVERAGES], rows)
 
 
 def decimated_plan(models):
-    rows = [
-        (f"{m.name} ({pairs_text(m.scale)})", [fused(m, pair, lrhs=decimated) for pair in PAIRS[m.scale]])
-        for m in models
-    ]
+    rows = []
+    for model in models:
+        pairs = PAPER_PAIRS[model.scale]
+        rows.append((f"{model.name} ({pairs_text(pairs)})", [fused(model, pair, lrhs=decimated) for pair in pairs]))
     return Plan("decimated", "", [f"{spp} spp" for spp in AVERAGES], rows)
 
 
@@ -188,22 +193,24 @@ def robustness_plan(models):
     return Plan("robustness", "", [model.name for model in models], rows)
 
 
-def rival(method, scale, i):
-    """Returns the baseline's job at the average of the i-th pair."""
-    if method == "bicubic":
-        return bicubic(scale, PAIRS[scale][i])
-    return Job(method, hrls=render(AVERAGES[i]))
+def rival(method, scale, pair, i):
+    """Returns the baseline's job: bicubic upsampling of the pair's LRHS, or a plain render of AVERAGES[i] samples."""
+    return bicubic(scale, pair) if method == "bicubic" else Job(method, hrls=render(AVERAGES[i]))
 
 
-def lead(model, i, view, store, rivals=RIVALS["lead"], scale=None):
+def lead(model, scale, pair, i, view, store, rivals):
     """Returns (decibels, RelMSE of the best baseline over the model's), or None if one of them was not measured."""
-    scale = scale or model.scale
-    jobs = [fused(model, PAIRS[scale][i], scale=scale), *(rival(method, scale, i) for method in rivals)]
+    jobs = [fused(model, pair, scale=scale), *(rival(method, scale, pair, i) for method in rivals)]
     scores = [store.get(job, view) for job in jobs]
     if not all(scores):
         return None
     own, *others = scores
     return own.psnr - max(s.psnr for s in others), min(s.relmse for s in others) / own.relmse
+
+
+def first_lead(model, view, store, rivals=BASELINES):
+    """Returns the lead() with two samples a pixel together."""
+    return lead(model, model.scale, PAIRS[model.scale][0], 0, view, store, rivals)
 
 
 def spread(decibels):
@@ -212,9 +219,9 @@ def spread(decibels):
 
 
 def lead_sheet(name, models, views, store):
-    rows = []
-    for model, scale, pair, i in pairings(models):
-        leads = [lead(model, i, view, store, RIVALS[name], scale) for view in views]
+    rows, (pairs, rivals) = [], LEADS[name]
+    for model, scale, pair, i in pairings(models, pairs):
+        leads = [lead(model, scale, pair, i, view, store, rivals) for view in views]
         if not leads or not all(leads):
             continue
         psnr, relmse = zip(*leads)

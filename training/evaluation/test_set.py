@@ -9,9 +9,11 @@ import numpy
 
 from evaluation.images import read
 
-# PAIRS holds samples a pixel of LRHS and HRLS by scale. Their average, spp_LRHS / s^2 + spp_HRLS, is one of AVERAGES
+# PAIRS and PAPER_PAIRS hold samples a pixel of LRHS and HRLS by scale. Their average, spp_LRHS / s^2 + spp_HRLS, is one
+# of AVERAGES. In PAIRS LRHS has one sample for each full-size pixel, and HRLS all others; in PAPER_PAIRS both have more
 # (Table 2 of Hou et al. 2021).
-PAIRS = {2: ((4, 1), (8, 2), (16, 4)), 4: ((16, 1), (32, 2), (64, 4)), 8: ((64, 1), (128, 2), (256, 4))}
+PAIRS = {scale: tuple((scale**2, high) for high in (1, 3, 7)) for scale in (2, 4, 8)}
+PAPER_PAIRS = {2: ((4, 1), (8, 2), (16, 4)), 4: ((16, 1), (32, 2), (64, 4)), 8: ((64, 1), (128, 2), (256, 4))}
 AVERAGES = (2, 4, 8)
 PLAIN = (1, 2, 4, 8, 16, 32)
 ALL_PLAIN = sum(PLAIN)  # samples of the mean of all plain renders, weighted by samples; they share no noise

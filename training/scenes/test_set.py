@@ -95,7 +95,7 @@ def main():
             arguments += ["--reference-spp", str(args.reference_spp)]
         else:
             take_reference(final)
-            arguments += ["--spp", "1", "2", "4", "8", "--plain-spp", "16", "32"]
+            arguments += ["--spp", "1", "2", "3", "4", "7", "8", "--plain-spp", "16", "32"]
             for option, scales in (("--lowres", LOWRES), ("--lrhs", LRHS)):
                 arguments += [option, *(f"{scale}:{spp}" for scale, counts in scales.items() for spp in counts)]
             arguments += ["--reference-spp", str(args.reference_spp)]
