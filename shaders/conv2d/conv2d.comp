@@ -14,6 +14,7 @@
 #include "params.h"
 #include "tensor.glsl"
 #include "border.glsl"
+#include "loops.glsl"
 
 layout(local_size_x = 32, local_size_y = 2) in;
 #include "invocation.glsl"
@@ -76,7 +77,7 @@ void main() {
   }
   uint weight = block * p.channels_in * kKernel * kKernel * kVectors;
 #define ADD_CHANNELS(data, count)                                                                            \
-  for (uint i = 0; i < (count); ++i) {                                                                       \
+  FOR_EACH(i, count) {                                                                                       \
     [[unroll]] for (uint kx = 0; kx < kKernel; ++kx) {                                                       \
       float column[kColumn];                                                                                 \
       [[unroll]] for (uint r = 0; r < kColumn; ++r) {                                                        \

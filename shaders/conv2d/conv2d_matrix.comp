@@ -6,7 +6,8 @@
 // subgroup kRows of these rows; z is the block of output channels. A chunk of the input, with the border that
 // the taps reach, is transposed on its way into shared memory: the channels of a pixel lie side by side, so
 // that each tap's matrix is only an offset away.
-// Weights lie as [block][chunk][kOutputs * kM][kTaps][kChannels], zero where channels end early.
+// Weights lie as [block][chunk][kOutputs * kM][kTaps][kChannels], zero where channels end early. All loops
+// but that over chunks are unrolled, so that their loads are in flight together.
 //
 // The input is space_to_depth() of the bound image by kUnshuffle, if that is above 1. The result is stored
 // after pixel_shuffle() by kShuffle, if that is above 1, and residuals have the shuffled shape.
@@ -20,6 +21,7 @@
 #include "params.h"
 #include "tensor.glsl"
 #include "border.glsl"
+#include "loops.glsl"
 
 layout(local_size_x_id = 0) in;  // kSubgroups times the subgroup size
 layout(constant_id = 1) const uint kSubgroups = 4;
@@ -63,37 +65,56 @@ const uint kTileSteps = kTilePixels * kPixelStride, kSumSteps = kSubgroups * kM 
 shared uvec4 tile[kTileSteps > kSumSteps ? kTileSteps : kSumSteps];
 shared uvec4 block_weights[kOutputs * kM * kWeightStride];
 
+const uint kLanes = gl_WorkGroupSize.x / kSubgroups;  // lanes of a subgroup
 const uint kAcross = kColumns / kN, kPixels = kRows * kAcross;  // matrices of pixels
 #define MATRIX_A coopmat<float16_t, gl_ScopeSubgroup, kM, kK, gl_MatrixUseA>
 #define MATRIX_B coopmat<float16_t, gl_ScopeSubgroup, kK, kN, gl_MatrixUseB>
 #define MATRIX_SUM coopmat<float, gl_ScopeSubgroup, kM, kN, gl_MatrixUseAccumulator>
 
-// Returns 0 outside the image; unsigned wrap-around makes one comparison serve both edges.
-float16_t load(uint i, uint y, uint x) {
-  bool inside = i < p.channels_in && y < p.height && x < p.width;
-  bool second = kSecondInput != 0 && i >= p.channels_first;
-  if (second) i -= p.channels_first;
-  uint at = address(i / (kUnshuffle * kUnshuffle), kUnshuffle * y + i / kUnshuffle % kUnshuffle,
-                    kUnshuffle * x + i % kUnshuffle, p.plane_in, kUnshuffle * p.width);
-  at = inside ? at : 0;
-  float16_t value = second ? second_data[at] : in_data[at];
-  return inside ? value : float16_t(0.0);
-}
+// Channels are counted so that those of a second input start at a multiple of kStep; weights of the channels
+// between the inputs are zero. So the channels of a step are in one input.
+uint first_padded() { return (p.channels_first + kStep - 1) / kStep * kStep; }
+
+// Sets a step of channels of a pixel, from channel i of an input that has `count`: zeros where channels end
+// early or, unless it is `inside`, for a pixel outside the image. Loads take no branch.
+#define LOAD_STEP(data, halves, i, count, y, x, inside)                                              \
+  [[unroll]] for (uint k = 0; k < kStep; ++k) {                                                      \
+    uint c = (i) + k;                                                                                \
+    bool present = (inside) && c < (count);                                                          \
+    uint at = address(c / (kUnshuffle * kUnshuffle), kUnshuffle * (y) + c / kUnshuffle % kUnshuffle, \
+                      kUnshuffle * (x) + c % kUnshuffle, p.plane_in, kUnshuffle * p.width);          \
+    float16_t value = data[present ? at : 0];                                                        \
+    halves[k] = present ? value : float16_t(0.0);                                                    \
+  }
 
 void share_tile(uint first_channel, uint y0, uint x0) {
-  for (uint n = gl_LocalInvocationIndex; n < kTilePixels * kPixelSteps; n += gl_WorkGroupSize.x) {
-    uint pixel = n % kTilePixels, step = n / kTilePixels, i = first_channel + step * kStep;
-    uint y = y0 + pixel / kTileWidth - kRadius, x = x0 + pixel % kTileWidth - kRadius;
-    uvec4 halves;
-    [[unroll]] for (uint k = 0; k < 4; ++k)
-      halves[k] = packFloat2x16(f16vec2(load(i + 2 * k, y, x), load(i + 2 * k + 1, y, x)));
-    tile[pixel * kPixelStride + step] = halves;
+  [[unroll]] for (uint step = 0; step < kPixelSteps; ++step) {
+    uint i = first_channel + step * kStep;
+    [[unroll]] for (uint first = 0; first < kTilePixels; first += gl_WorkGroupSize.x) {
+      uint pixel = first + gl_LocalInvocationIndex;
+      uint y = y0 + pixel / kTileWidth - kRadius, x = x0 + pixel % kTileWidth - kRadius;
+      bool inside = y < p.height && x < p.width;  // unsigned wrap-around serves both edges
+      float16_t halves[kStep];
+      if (kSecondInput != 0 && i >= first_padded()) {
+        LOAD_STEP(second_data, halves, i - first_padded(), p.channels_in - p.channels_first, y, x, inside)
+      } else {
+        LOAD_STEP(in_data, halves, i, p.channels_first, y, x, inside)
+      }
+      uvec4 packed;
+      [[unroll]] for (uint k = 0; k < 4; ++k)
+        packed[k] = packFloat2x16(f16vec2(halves[2 * k], halves[2 * k + 1]));
+      if (pixel < kTilePixels) tile[pixel * kPixelStride + step] = packed;
+    }
   }
 }
 
 void share_weights(uint first) {
-  for (uint n = gl_LocalInvocationIndex; n < kOutputs * kM * kWeightSteps; n += gl_WorkGroupSize.x)
-    block_weights[n / kWeightSteps * kWeightStride + n % kWeightSteps] = weights[first + n];
+  const uint kCount = kOutputs * kM * kWeightSteps;
+  [[unroll]] for (uint round = 0; round < kCount; round += gl_WorkGroupSize.x) {
+    uint n = round + gl_LocalInvocationIndex;
+    uvec4 values = weights[first + min(n, kCount - 1)];
+    if (n < kCount) block_weights[n / kWeightSteps * kWeightStride + n % kWeightSteps] = values;
+  }
 }
 
 void store(uint o, uint y, uint x, float value) {
@@ -110,16 +131,17 @@ void store(uint o, uint y, uint x, float value) {
 
 void main() {
   uint block = gl_WorkGroupID.z, x0 = gl_WorkGroupID.x * kColumns, y0 = gl_WorkGroupID.y * kSubgroups * kRows;
-  uint chunks = (p.channels_in + kChannels - 1) / kChannels, first_row = gl_SubgroupID * kRows;
+  uint channels = first_padded() + p.channels_in - p.channels_first;
+  uint chunks = (channels + kChannels - 1) / kChannels, first_row = gl_SubgroupID * kRows;
   MATRIX_SUM sum[kOutputs * kPixels];
   [[unroll]] for (uint n = 0; n < kOutputs * kPixels; ++n) sum[n] = MATRIX_SUM(0.0);
-  for (uint chunk = 0; chunk < chunks; ++chunk) {
+  FOR_EACH(chunk, chunks) {
     barrier();  // all must have read the previous chunk
     share_tile(chunk * kChannels, y0, x0);
     share_weights((block * chunks + chunk) * kOutputs * kM * kWeightSteps);
     barrier();
-    for (uint ky = 0; ky < kKernel; ++ky) {
-      for (uint kx = 0; kx < kKernel; ++kx) {
+    [[unroll]] for (uint ky = 0; ky < kKernel; ++ky) {
+      [[unroll]] for (uint kx = 0; kx < kKernel; ++kx) {
         [[unroll]] for (uint step = 0; step < kPixelSteps; step += kK / kStep) {
           MATRIX_A a[kOutputs];
           [[unroll]] for (uint o = 0; o < kOutputs; ++o)
@@ -146,9 +168,12 @@ void main() {
         coopMatStore(sum[o * kPixels + row * kAcross + n], tile, own + n * kN / 4, kSumStride,
                      gl_CooperativeMatrixLayoutRowMajor);
       subgroupBarrier();
-      for (uint n = gl_SubgroupInvocationID; n < kM * kColumns; n += gl_SubgroupSize)
-        store((block * kOutputs + o) * kM + n / kColumns, y0 + first_row + row, x0 + n % kColumns,
-              uintBitsToFloat(tile[own + n / kColumns * kSumStride + n % kColumns / 4][n % 4]));
+      [[unroll]] for (uint first = 0; first < kM * kColumns; first += kLanes) {
+        uint channel = first / kColumns + gl_SubgroupInvocationID / kColumns;
+        uint column = first % kColumns + gl_SubgroupInvocationID % kColumns;
+        store((block * kOutputs + o) * kM + channel, y0 + first_row + row, x0 + column,
+              uintBitsToFloat(tile[own + channel * kSumStride + column / 4][column % 4]));
+      }
       subgroupBarrier();
     }
   }

@@ -29,24 +29,40 @@ struct LayerWork {
   std::string name;
   uint32_t dispatches = 0;
   double workgroups = 0, flop = 0, bytes = 0;
+  double trips = 0;  // the sum of Pass::loop_trips over the workgroups
 };
 
 struct Compiled {
   std::string name;
   std::vector<uint32_t> constants;
+  uint32_t invocations = 0;  // invocations of a workgroup
   double time_ms = 0;
   std::vector<PipelineExecutable> executables;
+  std::vector<PipelineExecutable> unrolled;  // its loops of unknown length do two steps at a time
   std::vector<LayerWork> layers;
 
   void add(const Pass& pass) {
     auto layer = std::ranges::find(layers, pass.name, &LayerWork::name);
     if (layer == layers.end()) layer = layers.insert(layer, {.name = pass.name});
     ++layer->dispatches;
-    layer->workgroups += double(pass.groups[0]) * pass.groups[1] * pass.groups[2];
+    const double workgroups = double(pass.groups[0]) * pass.groups[1] * pass.groups[2];
+    layer->workgroups += workgroups;
+    layer->trips += workgroups * pass.loop_trips;
     layer->flop += pass.flop;
     layer->bytes += pass.bytes;
   }
 };
+
+// Returns the invocations of a workgroup, of which a shader for matrices has as many as its first constant.
+uint32_t invocations_of(const Pass& pass, std::span<const uint32_t> spirv) {
+  if (pass.matrix) return pass.constants.front();
+  constexpr uint32_t kHeaderWords = 5, kExecutionMode = 16, kLocalSize = 17;
+  for (size_t i = kHeaderWords; i + 5 < spirv.size(); i += spirv[i] >> 16) {
+    if ((spirv[i] & 0xffff) == kExecutionMode && spirv[i + 2] == kLocalSize)
+      return spirv[i + 3] * spirv[i + 4] * spirv[i + 5];
+  }
+  return 1;
+}
 
 // Compiles one kernel after another, without a pipeline cache. Returns them in the order of their first
 // passes.
@@ -61,10 +77,18 @@ std::vector<Compiled> compile_all(const Device& device, const Graph& graph) {
       const Stopwatch watch;
       const Kernel kernel(device, VK_NULL_HANDLE, recipes[i]);
       const double time_ms = watch.ms();
+      std::vector<PipelineExecutable> unrolled;
+      if (graph.passes()[i].loop_trips > 0) {
+        KernelRecipe recipe = recipes[i];
+        recipe.unroll = 2;
+        unrolled = pipeline_executables(device, Kernel(device, VK_NULL_HANDLE, recipe).pipeline());
+      }
       kernels.push_back({recipes[i].name,
                          recipes[i].constants,
+                         invocations_of(graph.passes()[i], recipes[i].spirv),
                          time_ms,
                          pipeline_executables(device, kernel.pipeline()),
+                         std::move(unrolled),
                          {}});
     }
     kernels[at->second].add(graph.passes()[i]);
@@ -81,14 +105,19 @@ Json to_json(const PipelineExecutable& executable) {
 Json to_json(const Compiled& kernel) {
   Json json{{"kernel", kernel.name},
             {"constants", kernel.constants},
+            {"invocations", kernel.invocations},
             {"compile_ms", kernel.time_ms},
             {"executables", Json::array()}};
   for (const PipelineExecutable& executable : kernel.executables)
     json["executables"].push_back(to_json(executable));
+  json["unrolled"] = Json::array();
+  for (const PipelineExecutable& executable : kernel.unrolled)
+    json["unrolled"].push_back(to_json(executable));
   for (const LayerWork& layer : kernel.layers)
     json["layers"].push_back({{"name", layer.name},
                               {"dispatches", layer.dispatches},
                               {"workgroups", layer.workgroups},
+                              {"loop_trips", layer.trips / layer.workgroups},
                               {"flop", layer.flop},
                               {"bytes", layer.bytes}});
   return json;

@@ -75,7 +75,7 @@ void run(const TuneArguments& arguments) {
   for (const std::string& name : arguments.models) {
     const Model model(find_model(name));
     const TileSize lrhs = lrhs_size(model, arguments.size);
-    const FuserOptions options{.storage = storage, .kernels = default_kernels(device->info())};
+    const FuserOptions options{.storage = storage, .kernels = default_kernels(device->info(), storage)};
     const TileSize tile = plan_fusion(model, lrhs.height, lrhs.width, device->info(), options).tiling.tile;
     const std::vector<Conv2dShape> all = conv2d_shapes(model, tile.height, tile.width);
     shapes.insert(shapes.end(), all.begin(), all.end());

@@ -76,6 +76,7 @@ struct Pass {
   std::optional<CooperativeMatrix> matrix = {};  // the shader multiplies these, which only some devices can
   double flop = 0;                               // multiply-adds count as two
   double bytes = 0;                              // the least traffic: every operand counts once
+  double loop_trips = 0;                         // mean length of the loops of loops.glsl; 0: there are none
 
   // Returns the work by which dispatches and submits are limited, see WorkLimits.
   double work() const { return flop + bytes; }

@@ -24,6 +24,7 @@ Kernel::Kernel(const Device& device, VkPipelineCache cache, const KernelRecipe& 
     values.push_back(value);
   };
   specialize(kIdLanesId, device.info().id_lanes);
+  specialize(kUnrollId, recipe.unroll);
   const VkSpecializationInfo specialization{static_cast<uint32_t>(entries.size()), entries.data(),
                                             values.size() * sizeof(uint32_t), values.data()};
   auto info = vk_struct<VkComputePipelineCreateInfo>(VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO);

@@ -28,11 +28,13 @@ struct KernelRecipe {
   std::vector<VkDescriptorType> descriptors;
   uint32_t push_bytes = 0;
   VkPipelineShaderStageCreateFlags stage_flags = 0;
+  uint32_t unroll = 1;  // see loops.glsl
 
   bool operator<(const KernelRecipe& other) const {
     const uint32_t *own = spirv.data(), *others = other.spirv.data();
-    return std::tie(own, constants, descriptors, push_bytes, stage_flags) <
-           std::tie(others, other.constants, other.descriptors, other.push_bytes, other.stage_flags);
+    return std::tie(own, constants, descriptors, push_bytes, stage_flags, unroll) <
+           std::tie(others, other.constants, other.descriptors, other.push_bytes, other.stage_flags,
+                    other.unroll);
   }
 };
 
@@ -40,6 +42,7 @@ struct KernelRecipe {
 class Kernel {
  public:
   static constexpr uint32_t kIdLanesId = 29;  // ids.glsl
+  static constexpr uint32_t kUnrollId = 30;   // loops.glsl
   // Throws Error.
   Kernel(const Device& device, VkPipelineCache cache, const KernelRecipe& recipe);
   ~Kernel();

@@ -249,7 +249,7 @@ struct Tuner {
         return [member](Conv2dKernel& kernel) -> uint32_t& { return kernel.matrix.*member; };
       };
       vary(of_tiles(&MatrixTiles::rows), {1, 4});
-      vary(of_tiles(&MatrixTiles::outputs), {16, 32});
+      vary(of_tiles(&MatrixTiles::outputs), {16, 64});
       vary(of_tiles(&MatrixTiles::subgroups), {2, 8});
       vary(of_tiles(&MatrixTiles::channels), {16, 32, 64});
     }
@@ -296,8 +296,9 @@ double time_conv2d(const Device& device, PipelineCache& cache, Storage storage, 
 }
 
 Conv2dKernel first_matrix_guess(const CooperativeMatrix& matrix, const Conv2dShape& shape) {
-  constexpr uint32_t kMostSums = 128;  // sums of a lane, about half of its registers
-  MatrixTiles tiles{.matrix = matrix, .channels = shape.kernel == 1 ? 32u : 16u};
+  constexpr uint32_t kMostSums = 128;    // sums of a lane, about half of its registers
+  constexpr uint32_t kMostOutputs = 32;  // with 48 NVK spills sums, and RADV takes 240 registers
+  MatrixTiles tiles{.matrix = matrix, .outputs = kMostOutputs, .channels = shape.kernel == 1 ? 32u : 16u};
   tiles.outputs = std::min(tiles.outputs, divide_up(shape.channels_out, matrix.m) * matrix.m);
   const auto sums = [&] { return tiles.outputs * tiles.rows * kMatrixColumns / matrix.subgroup_size; };
   if (sums() > kMostSums) tiles.rows = 1;
@@ -306,18 +307,24 @@ Conv2dKernel first_matrix_guess(const CooperativeMatrix& matrix, const Conv2dSha
   return {.algorithm = Algorithm::kMatrix, .matrix = tiles};
 }
 
-Kernels default_kernels(const DeviceInfo& device) {
+Kernels default_kernels(const DeviceInfo& device, Storage storage) {
+  if (!device.is_cpu && device.cooperative_matrix && storage == Storage::kFloat16) {
+    const auto choose = [matrix = *device.cooperative_matrix](const Conv2dShape& shape) {
+      return first_matrix_guess(matrix, shape);
+    };
+    return {.conv2d = choose};
+  }
   if (!device.is_cpu || !device.buffer_device_address) return {};
   const auto choose = [device](const Conv2dShape& shape) { return default_conv2d(device, shape); };
   return {.addressed = gathers(device), .vector = device.vector_lanes, .conv2d = choose};
 }
 
-Kernels Tuning::kernels(const DeviceInfo& device) const {
+Kernels Tuning::kernels(const DeviceInfo& device, Storage storage) const {
   auto usable = entries;
   std::erase_if(usable, [&](const auto& entry) { return !is_for(device, entry.second.kernel); });
-  if (usable.empty()) return default_kernels(device);
-  const auto choose = [entries = usable,
-                       fallback = default_kernels(device).conv2d](const Conv2dShape& shape) {
+  const Kernels defaults = default_kernels(device, storage);
+  if (usable.empty()) return defaults;
+  const auto choose = [entries = usable, fallback = defaults.conv2d](const Conv2dShape& shape) {
     // network() refuses F(4, 3) only after it was chosen, so the entry of a shape that refuses it has a
     // most_tile of 2.
     for (const uint32_t most_tile : {shape.most_tile, 2u}) {
@@ -335,9 +342,8 @@ Kernels Tuning::kernels(const DeviceInfo& device) const {
     }
     return nearest ? *nearest : fallback(shape);
   };
-  return {.addressed = addressed && device.buffer_device_address,
-          .vector = default_kernels(device).vector,
-          .conv2d = choose};
+  return {
+      .addressed = addressed && device.buffer_device_address, .vector = defaults.vector, .conv2d = choose};
 }
 
 std::filesystem::path tuning_file(const std::filesystem::path& folder, const Device& device,
@@ -414,7 +420,7 @@ void tune(const Device& device, PipelineCache& cache, Storage storage, const std
 }
 
 Kernels kernels_for(const Device& device, Storage storage, const std::filesystem::path& folder) {
-  return load_tuning(tuning_file(folder, device, storage)).kernels(device.info());
+  return load_tuning(tuning_file(folder, device, storage)).kernels(device.info(), storage);
 }
 
 }  // namespace raymeld

@@ -16,10 +16,11 @@ namespace raymeld {
 
 // Returns the kernels of a device without measurements. CPUs with buffer addresses get Winograd F(4, 3), or
 // F(2, 3) where that is not accurate enough, and pointwise, whose products read vectors where the driver has
-// them. They find activations by address where the driver gathers these. Other devices get the direct kernel.
-Kernels default_kernels(const DeviceInfo& device);
+// them. They find activations by address where the driver gathers these. In 16-bit storage, other devices
+// with cooperative matrices get first_matrix_guess(). All others get the direct kernel.
+Kernels default_kernels(const DeviceInfo& device, Storage storage);
 
-// Returns the kernel by cooperative matrices that the search starts from. It is never a default.
+// Returns the kernel by cooperative matrices that is the default, and that the search starts from.
 Conv2dKernel first_matrix_guess(const CooperativeMatrix& matrix, const Conv2dShape& shape);
 
 // Returns the median time of a few runs on random values, in milliseconds. The first run, in which some
@@ -40,7 +41,7 @@ struct Tuning {
 
   // Returns the kernels to compute with. A shape that was not measured gets the kernel of the most similar
   // shape of the same kernel size, or that of default_kernels().
-  Kernels kernels(const DeviceInfo& device) const;
+  Kernels kernels(const DeviceInfo& device, Storage storage) const;
 };
 
 // Returns where a device's tuning lies in `folder`, or an empty path without a folder.

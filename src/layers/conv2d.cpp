@@ -147,6 +147,7 @@ void direct(Graph& graph, Convolution conv) {
   pass.groups = {divide_up(conv.width, kLocalX), divide_up(conv.height, kLocalY * kRows), blocks};
   pass.flop = conv.flop();
   pass.bytes = tensor_bytes(graph, conv) + double(weight_count * element_bytes(graph.storage()));
+  pass.loop_trips = double(conv.channels_in) / double(conv.inputs().size());
   graph.add(std::move(pass));
   if (conv.options.shuffle > 1) pixel_shuffle(graph, conv.name + ".pixel_shuffle", conv.out, shuffled);
 }

@@ -11,18 +11,39 @@ namespace {
 
 constexpr uint32_t kStep = 8;  // halves in 16 bytes, as conv2d_matrix.comp counts shared memory
 
+// Holds the input channels as conv2d_matrix.comp counts them: those of a second input start at a multiple of
+// kStep.
+struct PaddedChannels {
+  uint32_t first = 0, second = 0, second_start = 0;
+
+  explicit PaddedChannels(const Convolution& conv)
+      : second(conv.options.second_input ? conv.options.second_input->shape.channels : 0) {
+    first = conv.channels_in - second;
+    second_start = divide_up(first, kStep) * kStep;
+  }
+  uint32_t count() const { return second_start + second; }
+  // Returns the channel of the convolution, or none between the inputs and beyond the last.
+  std::optional<uint32_t> channel(uint32_t padded) const {
+    if (padded < first) return padded;
+    if (padded >= second_start && padded < count()) return padded - second_start + first;
+    return {};
+  }
+};
+
 // Writes weights in the layout of conv2d_matrix.comp, [block][chunk][output][ky][kx][channel],
-// zeros where channels end early.
+// zeros where there is no channel.
 void pack_weights(std::byte* target, const Convolution& conv, const MatrixTiles& tiles) {
   auto* next = reinterpret_cast<Imath::half*>(target);
   const uint32_t kernel = conv.options.kernel;
+  const PaddedChannels channels(conv);
   for (uint32_t block = 0; block < conv.channels_out; block += tiles.outputs) {
-    for (uint32_t chunk = 0; chunk < conv.channels_in; chunk += tiles.channels) {
+    for (uint32_t chunk = 0; chunk < channels.count(); chunk += tiles.channels) {
       for (uint32_t o = block; o < block + tiles.outputs; ++o) {
         for (uint32_t tap = 0; tap < kernel * kernel; ++tap) {
           for (uint32_t i = chunk; i < chunk + tiles.channels; ++i) {
-            const bool present = o < conv.channels_out && i < conv.channels_in;
-            *next++ = present ? conv.weight_at(o, i, tap / kernel, tap % kernel) : 0.0f;
+            const std::optional<uint32_t> channel = channels.channel(i);
+            const bool present = o < conv.channels_out && channel;
+            *next++ = present ? conv.weight_at(o, *channel, tap / kernel, tap % kernel) : 0.0f;
           }
         }
       }
@@ -71,9 +92,10 @@ void conv2d_matrix(Graph& graph, const Convolution& conv) {
   }
   // Limits the tiles to the channels that there are.
   tiles.outputs = std::min(tiles.outputs, divide_up(conv.channels_out, matrix.m) * matrix.m);
-  tiles.channels = std::min(tiles.channels, divide_up(conv.channels_in, matrix.k) * matrix.k);
+  const PaddedChannels channels(conv);
+  tiles.channels = std::min(tiles.channels, divide_up(channels.count(), matrix.k) * matrix.k);
   const uint32_t blocks = divide_up(conv.channels_out, tiles.outputs),
-                 chunks = divide_up(conv.channels_in, tiles.channels);
+                 chunks = divide_up(channels.count(), tiles.channels);
   const uint64_t weight_bytes =
       sizeof(Imath::half) * kernel * kernel * blocks * tiles.outputs * chunks * tiles.channels;
   const uint32_t weights = graph.constant(conv.name + ".weight", weight_bytes,
@@ -104,11 +126,12 @@ void conv2d_matrix(Graph& graph, const Convolution& conv) {
   for (uint32_t i = 0; i < kMostResiduals; ++i) pass.bindings.push_back(residual_binding(conv, i, conv.in));
   pass.bindings.push_back(read_binding(conv.options.second_input.value_or(conv.in)));
   pass.set_push(params::Conv2dMatrix{conv.height, conv.width, graph.plane(conv.in), graph.plane(conv.out),
-                                     conv.channels_in, conv.in.shape.channels, conv.channels_out});
+                                     conv.channels_in, channels.first, conv.channels_out});
   pass.groups = {divide_up(conv.width, kMatrixColumns), divide_up(conv.height, tiles.subgroups * tiles.rows),
                  blocks};
   pass.flop = conv.flop();
   pass.bytes = tensor_bytes(graph, conv) + double(weight_bytes);
+  pass.loop_trips = chunks;
   graph.add(std::move(pass));
 }
 

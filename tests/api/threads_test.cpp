@@ -68,7 +68,7 @@ class ThreadsTest : public GpuTest {
 TEST_F(ThreadsTest, FusersOfOneDevice) {
   std::vector<std::unique_ptr<Model>> models;
   for (int i = 0; i < kThreads; ++i) models.push_back(std::make_unique<Model>(file(i)));
-  const Kernels kernels = default_kernels(gpu().info());
+  const Kernels kernels = default_kernels(gpu().info(), Storage::kFloat32);
   expect_the_same([&](int i) {
     return std::make_unique<Fuser>(gpu(), *models[size_t(i)], height(i), width(i),
                                    FuserOptions{.kernels = kernels}, folder_ / "cache");

@@ -42,7 +42,7 @@ TEST_F(FrameTimesTest, AreKeptByWhatTheyDependOn) {
   other.storage = Storage::kFloat16;
   EXPECT_FALSE(times.known(model_, 6, 8, other));
   other = options;
-  other.kernels = default_kernels(gpu().info());
+  other.kernels = default_kernels(gpu().info(), Storage::kFloat32);
   const Conv2dShape shape{.height = 64, .width = 64, .channels_in = 32, .channels_out = 32, .kernel = 3};
   const bool differ = other.kernels.conv2d(shape).algorithm != Algorithm::kDirect;
   EXPECT_EQ(times.known(model_, 6, 8, other).has_value(), !differ);

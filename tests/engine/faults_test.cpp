@@ -232,7 +232,7 @@ TEST_F(FaultsTest, ALostDeviceEndsATuning) {
 TEST_F(FaultsTest, TilesBecomeAsSmallAsTheMemory) {
   CallerDevice caller;
   const std::unique_ptr<Device> device = Device::wrap(caller.external());
-  for (const Kernels& kernels : {Kernels{}, default_kernels(device->info())}) {
+  for (const Kernels& kernels : {Kernels{}, default_kernels(device->info(), Storage::kFloat32)}) {
     const FuserOptions options{.kernels = kernels};
     const Outcome whole = run(caller, options);
     interposed().most_allocation_bytes =

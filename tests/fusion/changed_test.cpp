@@ -86,7 +86,7 @@ TEST_F(ChangedTest, BitsAreComparedAndNotValues) {
 TEST_F(ChangedTest, TilesThatDoNotChangeAreSkipped) {
   const Architecture a = small_architecture(2);
   const Model model = model_of(a);
-  for (const Kernels& kernels : {Kernels{}, default_kernels(gpu().info())}) {
+  for (const Kernels& kernels : {Kernels{}, default_kernels(gpu().info(), Storage::kFloat32)}) {
     SCOPED_TRACE(kernels.addressed);
     const FuserOptions options = tiled(model, {.kernels = kernels});
     Fuser fuser = make(model, options), whole = make(model, options);

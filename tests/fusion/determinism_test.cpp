@@ -64,7 +64,7 @@ TEST_F(DeterminismTest, EveryTilingGivesTheSameBitsWithDirectKernels) {
 
 // Winograd rounds a pixel by its place in its tile's blocks of 2x2 or 4x4.
 TEST_F(DeterminismTest, EveryTilingOfFastKernelsRepeatsAndAgreesWithinRounding) {
-  const Kernels kernels = default_kernels(gpu().info());
+  const Kernels kernels = default_kernels(gpu().info(), Storage::kFloat32);
   if (!gpu().info().buffer_device_address) GTEST_SKIP() << "the device has direct kernels only";
   const std::vector<Fused> all = in_all_tilings({.kernels = kernels}),
                            again = in_all_tilings({.kernels = kernels});
@@ -83,7 +83,7 @@ TEST_F(DeterminismTest, EveryTilingOfFastKernelsRepeatsAndAgreesWithinRounding) 
 }
 
 TEST_F(DeterminismTest, EverySplitOfTheWorkGivesTheSameBits) {
-  for (const Kernels& kernels : {Kernels{}, default_kernels(gpu().info())}) {
+  for (const Kernels& kernels : {Kernels{}, default_kernels(gpu().info(), Storage::kFloat32)}) {
     const Fused whole =
         fuse({.kernels = kernels, .work_limits = WorkLimits{.dispatch_work = 1e12, .submit_work = 1e12}});
     EXPECT_EQ(whole.submits, 1);
@@ -114,7 +114,8 @@ TEST_F(DeterminismTest, EverySplitOfAJointFilterGivesTheSameBits) {
       {.dispatch_work = 1e4, .submit_work = 1e12},
   };
   for (const WorkLimits& limits : tried) {
-    Fuser fuser(gpu(), model, 20, 70, {.kernels = default_kernels(gpu().info()), .work_limits = limits},
+    Fuser fuser(gpu(), model, 20, 70,
+                {.kernels = default_kernels(gpu().info(), Storage::kFloat32), .work_limits = limits},
                 shared_cache_folder());
     fuser.fuse(image_of(subject.lrhs), image_of(subject.hrls), whole.data.empty() ? whole : split);
     EXPECT_TRUE(split.data.empty() || same_bits(split.data, whole.data)) << limits.dispatch_work;

@@ -120,7 +120,7 @@ TEST(Tuning, ADamagedFileIsNoTuning) {
 }
 
 TEST(Tuning, ChoosesWhatWasMeasuredOrTheMostAlike) {
-  const Conv2dChoice choose = example().kernels(device_with_addresses()).conv2d;
+  const Conv2dChoice choose = example().kernels(device_with_addresses(), Storage::kFloat32).conv2d;
   const Conv2dShape by_winograd{
       .height = 120, .width = 160, .channels_in = 60, .channels_out = 64, .kernel = 3};
   const Conv2dShape by_small_tiles{
@@ -135,44 +135,56 @@ TEST(Tuning, ChoosesWhatWasMeasuredOrTheMostAlike) {
 }
 
 TEST(Tuning, NeverAsksADeviceForWhatItCannot) {
-  const Kernels plain = default_kernels(DeviceInfo{});
+  const Kernels plain = default_kernels(DeviceInfo{}, Storage::kFloat32);
   EXPECT_FALSE(plain.addressed);
   EXPECT_EQ(plain.conv2d(kByWinograd), Conv2dKernel{});
   Tuning tuning = example();
   tuning.addressed = true;
-  EXPECT_EQ(tuning.kernels(DeviceInfo{}).conv2d(kByWinograd), Conv2dKernel{});
+  EXPECT_EQ(tuning.kernels(DeviceInfo{}, Storage::kFloat32).conv2d(kByWinograd), Conv2dKernel{});
   tuning.addressed = false;
-  EXPECT_EQ(tuning.kernels(DeviceInfo{}).conv2d(kByWinograd), Conv2dKernel{});
+  EXPECT_EQ(tuning.kernels(DeviceInfo{}, Storage::kFloat32).conv2d(kByWinograd), Conv2dKernel{});
 
   DeviceInfo device = device_with_addresses();
-  EXPECT_EQ(tuning.kernels(device).conv2d(kByMatrices).winograd_tile(), 4u);
+  EXPECT_EQ(tuning.kernels(device, Storage::kFloat32).conv2d(kByMatrices).winograd_tile(), 4u);
   device.cooperative_matrix = kSmallMatrix;
-  EXPECT_EQ(tuning.kernels(device).conv2d(kByMatrices).winograd_tile(), 4u);
+  EXPECT_EQ(tuning.kernels(device, Storage::kFloat32).conv2d(kByMatrices).winograd_tile(), 4u);
   device.cooperative_matrix = kMatrix;
-  EXPECT_EQ(tuning.kernels(device).conv2d(kByMatrices).matrix.rows, 1u);
-  EXPECT_NE(default_kernels(device).conv2d(kByMatrices).algorithm, Algorithm::kMatrix);
+  EXPECT_EQ(tuning.kernels(device, Storage::kFloat32).conv2d(kByMatrices).matrix.rows, 1u);
+}
+
+TEST(Tuning, GpusWithMatricesMultiplyThemByDefault) {
+  DeviceInfo device = device_with_addresses();
+  device.cooperative_matrix = kMatrix;
+  const auto algorithm = [&](Storage storage) {
+    return default_kernels(device, storage).conv2d(kByMatrices).algorithm;
+  };
+  EXPECT_EQ(algorithm(Storage::kFloat16), Algorithm::kMatrix);
+  EXPECT_EQ(algorithm(Storage::kFloat32), Algorithm::kDirect);
+  EXPECT_EQ(Tuning{}.kernels(device, Storage::kFloat16).conv2d(kByMatrices).algorithm, Algorithm::kMatrix);
+  device.is_cpu = true;
+  EXPECT_EQ(algorithm(Storage::kFloat16), Algorithm::kWinograd);
 }
 
 TEST(Tuning, ReadsByVectorsOfTheDevicesOwnOnly) {
   DeviceInfo device = device_with_addresses();
-  EXPECT_EQ(example().kernels(device).conv2d(kByVectors).vector, 8u);
+  EXPECT_EQ(example().kernels(device, Storage::kFloat32).conv2d(kByVectors).vector, 8u);
   device.vector_lanes = 16;
-  EXPECT_EQ(example().kernels(device).conv2d(kByVectors).vector, 0u);
-  EXPECT_EQ(default_kernels(device).conv2d(kByVectors).vector, 0u);
+  EXPECT_EQ(example().kernels(device, Storage::kFloat32).conv2d(kByVectors).vector, 0u);
+  EXPECT_EQ(default_kernels(device, Storage::kFloat32).conv2d(kByVectors).vector, 0u);
   device.is_cpu = true;
-  EXPECT_EQ(default_kernels(device).conv2d(kByVectors).vector, 16u);
-  EXPECT_EQ(default_kernels(device).vector, 16u);
-  EXPECT_EQ(example().kernels(device).vector, 16u);
+  EXPECT_EQ(default_kernels(device, Storage::kFloat32).conv2d(kByVectors).vector, 16u);
+  EXPECT_EQ(default_kernels(device, Storage::kFloat32).vector, 16u);
+  EXPECT_EQ(example().kernels(device, Storage::kFloat32).vector, 16u);
   device.buffer_device_address = false;
-  EXPECT_EQ(default_kernels(device).vector, 0u);
-  EXPECT_EQ(example().kernels(device).vector, 0u);
+  EXPECT_EQ(default_kernels(device, Storage::kFloat32).vector, 0u);
+  EXPECT_EQ(example().kernels(device, Storage::kFloat32).vector, 0u);
 }
 
 TEST(Tuning, StartsTheSearchWithWhatFitsSharedMemory) {
   Conv2dShape shape{.height = 128, .width = 128, .channels_in = 64, .channels_out = 64, .kernel = 3};
-  EXPECT_EQ(first_matrix_guess(kMatrix, shape).matrix.outputs, 64u);
-  shape.channels_out = 18;
   EXPECT_EQ(first_matrix_guess(kMatrix, shape).matrix.outputs, 32u);
+  shape.channels_out = 12;
+  EXPECT_EQ(first_matrix_guess(kMatrix, shape).matrix.outputs, 16u);
   shape.channels_out = 256;
   for (const uint32_t kernel : {1u, 3u}) {
     shape.kernel = kernel;

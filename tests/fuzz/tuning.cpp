@@ -43,7 +43,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   const test::MemoryFile content({data, size});
   const Tuning tuning = load_tuning(content.path());
   for (const DeviceInfo& info : {device(true, true), device(true, false), device(false, false)}) {
-    const Kernels kernels = tuning.kernels(info);
+    const Kernels kernels = tuning.kernels(info, Storage::kFloat32);
     for (const Conv2dShape& shape : kShapes) convolve(kernels, shape);
   }
   return 0;

@@ -65,7 +65,7 @@ int most_tile(const Kernels& kernels) {
 // Returns every storage and choice of kernels that differs on this device.
 std::vector<FuserOptions> all_options() {
   std::vector<FuserOptions> all;
-  const Kernels defaults = default_kernels(gpu().info());
+  const Kernels defaults = default_kernels(gpu().info(), Storage::kFloat32);
   for (const Precision precision : kPrecisions) {
     all.push_back({.storage = storage_of(precision)});
     if (most_tile(defaults) > 0) all.push_back({.storage = storage_of(precision), .kernels = defaults});
@@ -349,7 +349,8 @@ TEST_F(ExtremesTest, ALampBeyondTheClipKeepsItsLight) {
 
 // Winograd F(4, 3) may spread a firefly over its tile by less than a quarter of a step of a display.
 TEST_F(ExtremesTest, FirefliesDoNotSpreadThroughWinograd) {
-  if (most_tile(default_kernels(gpu().info())) == 0) GTEST_SKIP() << "no Winograd by default here";
+  if (most_tile(default_kernels(gpu().info(), Storage::kFloat32)) == 0)
+    GTEST_SKIP() << "no Winograd by default here";
   const double brightness = 1e-2;
   Scene scene = make_scene(4, 24, 24, brightness);
   const Planes at = random_planes(2, 1, 40, Fill::kUniform, 32);
@@ -360,8 +361,9 @@ TEST_F(ExtremesTest, FirefliesDoNotSpreadThroughWinograd) {
   for (const char* name : {"x4-fast", "x4-balanced"}) {
     const Model model = stock_model(name);
     const Planes direct = fuse_once(model, scene.lrhs, scene.hrls, {}).image;
-    const Planes fast =
-        fuse_once(model, scene.lrhs, scene.hrls, {.kernels = default_kernels(gpu().info())}).image;
+    const Planes fast = fuse_once(model, scene.lrhs, scene.hrls,
+                                  {.kernels = default_kernels(gpu().info(), Storage::kFloat32)})
+                            .image;
     double largest = 0;
     for (size_t i = 0; i < fast.data.size(); ++i)
       largest = std::max(largest, display_difference(fast.data[i], direct.data[i], brightness));
@@ -548,7 +550,7 @@ TEST_F(ExtremesTest, OverflowBelowZeroIsNotHiddenByReLU) {
       for (double& w : subject.weights.at(before).weight) w = std::abs(w);
     for (double& w : subject.weights.at(layer).weight) w = -3e38;
     const Model model = model_of(subject);
-    for (const Kernels& kernels : {Kernels{}, default_kernels(gpu().info())}) {
+    for (const Kernels& kernels : {Kernels{}, default_kernels(gpu().info(), Storage::kFloat32)}) {
       EXPECT_ERROR(fuse_once(model, subject.lrhs, subject.hrls, {.kernels = kernels}), "not finite");
     }
   }
