@@ -53,17 +53,6 @@ struct Compiled {
   }
 };
 
-// Returns the invocations of a workgroup, of which a shader for matrices has as many as its first constant.
-uint32_t invocations_of(const Pass& pass, std::span<const uint32_t> spirv) {
-  if (pass.matrix) return pass.constants.front();
-  constexpr uint32_t kHeaderWords = 5, kExecutionMode = 16, kLocalSize = 17;
-  for (size_t i = kHeaderWords; i + 5 < spirv.size(); i += spirv[i] >> 16) {
-    if ((spirv[i] & 0xffff) == kExecutionMode && spirv[i + 2] == kLocalSize)
-      return spirv[i + 3] * spirv[i + 4] * spirv[i + 5];
-  }
-  return 1;
-}
-
 // Compiles one kernel after another, without a pipeline cache. Returns them in the order of their first
 // passes.
 std::vector<Compiled> compile_all(const Device& device, const Graph& graph) {
@@ -85,7 +74,7 @@ std::vector<Compiled> compile_all(const Device& device, const Graph& graph) {
       }
       kernels.push_back({recipes[i].name,
                          recipes[i].constants,
-                         invocations_of(graph.passes()[i], recipes[i].spirv),
+                         workgroup_invocations(recipes[i]),
                          time_ms,
                          pipeline_executables(device, kernel.pipeline()),
                          std::move(unrolled),

@@ -1,5 +1,11 @@
 #include "engine/pipeline_statistics.h"
 
+#include <algorithm>
+#include <functional>
+#include <map>
+#include <numeric>
+#include <span>
+
 #include "engine/instance.h"
 
 namespace raymeld {
@@ -63,6 +69,36 @@ std::vector<PipelineExecutable> pipeline_executables(const Device& device, VkPip
   for (uint32_t i = 0; i < count; ++i)
     executables.push_back({listed[i].name, listed[i].subgroupSize, statistics_of(device, pipeline, i)});
   return executables;
+}
+
+uint32_t workgroup_invocations(const KernelRecipe& recipe) {
+  // The numbers are those of the SPIR-V specification.
+  constexpr uint32_t kHeaderWords = 5, kExecutionMode = 16, kConstant = 43, kSpecConstant = 50,
+                     kSpecConstantComposite = 51, kDecorate = 71;
+  constexpr uint32_t kLocalSize = 17, kSpecId = 1, kBuiltIn = 11, kWorkgroupSize = 25;
+  std::map<uint32_t, uint32_t> spec_ids, constants;  // by the constant
+  uint32_t size = 0;                                 // the constant that is the workgroup's size
+  std::vector<uint32_t> sides;
+  const std::span<const uint32_t> words = recipe.spirv;
+  for (size_t i = kHeaderWords; i < words.size() && words[i] >> 16 > 0; i += words[i] >> 16) {
+    const auto operands = words.subspan(i + 1, std::min<size_t>((words[i] >> 16) - 1, words.size() - i - 1));
+    const uint32_t operation = words[i] & 0xffff;
+    if (operation == kExecutionMode && operands[1] == kLocalSize) {
+      sides.assign(operands.begin() + 2, operands.end());
+    } else if (operation == kDecorate && operands[1] == kSpecId) {
+      spec_ids[operands[0]] = operands[2];
+    } else if (operation == kDecorate && operands[1] == kBuiltIn && operands[2] == kWorkgroupSize) {
+      size = operands[0];
+    } else if (operation == kConstant || operation == kSpecConstant) {
+      const auto spec_id = spec_ids.find(operands[1]);
+      const bool is_set = spec_id != spec_ids.end() && spec_id->second < recipe.constants.size();
+      constants[operands[1]] = is_set ? recipe.constants[spec_id->second] : operands[2];
+    } else if (operation == kSpecConstantComposite && operands[1] == size) {
+      sides.clear();
+      for (const uint32_t side : operands.subspan(2)) sides.push_back(constants[side]);
+    }
+  }
+  return std::accumulate(sides.begin(), sides.end(), 1u, std::multiplies<>());
 }
 
 }  // namespace raymeld

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "engine/device.h"
+#include "engine/kernel.h"
 
 namespace raymeld {
 
@@ -27,5 +28,8 @@ bool tells_pipeline_statistics(const VulkanFunctions& vk, VkPhysicalDevice physi
 // Returns the executables of a pipeline; none unless DeviceRequest::pipeline_statistics asked for them and
 // the driver has any. Throws Error.
 std::vector<PipelineExecutable> pipeline_executables(const Device& device, VkPipeline pipeline);
+
+// Returns the invocations of a kernel's workgroups, which its SPIR-V says, or its specialization constants.
+uint32_t workgroup_invocations(const KernelRecipe& recipe);
 
 }  // namespace raymeld

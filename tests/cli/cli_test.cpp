@@ -602,6 +602,7 @@ TEST_F(Cli, CompilesWhatAFrameRuns) {
   const std::string text = run(compile).out;
   for (const Json& kernel : json.at("kernels")) {
     EXPECT_GT(kernel.at("compile_ms"), 0) << kernel;
+    EXPECT_GE(kernel.at("invocations"), 32) << kernel;
     EXPECT_NE(text.find(kernel.at("kernel").get<std::string>() + ", "), std::string::npos) << text;
     for (const Json& layer : kernel.at("layers")) {
       EXPECT_GT(layer.at("workgroups"), 0) << layer;
