@@ -76,8 +76,8 @@ uint32_t workgroup_invocations(const KernelRecipe& recipe) {
   constexpr uint32_t kHeaderWords = 5, kExecutionMode = 16, kConstant = 43, kSpecConstant = 50,
                      kSpecConstantComposite = 51, kDecorate = 71;
   constexpr uint32_t kLocalSize = 17, kSpecId = 1, kBuiltIn = 11, kWorkgroupSize = 25;
-  std::map<uint32_t, uint32_t> spec_ids, constants;  // by the constant
-  uint32_t size = 0;                                 // the constant that is the workgroup's size
+  std::map<uint32_t, uint32_t> spec_ids, constants;  // keys are the ids of constants
+  uint32_t size = 0;                                 // names the constant that is the workgroup's size
   std::vector<uint32_t> sides;
   const std::span<const uint32_t> words = recipe.spirv;
   for (size_t i = kHeaderWords; i < words.size() && words[i] >> 16 > 0; i += words[i] >> 16) {
