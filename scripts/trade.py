@@ -5,9 +5,7 @@ import re
 import sys
 from pathlib import Path
 
-
-def markdown(head, rows):
-    return "\n".join("| " + " | ".join(row) + " |" for row in [head, ["---"] * len(head), *rows])
+from page import insert, markdown
 
 
 def setting_name(setting):
@@ -44,10 +42,7 @@ def main():
     text = page.read_text()
     tables = {"settings": settings, "renders": renders}
     for name, table in tables.items():
-        text, count = re.subn(rf"(<!-- begin {name} -->\n).*?(<!-- end -->)",
-                              lambda match: match[1] + table(trade) + "\n" + match[2], text, flags=re.DOTALL)
-        if count != 1:
-            sys.exit(f"{page}: no table {name}")
+        text = insert(text, name, table(trade), page)
     where = f"{trade['device']}, {trade['driver'].strip()}"
     text = re.sub(r"(<!-- begin device -->).*?(<!-- end -->)", lambda match: match[1] + where + match[2], text)
     page.write_text(text)

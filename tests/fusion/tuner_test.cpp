@@ -183,6 +183,8 @@ TEST(Tuning, ReadsByVectorsOfTheDevicesOwnOnly) {
 TEST(Tuning, StartsTheSearchWithWhatFitsSharedMemory) {
   Conv2dShape shape{.height = 128, .width = 128, .channels_in = 64, .channels_out = 64, .kernel = 3};
   EXPECT_EQ(first_matrix_guess(kMatrix, shape).matrix.outputs, 32u);
+  shape.channels_out = 18;
+  EXPECT_EQ(first_matrix_guess(kMatrix, shape).matrix.outputs, 32u);
   shape.channels_out = 12;
   EXPECT_EQ(first_matrix_guess(kMatrix, shape).matrix.outputs, 16u);
   shape.channels_out = 256;
