@@ -47,8 +47,10 @@ class RaymeldSettings(bpy.types.PropertyGroup):
         items=[(s, s + "x", "") for s in ("2", "4", "8")],
         default="4",
     )
-    few: bpy.props.IntProperty(name="Full-size Samples", min=1, default=2)
-    many: bpy.props.IntProperty(name="Small Samples", min=1, default=32)
+    few: bpy.props.IntProperty(name="Full-size Samples", min=1, default=3)
+    many: bpy.props.IntProperty(
+        name="Small Samples", min=0, default=0, description="0: one for each full-size pixel, such as 16 at 4x"
+    )
     quality: bpy.props.EnumProperty(
         name="Quality",
         description="Network that fuses: the better ones are slower",
@@ -115,37 +117,16 @@ def size_of(render):
     return tuple(n * render.resolution_percentage // 100 for n in (render.resolution_x, render.resolution_y))
 
 
-def pixels_of_shift(camera, render, size):
-    """Returns how many pixels a camera's shift of 1 is, in x and in y.
-
-    Blender measures a shift by one side of the image, whose pixels need not be square.
-    """
-    width, height = size[0] * render.pixel_aspect_x, size[1] * render.pixel_aspect_y
-    side = {"AUTO": max(width, height), "HORIZONTAL": width, "VERTICAL": height}[camera.sensor_fit]
-    return side / render.pixel_aspect_x, side / render.pixel_aspect_y
-
-
 def small_render(scene, scale):
-    """Returns what to set so that the pixels of the small render are every scale-th pixel of the full-size one.
-
-    A pixel of the small render is as wide as `scale` full-size ones, so the filter shrinks, and the centre moves up and
-    to the left.
-    """
-    render, camera = scene.render, scene.camera.data
+    """Returns what to set for a render of the same view at 1 / scale of the size."""
+    render = scene.render
     width, height = size_of(render)
     if width % scale or height % scale:
         raise Failure(f"the render of {width} x {height} pixels is not a multiple of the scale, {scale}")
-    if camera.type == "PANO":
-        raise Failure("a panoramic camera has no shift, which the small render takes")
-    across, down = pixels_of_shift(camera, render, (width, height))
-    offset = (scale - 1) / 2  # pixels
     return [
         (render, "resolution_percentage", 100),
         (render, "resolution_x", width // scale),
         (render, "resolution_y", height // scale),
-        (scene.cycles, "filter_width", scene.cycles.filter_width / scale),
-        (camera, "shift_x", camera.shift_x - offset / across),
-        (camera, "shift_y", camera.shift_y + offset / down),
     ]
 
 
@@ -191,7 +172,7 @@ def fuse(program, folder, settings):
     """Fuses the renders in the folder and returns the path of the fused image."""
     fused = os.path.join(folder, "raymeld.exr")
     command = [program, "fuse", "--lrhs", os.path.join(folder, "lrhs.exr"), "--hrls", os.path.join(folder, "hrls.exr")]
-    command += ["-o", fused, "--lrhs-sampling", "nearest", "--quality", settings.quality]
+    command += ["-o", fused, "--lrhs-sampling", "centered", "--quality", settings.quality]
     result = subprocess.run(command, capture_output=True, text=True, errors="replace")
     if result.returncode != 0:
         raise Failure(result.stderr.strip().rsplit("\n", 1)[-1] or f"raymeld ended with status {result.returncode}")
@@ -226,7 +207,7 @@ def run(context):
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="raymeld-"))
         with changed(plain_render(scene, layer)):
             with changed(small):
-                render_to(os.path.join(folder, "lrhs.exr"), scene, settings.many, scene.cycles.seed + 1)
+                render_to(os.path.join(folder, "lrhs.exr"), scene, settings.many or scale**2, scene.cycles.seed + 1)
             passes = [(layer, "use_pass_" + name, True) for name in PASSES]
             with changed(passes + [(layer.cycles, "denoising_store_passes", True)]):
                 render_to(os.path.join(folder, "hrls.exr"), scene, settings.few, scene.cycles.seed)
