@@ -15,7 +15,7 @@ from evaluation import agreement, pictures, tables, test_set
 from evaluation.jobs import Model, Store
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-TABLES = ("main", "paper", "decimated", "grid", "ablations", "losses", "robustness", "equal-time")
+TABLES = ("main", "paper", "decimated", "grid", "ablations", "robustness", "equal-time")
 SHOWN = "x4-balanced"  # the model in the pictures
 
 
@@ -24,7 +24,6 @@ def parse():
     parser.add_argument("--views", required=True, help="folder of the test set")
     parser.add_argument("--models", type=pathlib.Path, nargs="+", default=sorted(ROOT.glob("models/*.safetensors")))
     parser.add_argument("--ablations", type=pathlib.Path, help="folder of models that were trained without an input")
-    parser.add_argument("--losses", type=pathlib.Path, nargs="*", default=[], help="models trained with other losses")
     parser.add_argument("--program", type=pathlib.Path, default=ROOT / "build/release/raymeld")
     parser.add_argument("--out", type=pathlib.Path, default=ROOT / "bench/quality")
     only = parser.add_argument_group("only")
@@ -63,7 +62,7 @@ def check(models, view, program):
     return good
 
 
-def write_docs(sheets, models, losses, views, store):
+def write_docs(sheets, models, views, store):
     docs = ROOT / "docs"
     page = docs / "quality.md"
     page.write_text(tables.insert(page.read_text(), sheets))
@@ -71,8 +70,6 @@ def write_docs(sheets, models, losses, views, store):
     has_main = any(sheet.name == "main" for sheet in sheets)
     if has_main and shown and all(tables.first_lead(shown, view, store) for view in views):
         print("pictures:", *(view.name for view in pictures.write_worst(shown, views, store, docs)))
-    if losses and all(tables.mean(job, views, store) for job in tables.losses_plan(losses).jobs()):
-        pictures.write_losses(losses, views, store, docs / "quality-losses.png")
 
 
 def main():
@@ -81,7 +78,6 @@ def main():
     views = test_set.load(args.views)[: args.first]
     models = models_of(args.models, args.scales)
     ablations = models_of(sorted(args.ablations.glob("*.safetensors")) if args.ablations else [], (4,))
-    losses = models_of(args.losses, (4,))
     store = Store(args.out / "results.csv", args.program)
 
     plans = {
@@ -90,8 +86,7 @@ def main():
         "decimated": [tables.decimated_plan(models)],
         "robustness": [tables.robustness_plan(models)],
         "ablations": [tables.ablation_plan(models, ablations)],
-        "losses": [tables.losses_plan(losses)],
-        "equal-time": [tables.equal_time_plan(models)],
+        "equal-time": [tables.equal_time_plan(models), tables.guided_plan(models)],
         "grid": [tables.grid_plan(model) for model in models if model.scale == 4],
     }
     plans = [plan for name, group in plans.items() if name in args.tables for plan in group if plan.rows]
@@ -102,13 +97,13 @@ def main():
         sheets += [tables.lead_sheet(name, models, views, store) for name in tables.LEADS]
         sheets += [tables.scenes_sheet(models, views, store)]
     if "equal-time" in args.tables:
-        sheets += [*tables.equal_time_sheets(models, views, store), tables.equal_seconds_sheet(models, views, store)]
+        sheets += [*tables.equal_time_sheets(models, views, store), tables.equal_seconds_sheet(models, ablations, views, store)]
     for sheet in sheets:
         sheet.write_csv(args.out)
         print(f"\n{sheet.name}\n{sheet.markdown()}")
     if args.write_docs:
-        write_docs(sheets, models, losses, views, store)
-    if not args.no_check and not check([*models, *ablations, *losses], views[0], args.program):
+        write_docs(sheets, models, views, store)
+    if not args.no_check and not check([*models, *ablations], views[0], args.program):
         sys.exit("the program and PyTorch do not agree")
 
 

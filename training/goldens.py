@@ -114,8 +114,10 @@ CASES = {
             1,
             ("color", "albedo", "normal"),
             hrls_encoder="unshuffled",
-            upscale="direct",
+            upscale="half",
             upscaled_features=3,
+            half_features=5,
+            half_layers=2,
             guide="hrls",
             base="joint",
             lrhs_certainty=16.0,
@@ -183,9 +185,11 @@ def parts_of_joint_base(seen):
 def layer_outputs(network, run):
     """Returns the output of each layer by name, after its activation, shuffle or addition."""
     seen = {}
-    factor = 2 if network.config.upscale == "stages" else network.config.scale
+    scale = network.config.scale
+    factor = scale if network.config.upscale == "direct" else 2
     after = {
         "": lambda y: y.relu(),
+        "half_up": lambda y: torch.pixel_shuffle(y.relu(), scale // 2),
         "up": lambda y: torch.pixel_shuffle(y.relu(), factor),
         "rec": lambda y: y,
     }
@@ -203,7 +207,7 @@ def layer_outputs(network, run):
     for name, part in network.named_modules():
         if isinstance(part, torch.nn.Conv2d) and name != "lrhs" and not name.endswith("merge"):
             then = after.get(name.split(".")[0], after[""])
-            adds = name.startswith("head.") and name != "head.0"
+            adds = name.startswith(("head.", "half_layers.")) and not name.endswith(".0")
             see = lambda _, x, y, name=name, then=then, adds=adds: seen.update({name: then(y) + (x[0] if adds else 0)})
             part.register_forward_hook(see)
         elif isinstance(part, model.Block):

@@ -37,6 +37,8 @@ class Config:
     hrls_kernel: int = 3
     upscale: str = "stages"
     upscaled_features: int = 0  # M; 0 stands for the value of features
+    half_features: int = 0  # E
+    half_layers: int = 0
     guide: str = "none"
     head_features: int = 0
     head_layers: int = 0
@@ -185,7 +187,18 @@ class Network(nn.Module):
                 self.joint = JointConstants()
         self.fuse = nn.Conv2d(2 * c, c, 1)
         self.groups = nn.ModuleList(Group(config) for _ in range(config.groups))
-        if config.upscale == "stages":
+        if config.upscale == "half":
+            e = config.half_features
+            self.half_skip = nn.Conv2d(4 * k, e, 3, padding=1)
+            self.half_up = nn.Conv2d(c, e * (s // 2) ** 2, 3, padding=1)
+            self.half_layers = nn.ModuleList(
+                nn.Conv2d(e if i else 2 * e, e, 3, padding=1) for i in range(config.half_layers)
+            )
+            for conv in self.half_layers[1:]:  # these layers add to their input, at first only little
+                conv.weight.data.mul_(0.1)
+                nn.init.zeros_(conv.bias)
+            self.up = nn.ModuleList([nn.Conv2d(e, 4 * m, 3, padding=1)])
+        elif config.upscale == "stages":
             self.up = nn.ModuleList(nn.Conv2d(c, 4 * c, 3, padding=1) for _ in range(halvings))
         else:
             self.up = nn.ModuleList([nn.Conv2d(c, m * s * s, 3, padding=1)])
@@ -238,8 +251,13 @@ class Network(nn.Module):
     def reconstruct(self, y, hrls):
         """Computes the image from the trunk's output `y` and from `hrls`, which the head reads at full size."""
         config = self.config
+        if config.upscale == "half":
+            y = F.pixel_shuffle(F.relu(self.half_up(y)), config.scale // 2)
+            y = torch.cat([y, F.relu(self.half_skip(F.pixel_unshuffle(hrls, 2)))], dim=1)
+            for i, conv in enumerate(self.half_layers):
+                y = F.relu(conv(y)) + (y if i else 0)
         for conv in self.up:
-            y = F.pixel_shuffle(F.relu(conv(y)), 2 if config.upscale == "stages" else config.scale)
+            y = F.pixel_shuffle(F.relu(conv(y)), config.scale if config.upscale == "direct" else 2)
         if config.guide == "hrls":
             y = torch.cat([y, hrls], dim=1)
         for i, conv in enumerate(self.head):

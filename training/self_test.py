@@ -140,9 +140,6 @@ class JointFilter(unittest.TestCase):
         torch.testing.assert_close(even, torch.full_like(even, 0.5))
 
 
-KNOWING = ("knows_spp=true",)
-
-
 class Knowing(unittest.TestCase):
     """Tests a network that knows the samples of both renders."""
 
@@ -153,10 +150,11 @@ class Knowing(unittest.TestCase):
 
     def network(self):
         torch.manual_seed(1)
-        return model.Network(stock.config("x4-fast", KNOWING))
+        return model.Network(stock.config("x4-fast"))
 
     def test_joint_filter_starts_with_fixed_constants(self):
-        fixed, knowing = stock.config("x4-fast"), stock.config("x4-fast", KNOWING)
+        knowing = stock.config("x4-fast")
+        fixed = bent(knowing, knows_spp=False)
         hrls, spp = self.inputs()[1], torch.tensor([16.0, 1.0])[None, :, None, None]
         arguments = hrls[:, :6], hrls[:, :3], hrls[:, 3:6], hrls[:, 6:9]
         with torch.no_grad():

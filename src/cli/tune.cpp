@@ -17,7 +17,7 @@ namespace raymeld::cli {
 namespace {
 
 struct TuneArguments {
-  std::vector<std::string> models{"x2", "x4", "x8"};
+  std::vector<std::string> models{"x2", "x4"};
   std::string size = "1024x1024", device, precision = "auto";
   bool again = false, json = false;
 };
@@ -116,7 +116,7 @@ void add_tune(CLI::App& app) {
   command
       ->add_option("--model", arguments->models,
                    "Measures the convolutions of these models: names, scales such as x4, or files; without "
-                   "it x2, x4 and x8")
+                   "it x2 and x4")
       ->delimiter(',');
   command->add_option("--size", arguments->size, "Measures for fused images of this size")
       ->type_name("WxH")

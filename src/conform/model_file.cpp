@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <sstream>
 
@@ -13,6 +15,10 @@ using reference::Architecture;
 using reference::Base;
 using reference::LayerKind;
 using reference::Transfer;
+using reference::Upscale;
+
+// Holds the names of the values of Upscale, in their order.
+constexpr std::array<std::string_view, 3> kUpscales{"stages", "direct", "half"};
 
 std::map<std::string, std::string> metadata_of(const Architecture& a) {
   // The reference knows layers only by kind, so one name for each kind and place is enough.
@@ -47,8 +53,10 @@ std::map<std::string, std::string> metadata_of(const Architecture& a) {
                                                : "none"},
           {"hrls_encoder", a.hrls_unshuffled ? "unshuffled" : "full"},
           {"hrls_kernel", std::to_string(a.hrls_kernel)},
-          {"upscale", a.upscale_direct ? "direct" : "stages"},
+          {"upscale", std::string(kUpscales.at(size_t(a.upscale)))},
           {"upscaled_features", std::to_string(a.upscaled())},
+          {"half_features", std::to_string(a.half_features)},
+          {"half_layers", std::to_string(a.half_layers)},
           {"guide", a.hrls_guide ? "hrls" : "none"},
           {"head_features", std::to_string(a.head_features)},
           {"head_layers", std::to_string(a.head_layers)},
@@ -119,6 +127,9 @@ Architecture read_architecture(const std::filesystem::path& model) {
     return std::vector<double>(found->second.values.begin(), found->second.values.end());
   };
   const auto number = [&](const char* key) { return std::stoi(metadata.at(key)); };
+  const auto optional_number = [&](const char* key, int absent) {
+    return metadata.contains(key) ? number(key) : absent;
+  };
   return {.scale = number("scale"),
           .features = number("features"),
           .growth = number("growth"),
@@ -132,14 +143,16 @@ Architecture read_architecture(const std::filesystem::path& model) {
           .transfer = metadata.at("transfer") == "log" ? Transfer::kLog : Transfer::kLinear,
           .clip = std::stof(metadata.at("clip")),
           .hrls_unshuffled = metadata.at("hrls_encoder") == "unshuffled",
-          .upscale_direct = metadata.at("upscale") == "direct",
           .hrls_guide = metadata.at("guide") == "hrls",
           .both_samplings = metadata.at("lrhs_sampling").find(',') != std::string::npos,
+          .upscale = Upscale(std::ranges::find(kUpscales, metadata.at("upscale")) - kUpscales.begin()),
+          .half_features = optional_number("half_features", 0),
+          .half_layers = optional_number("half_layers", 0),
           .upscaled_features = number("upscaled_features"),
           .head_features = number("head_features"),
           .head_layers = number("head_layers"),
           .lrhs_certainty = std::stof(metadata.at("lrhs_certainty")),
-          .hrls_kernel = metadata.contains("hrls_kernel") ? number("hrls_kernel") : 3,
+          .hrls_kernel = optional_number("hrls_kernel", 3),
           .knows_spp = metadata.contains("knows_spp") && metadata.at("knows_spp") == "true",
           .joint_widths = joint("widths"),
           .joint_widths_by_spp = joint("widths_by_spp"),

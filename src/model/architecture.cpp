@@ -15,6 +15,8 @@ namespace {
 
 using Metadata = std::map<std::string, std::string>;
 
+constexpr uint32_t kMostChannels = 1024, kMostRepeats = 64;
+
 class Entries {
  public:
   Entries(const Metadata& metadata, const std::string& file) : metadata_(metadata), file_(file) {}
@@ -121,6 +123,23 @@ void parse_sampling(const Entries& entries, Architecture& a) {
   a.both_samplings = samplings.size() == 2;
 }
 
+// Sets upscale, upscaled_features, half_features and half_layers. Only models that upscale by half size need
+// entries for the last two.
+void parse_upscale(const Entries& entries, Architecture& a) {
+  const bool half = entries.text("upscale") == "half";
+  a.upscale = half                                            ? Upscale::kHalf
+              : entries.choice("upscale", "stages", "direct") ? Upscale::kStages
+                                                              : Upscale::kDirect;
+  a.upscaled_features = entries.integer("upscaled_features", 1, kMostChannels);
+  if (a.upscale == Upscale::kStages && a.upscaled_features != a.features) {
+    entries.reject("upscaled_features",
+                   fmt::format("{}, the features that are upscaled in stages", a.features));
+  }
+  if (!half) return;
+  a.half_features = entries.integer("half_features", 1, kMostChannels);
+  a.half_layers = entries.integer("half_layers", 1, kMostRepeats);
+}
+
 Base base(const Entries& entries, std::span<const std::string> hrls_layers) {
   if (entries.text("base") != "joint") {
     return entries.choice("base", "bilinear", "none") ? Base::kBilinear : Base::kNone;
@@ -139,7 +158,6 @@ Architecture parse_architecture(const Metadata& metadata, const std::string& fil
   const Entries entries(metadata, file);
   if (entries.text("format") != "raymeld.model") entries.reject("format", "\"raymeld.model\"");
   if (entries.text("format_version") != "1") entries.reject("format_version", "\"1\"");
-  constexpr uint32_t kMostChannels = 1024, kMostRepeats = 64;
   Architecture a;
   a.scale = entries.integer("scale", 2, 8);
   if (a.scale != 2 && a.scale != 4 && a.scale != 8) entries.reject("scale", "2, 4 or 8");
@@ -160,12 +178,7 @@ Architecture parse_architecture(const Metadata& metadata, const std::string& fil
   a.knows_spp = entries.has("knows_spp") && entries.choice("knows_spp", "true", "false");
   parse_sampling(entries, a);
   parse_encoder(entries, a);
-  a.upscale = entries.choice("upscale", "stages", "direct") ? Upscale::kStages : Upscale::kDirect;
-  a.upscaled_features = entries.integer("upscaled_features", 1, kMostChannels);
-  if (a.upscale == Upscale::kStages && a.upscaled_features != a.features) {
-    entries.reject("upscaled_features",
-                   fmt::format("{}, the features that are upscaled in stages", a.features));
-  }
+  parse_upscale(entries, a);
   a.hrls_guide = entries.choice("guide", "hrls", "none");
   a.head_features = entries.integer("head_features", 0, kMostChannels);
   a.head_layers = entries.integer("head_layers", 0, kMostRepeats);

@@ -12,10 +12,16 @@ namespace raymeld {
 uint32_t receptive_halo(const Architecture& a, bool compute_variance) {
   uint32_t x = a.scale - 1;
   x += a.head_layers + 1;  // head.i, rec
-  if (a.upscale == Upscale::kDirect) {
-    x = x / a.scale + 1;  // layer up.0
-  } else {
-    for (uint32_t i = 0; i < a.levels(); ++i) x = x / 2 + 1;  // layer up.i
+  switch (a.upscale) {
+    case Upscale::kDirect:
+      x = x / a.scale + 1;  // up.0
+      break;
+    case Upscale::kHalf:
+      x = x / 2 + 1 + a.half_layers;  // up.0, half_layers.i
+      x = x / (a.scale / 2) + 1;      // half_up; half_skip reaches less far than the trunk
+      break;
+    case Upscale::kStages:
+      for (uint32_t i = 0; i < a.levels(); ++i) x = x / 2 + 1;  // up.i
   }
   x += a.groups * a.blocks * a.dense_layers;  // the trunk
   const uint32_t lrhs = x + 1;

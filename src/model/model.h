@@ -20,8 +20,9 @@ enum class LongSkip { kLrhs, kFused };
 // 6), or unshuffled at once.
 enum class HrlsEncoder { kFull, kUnshuffled };
 
-// Chooses how features are brought to full size: doubled step by step (their Eq. 9), or at once.
-enum class Upscale { kStages, kDirect };
+// Chooses how features are brought to full size: doubled step by step (their Eq. 9), at once, or to half size
+// at once, where convolutions read HRLS again, and from there to full size.
+enum class Upscale { kStages, kDirect, kHalf };
 
 // Chooses what the network's output is added to: nothing, the bilinearly upsampled LRHS, or a mixture of
 // candidates that the network weights pixel by pixel (layers.h: mix).
@@ -43,6 +44,8 @@ struct Architecture {
   uint32_t hrls_kernel = 3;  // 1 or 3, for the convolution of unshuffled HRLS
   Upscale upscale = Upscale::kStages;
   uint32_t upscaled_features = 0;  // M
+  uint32_t half_features = 0;      // E, output channels of the convolutions at half size
+  uint32_t half_layers = 0;        // the number of these; each but the first adds to its input
   bool hrls_guide = false;         // the encoded HRLS is read again beside the upscaled features
   uint32_t head_features = 0;      // H, output channels of the convolutions before the last one
   uint32_t head_layers = 0;        // N of these convolutions; each but the first adds to its input

@@ -151,17 +151,45 @@ struct Builder {
     return x;
   }
 
-  // Adds F_DF (h, w, C) -> (H, W, M): Eq. 9, or upscaling by s at once.
-  Tensor upscale(std::vector<Conv2dLink>& links, Tensor x) {
-    const bool direct = a.upscale == Upscale::kDirect;
-    const uint32_t steps = direct ? 1 : a.levels(), factor = direct ? a.scale : 2;
-    for (uint32_t i = 0; i < steps; ++i) {
-      const std::string name = fmt::format("up.{}", i);
-      const Tensor next = tensor(name + ".pixel_shuffle", factor * x.shape.height, factor * x.shape.width,
-                                 a.upscaled_features);
-      links.push_back(link(name, x, next, {.kernel = 3, .relu = true, .shuffle = factor}));
+  // Adds a convolution that upscales `x` by `factor` into as many `features`.
+  Tensor shuffled(std::vector<Conv2dLink>& links, const std::string& name, const Tensor& x, uint32_t factor,
+                  uint32_t features) {
+    const Tensor next =
+        tensor(name + ".pixel_shuffle", factor * x.shape.height, factor * x.shape.width, features);
+    links.push_back(link(name, x, next, {.kernel = 3, .relu = true, .shuffle = factor}));
+    return next;
+  }
+
+  // Adds convolutions of `x` into as many `features`, the first with `options`. Each but the first adds to
+  // its input.
+  Tensor residual_layers(std::vector<Conv2dLink>& links, const std::string& name, uint32_t layers,
+                         uint32_t features, Tensor x, Conv2dOptions options) {
+    for (uint32_t i = 0; i < layers; ++i) {
+      const std::string layer = fmt::format("{}.{}", name, i);
+      const Tensor next = tensor(layer, x.shape.height, x.shape.width, features);
+      if (i > 0) options = {.kernel = 3, .relu = true, .residuals = {x}};
+      links.push_back(link(layer, x, next, options));
       x = next;
     }
+    return x;
+  }
+
+  // Adds F_DF (h, w, C) -> (H / 2, W / 2, E), which is upscaled, and convolved together with HRLS.
+  Tensor upscale_to_half(std::vector<Conv2dLink>& links, const Tensor& deep, const Tensor& hrls) {
+    const Tensor skip = tensor("half_skip", hrls.shape.height / 2, hrls.shape.width / 2, a.half_features);
+    conv("half_skip", hrls, skip, {.kernel = 3, .relu = true, .unshuffle = 2, .constants = constants(0)});
+    const Tensor up = shuffled(links, "half_up", deep, a.scale / 2, a.half_features);
+    return residual_layers(links, "half_layers", a.half_layers, a.half_features, up,
+                           {.kernel = 3, .relu = true, .second_input = skip});
+  }
+
+  // Adds F_DF (h, w, C) -> (H, W, M), as Upscale says.
+  Tensor upscale(std::vector<Conv2dLink>& links, Tensor x, const Tensor& hrls) {
+    if (a.upscale == Upscale::kHalf) x = upscale_to_half(links, x, hrls);
+    const uint32_t steps = a.upscale == Upscale::kStages ? a.levels() : 1;
+    const uint32_t factor = a.upscale == Upscale::kDirect ? a.scale : 2;
+    for (uint32_t i = 0; i < steps; ++i)
+      x = shuffled(links, fmt::format("up.{}", i), x, factor, a.upscaled_features);
     return x;
   }
 
@@ -224,14 +252,9 @@ struct Builder {
       options.second_input = std::exchange(guide, std::nullopt);
       return options;
     };
-    for (uint32_t i = 0; i < a.head_layers; ++i) {
-      const std::string name = fmt::format("head.{}", i);
-      const Tensor head = tensor(name, height, width, a.head_features);
-      Conv2dOptions options = with_guide({.kernel = 3, .relu = true});
-      if (i > 0) options.residuals = {x};
-      links.push_back(link(name, x, head, options));
-      x = head;
-    }
+    if (a.head_layers > 0)
+      x = residual_layers(links, "head", a.head_layers, a.head_features, x,
+                          with_guide({.kernel = 3, .relu = true}));
     const Tensor fused = tensor("rec", height, width, a.base == Base::kJoint ? 3 + kCandidates : 3);
     links.push_back(link("rec", x, fused, with_guide({.kernel = 3})));
     return fused;
@@ -269,7 +292,7 @@ void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
   build.conv("fuse", f_lrhs, f_0, {.kernel = 1, .relu = true, .second_input = f_hrls});
   const Tensor deep = build.trunk(f_lrhs, f_0);  // F_DF
   std::vector<Conv2dLink> links;
-  const Tensor full = build.upscale(links, deep);
+  const Tensor full = build.upscale(links, deep, convolved);
   const Tensor fused = build.reconstruct(links, full, a.hrls_guide ? std::optional(convolved) : std::nullopt);
   conv2d_chain(graph, links);
   if (!joint) {

@@ -163,8 +163,24 @@ Bounded encode_hrls(Run& run, const Architecture& a, const Bounded& hrls) {
   return x;
 }
 
-Bounded upscale(Run& run, const Architecture& a, Bounded x) {
-  if (a.upscale_direct) return run.conv_and_shuffle("up.0", x, a.scale);
+// Adds convolutions to `x`, each but the first with its input added.
+Bounded residual_layers(Run& run, const std::string& name, int layers, Bounded x) {
+  for (int i = 0; i < layers; ++i) {
+    const std::string layer = name + "." + std::to_string(i);
+    std::vector<const Bounded*> residuals;
+    if (i > 0) residuals.push_back(&x);
+    x = run.conv(layer, layer, x, true, residuals);
+  }
+  return x;
+}
+
+Bounded upscale(Run& run, const Architecture& a, Bounded x, const Bounded& hrls) {
+  if (a.upscale == Upscale::kDirect) return run.conv_and_shuffle("up.0", x, a.scale);
+  if (a.upscale == Upscale::kHalf) {
+    const Bounded skip = run.conv("half_skip", space_to_depth(hrls, 2));
+    x = concat(run.conv_and_shuffle("half_up", x, a.scale / 2), skip);
+    return run.conv_and_shuffle("up.0", residual_layers(run, "half_layers", a.half_layers, x), 2);
+  }
   for (int i = 0; 1 << i < a.scale; ++i) x = run.conv_and_shuffle("up." + std::to_string(i), x, 2);
   return x;
 }
@@ -184,15 +200,9 @@ Outputs outputs_of(Run& run, const Architecture& a, const Frame& frame, Precisio
   if (joint) low = concat(low, made.irradiance), high = concat(high, made.remodulated);
   const Bounded f_lrhs = run.conv_lrhs(low, phase > 0);
   const Bounded fused = run.conv("fuse", concat(f_lrhs, encode_hrls(run, a, high)));
-  Bounded x = upscale(run, a, trunk(run, a, fused, a.long_skip_fused ? fused : f_lrhs));
+  Bounded x = upscale(run, a, trunk(run, a, fused, a.long_skip_fused ? fused : f_lrhs), high);
   if (a.hrls_guide) x = concat(x, high);
-  for (int i = 0; i < a.head_layers; ++i) {
-    const std::string name = "head." + std::to_string(i);
-    std::vector<const Bounded*> residuals;
-    if (i > 0) residuals.push_back(&x);
-    x = run.conv(name, name, x, true, residuals);
-  }
-  x = run.conv("rec", x, false);
+  x = run.conv("rec", residual_layers(run, "head", a.head_layers, x), false);
   if (joint) {
     x = run.keep("mix", mix(x, low, made.albedo, made.remodulated, a.transfer, a.scale, phase, precision));
   }

@@ -131,6 +131,7 @@ Bounded mix(const Bounded& rec, const Bounded& lrhs, const Bounded& albedo, cons
             Transfer transfer, int scale, double phase, Precision precision);
 
 enum class Base { kNone, kBilinear, kJoint };
+enum class Upscale { kStages, kDirect, kHalf };
 
 // Holds the architecture that a model file's metadata describe.
 struct Architecture {
@@ -140,7 +141,9 @@ struct Architecture {
   Base base = Base::kNone;
   Transfer transfer = Transfer::kLinear;
   double clip = 0;
-  bool hrls_unshuffled = false, upscale_direct = false, hrls_guide = false, both_samplings = false;
+  bool hrls_unshuffled = false, hrls_guide = false, both_samplings = false;
+  Upscale upscale = Upscale::kStages;
+  int half_features = 0, half_layers = 0;                         // of Upscale::kHalf
   int upscaled_features = 0, head_features = 0, head_layers = 0;  // upscaled_features 0: as many as features
   double lrhs_certainty = 0;                                      // the joint base's certainty of LRHS
   int hrls_kernel = 3;                                            // the kernel of unshuffled HRLS

@@ -83,8 +83,15 @@ Weights random_weights(const Architecture& a, Precision precision, uint64_t seed
       make(block + ".merge", features, features + a.dense_layers * a.growth, 1);
     }
   }
-  if (a.upscale_direct) make("up.0", a.scale * a.scale * a.upscaled(), features, 3);
-  for (int i = 0; i < (a.upscale_direct ? 0 : steps); ++i)
+  if (a.upscale == Upscale::kHalf) {
+    make("half_skip", a.half_features, 4 * hrls, 3);
+    make("half_up", a.scale * a.scale / 4 * a.half_features, features, 3);
+    for (int i = 0; i < a.half_layers; ++i)
+      make(fmt::format("half_layers.{}", i), a.half_features, (i > 0 ? 1 : 2) * a.half_features, 3);
+    make("up.0", 4 * a.upscaled(), a.half_features, 3);
+  }
+  if (a.upscale == Upscale::kDirect) make("up.0", a.scale * a.scale * a.upscaled(), features, 3);
+  for (int i = 0; i < (a.upscale == Upscale::kStages ? steps : 0); ++i)
     make(fmt::format("up.{}", i), 4 * features, features, 3);
   int last = a.upscaled() + (a.hrls_guide ? hrls : 0);
   for (int i = 0; i < a.head_layers; ++i) {

@@ -61,6 +61,12 @@ TEST_F(CliChoice, WithoutARequestItIsTheBalancedOne) {
   EXPECT_NE(run(request({"--model", "x4"})).err.find("x4-b.safetensors"), std::string::npos);
 }
 
+TEST_F(CliChoice, PairsOfX8AreFusedByAModelOfX4) {
+  write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 4, 3, 1));
+  EXPECT_EQ(chosen("--quality", "high").at("model"), "x4-c");
+  EXPECT_EQ(run_json(request({"--json"})).at("scale"), 8);
+}
+
 TEST_F(CliChoice, FusesWithTheChosenModelAndSaysSo) {
   const ProcessResult result = run(request({"--quality", "fast"}));
   ASSERT_EQ(result.exit_status, 0) << result.err;

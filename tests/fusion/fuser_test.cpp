@@ -73,6 +73,7 @@ std::vector<Architecture> shapes() {
     all.push_back(guided_architecture(scale));
     all.push_back(all.back());
     all.back().hrls_kernel = 1;
+    all.push_back(half_architecture(scale));
   }
   return all;
 }

@@ -83,6 +83,10 @@ TEST_F(ModelTest, TheOtherChoicesOfTheNetworkAreRead) {
   EXPECT_FALSE(read_safetensors(golden_model_path("guided-x4")).metadata.contains("hrls_kernel"));
   EXPECT_EQ(Model(golden_model_path("guided-x4")).architecture().hrls_kernel, 3u);
   EXPECT_EQ(Model(golden_model_path("joint-x2")).architecture().lrhs_certainty, 3);
+  const Architecture half = Model(golden_model_path("spp-x4")).architecture();
+  EXPECT_EQ(half.upscale, Upscale::kHalf);
+  EXPECT_EQ(half.half_features, 5u);
+  EXPECT_EQ(half.half_layers, 2u);
 }
 
 TEST_F(ModelTest, AModelThatKnowsSamplesHasBiasesForThem) {
@@ -149,6 +153,18 @@ TEST_F(ModelTest, EveryEntryIsNeeded) {
     const std::string message = error_after([&](SafeTensors& content) { content.metadata.erase(key); });
     EXPECT_TRUE(contains(message, fmt::format("\"{}\" is missing", key))) << message;
   }
+}
+
+TEST_F(ModelTest, UpscalingByHalfSizeNeedsEntriesOfItsOwn) {
+  const auto half = [&](const std::string& features) {
+    return error_after([&](SafeTensors& content) {
+      content.metadata["upscale"] = "half";
+      if (!features.empty()) content.metadata["half_features"] = features;
+    });
+  };
+  EXPECT_TRUE(contains(half(""), "\"half_features\" is missing"));
+  EXPECT_TRUE(contains(half("0"), "\"half_features\" is \"0\", expected an integer from 1 to 1024"));
+  EXPECT_TRUE(contains(half("4"), "\"half_layers\" is missing"));
 }
 
 TEST_F(ModelTest, WrongEntriesAreNamed) {

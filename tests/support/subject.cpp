@@ -20,10 +20,19 @@ Architecture small_architecture(int scale) {
 
 Architecture guided_architecture(int scale) {
   Architecture a = small_architecture(scale);
-  a.hrls_unshuffled = a.upscale_direct = a.hrls_guide = a.both_samplings = true;
+  a.hrls_unshuffled = a.hrls_guide = a.both_samplings = true;
+  a.upscale = reference::Upscale::kDirect;
   a.upscaled_features = 3;
   a.head_features = 4;
   a.head_layers = 2;
+  return a;
+}
+
+Architecture half_architecture(int scale) {
+  Architecture a = guided_architecture(scale);
+  a.upscale = reference::Upscale::kHalf;
+  a.half_features = 4;
+  a.half_layers = 2;
   return a;
 }
 

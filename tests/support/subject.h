@@ -15,6 +15,8 @@ reference::Architecture small_architecture(int scale);
 // Returns small_architecture() with HRLS unshuffled, upscaling at once, a guide, a head and a bias for
 // centered samples.
 reference::Architecture guided_architecture(int scale);
+// Returns guided_architecture() that upscales by half size.
+reference::Architecture half_architecture(int scale);
 // Returns guided_architecture() with a joint base and the log transfer.
 reference::Architecture joint_architecture(int scale);
 // Returns joint_architecture() with a 1x1 convolution of the unshuffled HRLS.

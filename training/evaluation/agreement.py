@@ -15,7 +15,7 @@ import model as networks
 import safetensors
 from evaluation.images import Exr, read
 from evaluation.jobs import fuse
-from evaluation.test_set import PAIRS, decimated, render
+from evaluation.test_set import PAIRS, lrhs, render
 
 SIZE = 128  # side of the part that is fused, in pixels of HRLS
 # The error that rounding to fp32 makes is measured on PyTorch, against float64. The program sums in another order and
@@ -50,14 +50,17 @@ def exposure(network, lrhs_path):
 
 @torch.no_grad()
 def predict(network, lrhs_path, hrls_path, dtype):
-    """Computes the fused image, scene linear [3, H, W], in `dtype` from the stored weights and the files' values."""
+    """Computes the fused image, scene linear [3, H, W], in `dtype` from the stored weights and the files' values.
+
+    LRHS is an ordinary small render.
+    """
     config = network.config
     factor = exposure(network, lrhs_path)
     low = layers_of(lrhs_path, ("color",))["color"].to(dtype)
     layers = {name: layer.to(dtype) for name, layer in layers_of(hrls_path, config.hrls_layers).items()}
     power = {"albedo": 0, "normal": 0, "variance": 2}
     hrls = torch.cat([layer * factor ** power.get(name, 1) for name, layer in layers.items()], dim=1)
-    fused = networks.predict(network.to(dtype), low * factor, hrls, exposure=factor)[1]
+    fused = networks.predict(network.to(dtype), low * factor, hrls, torch.tensor(True), factor)[1]
     return (fused[0].double() / factor).clamp(max=networks.HALF_MAX)
 
 
@@ -101,7 +104,7 @@ def check(model, view, program):
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
         low, high, reference, fused = (folder / f"{name}.exr" for name in ("low", "high", "reference", "fused"))
-        write_crop(view.folder / decimated(model.scale, pair[0]), SIZE // model.scale, low)
+        write_crop(view.folder / lrhs(model.scale, pair[0]), SIZE // model.scale, low)
         write_crop(view.folder / render(pair[1]), SIZE, high)
         write_crop(view.folder / "reference-a.exr", SIZE, reference)
         fuse(program, model, low, high, fused)

@@ -42,7 +42,7 @@ class Job:
     """Describes one image to be made and measured.
 
     `method` is half (of the reference), render, renders (the mean of all plain ones), bicubic, fused or one of FILTERS.
-    `lrhs` and `hrls` are files of a view.
+    `lrhs`, `hrls` and `guides` are files of a view.
     """
 
     method: str
@@ -50,6 +50,7 @@ class Job:
     hrls: str = ""
     model: Model = None
     change: str = ""
+    guides: str = ""
 
     def halves(self):
         """Returns the halves of the reference to measure against: one that is also an input would share its noise."""
@@ -57,7 +58,7 @@ class Job:
 
     def key(self, view):
         """Returns a hash of everything that the result depends on, except the program."""
-        files = [name for name in (self.lrhs, self.hrls, *test_set.HALVES) if name]
+        files = [name for name in (self.lrhs, self.hrls, self.guides, *test_set.HALVES) if name]
         files += map(test_set.render, test_set.PLAIN) if self.method == "renders" else []
         parts = [self.method, self.lrhs, self.change, *(test_set.digest(view.folder / name) for name in files)]
         parts += [self.model.digest] if self.model else []
@@ -86,9 +87,12 @@ class Job:
         with tempfile.TemporaryDirectory() as folder:
             folder = pathlib.Path(folder)
             lrhs, hrls, gain = self.changed_files(view, folder)
-            # The pixels of renders show what LRHS is. Those of changed ones may not.
+            # Renders show what LRHS is, and say how many samples they have. Changed ones may not.
             sampling = "auto" if not self.change else "centered" if self.is_small_render() else "nearest"
-            report = fuse(program, self.model, lrhs, hrls, folder / "fused.exr", sampling)
+            options = ["--guides", view.folder / self.guides] if self.guides else []
+            if self.change:
+                options += ["--lrhs-spp", view.spp(self.lrhs), "--hrls-spp", view.spp(self.hrls)]
+            report = fuse(program, self.model, lrhs, hrls, folder / "fused.exr", sampling, options)
             return read(folder / "fused.exr") * gain, report["device_ms"] / 1000
 
     def image(self, view, program):
@@ -112,7 +116,7 @@ class Job:
         return result, time.perf_counter() - start
 
 
-def fuse(program, model, lrhs, hrls, output, sampling="nearest", options=(), launcher=(), environment=None):
+def fuse(program, model, lrhs, hrls, output, sampling="centered", options=(), launcher=(), environment=None):
     """Fuses and returns the program's report; `launcher` is the command that starts the program, if any."""
     command = [*launcher, program, "fuse", "--json", "--output-type", "float", "--lrhs-sampling", sampling]
     command += ["--model", model.path.resolve(), "--lrhs", lrhs, "--hrls", hrls, "-o", output, *options]

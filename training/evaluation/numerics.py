@@ -30,7 +30,7 @@ from evaluation.jobs import Model, fuse
 from evaluation.kernel_choices import CHOICES, MATRICES
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
-SHIPPED = ("x4-fast", "x4-balanced", "x2-fast", "x8-fast")
+SHIPPED = ("x4-fast", "x4-balanced", "x2-fast")
 MODELS = (*SHIPPED, *adversarial.CONFIGS)
 PYTORCH = "PyTorch"  # replaces the kernels' name for the same network in single precision, which gives the scale
 RUNS = [("fp32", PYTORCH), *((one.precision, one.name) for one in (*CHOICES, MATRICES))]

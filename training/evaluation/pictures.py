@@ -6,13 +6,13 @@ import torch
 
 import loss
 from evaluation.jobs import Job
-from evaluation.tables import base, first_lead, losses_plan, mean, rival
+from evaluation.tables import base, first_lead, rival
 from evaluation.test_set import PAIRS, render
 
 matplotlib.use("Agg")
 from matplotlib import pyplot
 
-CROP = 144
+CROP, ENLARGED = 96, 3
 
 
 def srgb(image):
@@ -34,30 +34,16 @@ def crops(model, view, program):
     images = [job.image(view, program)[0] for job in (bicubic, hrls, atrous, svgf, base(model))]
     images.append(view.reference())
     y, x = worst_crop(*images[-2:])
-    return numpy.concatenate([srgb(image[y : y + CROP, x : x + CROP]) for image in images], axis=1)
+    row = numpy.concatenate([srgb(image[y : y + CROP, x : x + CROP]) for image in images], axis=1)
+    return row.repeat(ENLARGED, 0).repeat(ENLARGED, 1)
 
 
 def write_worst(model, views, store, folder, count=3):
-    """Writes a picture of each of the `count` views with the least lead over the best baseline, and returns the views.
+    """Writes a picture of each of the `count` views with the least lead over the SVGF-like filter; returns the views.
 
     The least lead comes first. All views must have been measured.
     """
-    order = sorted(views, key=lambda view: first_lead(model, view, store)[0])
+    order = sorted(views, key=lambda view: first_lead(model, view, store, ("svgf",))[0])
     for i, view in enumerate(order[:count]):
         pyplot.imsave(folder / f"quality-worst-{i + 1}.png", crops(model, view, store.program))
     return order[:count]
-
-
-def write_losses(models, views, store, path):
-    """Plots PSNR and RelMSE over the beta of the robust loss, and L1 as a line."""
-    scores = {model: mean(job, views, store) for model, (_, [job]) in zip(models, losses_plan(models).rows)}
-    robust = sorted((m.trained("beta"), s) for m, s in scores.items() if m.trained("loss") == "robust")
-    figure, axes = pyplot.subplots(1, 2, figsize=(7, 2.6), layout="constrained")
-    for axis, metric in zip(axes, ("psnr", "relmse")):
-        axis.semilogx([beta for beta, _ in robust], [getattr(s, metric) for _, s in robust], "o-", label="robust")
-        for m, s in scores.items():
-            if m.trained("loss") == "l1":
-                axis.axhline(getattr(s, metric), color="C1", label="L1, encoded")
-        axis.set(xlabel="beta", ylabel={"psnr": "PSNR, dB", "relmse": "RelMSE"}[metric])
-        axis.legend()
-    figure.savefig(path, dpi=90)

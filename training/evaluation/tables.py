@@ -9,7 +9,7 @@ import numpy
 
 from evaluation.changes import EXPOSURES
 from evaluation.jobs import Job, Score
-from evaluation.test_set import ALL_PLAIN, AVERAGES, HALVES, PAIRS, PAPER_PAIRS, PLAIN, decimated, lrhs, render
+from evaluation.test_set import ALL_PLAIN, AVERAGES, HALVES, PAIRS, PAPER_PAIRS, PLAIN, decimated, guides, lrhs, render
 
 BASELINES = ("render", "atrous", "bicubic")
 # A sheet of leads has these pairs, and compares with the best of these baselines in the same view.
@@ -148,9 +148,13 @@ def grid_plan(model):
 ABLATIONS = {
     "none": ("", ((16, 1),), "{0}-{1}"),
     "hrls": ("no-hrls", ((16, 1), (32, 1)), "LRHS alone, {0} spp"),
-    "lrhs": ("no-lrhs", ((16, 1), (16, 2)), "HRLS alone, {1} spp"),
+    "lrhs": ("no-lrhs", tuple((16, spp) for spp in AVERAGES), "HRLS alone, {1} spp"),
     "layers": ("rgb", ((16, 1),), "{0}-{1}"),
 }
+
+
+def without_lrhs(model, spp):
+    return fused(model, (16, spp), "no-lrhs")
 
 
 def ablation_plan(models, ablations):
@@ -164,15 +168,6 @@ def ablation_plan(models, ablations):
         change, pairs, label = ABLATIONS[model.trained("without")]
         rows += [(f"{model.name}, {label.format(*pair)}", fused(model, pair, change)) for pair in pairs]
     return Plan("ablations", "", ["PSNR / RelMSE"], [(label, [job]) for label, job in rows])
-
-
-def loss_label(model):
-    kind = model.trained("loss", "?")
-    return f"robust, beta {model.trained('beta'):g}" if kind == "robust" else kind
-
-
-def losses_plan(models):
-    return Plan("losses", "loss", ["PSNR / RelMSE"], [(loss_label(model), [base(model)]) for model in models])
 
 
 def robustness_plan(models):
@@ -256,22 +251,53 @@ def filtered_psnr(view, store, seconds):
     return float(psnrs[first] + slope * (at - times[first]))
 
 
-def equal_seconds_sheet(models, views, store):
-    """Makes the table of leads over the filter when rendering both inputs and fusing take as long as its render."""
-    rows = []
+GUIDES_SPP = 2  # samples of renders of albedo and normal that x4 models are measured with
+
+
+def guided(model, pair):
+    """Returns the job with albedo and normal of a render of their own."""
+    return dataclasses.replace(fused(model, pair), guides=guides(GUIDES_SPP))
+
+
+def guided_plan(models):
+    rows = [(model.name, [guided(model, pair) for pair in PAIRS[4]]) for model in models if model.scale == 4]
+    return Plan("guided", "", [f"{low}-{high}" for low, high in PAIRS[4]], rows)
+
+
+def timed_jobs(models, ablations):
+    """Yields (label, model, job, function that returns a view's seconds of rendering) for the table of equal seconds.
+
+    The last rows are networks without LRHS, which have all samples in HRLS.
+    """
     for model, scale, pair, _ in pairings(models):
-        fusing = fusing_s(model, views, store)
+        inputs_s = lambda view, scale=scale, pair=pair: view.seconds(pair[0], scale) + view.seconds(pair[1])
+        yield label(model, scale, pair), model, fused(model, pair, scale=scale), inputs_s
+        if model.scale == scale == 4:
+            job = guided(model, pair)
+            with_guides_s = lambda view, inputs_s=inputs_s, job=job: inputs_s(view) + view.seconds_of(job.guides)
+            yield f"{label(model, scale, pair)}, guides of {GUIDES_SPP}", model, job, with_guides_s
+    for model in ablations:
+        if model.trained("without") == "lrhs":
+            for spp in AVERAGES:
+                yield f"{model.name}, {spp}", model, without_lrhs(model, spp), lambda view, spp=spp: view.seconds(spp)
+
+
+def equal_seconds_sheet(models, ablations, views, store):
+    """Makes the table of leads over the filter when rendering the inputs and fusing take as long as its render."""
+    rows = []
+    for label, model, job, inputs_s in timed_jobs(models, ablations):
+        fusing = fusing_s(model, views, store) or 0
         leads = []
         for view in views:
-            own = store.get(fused(model, pair, scale=scale), view)
-            seconds = view.seconds(pair[0], scale) + view.seconds(pair[1]) + (fusing or 0)
-            filtered = filtered_psnr(view, store, seconds)
-            leads.append((own.psnr - filtered, seconds) if own and filtered else None)
+            own = store.get(job, view)
+            seconds = inputs_s(view) + fusing if own else 0
+            filtered = filtered_psnr(view, store, seconds) if own else None
+            leads.append((own.psnr - filtered, seconds) if filtered else None)
         if not leads or not all(leads):
             continue
         psnr, seconds = zip(*leads)
         ahead = f"{sum(p > 0 for p in psnr)} of {len(views)}"
-        rows.append([label(model, scale, pair), f"{statistics.median(seconds):.1f}", ahead, *spread(psnr)])
+        rows.append([label, f"{statistics.median(seconds):.1f}", ahead, *spread(psnr)])
     return Sheet("equal-seconds", ["", "seconds", "ahead in PSNR", "lead, median dB", "least", "most"], rows)
 
 

@@ -33,6 +33,11 @@ def decimated(scale, spp):
     return f"lrhs-x{scale}-{spp:04}.exr"
 
 
+def guides(spp):
+    """Returns the file of albedo and normal of a render of their own."""
+    return f"guides-{spp:04}.exr"
+
+
 HALVES = ("reference-a.exr", "reference-b.exr")
 
 
@@ -66,6 +71,13 @@ class View:
     def seconds(self, spp, scale=1):
         """Returns the time of a render at 1 / scale of the size, with that many samples a pixel."""
         return float(numpy.polyval(self.cost, spp)) / scale**2
+
+    def spp(self, file):
+        return self.record["files"][file]["spp"]
+
+    def seconds_of(self, file):
+        """Returns the measured time of a render."""
+        return self.record["files"][file]["seconds"]
 
     @functools.lru_cache(maxsize=2)
     def reference(self, halves=HALVES):

@@ -3,7 +3,7 @@
 
 The views show models of Scopia.sh3f in layouts of test_scenes.py; no training uses either. Each view has HRLS of 1 to
 8 spp (with layers), plain renders of 16 and 32 spp, ordinary small renders of three scales, decimated ones of as
-many, and the reference.
+many, albedo and normal of renders of their own, and the reference.
 
 References take most of the time. Those in data/test, compressed with an error of about 60 dB, are taken from there;
 --references renders them anew.
@@ -95,7 +95,7 @@ def main():
             arguments += ["--reference-spp", str(args.reference_spp)]
         else:
             take_reference(final)
-            arguments += ["--spp", "1", "2", "3", "4", "7", "8", "--plain-spp", "16", "32"]
+            arguments += ["--spp", "1", "2", "3", "4", "7", "8", "--plain-spp", "16", "32", "--guides", "2", "4", "8"]
             for option, scales in (("--lowres", LOWRES), ("--lrhs", LRHS)):
                 arguments += [option, *(f"{scale}:{spp}" for scale, counts in scales.items() for spp in counts)]
             arguments += ["--reference-spp", str(args.reference_spp)]

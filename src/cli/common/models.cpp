@@ -27,9 +27,10 @@ fs::path find_model(const std::string& wanted) {
 }
 
 std::vector<CurvePoint> models_of(int scale) {
+  const int own_scale = scale == 8 ? 4 : scale;
   std::vector<CurvePoint> points = stock_curve().points;
   std::erase_if(points, [&](const CurvePoint& point) {
-    return int(point.scale) != scale || find_stock_model(point.model).empty();
+    return int(point.scale) != own_scale || find_stock_model(point.model).empty();
   });
   if (points.empty()) throw Error("there is no model for scale {}; {}", scale, what_models_there_are());
   return points;

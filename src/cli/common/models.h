@@ -15,7 +15,8 @@ namespace raymeld::cli {
 // listing the models that exist.
 std::filesystem::path find_model(const std::string& wanted);
 
-// Returns the points of stock_curve() for the stock models of a scale. Throws Error when there are none.
+// Returns the points of stock_curve() for the stock models that fuse pairs of a scale: pairs of x8 are fused by
+// models of x4. Throws Error when there are none.
 std::vector<CurvePoint> models_of(int scale);
 
 // Returns the file of the model at the level kBalanced of the curve.

@@ -128,12 +128,12 @@ TestPair first_pair(const TestView& view, uint32_t scale) {
   return {&view, best, &hrls};
 }
 
-std::vector<TestPair> balanced_pairs(const TestView& view, uint32_t scale) {
+std::vector<TestPair> sensible_pairs(const TestView& view, uint32_t scale) {
   std::vector<TestPair> pairs;
   for (const TestRender& hrls : view.hrls) {
     for (const TestRender& lrhs : view.lrhs) {
       const double ratio = samples(lrhs) / samples(hrls);
-      if (lrhs.scale == scale && ratio >= 0.5 && ratio <= 2) pairs.push_back({&view, &lrhs, &hrls});
+      if (lrhs.scale == scale && ratio >= 0.125 && ratio <= 1) pairs.push_back({&view, &lrhs, &hrls});
     }
   }
   return pairs;

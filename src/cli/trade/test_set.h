@@ -61,7 +61,7 @@ struct TestPair {
 // when there is no LRHS of that scale.
 TestPair first_pair(const TestView& view, uint32_t scale);
 
-// Returns all pairs in which neither render has more than twice the other's total of samples.
-std::vector<TestPair> balanced_pairs(const TestView& view, uint32_t scale);
+// Returns all pairs in which LRHS has at most as many samples in all as HRLS, and at least an eighth of them.
+std::vector<TestPair> sensible_pairs(const TestView& view, uint32_t scale);
 
 }  // namespace raymeld::cli

@@ -300,7 +300,7 @@ std::vector<RenderResults> measure_pairs(const std::vector<TestView>& views,
     }
     for (size_t i = 0; i < settings.size(); ++i) {
       const TradeSetting& setting = settings[i];
-      for (const TestPair& pair : balanced_pairs(view, setting.scale)) {
+      for (const TestPair& pair : sensible_pairs(view, setting.scale)) {
         check_interrupted();
         const uint32_t lrhs_spp = pair.lrhs->spp, hrls_spp = pair.hrls->spp;
         const auto measure = [&] { return measure_pair(benches[i], pair, setting, reference, models); };
