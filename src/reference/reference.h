@@ -143,7 +143,7 @@ struct Architecture {
   double clip = 0;
   bool hrls_unshuffled = false, hrls_guide = false, both_samplings = false;
   Upscale upscale = Upscale::kStages;
-  int half_features = 0, half_layers = 0;                         // of Upscale::kHalf
+  int half_features = 0, half_layers = 0;                         // these belong to Upscale::kHalf
   int upscaled_features = 0, head_features = 0, head_layers = 0;  // upscaled_features 0: as many as features
   double lrhs_certainty = 0;                                      // the joint base's certainty of LRHS
   int hrls_kernel = 3;                                            // the kernel of unshuffled HRLS
