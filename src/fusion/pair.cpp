@@ -197,15 +197,19 @@ class Examination {
     return found;
   }
 
-  // Returns the logarithm of the ratio of HRLS's light to LRHS's for each block that has light.
+  // Returns the logarithm of the ratio of HRLS's light, without its fireflies, to LRHS's for each block that
+  // has light.
   std::vector<double> light_ratios() const {
     std::vector<double> ratios;
     for_blocks([&](int x, int y) {
       double low = 0, full = 0;
       for (int v = 0; v < kSide; ++v)
         for (int u = 0; u < kSide; ++u) low += lrhs_.at(x + u, y + v);
-      for (int v = 0; v < kSide * scale_; ++v)
-        for (int u = 0; u < kSide * scale_; ++u) full += hrls_.at(x * scale_ + u, y * scale_ + v);
+      for (int v = 0; v < kSide * scale_; ++v) {
+        const size_t row = size_t(y + v / scale_) * size_t(lrhs_.width) + size_t(x);
+        for (int u = 0; u < kSide * scale_; ++u)
+          full += std::min(hrls_.at(x * scale_ + u, y * scale_ + v), limits_[row + size_t(u / scale_)]);
+      }
       low /= double(kArea), full /= double(kArea) * scale_ * scale_;
       if (low > 0.05 * lrhs_.key && full > 0.05 * hrls_.key) ratios.push_back(std::log(full / low));
     });

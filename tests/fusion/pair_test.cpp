@@ -42,6 +42,16 @@ TEST_P(PairTest, BrightnessOfEitherChangesNoOtherFinding) {
   }
 }
 
+TEST_P(PairTest, FirefliesOfHrlsAreNoBrightness) {
+  Pair pair = make_pair(GetParam(), true);
+  std::mt19937 random(6);
+  for (int y = 0; y < pair.hrls.height; ++y)
+    for (int x = 0; x < pair.hrls.width; ++x)
+      if (random() % 500 == 0)
+        for (int c = 0; c < 3; ++c) pair.hrls.at(c, y, x) *= 1000;
+  EXPECT_EQ(examine_pair(pair.lrhs, pair.hrls, GetParam()).brightness, 1);
+}
+
 // Colors at one sample per pixel are mostly noise, and only a clean guide shows which phase the LRHS has.
 TEST_P(PairTest, AGuideShowsThePhaseOfNoisyColors) {
   for (const bool centered : {false, true}) {

@@ -265,32 +265,31 @@ def guided_plan(models):
 
 
 def timed_jobs(models, ablations):
-    """Yields (label, model, job, function that returns a view's seconds of rendering) for the table of equal seconds.
+    """Yields (label, job, function that returns a view's seconds of rendering) for the table of equal seconds.
 
     The last rows are networks without LRHS, which have all samples in HRLS.
     """
     for model, scale, pair, _ in pairings(models):
         inputs_s = lambda view, scale=scale, pair=pair: view.seconds(pair[0], scale) + view.seconds(pair[1])
-        yield label(model, scale, pair), model, fused(model, pair, scale=scale), inputs_s
+        yield label(model, scale, pair), fused(model, pair, scale=scale), inputs_s
         if model.scale == scale == 4:
             job = guided(model, pair)
             with_guides_s = lambda view, inputs_s=inputs_s, job=job: inputs_s(view) + view.seconds_of(job.guides)
-            yield f"{label(model, scale, pair)}, guides of {GUIDES_SPP}", model, job, with_guides_s
+            yield f"{label(model, scale, pair)}, guides of {GUIDES_SPP}", job, with_guides_s
     for model in ablations:
         if model.trained("without") == "lrhs":
             for spp in AVERAGES:
-                yield f"{model.name}, {spp}", model, without_lrhs(model, spp), lambda view, spp=spp: view.seconds(spp)
+                yield f"{model.name}, {spp}", without_lrhs(model, spp), lambda view, spp=spp: view.seconds(spp)
 
 
 def equal_seconds_sheet(models, ablations, views, store):
-    """Makes the table of leads over the filter when rendering the inputs and fusing take as long as its render."""
+    """Makes the table of leads over the filter when rendering the inputs takes as long as its render."""
     rows = []
-    for label, model, job, inputs_s in timed_jobs(models, ablations):
-        fusing = fusing_s(model, views, store) or 0
+    for label, job, inputs_s in timed_jobs(models, ablations):
         leads = []
         for view in views:
             own = store.get(job, view)
-            seconds = inputs_s(view) + fusing if own else 0
+            seconds = inputs_s(view) if own else 0
             filtered = filtered_psnr(view, store, seconds) if own else None
             leads.append((own.psnr - filtered, seconds) if filtered else None)
         if not leads or not all(leads):
