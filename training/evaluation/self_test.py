@@ -243,7 +243,7 @@ class Numerics(unittest.TestCase):
             self.assertLess(off(0), min(off(scale), off(-scale)))
 
     def test_program_is_near_float64(self):
-        """The program is as near as single precision is. A network with one weight off by a hundredth is further."""
+        """The program is as near as single precision is. A network with one weight off by a fiftieth is further."""
         if not MODEL:
             self.skipTest("no program or model")
         most = 1e-3
@@ -254,7 +254,7 @@ class Numerics(unittest.TestCase):
 
         tensors, metadata = safetensors.load(MODEL)
         tensors = {name: value.copy() for name, value in tensors.items()}
-        tensors["rec.weight"][0, 0, 1, 1] *= 1.01
+        tensors["rec.weight"][0, 0, 1, 1] *= 1.02
         safetensors.save(self.folder / "off.safetensors", tensors, metadata)
         files = self.study.inputs(4, "as rendered")
         exact, off = (
