@@ -161,6 +161,21 @@ class Group(nn.Module):
         return x + y
 
 
+def residual_layers(widths):
+    """Returns 3x3 convolutions of these widths. Each but the first adds to its input, at first only little."""
+    layers = nn.ModuleList(nn.Conv2d(a, b, 3, padding=1) for a, b in zip(widths, widths[1:]))
+    for conv in layers[1:]:
+        conv.weight.data.mul_(0.1)
+        nn.init.zeros_(conv.bias)
+    return layers
+
+
+def through(layers, y):
+    for i, conv in enumerate(layers):
+        y = F.relu(conv(y)) + (y if i else 0)
+    return y
+
+
 class Network(nn.Module):
     """Maps encoded lrhs [N, 3, h, w] and hrls [N, K, s*h, s*w] to the encoded image [N, 3, s*h, s*w].
 
@@ -191,12 +206,7 @@ class Network(nn.Module):
             e = config.half_features
             self.half_skip = nn.Conv2d(4 * k, e, 3, padding=1)
             self.half_up = nn.Conv2d(c, e * (s // 2) ** 2, 3, padding=1)
-            self.half_layers = nn.ModuleList(
-                nn.Conv2d(e if i else 2 * e, e, 3, padding=1) for i in range(config.half_layers)
-            )
-            for conv in self.half_layers[1:]:  # these layers add to their input, at first only little
-                conv.weight.data.mul_(0.1)
-                nn.init.zeros_(conv.bias)
+            self.half_layers = residual_layers([2 * e] + [e] * config.half_layers)
             self.up = nn.ModuleList([nn.Conv2d(e, 4 * m, 3, padding=1)])
         elif config.upscale == "stages":
             self.up = nn.ModuleList(nn.Conv2d(c, 4 * c, 3, padding=1) for _ in range(halvings))
@@ -204,10 +214,7 @@ class Network(nn.Module):
             self.up = nn.ModuleList([nn.Conv2d(c, m * s * s, 3, padding=1)])
         last = m + (k if config.guide == "hrls" else 0)
         widths = [last] + [config.head_features] * config.head_layers
-        self.head = nn.ModuleList(nn.Conv2d(a, b, 3, padding=1) for a, b in zip(widths, widths[1:]))
-        for conv in self.head[1:]:  # these layers add to their input, at first only little
-            conv.weight.data.mul_(0.1)
-            nn.init.zeros_(conv.bias)
+        self.head = residual_layers(widths)
         last = widths[-1]
         candidates = 2 + config.joint_layers if config.base == "joint" else 0
         self.rec = nn.Conv2d(last, 3 + candidates, 3, padding=1)
@@ -254,15 +261,12 @@ class Network(nn.Module):
         if config.upscale == "half":
             y = F.pixel_shuffle(F.relu(self.half_up(y)), config.scale // 2)
             y = torch.cat([y, F.relu(self.half_skip(F.pixel_unshuffle(hrls, 2)))], dim=1)
-            for i, conv in enumerate(self.half_layers):
-                y = F.relu(conv(y)) + (y if i else 0)
+            y = through(self.half_layers, y)
         for conv in self.up:
             y = F.pixel_shuffle(F.relu(conv(y)), config.scale if config.upscale == "direct" else 2)
         if config.guide == "hrls":
             y = torch.cat([y, hrls], dim=1)
-        for i, conv in enumerate(self.head):
-            y = F.relu(conv(y)) + (y if i else 0)
-        y = self.rec(y)
+        y = self.rec(through(self.head, y))
         return y.float() if y.dtype == torch.bfloat16 else y
 
     def forward(self, lrhs, hrls, centered=torch.tensor(False), spp=None):
