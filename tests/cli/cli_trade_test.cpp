@@ -38,10 +38,12 @@ class CliTrade : public Cli {
     write_image(view / "reference-b.exr", kLayeredNames, reference);
     write_image(view / "0001.exr", kLayeredNames, noisy);
     write_image(view / "0002.exr", kLayeredNames, cleaner);
+    write_image(view / "guides-0004.exr", kLayeredNames, cleaner);
     for (const char* spp : {"0016", "0032"})
       write_image(view / fmt::format("lrhs-x4-{}.exr", spp), kColorNames, degrade_nearest(reference, 4));
     write_file(view / "view.json", R"({"files": {
       "reference-a.exr": {"spp": 256, "seconds": 256.5}, "reference-b.exr": {"spp": 256, "seconds": 256.5},
+      "guides-0004.exr": {"spp": 4, "seconds": 0.5, "layers": "guides"},
       "0001.exr": {"spp": 1, "seconds": 1.5, "layers": "fusion"}, "0002.exr": {"spp": 2, "seconds": 2.5, "layers": "fusion"},
       "lrhs-x4-0016.exr": {"spp": 16, "scale": 4, "seconds": 1.03125}, "lrhs-x4-0032.exr": {"spp": 32, "scale": 4, "seconds": 2.03125}
     }})");

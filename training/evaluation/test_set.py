@@ -58,7 +58,8 @@ class View:
         A render of 1 / s^2 of the pixels takes 1 / s^2 of the time. Other load on the machine only makes it slower, so
         the line is fitted to the lower quartile (of relative deviations, by reweighted least squares).
         """
-        files = [file for file in self.record["files"].values() if "seconds" in file]
+        timed = [file for file in self.record["files"].values() if "seconds" in file]
+        files = [file for file in timed if file.get("layers") != "guides"]
         spp = numpy.array([file["spp"] for file in files])
         seconds = numpy.array([file["seconds"] * file.get("scale", 1) ** 2 for file in files])
         line = numpy.polyfit(spp, seconds, 1, w=1 / seconds)

@@ -30,6 +30,8 @@ TestView load_view(const fs::path& folder) try {
       view.references.push_back(render.file);
       continue;
     }
+    const std::string layers = entry.value("layers", "");
+    if (layers == "guides") continue;  // it is a render without light
     all.push_back(render);
     if (render.scale > 1) {
       if (name.starts_with("lowres")) view.lrhs.push_back(render);
@@ -37,7 +39,7 @@ TestView load_view(const fs::path& folder) try {
       continue;
     }
     view.plain.push_back(render);
-    if (entry.value("layers", "") == "fusion") view.hrls.push_back(render);
+    if (layers == "fusion") view.hrls.push_back(render);
   }
   if (view.lrhs.empty()) view.lrhs = decimated;
   for (auto* renders : {&view.lrhs, &view.hrls, &view.plain})
