@@ -65,6 +65,14 @@ TEST_F(CliChoice, PairsOfX8AreFusedByAModelOfX4) {
   write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 4, 3, 1));
   EXPECT_EQ(chosen("--quality", "high").at("model"), "x4-c");
   EXPECT_EQ(run_json(request({"--json"})).at("scale"), 8);
+  // A model of x8 comes before them.
+  save_curve(folder_ / "models/curve.json",
+             {.device = "device",
+              .data = "set",
+              .points = {{.model = "x4-a", .scale = 4, .time_ms = 10, .psnr_db = 30},
+                         {.model = "x8-a", .scale = 8, .time_ms = 20, .psnr_db = 29}}});
+  fs::copy_file(tiny_model(), folder_ / "models/x8-a.safetensors");
+  EXPECT_EQ(chosen("--quality", "fast").at("model"), "x8-a");
 }
 
 TEST_F(CliChoice, FusesWithTheChosenModelAndSaysSo) {

@@ -264,32 +264,35 @@ def guided_plan(models):
     return Plan("guided", "", [f"{low}-{high}" for low, high in PAIRS[4]], rows)
 
 
+def rendering_s(job, view):
+    """Returns the seconds of rendering a fusion's inputs. A network without LRHS needs none."""
+    files = [job.hrls, job.guides, "" if job.change == "no-lrhs" else job.lrhs]
+    return sum(view.seconds_of(file) for file in files if file)
+
+
 def timed_jobs(models, ablations):
-    """Yields (label, job, function that returns a view's seconds of rendering) for the table of equal seconds.
+    """Yields (label, job) for the table of equal seconds.
 
     The last rows are networks without LRHS, which have all samples in HRLS.
     """
     for model, scale, pair, _ in pairings(models):
-        inputs_s = lambda view, scale=scale, pair=pair: view.seconds(pair[0], scale) + view.seconds(pair[1])
-        yield label(model, scale, pair), fused(model, pair, scale=scale), inputs_s
+        yield label(model, scale, pair), fused(model, pair, scale=scale)
         if model.scale == scale == 4:
-            job = guided(model, pair)
-            with_guides_s = lambda view, inputs_s=inputs_s, job=job: inputs_s(view) + view.seconds_of(job.guides)
-            yield f"{label(model, scale, pair)}, guides of {GUIDES_SPP}", job, with_guides_s
+            yield f"{label(model, scale, pair)}, guides of {GUIDES_SPP}", guided(model, pair)
     for model in ablations:
         if model.trained("without") == "lrhs":
             for spp in AVERAGES:
-                yield f"{model.name}, {spp}", without_lrhs(model, spp), lambda view, spp=spp: view.seconds(spp)
+                yield f"{model.name}, {spp}", without_lrhs(model, spp)
 
 
 def equal_seconds_sheet(models, ablations, views, store):
     """Makes the table of leads over the filter when rendering the inputs takes as long as its render."""
     rows = []
-    for label, job, inputs_s in timed_jobs(models, ablations):
+    for label, job in timed_jobs(models, ablations):
         leads = []
         for view in views:
             own = store.get(job, view)
-            seconds = inputs_s(view) if own else 0
+            seconds = rendering_s(job, view)
             filtered = filtered_psnr(view, store, seconds) if own else None
             leads.append((own.psnr - filtered, seconds) if filtered else None)
         if not leads or not all(leads):
@@ -331,11 +334,11 @@ def equal_time(model, i, view, store, fusing):
 
     PSNR is compared by its squared error. `fusing` is the time of a fusion in seconds.
     """
-    pair = PAIRS[model.scale][i]
-    own, plain = store.get(fused(model, pair), view), [store.get(job, view) for job in RENDERS]
+    job = fused(model, PAIRS[model.scale][i])
+    own, plain = store.get(job, view), [store.get(render, view) for render in RENDERS]
     if not own or not all(plain):
         return None
-    inputs_s = view.seconds(pair[0], model.scale) + view.seconds(pair[1])
+    inputs_s = rendering_s(job, view)
     result = {"inputs": inputs_s, "fusing": fusing}
     for metric, error in (("PSNR", lambda s: 10 ** (-s.psnr / 10)), ("RelMSE", lambda s: s.relmse)):
         spp, beyond = equal_spp([error(s) for s in plain], error(own))

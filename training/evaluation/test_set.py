@@ -77,8 +77,11 @@ class View:
         return self.record["files"][file]["spp"]
 
     def seconds_of(self, file):
-        """Returns the measured time of a render."""
-        return self.record["files"][file]["seconds"]
+        """Returns the time of a render: seconds(), or for guides, which have no light, what was measured."""
+        record = self.record["files"][file]
+        if record.get("layers") == "guides":
+            return record["seconds"]
+        return self.seconds(record["spp"], record.get("scale", 1))
 
     @functools.lru_cache(maxsize=2)
     def reference(self, halves=HALVES):

@@ -1,5 +1,7 @@
 #include "cli/common/models.h"
 
+#include <algorithm>
+#include <functional>
 #include <optional>
 #include <vector>
 
@@ -26,12 +28,18 @@ fs::path find_model(const std::string& wanted) {
   return scale && find_stock_model(wanted).empty() ? default_model(*scale) : model_file(wanted);
 }
 
+std::vector<int> pair_scales(int model_scale) {
+  return model_scale == 4 ? std::vector{4, 8} : std::vector{model_scale};
+}
+
 std::vector<CurvePoint> models_of(int scale) {
-  const int own_scale = scale == 8 ? 4 : scale;
   std::vector<CurvePoint> points = stock_curve().points;
   std::erase_if(points, [&](const CurvePoint& point) {
-    return int(point.scale) != own_scale || find_stock_model(point.model).empty();
+    return std::ranges::count(pair_scales(int(point.scale)), scale) == 0 ||
+           find_stock_model(point.model).empty();
   });
+  const auto is_own = [&](const CurvePoint& point) { return int(point.scale) == scale; };
+  if (std::ranges::any_of(points, is_own)) std::erase_if(points, std::not_fn(is_own));
   if (points.empty()) throw Error("there is no model for scale {}; {}", scale, what_models_there_are());
   return points;
 }

@@ -15,8 +15,11 @@ namespace raymeld::cli {
 // listing the models that exist.
 std::filesystem::path find_model(const std::string& wanted);
 
-// Returns the points of stock_curve() for the stock models that fuse pairs of a scale: pairs of x8 are fused by
-// models of x4. Throws Error when there are none.
+// Returns the scales of the pairs that a model fuses, its own first: a model of x4 fuses pairs of x8 too.
+std::vector<int> pair_scales(int model_scale);
+
+// Returns the points of stock_curve() for the stock models of a scale or, where there are none, for those
+// that fuse its pairs too. Throws Error when there are none of either.
 std::vector<CurvePoint> models_of(int scale);
 
 // Returns the file of the model at the level kBalanced of the curve.

@@ -21,12 +21,6 @@ namespace fs = std::filesystem;
 
 constexpr std::array<int, 3> kScales = {2, 4, 8};
 
-// Returns the scales of the pairs that a model fuses.
-std::vector<int> scales_of(const Architecture& model) {
-  const int scale = int(model.scale);
-  return scale == 4 ? std::vector{4, 8} : std::vector{scale};
-}
-
 // Drops from LRHS's map what `choice` takes from other channels of HRLS, as LRHS's own would not match.
 void drop_mapped(const LayerChoice& choice, LayerMap& map) {
   for (const auto& [layer, channels] : choice.overrides) {
@@ -236,7 +230,7 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
       arguments.model.empty() ? default_model(canvas_of(kScales).scale) : find_model(arguments.model);
   auto model = models.load(model_file);
   const Architecture& architecture = model->architecture();
-  const Canvas frame = canvas_of(scales_of(architecture));
+  const Canvas frame = canvas_of(pair_scales(int(architecture.scale)));
   const Imath::Box2i window = find_window(arguments, hrls, hrls_windows.data);
   const Canvas canvas =
       find_canvas(upsampled(frame, frame.scale / int(architecture.scale)), window, architecture);

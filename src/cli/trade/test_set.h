@@ -43,8 +43,8 @@ struct TestView {
 // Reads a folder's view.json, or those of its subfolders in the order of their names: {"files": {NAME:
 // {"spp", "seconds", "scale", "layers"}}}. Files whose names begin with "reference" are halves of the
 // reference, and full-size files with the layers "fusion" are HRLS. Files with a scale whose names begin with
-// "lowres" are LRHS, or else those whose names begin with "lrhs". Files with the layers "guides" are left out.
-// Throws Error, naming the file.
+// "lowres" are LRHS, or else those whose names begin with "lrhs". Files with the layers "guides" are left
+// out. Throws Error, naming the file.
 std::vector<TestView> find_views(const std::filesystem::path& folder);
 
 // Returns the mean of the reference's halves, (3, H, W). Throws Error.
