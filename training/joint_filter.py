@@ -75,7 +75,7 @@ def level(x, guides, step):
 
 
 def joint_filter(x, guides, levels, widths=None):
-    """Returns [levels, N, 4, H, W]: levels at steps of 1, 2, 4 ..., each computed from the one before it.
+    """Returns a list of levels [N, 4, H, W] at steps of 1, 2, 4 ..., each computed from the one before it.
 
     `widths` [levels, N or 1, G] multiply the guides.
     """
@@ -84,4 +84,4 @@ def joint_filter(x, guides, levels, widths=None):
         scaled = guides if widths is None else guides * widths[i, :, :, None, None]
         x = level(x, scaled, 2**i)
         result.append(x)
-    return torch.stack(result)
+    return result

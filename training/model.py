@@ -319,7 +319,7 @@ def irradiance(lrhs, albedo, normal, config, centered):
     albedo, normal = own(albedo), own(normal)
     light = transfer(linear(lrhs, config) / (albedo + ALBEDO_FLOOR), config.transfer)
     even = torch.cat([light, torch.ones_like(light[:, :1])], dim=1)
-    return joint_filter(even, joint_guides(albedo, normal), 1)[0, :, :3]
+    return joint_filter(even, joint_guides(albedo, normal), 1)[0][:, :3]
 
 
 def without_fireflies(color):
