@@ -1,8 +1,9 @@
 #!/usr/bin/python3
 """Measures the raymeld program on the test set; writes the tables as CSV and into docs/quality.md.
 
-Earlier measurements are kept, so that after a stop, or with a new model or view, only the missing ones are made. Remove
-results.csv after a change to the program that may change images.
+Earlier measurements are kept, so that after a stop, or with a new model or view, only the missing ones are made. A view
+is known by its reference, so that its other renders may be made anew. Remove results.csv after a change to the program
+that may change images.
 """
 
 import argparse

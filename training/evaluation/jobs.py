@@ -58,9 +58,8 @@ class Job:
 
     def key(self, view):
         """Returns a hash of everything that the result depends on, except the program."""
-        files = [name for name in (self.lrhs, self.hrls, self.guides, *test_set.HALVES) if name]
-        files += map(test_set.render, test_set.PLAIN) if self.method == "renders" else []
-        parts = [self.method, self.lrhs, self.change, *(test_set.digest(view.folder / name) for name in files)]
+        parts = [self.method, self.lrhs, self.hrls, self.guides, self.change, view.identity]
+        parts += [str(test_set.PLAIN)] if self.method == "renders" else []
         parts += [self.model.digest] if self.model else []
         parts += [str(self.parameters())] if self.method in FILTERS else []
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
@@ -135,7 +134,7 @@ class Score(NamedTuple):
 class Store:
     """Keeps the scores in a CSV file, which grows by a line with each measurement."""
 
-    COLUMNS = ("key", "view", "method", "model", "lrhs", "hrls", "change", *Score._fields)
+    COLUMNS = ("key", "view", "method", "model", "lrhs", "hrls", "guides", "change", *Score._fields)
 
     def __init__(self, path, program):
         self.path, self.program, self.scores = path, program, {}
@@ -159,6 +158,6 @@ class Store:
         reference = view.reference(job.halves())
         score = Score(psnr(image, reference), relmse(image, reference), seconds)
         self.scores[job.key(view)] = score
-        what = (view.name, job.method, job.model.name if job.model else "", job.lrhs, job.hrls, job.change)
+        what = (view.name, job.method, job.model.name if job.model else "", job.lrhs, job.hrls, job.guides, job.change)
         self.append((job.key(view), *what, f"{score.psnr:.4f}", f"{score.relmse:.6f}", f"{seconds:.3f}"))
         return score

@@ -64,7 +64,7 @@ def write_view(folder):
     times = {n: 0.5 + 0.25 * n for n in test_set.PLAIN}
     files = {test_set.render(n): {"spp": n, "seconds": (2 if n == 2 else 1) * s} for n, s in times.items()}
     files |= {name: {"spp": 16} for name in (test_set.decimated(4, 16), test_set.lrhs(4, 16))}
-    (folder / "view.json").write_text(json.dumps({"kind": "ramp", "files": files}))
+    (folder / "view.json").write_text(json.dumps({"version": 1, "kind": "ramp", "files": files}))
     return test_set.View(folder)
 
 
@@ -135,6 +135,15 @@ class Views(unittest.TestCase):
     def test_times_are_those_of_an_idle_machine(self):
         self.assertAlmostEqual(self.view.seconds(2), 1.0, 2)
         self.assertAlmostEqual(self.view.seconds(16, 4), 4.5 / 16, 2)
+
+    def test_a_view_that_is_rendered_again_keeps_its_scores(self):
+        job = Job("svgf", hrls=test_set.render(2))
+        before = job.key(self.view)
+        exr(0.5, 1).write(self.view.folder / job.hrls)
+        self.assertEqual(job.key(test_set.View(self.view.folder)), before)
+        test_set.digest.cache_clear()
+        exr(0.5, 1).write(self.view.folder / test_set.HALVES[0])
+        self.assertNotEqual(job.key(test_set.View(self.view.folder)), before)
 
     def test_a_lead_is_over_the_best_rival(self):
         model = Model(pathlib.Path("x4.safetensors"), "", 4, "{}")

@@ -52,6 +52,11 @@ class View:
         self.record = json.loads((folder / "view.json").read_text())
 
     @functools.cached_property
+    def identity(self):
+        """Says which scene this is. Rendered again, its files have other dates and stray last bits."""
+        return [self.record["version"], *(digest(self.folder / half) for half in HALVES)]
+
+    @functools.cached_property
     def cost(self):
         """Returns (seconds for each sample a pixel, other seconds) of a full-size render, fitted to the times of all.
 
