@@ -47,6 +47,7 @@ def parse():
     parser.add_argument("--out", required=True, type=pathlib.Path)
     parser.add_argument("--catalogue", default=CATALOGUE)
     parser.add_argument("--views", type=int, default=len(VIEWS), help="number of views, from the first")
+    parser.add_argument("--only-scale", type=int, choices=LOWRES, help="render only what pairs of that scale need")
     parser.add_argument("--size", type=int, default=512)
     parser.add_argument("--reference-spp", type=int, default=512)
     parser.add_argument("--threads", type=int, default=2)
@@ -95,9 +96,12 @@ def main():
             arguments += ["--reference-spp", str(args.reference_spp)]
         else:
             take_reference(final)
-            arguments += ["--spp", "1", "2", "3", "4", "7", "8", "--plain-spp", "16", "32", "--guides", "2", "4", "8"]
-            for option, scales in (("--lowres", LOWRES), ("--lrhs", LRHS)):
-                arguments += [option, *(f"{scale}:{spp}" for scale, counts in scales.items() for spp in counts)]
+            arguments += ["--spp", "1", "2", "3", "4", "7", "8"]
+            scales = [args.only_scale] if args.only_scale else LOWRES
+            for option, counts in (("--lowres", LOWRES), ("--lrhs", LRHS)):
+                arguments += [option, *(f"{scale}:{spp}" for scale in scales for spp in counts[scale])]
+            if not args.only_scale:
+                arguments += ["--plain-spp", "16", "32", "--guides", "2", "4", "8"]
             arguments += ["--reference-spp", str(args.reference_spp)]
         generate.run_view(final, arguments, args.timeout_s)
         if args.references and final.exists():
