@@ -78,7 +78,7 @@ def main():
     torch.set_num_threads(1)
     views = test_set.load(args.views)[: args.first]
     models = models_of(args.models, args.scales)
-    ablations = models_of(sorted(args.ablations.glob("*.safetensors")) if args.ablations else [], (4,))
+    ablations = models_of(sorted(args.ablations.glob("*.safetensors")) if args.ablations else [], args.scales)
     store = Store(args.out / "results.csv", args.program)
 
     plans = {

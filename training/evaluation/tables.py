@@ -145,27 +145,30 @@ def grid_plan(model):
 
 
 # A model that was trained without an input is measured with this change of its inputs, these samples and this label.
+# The samples of LRHS are those for each full-size pixel that it covers.
 ABLATIONS = {
-    "none": ("", ((16, 1),), "{0}-{1}"),
-    "hrls": ("no-hrls", ((16, 1), (32, 1)), "LRHS alone, {0} spp"),
-    "lrhs": ("no-lrhs", tuple((16, spp) for spp in AVERAGES), "HRLS alone, {1} spp"),
-    "layers": ("rgb", ((16, 1),), "{0}-{1}"),
+    "none": ("", ((1, 1),), "{0}-{1}"),
+    "hrls": ("no-hrls", ((1, 1), (2, 1)), "LRHS alone, {0} spp"),
+    "lrhs": ("no-lrhs", tuple((1, spp) for spp in AVERAGES), "HRLS alone, {1} spp"),
+    "layers": ("rgb", ((1, 1),), "{0}-{1}"),
 }
 
 
 def without_lrhs(model, spp):
-    return fused(model, (16, spp), "no-lrhs")
+    return fused(model, (model.scale**2, spp), "no-lrhs")
 
 
 def ablation_plan(models, ablations):
     """Plans the ablations; `ablations` are models whose `training` says what they were trained without."""
-    rows = [("bicubic of LRHS, 16 spp", bicubic(4, (16, 1)))] if ablations else []
+    firsts = [(scale, PAIRS[scale][0]) for scale in sorted({model.scale for model in ablations})]
+    rows = [(f"bicubic of LRHS, x{scale}, {first[0]} spp", bicubic(scale, first)) for scale, first in firsts]
     for model in models:
         first = PAIRS[model.scale][0]
         rows.append((f"{model.name}, {first[0]}-{first[1]}", base(model)))
         rows.append((f"{model.name}, given RGB only", base(model, "rgb")))
     for model in ablations:
-        change, pairs, label = ABLATIONS[model.trained("without")]
+        change, shares, label = ABLATIONS[model.trained("without")]
+        pairs = [(low * model.scale**2, high) for low, high in shares]
         rows += [(f"{model.name}, {label.format(*pair)}", fused(model, pair, change)) for pair in pairs]
     return Plan("ablations", "", ["PSNR / RelMSE"], [(label, [job]) for label, job in rows])
 
