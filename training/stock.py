@@ -21,14 +21,13 @@ FASTER = dict(hrls_kernel=1, head_layers=1)
 HALF = dict(upscale="half", half_features=16, half_layers=2)  # gains nothing in x4-balanced
 # A size is features, growth, dense_layers, blocks, groups, head_features; full has the trunk of Hou et al. 2021.
 FAST = (24, 16, 3, 2, 1, 16)
-X2_BALANCED = (32, 24, 4, 2, 1, 32)  # the trunk of x2 has four times the pixels of that of x4
 SIZES = {"full": (64, 64, 4, 5, 3, 48), "balanced": (48, 32, 4, 3, 2, 32), "fast": FAST, "faster": FAST}
 
 
 def config(name, changes=()):
     """Returns the Config of a stock model by its name, with metadata entries changed, ENTRY=VALUE each."""
     scale, size = name.removeprefix("x").split("-")
-    scale, (*trunk, head_features) = int(scale), X2_BALANCED if name == "x2-balanced" else SIZES[size]
+    scale, (*trunk, head_features) = int(scale), SIZES[size]
     choices = CHOICES | (FASTER if size == "faster" else {})
     choices |= HALF if (scale, size) == (4, "fast") else dict(upscale="direct")
     # A pixel of LRHS has as many samples as the s x s pixels of HRLS that it covers.
