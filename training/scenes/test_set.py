@@ -47,7 +47,9 @@ def parse():
     parser.add_argument("--out", required=True, type=pathlib.Path)
     parser.add_argument("--catalogue", default=CATALOGUE)
     parser.add_argument("--views", type=int, default=len(VIEWS), help="number of views, from the first")
-    parser.add_argument("--only-scale", type=int, choices=LOWRES, help="render only what pairs of that scale need")
+    parser.add_argument(
+        "--only-scale", type=int, choices=LOWRES, help="render what pairs of that scale need, into a folder of its own"
+    )
     parser.add_argument("--size", type=int, default=512)
     parser.add_argument("--reference-spp", type=int, default=512)
     parser.add_argument("--threads", type=int, default=2)
