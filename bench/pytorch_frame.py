@@ -1,7 +1,8 @@
-"""Times whole frames in PyTorch, with the weights and inputs of raymeld_bench, and prints one JSON object.
+"""Times whole frames in PyTorch, with raymeld's weights, and prints one JSON object.
 
-pytorch_frame.py MODEL WIDTHxHEIGHT fp32|bf16|fp16 FOLDER: FOLDER holds lrhs.raw and hrls.raw, planar floats; the output
-is written to FOLDER/pytorch.raw. Where CUDA has a GPU, the network is compiled for it; else it runs on one CPU thread.
+pytorch_frame.py MODEL WIDTHxHEIGHT fp32|bf16|fp16 FOLDER [eager]: FOLDER holds lrhs.raw and hrls.raw, planar floats, or
+the inputs are random; the output is written to FOLDER/pytorch.raw. Where CUDA has a GPU, the inputs lie on it, and the
+network is compiled for it unless `eager` is given; else it runs on one CPU thread.
 """
 
 import json
@@ -22,7 +23,7 @@ SECONDS, FRAMES = 3.0, 3  # the least that a measurement takes
 
 
 @torch.no_grad()
-def main(path, size, precision, folder):
+def main(path, size, precision, folder, eager=False):
     torch.set_num_threads(1)
     torch.backends.cudnn.allow_tf32 = False  # fp32 must not mean TF32
     device = "cuda" if torch.cuda.is_available() else "cpu"
@@ -32,8 +33,10 @@ def main(path, size, precision, folder):
     scale, layers = network.config.scale, len(network.config.hrls_layers)
 
     def image(name, channels, h, w):
-        values = numpy.fromfile(folder / f"{name}.raw", dtype=numpy.float32)
-        return torch.from_numpy(values).reshape(1, channels, h, w)
+        file = folder / f"{name}.raw"
+        if not file.exists():
+            return torch.rand(1, channels, h, w, generator=torch.Generator().manual_seed(1))
+        return torch.from_numpy(numpy.fromfile(file, dtype=numpy.float32)).reshape(1, channels, h, w)
 
     lrhs = image("lrhs", 3, height // scale, width // scale)
     hrls = image("hrls", 3 * layers, height, width)
@@ -42,7 +45,7 @@ def main(path, size, precision, folder):
     for i, name in enumerate(network.config.hrls_layers):
         gains[:, 3 * i : 3 * i + 3] = {"albedo": 1, "normal": 1, "variance": exposure**2}.get(name, exposure)
     lrhs, hrls, network = (lrhs * exposure).to(device), (hrls * gains).to(device), network.to(device)
-    predict = torch.compile(networks.predict) if device == "cuda" else networks.predict
+    predict = torch.compile(networks.predict) if device == "cuda" and not eager else networks.predict
 
     def frame():
         with torch.autocast(device, dtype, enabled=precision != "fp32"):
@@ -62,4 +65,4 @@ def main(path, size, precision, folder):
 
 
 if __name__ == "__main__":
-    main(pathlib.Path(sys.argv[1]), sys.argv[2], sys.argv[3], pathlib.Path(sys.argv[4]))
+    main(pathlib.Path(sys.argv[1]), *sys.argv[2:4], pathlib.Path(sys.argv[4]), sys.argv[5:] == ["eager"])

@@ -108,21 +108,33 @@ def unpack():
     subprocess.run([ROOT / "scripts/unpack-sid"], check=True, stdout=subprocess.DEVNULL)
 
 
+def file_of(model):
+    """Returns the file of a stock model, or of x8-full, with random weights if no weights are shipped."""
+    shipped, random = (ROOT / folder / f"{model}.safetensors" for folder in ("models", "build/gpus"))
+    if not shipped.exists() and not random.exists():
+        shape = "8,64,64,4,5,3" if model == "x8-full" else model
+        random.parent.mkdir(parents=True, exist_ok=True)
+        options = ("--untrained", shape, "--name", model, "--out", random)
+        subprocess.run(["/usr/bin/python3", ROOT / "training/export.py", *options], check=True)
+    return shipped if shipped.exists() else random
+
+
 def program():
     return pathlib.Path(os.environ.get("RAYMELD", ROOT / "build/release/raymeld")).resolve()
 
 
 def run(gpu, *command):
-    """Runs a command on a GPU that is not there; returns its output."""
+    """Runs a command on a GPU that is not there; returns its output. The driver keeps what it compiles."""
     driver = GPUS[gpu].driver
     file = str(SID / f"root/usr/share/vulkan/icd.d/{driver.file}_icd.json")
     environment = os.environ | {"PRELOAD": f"lib{driver.shim}_noop_drm_shim.so", "VK_DRIVER_FILES": file}
-    environment |= {"MESA_SHADER_CACHE_DISABLE": "1", "XDG_CACHE_HOME": str(ROOT / "build/gpus/cache")}
+    cache = str(ROOT / "build/gpus/cache")
+    environment |= {"MESA_SHADER_CACHE_DIR": cache, "XDG_CACHE_HOME": cache}
     environment |= {driver.variable: GPUS[gpu].selected} if driver.variable else {}
     command = list(map(str, command))
     ended = subprocess.run([SID / "run", *command], env=environment, capture_output=True, text=True)
     if ended.returncode != 0:
-        raise RuntimeError(f"{gpu}: {' '.join(command)}: {ended.stderr.strip()}")
+        raise RuntimeError(f"{gpu}: {' '.join(command)}: {(ended.stdout + ended.stderr).strip()}")
     return ended.stdout
 
 

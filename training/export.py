@@ -77,7 +77,7 @@ def main():
         return
     torch.manual_seed(1)
     config = untrained_config(args.untrained, args.choice)
-    write(args.out, args.name, config, model.Network(config).state_dict(), {"untrained": True}, args.half)
+    write(args.out, args.name, config, model.create(config).state_dict(), {"untrained": True}, args.half)
 
 
 if __name__ == "__main__":

@@ -125,17 +125,48 @@ CASES = {
             knows_spp=True,
         ),
     ),
+    "pyramid-x2": (
+        (9, 5),
+        model.Config(
+            2,
+            hrls_layers=("color", "albedo", "normal", "variance"),
+            upscaled_features=3,
+            lrhs_sampling=("centered", "nearest"),
+            lrhs_certainty=4.0,
+            optional_layers=("albedo", "variance"),
+            exposure_key=0.2,
+            clip=10.0,
+            knows_spp=True,
+            network="pyramid",
+            widths=("3", "2", "3", "2"),
+        ),
+    ),
+    "pyramid-x4": (
+        (3, 6),
+        model.Config(
+            4,
+            hrls_layers=("color", "albedo", "normal"),
+            upscaled_features=2,
+            lrhs_certainty=10.0,
+            transfer="linear",
+            clip=5.0,
+            network="pyramid",
+            widths=("2", "3", "2", "3"),
+        ),
+    ),
 }
-SPP = {"spp-x4": (64.0, 2.0)}  # samples a pixel of LRHS and HRLS
-CENTERED = ("guided-x4", "joint-x2", "spp-x4")  # LRHS is read as centered here, as nearest samples elsewhere
+SPP = {"spp-x4": (64.0, 2.0), "pyramid-x2": (8.0, 3.0)}  # samples a pixel of LRHS and HRLS
+CENTERED = ("guided-x4", "joint-x2", "spp-x4", "pyramid-x2")  # LRHS is centered here, nearest samples elsewhere
 
 
 def random_network(config, generator):
     """Returns a network whose weights have 8 significant bits, so that bfloat16 and half hold them exactly."""
-    network = model.Network(config)
+    network = model.create(config)
     for name, value in network.state_dict().items():
         fan_in = value[0].numel() if value.dim() == 4 else 1
         bound = (3 / fan_in) ** 0.5 if value.dim() == 4 else 0.2
+        if config.network == "pyramid":  # it is so deep that the bounds of larger weights would be of no use
+            bound /= 2
         fresh = (torch.rand(value.shape, generator=generator) * 2 - 1) * bound
         value.copy_(fresh.bfloat16().half().float())  # half has fewer small numbers
     return network.double().eval()
@@ -184,6 +215,9 @@ def parts_of_joint_base(seen):
 
 def layer_outputs(network, run):
     """Returns the output of each layer by name, after its activation, shuffle or addition."""
+    if network.config.network == "pyramid":
+        network.outputs = {}
+        return {"output": run()[1]} | network.outputs
     seen = {}
     scale = network.config.scale
     factor = scale if network.config.upscale == "direct" else 2

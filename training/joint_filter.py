@@ -1,13 +1,12 @@
 """Filters HRLS, guided by the smooth LRHS; the levels are an input of the network and candidates of its output."""
 
-import ctypes
-import functools
 import pathlib
-import subprocess
-import tempfile
 
 import torch
 import torch.nn.functional as F
+
+import compiled
+from compiled import pointer
 
 BINOMIAL = (0.25, 0.5, 0.25)
 
@@ -28,20 +27,8 @@ def slow_level(x, guides, step):
     return torch.cat([total / certainty, certainty / weights], dim=1)
 
 
-@functools.cache
 def library():
-    source = pathlib.Path(__file__).with_suffix(".cpp")
-    with tempfile.TemporaryDirectory() as folder:
-        compiled, built = (pathlib.Path(folder) / f"joint_filter.{ending}" for ending in ("o", "so"))
-        options = ["-O3", "-march=native", "-ffast-math", "-fPIC"]
-        subprocess.run(["g++", *options, "-c", source, "-o", compiled], check=True)
-        # A library linked with -ffast-math would flush subnormals for the whole process.
-        subprocess.run(["g++", "-shared", compiled, "-o", built], check=True)
-        return ctypes.CDLL(str(built))
-
-
-def pointer(tensor):
-    return ctypes.c_void_p(tensor.data_ptr())
+    return compiled.library(pathlib.Path(__file__).with_suffix(".cpp"))
 
 
 class Level(torch.autograd.Function):

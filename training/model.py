@@ -22,6 +22,11 @@ SPP_MOST = (256.0, 16.0)  # counts of LRHS and HRLS samples a pixel are clamped 
 FIREFLY, FIREFLY_FLOOR = 20.0, 1e-3
 
 
+# These entries of the metadata belong to a pyramid network; all but the last two belong to the paper's network too.
+PYRAMID_ENTRIES = ("scale", "hrls_layers", "transfer", "clip", "lrhs_sampling", "optional_layers", "exposure_key")
+PYRAMID_ENTRIES += ("lrhs_certainty", "knows_spp", "upscaled_features", "network", "widths")
+
+
 @dataclasses.dataclass
 class Config:
     scale: int = 4
@@ -50,6 +55,8 @@ class Config:
     optional_layers: tuple = ()
     exposure_key: float = 0.0
     knows_spp: bool = False
+    network: str = "fusion"  # or "pyramid"
+    widths: tuple = ()  # the features of a pyramid's levels
 
     def __post_init__(self):
         self.upscaled_features = self.upscaled_features or self.features
@@ -70,7 +77,10 @@ class Config:
                 return "true" if value else "false"
             return f"{value:g}" if isinstance(value, float) else str(value)
 
-        return {key: text(value) for key, value in dataclasses.asdict(self).items()}
+        entries = {key: text(value) for key, value in dataclasses.asdict(self).items()}
+        if self.network == "pyramid":
+            return {key: entries[key] for key in PYRAMID_ENTRIES}
+        return {key: value for key, value in entries.items() if key not in ("network", "widths")}
 
     @classmethod
     def parse(cls, metadata):
@@ -174,6 +184,11 @@ def through(layers, y):
     for i, conv in enumerate(layers):
         y = F.relu(conv(y)) + (y if i else 0)
     return y
+
+
+def create(config):
+    """Returns the network that `config` describes, with random weights."""
+    return pyramid.Pyramid(config) if config.network == "pyramid" else Network(config)
 
 
 class Network(nn.Module):
@@ -400,7 +415,9 @@ def predict(network, lrhs, hrls, centered=torch.tensor(False), exposure=1.0, spp
             bases.append(bilinear(x, config.scale, (config.scale - 1) / 2))
         return torch.where(centered, bases[-1], bases[0])
 
-    if config.base == "joint":
+    if config.network == "pyramid":
+        y = pyramid.predict(network, lrhs, hrls, upsampled, centered, spp)
+    elif config.base == "joint":
         y = joint_predict(network, lrhs, hrls, upsampled, centered, spp)
     else:
         low = encode(lrhs, ("color",), config)
@@ -431,3 +448,6 @@ def exposure(lrhs, config):
     color = torch.nan_to_num(lrhs, nan=0.0, posinf=HALF_MAX, neginf=0.0).clamp(0, HALF_MAX)
     mean = float(luminance(color).sqrt().mean()) ** 2
     return min(max(config.exposure_key / mean, 2.0**-24), 2.0**24) if mean > 0 else 1.0
+
+
+import pyramid  # noqa: E402, as it imports this module

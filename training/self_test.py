@@ -16,6 +16,7 @@ import torch
 import dataset
 import grow
 import joint_filter
+import kernel_filter
 import model
 import safetensors
 import stock
@@ -73,6 +74,66 @@ class Choices(unittest.TestCase):
         config, lrhs = stock.config("x4-fast"), torch.rand(1, 3, 8, 8)
         self.assertAlmostEqual(model.exposure(lrhs, config) / model.exposure(8 * lrhs, config), 8, places=4)
         self.assertEqual(model.exposure(0 * lrhs, config), 1)
+
+
+def random_pyramid(scale):
+    config = bent(stock.config("x2-balanced"), scale=scale, widths=("8", "7", "6", "5"), upscaled_features=4)
+    network = model.create(config)
+    for name, value in network.state_dict().items():
+        value.copy_(torch.randn(value.shape) * (0.1 if name.endswith("weight") else 0.5))
+    return network
+
+
+class Pyramid(unittest.TestCase):
+    def setUp(self):
+        torch.manual_seed(3)
+
+    def test_compiled_computes_the_same(self):
+        x, logits = torch.rand(2, 3, 7, 9), 3 * torch.randn(2, 25, 7, 9)
+        for side in (1, 3, 5):
+            part = logits[:, : side**2]
+            expected = kernel_filter.slow_kernel_filter(x.double(), part.double())
+            torch.testing.assert_close(kernel_filter.kernel_filter(x, part).double(), expected, rtol=1e-5, atol=1e-6)
+
+            expected = kernel_filter.slow_squared_distances(x.double(), side)
+            torch.testing.assert_close(kernel_filter.squared_distances(x, side).double(), expected)
+
+    def test_compiled_has_the_same_gradient(self):
+        x, logits = torch.rand(2, 3, 6, 5), torch.randn(2, 9, 6, 5)
+        gradients = []
+        both = (kernel_filter.kernel_filter, torch.float), (kernel_filter.slow_kernel_filter, torch.double)
+        for filtered, kind in both:
+            own = logits.to(kind, copy=True).requires_grad_()
+            (filtered(x.to(kind), own) ** 2).sum().backward()
+            gradients.append(own.grad.double())
+        torch.testing.assert_close(*gradients, rtol=1e-4, atol=1e-6)
+
+    def test_any_size_has_its_output(self):
+        for scale in (2, 4, 8):
+            lrhs, hrls = torch.rand(2, 3, 3, 5), torch.rand(2, 18, 3 * scale, 5 * scale)
+            y, fused = model.predict(random_pyramid(scale), lrhs, hrls, torch.tensor(True))
+            self.assertEqual(tuple(fused.shape), (2, 3, 3 * scale, 5 * scale))
+            self.assertTrue(torch.isfinite(y).all())
+
+    def test_samples_and_sampling_count(self):
+        network, images = random_pyramid(2), (torch.rand(1, 3, 8, 8), torch.rand(1, 18, 16, 16))
+        spp = lambda low, high: torch.tensor([float(low), float(high)]).reshape(1, 2, 1, 1)
+        cases = [(True, spp(4, 1)), (False, spp(4, 1)), (True, spp(16, 1)), (True, spp(4, 2))]
+        with torch.no_grad():
+            first, *others = [model.predict(network, *images, torch.tensor(at), spp=n)[0] for at, n in cases]
+        for other in others:
+            self.assertGreater(float((other - first).abs().max()), 1e-3)
+
+    def test_a_batch_is_its_images(self):
+        network, lrhs, hrls = random_pyramid(4), torch.rand(2, 3, 4, 4), torch.rand(2, 18, 16, 16)
+        centered = torch.tensor([True, False]).reshape(2, 1, 1, 1)
+        spp = torch.tensor([[16.0, 1.0], [64.0, 2.0]]).reshape(2, 2, 1, 1)
+        with torch.no_grad():
+            both = model.predict(network, lrhs, hrls, centered, spp=spp)[0]
+            for i in range(2):
+                one = slice(i, i + 1)
+                alone = model.predict(network, lrhs[one], hrls[one], centered[i], spp=spp[one])[0]
+                torch.testing.assert_close(both[one], alone, rtol=1e-4, atol=1e-5)
 
 
 class Grow(unittest.TestCase):

@@ -4,12 +4,16 @@
 import argparse
 import csv
 import dataclasses
+import datetime
 import json
 import math
 import pathlib
+import tempfile
 import time
 
 import torch
+import torch.distributed
+import torch.multiprocessing
 
 import dataset
 import grow
@@ -51,17 +55,20 @@ def parse():
         "--precision", choices=("fp32", "bf16"), default=fast_precision(), help="bf16 where the processor has it"
     )
     parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--processes", type=int, default=1, help="each takes a batch; their gradients are averaged")
+    parser.add_argument("--constant", action="store_true", help="keep the rate, so that training may go on")
     return parser.parse_args()
 
 
 class Run:
-    def __init__(self, args):
-        self.args, self.step, self.seconds = args, 0, 0.0
+    def __init__(self, args, rank=0):
+        self.args, self.rank, self.step, self.seconds = args, rank, 0, 0.0
+        self.counted = None  # processor time up to the last step
         torch.manual_seed(1)
         self.config = stock.config(args.model, args.choice)
         if args.without == "lrhs":
             self.config.lrhs_certainty = 0.0
-        self.network = model.Network(self.config).to(memory_format=torch.channels_last)
+        self.network = model.create(self.config).to(memory_format=torch.channels_last)
         self.optimizer = torch.optim.Adam(self.rates(), lr=args.rate)
         args.run.mkdir(parents=True, exist_ok=True)
         self.checkpoint = args.run / "checkpoint.pt"
@@ -84,13 +91,15 @@ class Run:
         tensors, metadata = safetensors.load(path)
         tensors = {key: torch.tensor(value).float() for key, value in tensors.items()}
         own, small = self.network.state_dict(), model.Config.parse(metadata)
-        if grow.is_smaller(small, self.config):
+        if small.network != self.config.network:
+            raise SystemExit(f"{path}: its network is a {small.network}, expected a {self.config.network}")
+        if small.network == "fusion" and grow.is_smaller(small, self.config):
             same = grow.grow(tensors, small, self.config, own)
         else:
             same = {key: value for key, value in tensors.items() if key in own}
-            if small.scale == self.config.scale:
+            if small.scale == self.config.scale and small.network == "fusion":
                 same = {key: grow.overlaid(own[key], value) for key, value in same.items()}
-            else:  # shuffled channels mean something else at another scale
+            else:  # shuffled channels mean something else at another scale, and so do joined ones at other widths
                 same = {key: value for key, value in same.items() if own[key].shape == value.shape}
         self.network.load_state_dict(own | same)
         return {"started_from": {"name": metadata["name"], "training": json.loads(metadata["training"])}}
@@ -135,26 +144,44 @@ class Run:
 
     def train_step(self, views):
         args = self.args
-        rate = args.rate * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * self.progress())))
+        decay = 1 if args.constant else 0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * self.progress()))
         for group in self.optimizer.param_groups:
-            group["lr"] = group["factor"] * rate * min(1, (self.step + 1) / 200)
-        lrhs, hrls, reference, centered, spp = dataset.batch(views, self.config, args.size, args.batch, self.step)
+            group["lr"] = group["factor"] * args.rate * decay * min(1, (self.step + 1) / 200)
+        seed = self.step * args.processes + self.rank
+        lrhs, hrls, reference, centered, spp = dataset.batch(views, self.config, args.size, args.batch, seed)
         with torch.autocast("cpu", torch.bfloat16, enabled=args.precision == "bf16"):
             encoded = model.predict(self.network, *self.inputs(lrhs, hrls), centered, spp=spp)[0]
         error = self.error(encoded.float(), reference)
         self.optimizer.zero_grad(set_to_none=True)
         error.backward()
+        # What a step takes after this is counted in the next one, so that all processes count the same.
+        now = time.process_time() / args.threads
+        error, seconds = self.mean_of_processes(float(error.detach()), now - self.counted)
+        self.seconds, self.counted = self.seconds + seconds, now
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
         self.optimizer.step()
         self.step += 1
         keep = min(0.998, self.step / (self.step + 10))
         for key, value in self.network.state_dict().items():
             self.average[key].lerp_(value, 1 - keep)
-        return float(error.detach())
+        return error
+
+    def mean_of_processes(self, *numbers):
+        """Averages all gradients and these numbers over the processes, and returns the numbers."""
+        if self.args.processes == 1:
+            return numbers
+        gradients = [value.grad for value in self.network.parameters()]
+        flat = torch.cat([*(gradient.flatten() for gradient in gradients), torch.tensor(numbers)])
+        torch.distributed.all_reduce(flat)
+        flat /= self.args.processes
+        *parts, numbers = flat.split([*(gradient.numel() for gradient in gradients), len(numbers)])
+        for gradient, part in zip(gradients, parts):
+            gradient.copy_(part.view_as(gradient))
+        return numbers.tolist()
 
     def validate(self, views):
         """Returns PSNR and RelMSE at each of validate.SPP in turn: averaged weights, means over whole views, fp32."""
-        network = model.Network(self.config)
+        network = model.create(self.config)
         network.load_state_dict(self.average)
         means = []
         for counts in validate.SPP[self.config.scale]:
@@ -178,22 +205,37 @@ class Run:
         print(*row, flush=True)
 
 
-def main():
-    args = parse()
+def work(rank, args, meeting):
+    """Trains; each process does the same, and that of rank 0 validates and saves."""
     torch.set_num_threads(args.threads)
-    run = Run(args)
+    if args.processes > 1:
+        torch.distributed.init_process_group(
+            "gloo", f"file://{meeting}", datetime.timedelta(days=1), args.processes, rank
+        )
+    run = Run(args, rank)
+    run.counted = time.process_time() / args.threads
     training, held_out = dataset.load(args.views)
     mean_error, next_validation = 0.0, run.seconds + 60 * args.validate_every
     while run.progress() < 1:
-        start = time.process_time() / args.threads
         error = run.train_step(training)
         mean_error = error if not mean_error else 0.99 * mean_error + 0.01 * error
-        run.seconds += time.process_time() / args.threads - start
         if run.seconds >= next_validation or run.progress() >= 1:
             next_validation = run.seconds + 60 * args.validate_every
-            run.log(mean_error, len(training), held_out)
-            run.save(len(training))
+            if rank == 0:
+                run.log(mean_error, len(training), held_out)
+                run.save(len(training))
             training, held_out = dataset.load(args.views)  # more views may have been rendered
+            run.counted = time.process_time() / args.threads  # validation does not count
+
+
+def main():
+    args = parse()
+    with tempfile.TemporaryDirectory() as folder:
+        meeting = pathlib.Path(folder) / "meeting"
+        if args.processes == 1:
+            work(0, args, meeting)
+        else:
+            torch.multiprocessing.spawn(work, (args, meeting), args.processes)
 
 
 if __name__ == "__main__":

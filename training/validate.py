@@ -41,7 +41,7 @@ def load(path):
         tensors, metadata = safetensors.load(path)
         config = model.Config.parse(metadata)
         tensors = {key: torch.tensor(value).float() for key, value in tensors.items()}
-    network = model.Network(config)
+    network = model.create(config)
     network.load_state_dict(tensors)
     return network
 

@@ -41,7 +41,8 @@ typedef enum raymeld_result {
   RAYMELD_ERROR_OUT_OF_MEMORY = 4,    /* the device or the host has no memory left */
   RAYMELD_ERROR_DEVICE_LOST = 5,      /* objects that were made on the device can no longer be used */
   RAYMELD_ERROR_NOT_FINITE = 6,       /* the network's output is not finite; the image is of no use */
-  RAYMELD_ERROR_INTERNAL = 7          /* a fault in raymeld */
+  RAYMELD_ERROR_INTERNAL = 7,         /* a fault in raymeld */
+  RAYMELD_ERROR_CANCELLED = 8         /* a callback of the caller's asked to stop */
 } raymeld_result;
 
 /* Returns the message of this thread's last failure, in English and UTF-8, or "" if no function has failed.
@@ -61,7 +62,9 @@ typedef enum raymeld_feature_bits {
   RAYMELD_FEATURE_COOPERATIVE_MATRIX = 4,
   RAYMELD_FEATURE_IMAGE_WRITES = 8,
   RAYMELD_FEATURE_TIMELINE_SEMAPHORE = 16,
-  RAYMELD_FEATURE_EXTERNAL_MEMORY_FD = 32
+  RAYMELD_FEATURE_EXTERNAL_MEMORY_FD = 32,
+  RAYMELD_FEATURE_FLOAT_CONTROLS = 64,
+  RAYMELD_FEATURE_HALF_DOTS = 128
 } raymeld_feature_bits;
 
 /* Describes a feature. Its extensions and its members of feature structures must be enabled all together, or
@@ -129,12 +132,16 @@ typedef struct raymeld_context_desc {
   const VkAllocationCallbacks* allocation_callbacks RAYMELD_IS(NULL);
   /* Gives a cache on the caller's device for all pipelines. With it raymeld keeps none on the disk. */
   VkPipelineCache pipeline_cache RAYMELD_IS(VK_NULL_HANDLE);
-  /* Names the folder that keeps pipelines and the results of `raymeld tune` between runs. NULL:
+  /* Names the folder that keeps pipelines and the results of raymeld_tune() between runs. NULL:
    * $XDG_CACHE_HOME/raymeld or $HOME/.cache/raymeld. "": nothing is kept. */
   const char* cache_folder RAYMELD_IS(NULL);
   /* Selects a device of raymeld's own by an index, a UUID or part of the name. NULL: the first GPU, else a
    * driver for CPUs. */
   const char* selector RAYMELD_IS(NULL);
+  /* Names a folder with tunings that the application brings along: files of raymeld_tune() from this or other
+   * devices. Of one for this device and driver counts what the one of cache_folder lacks. NULL: there are
+   * none. */
+  const char* tuning_folder RAYMELD_IS(NULL);
 } raymeld_context_desc;
 
 /* Lists the names of the system's devices in the order of the indices that raymeld_context_desc::selector
@@ -242,7 +249,7 @@ typedef enum raymeld_precision {
 
 /* Chooses how convolutions are computed. */
 typedef enum raymeld_kernels {
-  /* Takes the fastest kernels on the device: those that `raymeld tune` measured, else those for its kind. */
+  /* Takes the fastest kernels on the device: those that raymeld_tune() measured, else those for its kind. */
   RAYMELD_KERNELS_AUTO = 0,
   /* Computes the plain sums of the definition, which are slower but give the same bits for all tile sizes. */
   RAYMELD_KERNELS_DIRECT = 1
@@ -297,6 +304,31 @@ typedef struct raymeld_fusion_desc {
   VkDeviceSize memory_offset_bytes RAYMELD_IS(0);
   VkDeviceSize memory_size_bytes RAYMELD_IS(0);
 } raymeld_fusion_desc;
+
+/* Says what raymeld_tune() measures. */
+typedef struct raymeld_tune_desc {
+  size_t struct_size RAYMELD_IS(sizeof(raymeld_tune_desc));
+  uint32_t height RAYMELD_IS(0); /* the size of LRHS in pixels, as in raymeld_fusion_desc */
+  uint32_t width RAYMELD_IS(0);
+  raymeld_precision precision RAYMELD_IS(RAYMELD_PRECISION_AUTO);
+  VkBool32 again RAYMELD_IS(VK_FALSE); /* VK_TRUE: what is known already is measured anew */
+  /* Names the folder that the result is written to, such as one to be shipped as tuning_folder. NULL: the
+   * context's cache folder. */
+  const char* folder RAYMELD_IS(NULL);
+  /* Is called in the caller's thread at the start and after each layer, with the share that is done, from 0
+   * to 1, and `user`. Returns VK_FALSE to stop; what was measured is kept. NULL: nothing is called. */
+  VkBool32 (*progress)(void* user, float done) RAYMELD_IS(NULL);
+  void* user RAYMELD_IS(NULL);
+} raymeld_tune_desc;
+
+/* Measures which kernels are fastest for a model on the context's device, and writes them to a file that
+ * names the device and its driver. Fusions that are made later use them, if `folder` is the context's cache
+ * folder or its tuning_folder. Submits to the queue and waits. Takes seconds on a GPU and minutes on a CPU;
+ * nothing else should use the device. Returns RAYMELD_ERROR_CANCELLED if `progress` said so before the end,
+ * and RAYMELD_ERROR_DEVICE or RAYMELD_ERROR_DEVICE_LOST if a call of Vulkan fails or there is no folder to
+ * write to. */
+RAYMELD_API raymeld_result raymeld_tune(raymeld_context context, raymeld_model model,
+                                        const raymeld_tune_desc* desc);
 
 /* Says what memory a fusion's activations need. They are most of what it takes on the device. */
 typedef struct raymeld_memory_needs {

@@ -142,6 +142,10 @@ class SharedModel {
   detail::Owned<raymeld_model> model_;
 };
 
+inline void tune(const Context& context, const SharedModel& model, const raymeld_tune_desc& desc) {
+  detail::check(raymeld_tune(context.get(), model.get(), &desc));
+}
+
 inline raymeld_memory_needs memory_needs(const Context& context, const SharedModel& model,
                                          const raymeld_fusion_desc& desc) {
   raymeld_memory_needs needs;

@@ -38,16 +38,23 @@ layout(constant_id = 11) const uint kUnshuffle = 1;
 layout(constant_id = 12) const uint kShuffle = 1;
 layout(constant_id = 13) const uint kSecondInput = 0;  // a second input has channels from p.channels_first on
 layout(constant_id = 14) const uint kBorders = 0;  // the bias is a table, see border.glsl
+// An invocation stores so many values of a row at once, 1, 2 or 4; rows and planes must be multiples of it.
+layout(constant_id = 15) const uint kRun = 1;
 
-layout(push_constant) uniform Push { Conv2dMatrix p; };
+layout(push_constant) uniform Push { Conv2d p; };
 layout(std430, binding = 1) readonly buffer Weights { uvec4 weights[]; };
 layout(std430, binding = 2) readonly buffer Bias { float bias[]; };
 layout(std430, binding = 3) readonly buffer Input { STORAGE in_data[]; };
-layout(std430, binding = 4) writeonly buffer Output { STORAGE out_data[]; };
+// Declares a buffer of halves, also as pairs and as fours of them.
+#define RUNS(index, access, Block, name)                                                \
+  layout(std430, binding = index) access buffer Block { STORAGE name[]; };              \
+  layout(std430, binding = index) access buffer Block##Pairs { uint name##_pairs[]; };  \
+  layout(std430, binding = index) access buffer Block##Fours { uvec2 name##_fours[]; };
+RUNS(4, writeonly, Output, out_data)
 // The input is bound in place of residuals that are missing.
-layout(std430, binding = 5) readonly buffer Residual0 { STORAGE residual0[]; };
-layout(std430, binding = 6) readonly buffer Residual1 { STORAGE residual1[]; };
-layout(std430, binding = 7) readonly buffer Residual2 { STORAGE residual2[]; };
+RUNS(5, readonly, Residual0, residual0)
+RUNS(6, readonly, Residual1, residual1)
+RUNS(7, readonly, Residual2, residual2)
 // The input is bound where there is no second input, as always with kUnshuffle > 1.
 layout(std430, binding = 8) readonly buffer Second { STORAGE second_data[]; };
 
@@ -81,8 +88,8 @@ uint first_padded() { return (p.channels_first + kStep - 1) / kStep * kStep; }
   [[unroll]] for (uint k = 0; k < kStep; ++k) {                                                      \
     uint c = (i) + k;                                                                                \
     bool present = (inside) && c < (count);                                                          \
-    uint at = address(c / (kUnshuffle * kUnshuffle), kUnshuffle * (y) + c / kUnshuffle % kUnshuffle, \
-                      kUnshuffle * (x) + c % kUnshuffle, p.plane_in, kUnshuffle * p.width);          \
+    uvec3 place = shuffled(kUnshuffle, c, y, x);                                                     \
+    uint at = address(place.x, place.y, place.z, p.plane_in, kUnshuffle * p.width);                  \
     float16_t value = data[present ? at : 0];                                                        \
     halves[k] = present ? value : float16_t(0.0);                                                    \
   }
@@ -117,16 +124,46 @@ void share_weights(uint first) {
   }
 }
 
-void store(uint o, uint y, uint x, float value) {
-  if (o >= p.channels_out || y >= p.height || x >= p.width) return;
-  uint at = address(o / (kShuffle * kShuffle), kShuffle * y + o / kShuffle % kShuffle,
-                    kShuffle * x + o % kShuffle, p.plane_out, kShuffle * p.width);
-  value += bias[(kBorders != 0 ? border_case(y, x, p.height, p.width) * p.channels_out : 0) + o];
-  if (kRelu != 0) value = rectified(value);
-  if (kResiduals > 0) value += float(residual0[at]);
-  if (kResiduals > 1) value += float(residual1[at]);
-  if (kResiduals > 2) value += float(residual2[at]);
-  out_data[at] = STORAGE(storable(value));
+// An invocation stores kStores runs of the kM * kColumns sums of a row of pixels, which shuffling puts into
+// rows of kShuffledRow values.
+const uint kStores = kM * kColumns / (kLanes * kRun), kShuffledRow = kColumns * kShuffle;
+
+// Adds the halves from `at` on to a run of values.
+#define ADD_RUN(name, at, values)                                                             \
+  if (kRun == 1) {                                                                            \
+    values[0] += float(name[at]);                                                             \
+  } else {                                                                                    \
+    uvec2 bits = kRun == 2 ? uvec2(name##_pairs[(at) / 2], 0) : name##_fours[(at) / 4];       \
+    [[unroll]] for (uint j = 0; j < kRun; ++j)                                                \
+      values[j] += float(unpackFloat2x16(bits[j / 2])[j % 2]);                                \
+  }
+
+// Stores a run of sums of outputs from o on. The first is `across` values right of pixel x0 in shuffled row
+// `rest`.
+void store(uint o, uint y, uint x0, uint across, uint rest, float values[kRun]) {
+  o += rest * kShuffle;
+  uint left = kShuffle * x0 + across;
+  if (o >= p.channels_out || y >= p.height || left >= kShuffle * p.width) return;
+  uint at = address(o / (kShuffle * kShuffle), kShuffle * y + rest % kShuffle, left, p.plane_out,
+                    kShuffle * p.width);
+  [[unroll]] for (uint j = 0; j < kRun; ++j) {
+    uint x = (left + j) / kShuffle, borders = kBorders != 0 ? border_case(y, x, p.height, p.width) : 0;
+    values[j] += bias[borders * p.channels_out + o + (left + j) % kShuffle];
+    if (kRelu != 0) values[j] = rectified(values[j]);
+  }
+  if (kResiduals > 0) { ADD_RUN(residual0, at, values) }
+  if (kResiduals > 1) { ADD_RUN(residual1, at, values) }
+  if (kResiduals > 2) { ADD_RUN(residual2, at, values) }
+  [[unroll]] for (uint j = 0; j < kRun; ++j) values[j] = storable(values[j]);
+  if (kRun == 1) {
+    out_data[at] = STORAGE(values[0]);
+  } else {
+    uint pairs[2];
+    [[unroll]] for (uint j = 0; j < kRun; j += 2)
+      pairs[j / 2] = packFloat2x16(f16vec2(values[j], values[j + 1]));
+    if (kRun == 2) out_data_pairs[at / 2] = pairs[0];
+    if (kRun == 4) out_data_fours[at / 4] = uvec2(pairs[0], pairs[1]);
+  }
 }
 
 void main() {
@@ -168,11 +205,15 @@ void main() {
         coopMatStore(sum[o * kPixels + row * kAcross + n], tile, own + n * kN / 4, kSumStride,
                      gl_CooperativeMatrixLayoutRowMajor);
       subgroupBarrier();
-      [[unroll]] for (uint first = 0; first < kM * kColumns; first += kLanes) {
-        uint channel = first / kColumns + gl_SubgroupInvocationID / kColumns;
-        uint column = first % kColumns + gl_SubgroupInvocationID % kColumns;
-        store((block * kOutputs + o) * kM + channel, y0 + first_row + row, x0 + column,
-              uintBitsToFloat(tile[own + channel * kSumStride + column / 4][column % 4]));
+      [[unroll]] for (uint n = 0; n < kStores; ++n) {
+        uint first = (n * kLanes + gl_SubgroupInvocationID) * kRun;
+        uint across = first % kShuffledRow, rest = first / kShuffledRow;
+        float values[kRun];
+        [[unroll]] for (uint j = 0; j < kRun; ++j) {
+          uint channel = rest * kShuffle + (across + j) % kShuffle, column = (across + j) / kShuffle;
+          values[j] = uintBitsToFloat(tile[own + channel * kSumStride + column / 4][column % 4]);
+        }
+        store((block * kOutputs + o) * kM, y0 + first_row + row, x0, across, rest, values);
       }
       subgroupBarrier();
     }

@@ -20,7 +20,7 @@ void main() {
   float sum[kOutputs];
   [[unroll]] for (uint o = 0; o < kOutputs; ++o) sum[o] = kFirst != 0 ? b.v[o] : sums.v[sum_at + o * kLanes];
   [[unroll]] for (uint i = 0; i < kChannels; ++i) {
-    float value = float(source.v[i * p.plane + pixel]);
+    float value = float(source.v[i * p.plane_in + pixel]);
     [[unroll]] for (uint o = 0; o < kOutputs; ++o) sum[o] = fma(w.v[i * kOutputs + o], value, sum[o]);
   }
   store_sums(block, pixel, sum_at, sum);

@@ -7,6 +7,7 @@ layout(constant_id = 2) const uint kFirst = 1;
 layout(constant_id = 3) const uint kLast = 1;
 layout(constant_id = 4) const uint kRelu = 0;
 layout(constant_id = 5) const uint kResiduals = 0;
+layout(constant_id = 8) const uint kShuffle = 1;  // the result is stored after pixel_shuffle() by this
 layout(push_constant) uniform Push {
   Floats weights;
   Floats bias;
@@ -41,8 +42,15 @@ void store(uint at, float value, bool inside) {
   if (kResiduals > 0) value += float(residual0.v[at]);
   if (kResiduals > 1) value += float(residual1.v[at]);
   if (kResiduals > 2) value += float(residual2.v[at]);
-  // Invocations beyond the last pixel write into the padding of the plane.
   target.v[at] = STORAGE(storable(inside ? value : 0.0));
+}
+
+// Returns pixel / width. Some drivers for CPUs divide integers lane by lane, so this divides floats, whose
+// quotient is off by less than 1 as an image has fewer than 2^22 rows.
+uint row_of(uint pixel) {
+  uint row = uint(float(pixel) / float(p.width));
+  row -= uint(row * p.width > pixel);
+  return row + uint(pixel - row * p.width >= p.width);
 }
 
 // Keeps the sums for the next part, or stores the output after the last one.
@@ -51,8 +59,19 @@ void store_sums(uint block, uint pixel, uint sum_at, float sum[kOutputs]) {
     [[unroll]] for (uint o = 0; o < kOutputs; ++o) sums.v[sum_at + o * kLanes] = sum[o];
     return;
   }
-  uint to = block * kOutputs * p.plane + pixel;
+  if (kShuffle == 1) {
+    // Invocations beyond the last pixel write into the padding of the plane.
+    uint to = block * kOutputs * p.plane_out + pixel;
+    [[unroll]] for (uint o = 0; o < kOutputs; ++o) {
+      if (block * kOutputs + o < p.channels_out) store(to + o * p.plane_out, sum[o], pixel < p.pixels);
+    }
+    return;
+  }
+  if (pixel >= p.pixels) return;
+  uint y = row_of(pixel), x = pixel - y * p.width, width = kShuffle * p.width;
   [[unroll]] for (uint o = 0; o < kOutputs; ++o) {
-    if (block * kOutputs + o < p.channels_out) store(to + o * p.plane, sum[o], pixel < p.pixels);
+    uint channel = block * kOutputs + o;
+    uvec3 to = shuffled(kShuffle, channel, y, x);
+    if (channel < p.channels_out) store(address(to.x, to.y, to.z, p.plane_out, width), sum[o], true);
   }
 }

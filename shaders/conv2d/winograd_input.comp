@@ -24,9 +24,8 @@ BUFFER(2, writeonly, Transformed, float, transformed)
 
 float load(uint c, uint y, uint x) {
   bool inside = y < p.height && x < p.width;
-  uint row = (kUnshuffle * y + c / kUnshuffle % kUnshuffle) & p.rows_mask;
-  uint at = address(c / (kUnshuffle * kUnshuffle), row, kUnshuffle * x + c % kUnshuffle, p.plane,
-                    kUnshuffle * p.width);
+  uvec3 place = shuffled(kUnshuffle, c, y, x);
+  uint at = address(place.x, place.y & p.rows_mask, place.z, p.plane, kUnshuffle * p.width);
   float value = float(source.v[inside ? at : 0]);
   return inside ? value : 0.0;
 }

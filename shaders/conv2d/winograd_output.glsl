@@ -30,8 +30,8 @@ float activated(float value) { return kRelu != 0 ? rectified(value) : value; }
 
 // Returns the address of output channel o of a pixel in the target or in a residual.
 uint shuffled_address(uint o, uint y, uint x, uint rows_mask, uint plane) {
-  uint row = kShuffle * y + o / kShuffle % kShuffle, column = kShuffle * x + o % kShuffle;
-  return address(o / (kShuffle * kShuffle), row & rows_mask, column, plane, kShuffle * p.width);
+  uvec3 at = shuffled(kShuffle, o, y, x);
+  return address(at.x, at.y & rows_mask, at.z, plane, kShuffle * p.width);
 }
 
 void store(uint o, uint y, uint x, float value) {

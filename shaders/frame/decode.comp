@@ -11,6 +11,7 @@
 #include "tensor.glsl"
 #include "memory.glsl"
 #include "transfer.glsl"
+#include "finite.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;
 #include "invocation.glsl"
@@ -52,7 +53,7 @@ float decoded(uint c, uvec2 pixel, Bilinear at, bool counted) {
   // round at the sum's magnitude.
   precise float value = float(source.v[address(c, pixel.y, pixel.x, p.upsampled.plane, p.upsampled.width)]);
   if (p.bilinear_base != 0) value += upsampled(c, at);
-  if (isnan(value) || isinf(value)) {
+  if (!is_finite(value)) {
     if (counted) atomicAdd(status.not_finite, 1u);
     value = 0.0;
   }
@@ -65,7 +66,7 @@ float decoded(uint c, uvec2 pixel, Bilinear at, bool counted) {
 
 void main() {
   uvec3 id = global_invocation_id();
-  Strip strip = strip_at(id.xy, uvec2(p.upsampled.width, p.upsampled.height));
+  Strip strip = strip_at(id.xy, uvec2(p.frame_width, p.frame_height));
   [[unroll]] for (uint k = 0; k < kStrip; ++k) {
     uvec2 at = strip.pixels[k];
     bool wanted = strip.wanted[k];

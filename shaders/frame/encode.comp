@@ -8,6 +8,7 @@
 #include "tensor.glsl"
 #include "memory.glsl"
 #include "transfer.glsl"
+#include "finite.glsl"
 #include "frame.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;
@@ -30,9 +31,12 @@ const uint kChannels = 1;
 void main() {
   uvec3 id = global_invocation_id();
   Strip strip = strip_at(id.xy, uvec2(p.width, p.height));
+  uvec2 pixels[kStrip];  // those of the image
+  [[unroll]] for (uint k = 0; k < kStrip; ++k)
+    pixels[k] = min(strip.pixels[k], uvec2(p.frame_width, p.frame_height) - 1);
 #ifdef FRAME_IMAGE
   vec4 texels[kStrip];
-  [[unroll]] for (uint k = 0; k < kStrip; ++k) texels[k] = frame_texel(p.frame, strip.pixels[k]);
+  [[unroll]] for (uint k = 0; k < kStrip; ++k) texels[k] = frame_texel(p.frame, pixels[k]);
 #endif
   [[unroll]] for (uint c = 0; c < kChannels; ++c) {
     uint to = kChannels * id.z + c, channel = p.channels[to / 4] >> to % 4 * 8 & 255;
@@ -47,12 +51,12 @@ void main() {
 #ifdef FRAME_IMAGE
       values[k] = texels[k][source % 4] * factor;
 #else
-      values[k] = frame_value(p.frame, constant ? 0 : source, strip.pixels[k]) * factor;
+      values[k] = frame_value(p.frame, constant ? 0 : source, pixels[k]) * factor;
 #endif
     }
     [[unroll]] for (uint k = 0; k < kStrip; ++k) {
       // Compares instead of calling min and max, whose result for NaN is undefined in GLSL.
-      float value = isnan(values[k]) ? 0.0 : values[k];
+      float value = is_nan(values[k]) ? 0.0 : values[k];
       value = value >= low ? value : low;
       value = value > high ? high : value;
       if (p.log_transfer != 0) value = light ? to_network(value, 1) : value;

@@ -7,6 +7,7 @@
 #include "tensor.glsl"
 #include "memory.glsl"
 #include "transfer.glsl"
+#include "finite.glsl"
 #include "frame.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;
@@ -20,23 +21,24 @@ BUFFER(2, readonly, Exposure, float, exposure)
 BUFFER(3, writeonly, Target, STORAGE, target)
 
 vec3 color_at(ivec2 pixel) {
-  uvec2 at = uvec2(clamp(pixel, ivec2(0), ivec2(p.width, p.height) - 1));
+  uvec2 at = uvec2(clamp(pixel, ivec2(0), ivec2(p.frame_width, p.frame_height) - 1));
 #ifdef FRAME_IMAGE
   vec3 color = frame_texel(p.frame, at).rgb;
 #else
   vec3 color = vec3(frame_value(p.frame, 0, at), frame_value(p.frame, 1, at), frame_value(p.frame, 2, at));
 #endif
-  [[unroll]] for (uint c = 0; c < 3; ++c) color[c] = isnan(color[c]) || isinf(color[c]) ? 0.0 : color[c];
+  [[unroll]] for (uint c = 0; c < 3; ++c) color[c] = is_finite(color[c]) ? color[c] : 0.0;
   return color;
 }
 
 void main() {
   uvec3 id = global_invocation_id();
   if (id.x >= p.width || id.y >= p.height) return;
+  ivec2 own = ivec2(min(id.xy, uvec2(p.frame_width, p.frame_height) - 1));
   const float kShare = 1.0 / 9.0;
   vec3 colors[9], mean = vec3(0.0), squares = vec3(0.0);
   [[unroll]] for (int i = 0; i < 9; ++i) {
-    colors[i] = color_at(ivec2(id.xy) + ivec2(i % 3, i / 3) - 1);
+    colors[i] = color_at(own + ivec2(i % 3, i / 3) - 1);
     mean += colors[i] * kShare;  // the sum of nine colors could overflow
   }
   [[unroll]] for (int i = 0; i < 9; ++i) squares += (colors[i] - mean) * (colors[i] - mean);

@@ -29,24 +29,16 @@ struct TextureView {
   uint octahedral;  // 0: the value is read as it is; else its first two channels are a folded normal
 };
 
-// FRAME_VIEW is the view of the image that a pass reads or writes.
+// FRAME_VIEW is the view of the image that a pass reads or writes. The image may be smaller than the tensor
+// that belongs to it: its last row and column are repeated, and what lies beyond them is not written.
 #ifdef FRAME_IMAGE
 #define FRAME_VIEW TextureView
 #else
 #define FRAME_VIEW FrameView
 #endif
 
-struct Conv2d {
-  uint height;
-  uint width;
-  uint plane;
-  uint channels_in;
-  uint channels_first;  // channels of the first input
-  uint channels_out;
-};
-
 // Describes a convolution between the shuffles; the planes are those of the bound tensors.
-struct Conv2dMatrix {
+struct Conv2d {
   uint height;
   uint width;
   uint plane_in;
@@ -58,13 +50,15 @@ struct Conv2dMatrix {
 
 // Describes one part of a 1x1 convolution of a band of pixels.
 struct Pointwise {
-  uint plane;
+  uint plane_in;
+  uint plane_out;
   uint channels_in;
   uint first_channel;  // the part's first channel, at which the bound source starts
   uint channels_out;
   uint blocks;
   uint first_pixel;  // the band's first pixel
-  uint pixels;       // pixels of the whole image
+  uint pixels;       // pixels of the whole image before the shuffle
+  uint width;        // the image's width before the shuffle
 };
 
 // Describes a 1x1 convolution of unshuffled pixels. plane and width are the image's; the output
@@ -119,15 +113,6 @@ struct WinogradOutput {
   uint position_stride;
 };
 
-// Describes a shuffle: height, width and plane belong to the smaller image, plane_large to the larger one,
-// whose sides are r times as long.
-struct Shuffle {
-  uint height;
-  uint width;
-  uint plane;
-  uint plane_large;
-};
-
 struct ExposureSums {
   FRAME_VIEW frame;
   uint height;
@@ -144,6 +129,8 @@ struct Encode {
   FRAME_VIEW frame;
   uint height;
   uint width;
+  uint frame_height;
+  uint frame_width;
   uint plane;
   uint log_transfer;  // 0: linear
   float clip;
@@ -155,6 +142,8 @@ struct Variance {
   FRAME_VIEW frame;
   uint height;
   uint width;
+  uint frame_height;
+  uint frame_width;
   uint plane;
   uint log_transfer;  // 0: linear
   float clip;
@@ -213,8 +202,45 @@ struct Remodulate {
   uint log_transfer;  // 0: linear
 };
 
+struct KernelFilter {
+  uint height;
+  uint width;
+  uint plane;
+  uint coarse_height;
+  uint coarse_width;
+  uint coarse_plane;
+};
+
+// height, width and plane are those of the smaller image.
+struct Pool {
+  uint height;
+  uint width;
+  uint plane;
+  uint plane_large;
+  float share;  // how much of the other image takes the place of the mean; 0: no other image is read
+};
+
+struct Light {
+  uint height;
+  uint width;
+  uint plane;
+  uint log_transfer;  // 0: linear
+};
+
+// height, width and plane are of the LRHS size; plane_large and scale lead to the full size.
+struct CellLight {
+  uint height;
+  uint width;
+  uint plane;
+  uint plane_large;
+  uint scale;
+  uint log_transfer;  // 0: linear
+};
+
 struct Decode {
   FRAME_VIEW frame;
+  uint frame_height;
+  uint frame_width;
   Upsampled upsampled;
   uint bilinear_base;  // 0: none
   float clip;          // radiance above it is added; 0: none is
@@ -224,9 +250,10 @@ struct Decode {
 }  // namespace raymeld::params
 #endif
 
-// These constants belong to the joint base. Differences between guides are divided by the widths, beside what
-// a model has learned; the brightness among them is encoded. A pixel brighter than FIREFLY times its second
-// brightest neighbour + FIREFLY_FLOOR is a firefly.
+// These constants belong to the joint base; pyramids use ALBEDO_FLOOR, COMPRESS and both of FIREFLY too.
+// Differences between guides are divided by the widths, beside what a model has learned; the brightness
+// among them is encoded. A pixel brighter than FIREFLY times its second brightest neighbour + FIREFLY_FLOOR
+// is a firefly.
 #define RAYMELD_ALBEDO_FLOOR 0.4  // added to the albedo before radiance is divided by it
 #define RAYMELD_COMPRESS 0.2  // log(1 + COMPRESS x) / COMPRESS is filtered
 #define RAYMELD_ALBEDO_WIDTH 1.5
@@ -236,6 +263,11 @@ struct Decode {
 #define RAYMELD_JOINT_STRIP 4  // pixels that an invocation of the joint filter computes
 #define RAYMELD_FIREFLY 20.0
 #define RAYMELD_FIREFLY_FLOOR 1e-3
+
+// A predicted kernel's logits lose the squared differences of albedo and normal times these, and times the
+// factors that the network predicts.
+#define RAYMELD_ALBEDO_AFFINITY 6.25
+#define RAYMELD_NORMAL_AFFINITY 2.25
 
 // A workgroup of conv2d_matrix.comp is this many pixels wide.
 #define RAYMELD_MATRIX_COLUMNS 32

@@ -1,15 +1,14 @@
 // Has all addressing and all storing of tensors. A tensor is planar: element (c, y, x) is at
-// c * plane + y * width + x. Storage is 16 or 32 bits wide, arithmetic always 32.
+// c * plane + y * width + x. Storage is 16 or 32 bits wide. Sums have 32 bits, and so have products but those
+// of conv2d.comp with HALF_DOTS.
 #extension GL_EXT_control_flow_attributes : require
 
 #ifdef STORAGE_F16
 #extension GL_EXT_shader_16bit_storage : require
 #define STORAGE float16_t
-#define STORAGE4 f16vec4
 #define STORAGE_BYTES 2
 #else
 #define STORAGE float
-#define STORAGE4 vec4
 #define STORAGE_BYTES 4
 #endif
 
@@ -19,6 +18,11 @@ layout(std430, set = 0, binding = 0) buffer Status {
 } status;
 
 uint address(uint c, uint y, uint x, uint plane, uint width) { return c * plane + y * width + x; }
+
+// Returns where pixel_shuffle() by r moves channel c of pixel (y, x): channel, row and column.
+uvec3 shuffled(uint r, uint c, uint y, uint x) {
+  return uvec3(c / (r * r), r * y + c / r % r, r * x + c % r);
+}
 
 // Returns ReLU of a sum. NaN and -infinity stay: sums of finite values that overflowed must
 // reach decode, which counts them.

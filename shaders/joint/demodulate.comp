@@ -22,11 +22,8 @@ BUFFER(2, readonly, Albedo, STORAGE, albedo)
 BUFFER(3, readonly, Lrhs, STORAGE, lrhs)
 BUFFER(4, writeonly, Target, STORAGE, target)
 #include "strip.glsl"
-#include "fireflies.glsl"
 #define UPSAMPLED p.upsampled
 #include "lrhs.glsl"
-
-const vec3 kLuminance = vec3(0.2126, 0.7152, 0.0722);
 
 vec3 color_at(ivec2 at) {
   vec3 rgb;
@@ -36,6 +33,8 @@ vec3 color_at(ivec2 at) {
   }
   return rgb;
 }
+
+#include "fireflies.glsl"
 
 vec3 irradiance_at(uint y, uint x) { return vec3(lrhs_at(3, y, x), lrhs_at(4, y, x), lrhs_at(5, y, x)); }
 
@@ -68,20 +67,9 @@ void demodulate(uvec2 pixel, vec3 own) {
 void main() {
   uvec2 id = global_invocation_id().xy;
   Strip strip = strip_at(id, uvec2(p.upsampled.width, p.upsampled.height));
-  vec3 own[kStrip];
-  float luminances[kStrip + 2][3];
-  [[unroll]] for (uint row = 0; row < kStrip + 2; ++row) {
-    [[unroll]] for (uint column = 0; column < 3; ++column) {
-      ivec2 at = ivec2(id.x, kStrip * id.y) + ivec2(column, row) - 1,
-            last = ivec2(p.upsampled.width, p.upsampled.height) - 1;
-      ivec2 inside = clamp(at, ivec2(0), last);
-      vec3 color = color_at(inside);
-      luminances[row][column] = at == inside ? dot(color, kLuminance) : 0.0;
-      if (column == 1 && row >= 1 && row <= kStrip) own[row - 1] = color;
-    }
-  }
+  Neighbours near = neighbours_of(id, ivec2(p.upsampled.width, p.upsampled.height) - 1);
   [[unroll]] for (uint k = 0; k < kStrip; ++k) {
-    if (strip.wanted[k]) demodulate(strip.pixels[k], own[k] * firefly_limit(luminances, k));
+    if (strip.wanted[k]) demodulate(strip.pixels[k], near.own[k] * firefly_limit(near.luminances, k));
   }
   count_saturated();
 }

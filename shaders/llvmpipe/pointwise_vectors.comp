@@ -1,6 +1,7 @@
 // Computes the same as pointwise.comp on drivers that make vectors of kVector invocations: see vector.glsl.
-// Nothing branches and all loops unroll, so that a weight, whose address is the same for all lanes, is read
-// once. A sum that is stored after every kOrder channels keeps the loads in order: see vector.glsl.
+// Nothing branches before the stores and all loops unroll, so that a weight, whose address is the same for
+// all lanes, is read once. A sum that is stored after every kOrder channels keeps the loads in order: see
+// vector.glsl.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -37,7 +38,7 @@ void main() {
     sum[o] = kFirst != 0 ? b.v[o] : read_vector(before, o * kLanes);
   [[unroll]] for (uint i = 0; i < kChannels; ++i) {
     float value = read_source(next);
-    next += uint64_t(p.plane) * STORAGE_BYTES;
+    next += uint64_t(p.plane_in) * STORAGE_BYTES;
     [[unroll]] for (uint o = 0; o < kOutputs; ++o) sum[o] = fma(w.v[i * kOutputs + o], value, sum[o]);
     if (kOrder > 0 && (i + 1) % kOrder == 0 && i + 1 < kChannels) {
       float all = 0.0;

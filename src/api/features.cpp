@@ -6,6 +6,8 @@
 #include <map>
 #include <mutex>
 
+#include "engine/half_dots.h"
+
 namespace raymeld {
 namespace {
 
@@ -44,8 +46,15 @@ constexpr std::array kMatrixMembers{
                    RAYMELD_IN_1_2(vulkanMemoryModelDeviceScope)),
     RAYMELD_MEMBER(SHADER_FLOAT16_INT8_FEATURES, ShaderFloat16Int8Features, shaderFloat16,
                    RAYMELD_IN_1_2(shaderFloat16)),
+    RAYMELD_MEMBER(SUBGROUP_SIZE_CONTROL_FEATURES_EXT, SubgroupSizeControlFeaturesEXT, subgroupSizeControl,
+                   RAYMELD_IN_1_3(subgroupSizeControl)),
     RAYMELD_MEMBER(SUBGROUP_SIZE_CONTROL_FEATURES_EXT, SubgroupSizeControlFeaturesEXT, computeFullSubgroups,
                    RAYMELD_IN_1_3(computeFullSubgroups))};
+constexpr std::array kDotMembers{
+    RAYMELD_MEMBER(SHADER_MIXED_FLOAT_DOT_PRODUCT_FEATURES_VALVE, ShaderMixedFloatDotProductFeaturesVALVE,
+                   shaderMixedFloatDotProductFloat16AccFloat32),
+    RAYMELD_MEMBER(SHADER_FLOAT16_INT8_FEATURES, ShaderFloat16Int8Features, shaderFloat16,
+                   RAYMELD_IN_1_2(shaderFloat16))};
 constexpr std::array kImageMembers{
     Member{"VkPhysicalDeviceFeatures::shaderStorageImageWriteWithoutFormat",
            RAYMELD_PLACE(FEATURES_2, Features2, features.shaderStorageImageWriteWithoutFormat)}};
@@ -54,6 +63,7 @@ constexpr std::array kTimelineMembers{RAYMELD_MEMBER(TIMELINE_SEMAPHORE_FEATURES
 
 constexpr const char* kAddressExtensions[] = {VK_KHR_BUFFER_DEVICE_ADDRESS_EXTENSION_NAME};
 constexpr const char* kTimelineExtensions[] = {VK_KHR_TIMELINE_SEMAPHORE_EXTENSION_NAME};
+constexpr const char* kFloatExtensions[] = {VK_KHR_SHADER_FLOAT_CONTROLS_EXTENSION_NAME};
 constexpr const char* kFdExtensions[] = {VK_KHR_EXTERNAL_MEMORY_FD_EXTENSION_NAME};
 
 struct Feature {
@@ -73,8 +83,7 @@ constexpr std::array kFeatures{
             "All convolutions are computed directly, which is several times slower on drivers for CPUs. The "
             "extension is part of Vulkan 1.2, where it need not be named."},
     Feature{RAYMELD_FEATURE_COOPERATIVE_MATRIX, CooperativeMatrixFeatures::kExtensions, kMatrixMembers,
-            "fp16 convolutions do not use tensor cores, even where `raymeld tune` would find them to be the "
-            "fastest."},
+            "fp16 convolutions do not use tensor cores, which are several times faster."},
     Feature{RAYMELD_FEATURE_IMAGE_WRITES,
             {},
             kImageMembers,
@@ -83,6 +92,15 @@ constexpr std::array kFeatures{
             "raymeld_submit() takes binary semaphores only. The extension is part of Vulkan 1.2, where it "
             "need not be named."},
     Feature{RAYMELD_FEATURE_EXTERNAL_MEMORY_FD, kFdExtensions, {}, "raymeld_import_buffer() fails."},
+    Feature{
+        RAYMELD_FEATURE_FLOAT_CONTROLS,
+        kFloatExtensions,
+        {},
+        "The driver may truncate values to 16 bits and flush small ones to zero, in fp16. The extension is "
+        "part of Vulkan 1.2, where it need not be named."},
+    Feature{RAYMELD_FEATURE_HALF_DOTS, HalfDotFeatures::kExtensions, kDotMembers,
+            "fp16 convolutions take twice as long. It is not supported where there are cooperative matrices, "
+            "which are faster."},
 };
 
 bool supports(const DeviceInfo& info, raymeld_feature_bits bit) {
@@ -99,6 +117,10 @@ bool supports(const DeviceInfo& info, raymeld_feature_bits bit) {
       return info.timeline_semaphore;
     case RAYMELD_FEATURE_EXTERNAL_MEMORY_FD:
       return info.external_memory_fd;
+    case RAYMELD_FEATURE_FLOAT_CONTROLS:
+      return info.float_controls.any();
+    case RAYMELD_FEATURE_HALF_DOTS:
+      return info.half_dots;
   }
   return false;
 }

@@ -11,12 +11,14 @@
 #include <set>
 
 #include "api/features.h"
+#include "choice/frame_times.h"
 #include "engine/external_buffer.h"
 #include "engine/frame_ring.h"
 #include "engine/instance.h"
 #include "fusion/exposure.h"
 #include "fusion/fuser.h"
 #include "fusion/fuser_options.h"
+#include "fusion/tuner.h"
 #include "io/safetensors.h"
 #include "model/stock_models.h"
 #include "platform/folders.h"
@@ -56,6 +58,8 @@ raymeld_result guarded(raymeld_result of_error, const Work& work) noexcept {
     return failed(RAYMELD_ERROR_OUT_OF_MEMORY, error.what());
   } catch (const DeviceLost& error) {
     return failed(RAYMELD_ERROR_DEVICE_LOST, error.what());
+  } catch (const Cancelled& error) {
+    return failed(RAYMELD_ERROR_CANCELLED, error.what());
   } catch (const NotFinite& error) {
     return failed(RAYMELD_ERROR_NOT_FINITE, error.what());
   } catch (const Error& error) {
@@ -177,7 +181,7 @@ class SharedBuffers {
 
 struct ContextState {
   std::optional<VkAllocationCallbacks> allocation_callbacks;
-  std::filesystem::path cache_folder = default_cache_folder();
+  std::filesystem::path cache_folder = default_cache_folder(), tuning_folder;
   std::unique_ptr<const Device> device;
   mutable SharedBuffers shared;
 };
@@ -199,7 +203,8 @@ std::unique_ptr<const Device> device_for(const raymeld_context_desc& desc,
         "given together, but some are NULL");
   constexpr uint32_t kFeatures = RAYMELD_FEATURE_STORAGE_16BIT | RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS |
                                  RAYMELD_FEATURE_COOPERATIVE_MATRIX | RAYMELD_FEATURE_IMAGE_WRITES |
-                                 RAYMELD_FEATURE_TIMELINE_SEMAPHORE | RAYMELD_FEATURE_EXTERNAL_MEMORY_FD;
+                                 RAYMELD_FEATURE_TIMELINE_SEMAPHORE | RAYMELD_FEATURE_EXTERNAL_MEMORY_FD |
+                                 RAYMELD_FEATURE_FLOAT_CONTROLS | RAYMELD_FEATURE_HALF_DOTS;
   if (desc.enabled_features & ~kFeatures)
     throw InvalidArgument("raymeld_context_desc: enabled_features has unknown bits: {:#x}",
                           desc.enabled_features & ~kFeatures);
@@ -213,7 +218,9 @@ std::unique_ptr<const Device> device_for(const raymeld_context_desc& desc,
       .storage_16bit = (desc.enabled_features & RAYMELD_FEATURE_STORAGE_16BIT) != 0,
       .buffer_device_address = (desc.enabled_features & RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS) != 0,
       .cooperative_matrix = (desc.enabled_features & RAYMELD_FEATURE_COOPERATIVE_MATRIX) != 0,
+      .half_dots = (desc.enabled_features & RAYMELD_FEATURE_HALF_DOTS) != 0,
       .image_writes = (desc.enabled_features & RAYMELD_FEATURE_IMAGE_WRITES) != 0,
+      .float_controls = (desc.enabled_features & RAYMELD_FEATURE_FLOAT_CONTROLS) != 0,
       .timeline_semaphore = (desc.enabled_features & RAYMELD_FEATURE_TIMELINE_SEMAPHORE) != 0,
       .external_memory_fd = (desc.enabled_features & RAYMELD_FEATURE_EXTERNAL_MEMORY_FD) != 0,
       .allocator = allocation_callbacks,
@@ -242,7 +249,8 @@ ConstantLayers absent_layers(const raymeld_fusion_desc& desc, const Model& model
 FuserOptions options_of(const raymeld_fusion_desc& desc, const ContextState& context, const Model& model) {
   const Device& device = *context.device;
   FuserOptions options = fuser_options(device, model, static_cast<Precision>(desc.precision),
-                                       static_cast<KernelChoice>(desc.kernels), false, context.cache_folder);
+                                       static_cast<KernelChoice>(desc.kernels), false, context.cache_folder,
+                                       context.tuning_folder);
   check_storage(device.info(), options.storage);
   options.max_memory_bytes = desc.max_memory_bytes;
   const bool centered = desc.lrhs_sampling == RAYMELD_SAMPLING_MODEL
@@ -501,6 +509,7 @@ raymeld_result raymeld_context_create(const raymeld_context_desc* desc, raymeld_
     auto state = std::make_shared<ContextState>();
     if (asked.allocation_callbacks) state->allocation_callbacks = *asked.allocation_callbacks;
     if (asked.cache_folder) state->cache_folder = asked.cache_folder;
+    if (asked.tuning_folder) state->tuning_folder = asked.tuning_folder;
     state->device = device_for(asked, state->allocation_callbacks ? &*state->allocation_callbacks : nullptr);
     *context = new raymeld_context_t{std::move(state)};
   });
@@ -612,6 +621,42 @@ raymeld_result raymeld_get_memory_needs(raymeld_context context, raymeld_model m
     known.memory_type_bits = memory.memoryTypeBits;
     known.device_address = on.device->info().buffer_device_address;
     write(known, given(needs, "needs"), "raymeld_memory_needs");
+  });
+}
+
+raymeld_result raymeld_tune(raymeld_context context, raymeld_model model, const raymeld_tune_desc* desc) {
+  return guarded(RAYMELD_ERROR_DEVICE, [&] {
+    const ContextState& on = *given(context, "context").state;
+    const Model& of = given(model, "model").state->model;
+    const raymeld_tune_desc asked = read(given(desc, "desc"), "raymeld_tune_desc");
+    check_lrhs_size({asked.height, asked.width});
+    check_choice(asked.precision, RAYMELD_PRECISION_FP16, "precision");
+    const Storage storage = storage_for(static_cast<Precision>(asked.precision), on.device->info(), of);
+    check_storage(on.device->info(), storage);
+    const std::filesystem::path folder = asked.folder ? asked.folder : on.cache_folder;
+    if (folder.empty())
+      throw Error("there is no folder for the measurements: neither `folder` nor a cache folder");
+    const TuneFile file{.folder = folder,
+                        .shapes = shapes_to_tune(*on.device, storage, of, {asked.height, asked.width}),
+                        .again = asked.again != 0,
+                        .cache_folder = on.cache_folder};
+    std::set<Conv2dShape> left(file.shapes.begin(), file.shapes.end());
+    if (!file.again) {
+      const Tuning known = load_tuning(tuning_file(folder, *on.device, storage));
+      std::erase_if(left, [&](const Conv2dShape& shape) { return known.entries.contains(shape); });
+    }
+    const size_t all = left.size();
+    const auto go_on = [&] {
+      const float done = all == 0 ? 1 : 1 - float(left.size()) / float(all);
+      const bool stop = asked.progress && !asked.progress(asked.user, done);
+      if (stop && !left.empty()) throw Cancelled();
+    };
+    go_on();
+    FrameTimes::forget(*on.device, on.cache_folder);
+    tune_file(*on.device, storage, file, [&](const Conv2dShape& shape, const Tuning::Entry&) {
+      left.erase(shape);
+      go_on();
+    });
   });
 }
 

@@ -58,7 +58,7 @@ struct Compiled {
 std::vector<Compiled> compile_all(const Device& device, const Graph& graph) {
   std::vector<Compiled> kernels;
   std::map<KernelRecipe, size_t> known;
-  const std::vector<KernelRecipe> recipes = kernel_recipes(graph);
+  const std::vector<KernelRecipe> recipes = kernel_recipes(graph, device.info());
   for (size_t i = 0; i < recipes.size(); ++i) {
     const auto [at, is_new] = known.emplace(recipes[i], kernels.size());
     if (is_new) {

@@ -15,10 +15,12 @@ std::string matrix_text(const CooperativeMatrix& matrix) {
 
 const char* yes_no(bool value) { return value ? "yes" : "no"; }
 
+const char* promised(bool value) { return value ? "promised" : "not promised"; }
+
 void print_device(const DeviceInfo& device) {
   print(fmt::format("{}: {}\n", device.index, device.name));
   const auto row = [](const char* name, const std::string& value) {
-    print(fmt::format("   {:<24} {}\n", name, value));
+    print(fmt::format("   {:<28} {}\n", name, value));
   };
   row("type", device.type);
   row("UUID", device.uuid);
@@ -30,7 +32,10 @@ void print_device(const DeviceInfo& device) {
   row("subgroup size", std::to_string(device.subgroup_size));
   row("16-bit storage", yes_no(device.storage_16bit));
   row("16-bit arithmetic", yes_no(device.float16_arithmetic));
+  row("rounds 16 bits to nearest", promised(device.float_controls.rounds));
+  row("keeps 16-bit subnormals", promised(device.float_controls.keeps_subnormals));
   row("cooperative matrix", device.cooperative_matrix ? matrix_text(*device.cooperative_matrix) : "no");
+  row("dot products of halves", yes_no(device.half_dots));
   row("writes images of any format", yes_no(device.image_writes));
   row("buffer device address", yes_no(device.buffer_device_address));
   row("timestamps",
@@ -52,8 +57,11 @@ Json to_json(const DeviceInfo& device) {
           {"subgroup_size", device.subgroup_size},
           {"storage_16bit", device.storage_16bit},
           {"float16", device.float16_arithmetic},
+          {"rounds_16bit_to_nearest", device.float_controls.rounds},
+          {"keeps_16bit_subnormals", device.float_controls.keeps_subnormals},
           {"cooperative_matrix",
            device.cooperative_matrix ? Json(matrix_text(*device.cooperative_matrix)) : Json()},
+          {"half_dots", device.half_dots},
           {"image_writes", device.image_writes},
           {"buffer_device_address", device.buffer_device_address},
           {"timestamp_period_ns", device.timestamp_period_ns}};

@@ -7,9 +7,7 @@
 #include "cli/common/models.h"
 #include "cli/common/precisions.h"
 #include "cli/common/sizes.h"
-#include "fusion/plan.h"
 #include "fusion/tuner.h"
-#include "model/network.h"
 #include "platform/folders.h"
 #include "platform/interrupt.h"
 
@@ -48,19 +46,6 @@ void print_entry(const Conv2dShape& shape, const Tuning::Entry& entry) {
                     kernel_text(shape, entry.kernel)));
 }
 
-void measure(const Device& device, const std::filesystem::path& folder, Storage storage,
-             const std::vector<Conv2dShape>& shapes, Tuning& tuning, bool silent) {
-  const std::filesystem::path file = tuning_file(folder, device, storage);
-  PipelineCache cache(device, folder);
-  tune(device, cache, storage, shapes, tuning, [&](const Conv2dShape& shape, const Tuning::Entry& entry) {
-    if (!silent) print_entry(shape, entry);
-    save_tuning(file, tuning);  // an interrupt loses no measurement
-    check_interrupted();
-  });
-  cache.save();
-  FrameTimes::forget(device, folder);
-}
-
 void run(const TuneArguments& arguments) {
   const auto device = Device::create({arguments.device});
   const std::filesystem::path folder = default_cache_folder();
@@ -69,29 +54,34 @@ void run(const TuneArguments& arguments) {
         "there is no folder for the measurements: neither XDG_CACHE_HOME nor HOME is an absolute path");
   const Storage storage = storage_for(kPrecisions.at(arguments.precision), device->info());
   const std::filesystem::path file = tuning_file(folder, *device, storage);
-  Tuning tuning = arguments.again ? Tuning{} : load_tuning(file);
-
   std::vector<Conv2dShape> shapes;
   for (const std::string& name : arguments.models) {
     const Model model(find_model(name));
     const TileSize lrhs = lrhs_size(model, arguments.size);
-    const FuserOptions options{.storage = storage, .kernels = default_kernels(device->info(), storage)};
-    const TileSize tile = plan_fusion(model, lrhs.height, lrhs.width, device->info(), options).tiling.tile;
-    const std::vector<Conv2dShape> all = conv2d_shapes(model, tile.height, tile.width);
+    const std::vector<Conv2dShape> all = shapes_to_tune(*device, storage, model, lrhs);
     shapes.insert(shapes.end(), all.begin(), all.end());
   }
   const Console console(!arguments.json);
-  const bool known =
-      std::ranges::all_of(shapes, [&](const Conv2dShape& shape) { return tuning.entries.contains(shape); });
+  const Tuning before = load_tuning(file);
+  const bool known = !arguments.again && std::ranges::all_of(shapes, [&](const Conv2dShape& shape) {
+    return before.entries.contains(shape);
+  });
   if (known) {
     console.note(fmt::format("nothing to measure: {} has all {} shapes; --again measures them again",
                              file.string(), shapes.size()));
   } else {
     console.note(fmt::format("measuring {} ({})", device->info().name, device->info().driver));
-    measure(*device, folder, storage, shapes, tuning, arguments.json);
+    FrameTimes::forget(*device, folder);
+    tune_file(*device, storage, {.folder = folder, .shapes = shapes, .again = arguments.again},
+              [&](const Conv2dShape& shape, const Tuning::Entry& entry) {
+                if (!arguments.json) print_entry(shape, entry);
+                check_interrupted();
+              });
+  }
+  const Tuning tuning = load_tuning(file);
+  if (!known)
     console.note(fmt::format("activations {}; wrote {}", tuning.addressed ? "by address" : "in buffers",
                              file.string()));
-  }
   if (!arguments.json) return;
   nlohmann::ordered_json json{{"device", device->info().name},
                               {"driver", device->info().driver},

@@ -12,12 +12,21 @@ struct Method {
   std::string name;
   Conv2dKernel kernel = {};
   bool addressed = false;
+  bool half_dots = false;  // DeviceInfo::half_dots
 
   // These return the arguments of reference::conv2d() that have the same names.
   int tile() const { return int(kernel.winograd_tile()); }
-  int units() const { return kernel.algorithm == Algorithm::kMatrix ? reference::kMatrixUnits : 1; }
+  int units(reference::Precision precision) const {
+    const bool dots =
+        half_dots && kernel.algorithm == Algorithm::kDirect && precision == reference::Precision::kFp16;
+    return dots || kernel.algorithm == Algorithm::kMatrix ? reference::kTensorUnits : 1;
+  }
 };
 
+// Returns the direct kernel of convolutions, in buffers.
+inline Method direct_method(const DeviceInfo& device) {
+  return {.name = "direct", .half_dots = device.half_dots};
+}
 // Returns the methods of layers with a single kernel: in buffers and by address.
 std::span<const Method> plain_methods();
 // Returns two sizes of tiles, so small that a convolution has several, as far as the device's matrices and

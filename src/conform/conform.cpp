@@ -10,8 +10,8 @@ std::span<const Suite> suites() {
       {.name = "exposure", .run = conform_exposure},
       {.name = "encode", .run = conform_encode},
       {.name = "decode", .run = conform_decode},
-      {.name = "shuffles", .run = conform_shuffles},
       {.name = "joint", .run = conform_joint},
+      {.name = "pyramid", .run = conform_pyramid},
       {.name = "network", .run = conform_network, .networks = true},
   };
   return all;

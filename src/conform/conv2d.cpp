@@ -58,7 +58,7 @@ Bounded expected(const Bounded& x, const Conv& conv, bool relu, Precision precis
                  const std::vector<Bounded>& residuals, const Method& method) {
   std::vector<const Bounded*> pointers;
   for (const Bounded& residual : residuals) pointers.push_back(&residual);
-  return reference::conv2d(x, conv, relu, precision, pointers, method.tile(), method.units());
+  return reference::conv2d(x, conv, relu, precision, pointers, method.tile(), method.units(precision));
 }
 
 // Says how a trial is filled. Weights, bias and residuals are multiplied by `factor`.
@@ -121,8 +121,8 @@ void check_random(Check& check, const LayerRun& run, const Convolved& random, co
                   Precision precision) {
   const Planes actual = run.read(random.out), &truth = random.expected.value;
   check.within(actual, random.expected, "random");
-  check.rms(actual, truth, method.units() * reference::allowed_rms(truth, random.in_floats, precision),
-            "random");
+  check.rms(actual, truth,
+            method.units(precision) * reference::allowed_rms(truth, random.in_floats, precision), "random");
 }
 
 // Every partial sum is a whole number that a float holds, so no rounding is left.
@@ -160,33 +160,31 @@ void check_slices(Check& check, const Target& target, const Method& method, Prec
   check.same_bits(slice(after, 11, 2).value, slice(before, 11, 2).value, "channels after the output");
 }
 
-// Unshuffles the input of a convolution and shuffles its output. The direct kernel shuffles in a pass of its
-// own, which allows no residual; the others get one.
-void check_shuffled(Check& check, const Target& target, const Method& method, Precision precision) {
+// Unshuffles the input of a convolution, unless its kernel is pointwise, and shuffles its output.
+void check_shuffled(Check& check, const Target& target, const Method& method, Precision precision,
+                    uint32_t kernel) {
   const int r = 2, in_channels = 2, out_channels = 3, h = 5, w = 35;
-  const Planes x = round_to(random_planes(in_channels, r * h, r * w, Fill::kUniform, 1), precision);
+  const int unshuffle = method.kernel.algorithm == Algorithm::kPointwise ? 1 : r;
+  const Planes x =
+      round_to(random_planes(in_channels, unshuffle * h, unshuffle * w, Fill::kUniform, 1), precision);
   const Planes y = round_to(random_planes(out_channels, r * h, r * w, Fill::kUniform, 2), precision);
-  const Conv conv =
-      round_to(random_conv(r * r * out_channels, r * r * in_channels, 3, Fill::kUniform, 3), precision);
+  const Conv conv = round_to(
+      random_conv(r * r * out_channels, unshuffle * unshuffle * in_channels, int(kernel), Fill::kUniform, 3),
+      precision);
   LayerRun run(target, precision, method.addressed);
   const Tensor in = run.input("in", x), out = run.tensor("out", out_channels, r * h, r * w);
-  std::vector<Tensor> residuals;
-  std::vector<Bounded> bounded;
-  if (method.kernel.algorithm != Algorithm::kDirect) {
-    residuals.push_back(run.input("residual", y));
-    bounded.push_back(reference::space_to_depth(exact(y), r));
-  }
   conv2d(run.graph(), "conv", in, out, run.weights(conv),
-         {.kernel = 3,
+         {.kernel = kernel,
           .relu = true,
-          .residuals = residuals,
-          .unshuffle = r,
+          .residuals = {run.input("residual", y)},
+          .unshuffle = uint32_t(unshuffle),
           .shuffle = r,
           .how = method.kernel});
   run.run();
-  const Bounded deep = reference::space_to_depth(exact(x), r);
+  const Bounded deep = unshuffle > 1 ? reference::space_to_depth(exact(x), unshuffle) : exact(x);
+  const Bounded residual = reference::space_to_depth(exact(y), r);
   check.within(run.read(out),
-               reference::pixel_shuffle(expected(deep, conv, true, precision, bounded, method), r));
+               reference::pixel_shuffle(expected(deep, conv, true, precision, {residual}, method), r));
 }
 
 // Unshuffles a slice of a tensor for a 1x1 convolution, with the same bits by vectors and lane by lane.
@@ -252,6 +250,8 @@ void run_values(Collector& collector, std::span<const Trial> trials, uint32_t ke
     };
     run("slices of one tensor, 5 -> 3 of 13 channels, 9 x 7",
         [&](auto&&... arguments) { check_slices(arguments..., kernel); });
+    run("shuffled by 2, ReLU, 1 residual, 5 x 35",
+        [&](auto&&... arguments) { check_shuffled(arguments..., kernel); });
     if (kernel == 1) {
       for (const int r : {2, 4, 8}) {
         run(fmt::format("unshuffled by {}, {} -> 13 channels, ReLU, 3 x 19", r, 3 * r * r),
@@ -259,7 +259,6 @@ void run_values(Collector& collector, std::span<const Trial> trials, uint32_t ke
       }
       return;
     }
-    run("unshuffled and shuffled by 2, 8 -> 12 channels, ReLU, 5 x 35", check_shuffled);
     if (method.kernel.vector > 0)
       run("rows of whole vectors, 5 and 4 -> 7 channels, ReLU, 1 residual, 10 x 128", check_vectors);
   });
@@ -268,7 +267,7 @@ void run_values(Collector& collector, std::span<const Trial> trials, uint32_t ke
 }  // namespace
 
 std::vector<Method> conv2d_methods(const DeviceInfo& device, uint32_t kernel) {
-  std::vector<Method> methods{{.name = "direct"}};
+  std::vector<Method> methods{direct_method(device)};
   for (const uint32_t tile : kernel == 1 ? std::vector<uint32_t>{4} : std::vector<uint32_t>{2, 4}) {
     const std::string name = kernel == 1 ? "pointwise" : fmt::format("F({}, 3)", tile);
     for (const bool addressed : {false, true}) {

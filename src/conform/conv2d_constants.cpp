@@ -98,7 +98,7 @@ ConstantConvolved add(LayerRun& run, const ConstantTrial& trial, const Size& siz
       round_to(random_conv(trial.outputs, x.value.c, int(trial.kernel), fill, seed + 2), precision);
   const Tensor out = run.tensor("out", trial.outputs / back / back, back * size.h, back * size.w);
   conv2d(run.graph(), "conv", front, out, run.weights(conv), options);
-  const Bounded y = reference::conv2d(x, conv, true, precision, {}, method.tile(), method.units());
+  const Bounded y = reference::conv2d(x, conv, true, precision, {}, method.tile(), method.units(precision));
   return {out, back > 1 ? reference::pixel_shuffle(y, back) : y};
 }
 

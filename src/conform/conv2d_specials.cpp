@@ -153,9 +153,10 @@ void check_poison(Check& check, const Target& target, const Method& method, Prec
     const Planes after = run.read(out);
     check_spread(check, poison, run.read(before), after, method);
     if (!(poison.value <= 1e30f)) continue;
-    check.within(after,
-                 reference::conv2d(exact(image), conv, true, precision, {}, method.tile(), method.units()),
-                 fmt::format("{:g} at y {}, x {}", poison.value, poison.y, poison.x));
+    check.within(
+        after,
+        reference::conv2d(exact(image), conv, true, precision, {}, method.tile(), method.units(precision)),
+        fmt::format("{:g} at y {}, x {}", poison.value, poison.y, poison.x));
   }
 }
 

@@ -33,37 +33,43 @@ std::map<std::string, std::string> metadata_of(const Architecture& a) {
                                                     : "variance");
     }
   }
-  return {{"format", "raymeld.model"},
-          {"format_version", "1"},
-          {"name", "test"},
-          {"version", "1"},
-          {"scale", std::to_string(a.scale)},
-          {"features", std::to_string(a.features)},
-          {"growth", std::to_string(a.growth)},
-          {"dense_layers", std::to_string(a.dense_layers)},
-          {"blocks", std::to_string(a.blocks)},
-          {"groups", std::to_string(a.groups)},
-          {"hrls_layers", fmt::format("{}", fmt::join(layers, ","))},
-          {"long_skip", a.long_skip_fused ? "fused" : "lrhs"},
-          {"merge_relu", a.merge_relu ? "true" : "false"},
-          {"transfer", a.transfer == reference::Transfer::kLog ? "log" : "linear"},
-          {"clip", fmt::format("{}", a.clip)},
-          {"base", a.base == Base::kJoint      ? "joint"
-                   : a.base == Base::kBilinear ? "bilinear"
-                                               : "none"},
-          {"hrls_encoder", a.hrls_unshuffled ? "unshuffled" : "full"},
-          {"hrls_kernel", std::to_string(a.hrls_kernel)},
-          {"upscale", std::string(kUpscales.at(size_t(a.upscale)))},
-          {"upscaled_features", std::to_string(a.upscaled())},
-          {"half_features", std::to_string(a.half_features)},
-          {"half_layers", std::to_string(a.half_layers)},
-          {"guide", a.hrls_guide ? "hrls" : "none"},
-          {"head_features", std::to_string(a.head_features)},
-          {"head_layers", std::to_string(a.head_layers)},
-          {"lrhs_sampling", a.both_samplings ? "nearest,centered" : "nearest"},
-          {"optional_layers", ""},
-          {"exposure_key", "0"},
-          {"lrhs_certainty", fmt::format("{}", a.lrhs_certainty)}};
+  std::map<std::string, std::string> shared{
+      {"format", "raymeld.model"},
+      {"format_version", "1"},
+      {"name", "test"},
+      {"version", "1"},
+      {"scale", std::to_string(a.scale)},
+      {"hrls_layers", fmt::format("{}", fmt::join(layers, ","))},
+      {"transfer", a.transfer == reference::Transfer::kLog ? "log" : "linear"},
+      {"clip", fmt::format("{}", a.clip)},
+      {"upscaled_features", std::to_string(a.upscaled())},
+      {"lrhs_sampling", a.both_samplings ? "nearest,centered" : "nearest"},
+      {"optional_layers", ""},
+      {"exposure_key", "0"},
+      {"lrhs_certainty", fmt::format("{}", a.lrhs_certainty)}};
+  if (a.is_pyramid()) {
+    shared.insert({{"network", "pyramid"}, {"widths", fmt::format("{}", fmt::join(a.widths, ","))}});
+    return shared;
+  }
+  shared.insert({{"features", std::to_string(a.features)},
+                 {"growth", std::to_string(a.growth)},
+                 {"dense_layers", std::to_string(a.dense_layers)},
+                 {"blocks", std::to_string(a.blocks)},
+                 {"groups", std::to_string(a.groups)},
+                 {"long_skip", a.long_skip_fused ? "fused" : "lrhs"},
+                 {"merge_relu", a.merge_relu ? "true" : "false"},
+                 {"base", a.base == Base::kJoint      ? "joint"
+                          : a.base == Base::kBilinear ? "bilinear"
+                                                      : "none"},
+                 {"hrls_encoder", a.hrls_unshuffled ? "unshuffled" : "full"},
+                 {"hrls_kernel", std::to_string(a.hrls_kernel)},
+                 {"upscale", std::string(kUpscales.at(size_t(a.upscale)))},
+                 {"half_features", std::to_string(a.half_features)},
+                 {"half_layers", std::to_string(a.half_layers)},
+                 {"guide", a.hrls_guide ? "hrls" : "none"},
+                 {"head_features", std::to_string(a.head_features)},
+                 {"head_layers", std::to_string(a.head_layers)}});
+  return shared;
 }
 
 std::vector<LayerKind> layer_kinds(const std::string& list) {
@@ -130,6 +136,20 @@ Architecture read_architecture(const std::filesystem::path& model) {
   const auto optional_number = [&](const char* key, int absent) {
     return metadata.contains(key) ? number(key) : absent;
   };
+  if (metadata.contains("network") && metadata.at("network") == "pyramid") {
+    std::vector<int> widths;
+    std::istringstream stream(metadata.at("widths"));
+    for (std::string width; std::getline(stream, width, ',');) widths.push_back(std::stoi(width));
+    return {.scale = number("scale"),
+            .hrls_layers = layer_kinds(metadata.at("hrls_layers")),
+            .transfer = metadata.at("transfer") == "log" ? Transfer::kLog : Transfer::kLinear,
+            .clip = std::stof(metadata.at("clip")),
+            .both_samplings = metadata.at("lrhs_sampling").find(',') != std::string::npos,
+            .upscaled_features = number("upscaled_features"),
+            .lrhs_certainty = std::stof(metadata.at("lrhs_certainty")),
+            .knows_spp = metadata.contains("knows_spp") && metadata.at("knows_spp") == "true",
+            .widths = widths};
+  }
   return {.scale = number("scale"),
           .features = number("features"),
           .growth = number("growth"),

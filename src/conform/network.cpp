@@ -13,14 +13,9 @@ using reference::Bounded;
 using reference::Planes;
 using reference::Precision;
 
-// Returns the reference's name of a pass's output. Residuals and shuffles are part of the reference's layers,
-// so the name is empty for a pass that writes only an intermediate of a layer, and for decode.
-std::string reference_name(const std::string& pass, const Graph& graph, const Architecture& a) {
-  if (pass.ends_with(".space_to_depth") || pass == "decode") return {};
-  if (pass.ends_with(".pixel_shuffle")) return pass.substr(0, pass.find('.', 3));
-  for (const Pass* layer : graph.layers()) {
-    if (layer->name == pass + ".pixel_shuffle") return {};
-  }
+// Returns the reference's name of a pass's output, which is empty for decode.
+std::string reference_name(const std::string& pass, const Architecture& a) {
+  if (pass == "decode") return {};
   for (int g = 0; g < a.groups; ++g) {
     if (pass != fmt::format("groups.{}.blocks.{}.merge", g, a.blocks - 1)) continue;
     return g + 1 == a.groups ? "trunk" : fmt::format("groups.{}", g);
@@ -49,7 +44,7 @@ reference::Outputs expected_outputs(const Subject& subject, const NetworkTrial& 
                                     const std::map<std::string, Planes>& given) {
   return reference::network(subject.architecture, rounded_weights(subject, trial), subject.lrhs, subject.hrls,
                             trial.phase, trial.precision, given, trial.exposure, trial.method.tile(),
-                            trial.method.units());
+                            trial.method.units(trial.precision));
 }
 
 std::map<std::string, Planes> in_floats(const Subject& subject, const NetworkTrial& trial) {
@@ -102,7 +97,7 @@ NetworkRun run_network(const Target& target, const Model& model, const Subject& 
                           fused.data());
   run.output = reference::planes(3, subject.hrls.h, subject.hrls.w, fused);
   for (const Pass* layer : fuser.graph().layers()) {
-    const std::string name = reference_name(layer->name, fuser.graph(), subject.architecture);
+    const std::string name = reference_name(layer->name, subject.architecture);
     if (name.empty()) continue;
     const Shape& shape = layer->output()->shape;
     run.layers[name] = reference::planes(int(shape.channels), int(shape.height), int(shape.width),
@@ -112,7 +107,7 @@ NetworkRun run_network(const Target& target, const Model& model, const Subject& 
 }
 
 std::vector<Method> network_methods(const DeviceInfo& device, size_t index) {
-  std::vector<Method> methods{{.name = "direct"}};
+  std::vector<Method> methods{direct_method(device)};
   for (const uint32_t tile : {2u, 4u}) {
     const bool addressed = (index + tile / 2) % 2 == 0;
     // Tiny networks have few channels. With these parameters they have several parts and bands.
@@ -164,7 +159,8 @@ void conform_one(const Collector& collector, const std::string& name, const Subj
     const auto hold = [&](const std::string& layer, const Planes& device) {
       const Planes& expected = right.at(layer).value;
       if (expected.data.size() < kLeastValues) return 0.0;
-      const double allowed = method.units() * reference::allowed_rms(expected, near.at(layer), precision);
+      const double allowed =
+          method.units(precision) * reference::allowed_rms(expected, near.at(layer), precision);
       check.rms(device, expected, allowed, layer);
       return allowed;
     };

@@ -209,6 +209,35 @@ std::vector<Variant> variants() {
                         .joint_widths = {1, 0.5, 2, 3, 1, 1, 1.5, 0.7, 1, 6, 2, 0.8, 8, 2, 1}},
        .height = 1,
        .width = 1},
+      // These are pyramids.
+      {.architecture = {.scale = 2,
+                        .hrls_layers = {kRadiance, kAlbedo, kNormal, kRadiance, kVariance},
+                        .transfer = kLog,
+                        .clip = 100,
+                        .both_samplings = true,
+                        .upscaled_features = 5,
+                        .lrhs_certainty = 3,
+                        .widths = {6, 4, 5, 3}},
+       .height = 9,
+       .width = 5},
+      {.architecture = {.scale = 4,
+                        .hrls_layers = {kRadiance, kAlbedo, kNormal},
+                        .clip = 30,
+                        .upscaled_features = 2,
+                        .lrhs_certainty = 40,
+                        .widths = {3, 5, 2, 4}},
+       .height = 1,
+       .width = 7},
+      {.architecture = {.scale = 8,
+                        .hrls_layers = {kRadiance, kAlbedo, kNormal},
+                        .transfer = kLog,
+                        .clip = 1000,
+                        .both_samplings = true,
+                        .upscaled_features = 4,
+                        .lrhs_certainty = 64,
+                        .widths = {2, 3, 4, 5}},
+       .height = 2,
+       .width = 1},
   };
 }
 
@@ -222,8 +251,8 @@ void conform_network(Collector& collector) {
                 exposure = std::array{1.0f, 0.037f, 2.3f}[i % 3];
     Subject subject = make_subject(a, height, width, 100 + i);
     subject.lrhs.at(0, 0, 0) = float(2 * a.clip / exposure);  // half of it is above the clip
-    const std::string name = fmt::format("{}: x{}, {} features, phase {:g}, {} x {}", i, a.scale, a.features,
-                                         phase, height, width);
+    const std::string name = fmt::format("{}: x{}, {} features, phase {:g}, {} x {}", i, a.scale,
+                                         a.is_pyramid() ? a.widths[0] : a.features, phase, height, width);
     // A quick test runs each method once in each precision, and the network with the joint base by address.
     size_t turn = i / 5 * 2;
     Collector::for_each(network_methods(collector.device().info(), i), [&](const Method& method,

@@ -9,8 +9,8 @@ void conform_conv2d(Collector& collector);
 void conform_exposure(Collector& collector);
 void conform_encode(Collector& collector);
 void conform_decode(Collector& collector);
-void conform_shuffles(Collector& collector);
 void conform_joint(Collector& collector);
+void conform_pyramid(Collector& collector);
 void conform_network(Collector& collector);
 
 }  // namespace raymeld::conform

@@ -8,33 +8,6 @@
 namespace raymeld {
 namespace {
 
-// Returns the first memory type that has `required` and `preferred`, else the first that has `required`.
-uint32_t find_memory_type(const Device& device, uint32_t allowed, VkMemoryPropertyFlags required,
-                          VkMemoryPropertyFlags preferred, const std::string& name) {
-  const VkPhysicalDeviceMemoryProperties& memory = device.memory();
-  for (VkMemoryPropertyFlags wanted : {required | preferred, required}) {
-    for (uint32_t i = 0; i < memory.memoryTypeCount; ++i) {
-      if ((allowed & (1u << i)) && (memory.memoryTypes[i].propertyFlags & wanted) == wanted) return i;
-    }
-  }
-  throw Error("device {} has no memory type for {}", device.info().name, name);
-}
-
-uint32_t memory_type_for(const Device& device, uint32_t allowed, Memory memory, const std::string& name) {
-  constexpr VkMemoryPropertyFlags kHost =
-      VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
-  switch (memory) {
-    case Memory::kDevice:
-      return find_memory_type(device, allowed, VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT, 0, name);
-    case Memory::kUpload:
-      return find_memory_type(device, allowed, kHost, 0, name);
-    case Memory::kReadback:
-      return find_memory_type(device, allowed, VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT,
-                              VK_MEMORY_PROPERTY_HOST_CACHED_BIT, name);
-  }
-  throw Error("unknown memory kind for {}", name);
-}
-
 // Throws OutOfMemory for the host's memory too: some drivers take memory that the host sees from there.
 void check_allocation(VkResult result, const std::string& what) {
   if (result == VK_ERROR_OUT_OF_HOST_MEMORY) throw OutOfMemory("{}: {}", what, result_name(result));
@@ -42,6 +15,37 @@ void check_allocation(VkResult result, const std::string& what) {
 }
 
 }  // namespace
+
+std::optional<uint32_t> memory_type(const VkPhysicalDeviceMemoryProperties& types, uint32_t allowed,
+                                    Memory memory) {
+  constexpr VkMemoryPropertyFlags kLocal = VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT,
+                                  kVisible = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT,
+                                  kCoherent = VK_MEMORY_PROPERTY_HOST_COHERENT_BIT,
+                                  kCached = VK_MEMORY_PROPERTY_HOST_CACHED_BIT;
+  struct Wish {
+    VkMemoryPropertyFlags required, preferred;
+  };
+  const auto wish_for = [&]() -> Wish {
+    switch (memory) {
+      case Memory::kDevice:
+        return {kLocal, 0};
+      case Memory::kUpload:
+        return {kVisible | kCoherent, 0};
+      case Memory::kReadback:
+        return {kVisible, kCached};
+      case Memory::kShared:
+        return {kVisible | kCoherent, kLocal};
+    }
+    return {};
+  };
+  const auto [required, preferred] = wish_for();
+  for (const VkMemoryPropertyFlags wanted : {required | preferred, required}) {
+    for (uint32_t i = 0; i < types.memoryTypeCount; ++i) {
+      if ((allowed & (1u << i)) && (types.memoryTypes[i].propertyFlags & wanted) == wanted) return i;
+    }
+  }
+  return {};
+}
 
 // Creates the buffer without memory.
 VkMemoryRequirements Buffer::create(const Device& device, const std::string& name, const std::string& what) {
@@ -83,7 +87,9 @@ Buffer::Buffer(const Device& device, uint64_t size_bytes, Memory memory, const s
     auto allocation = vk_struct<VkMemoryAllocateInfo>(
         VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO, device.info().buffer_device_address ? &flags_info : nullptr);
     allocation.allocationSize = needs.size;
-    allocation.memoryTypeIndex = memory_type_for(device, needs.memoryTypeBits, memory, name);
+    const std::optional<uint32_t> type = memory_type(device.memory(), needs.memoryTypeBits, memory);
+    if (!type) throw Error("device {} has no memory type for {}", device.info().name, name);
+    allocation.memoryTypeIndex = *type;
     check_allocation(vk.AllocateMemory(device.handle(), &allocation, device.allocator(), &memory_), what);
     device.name(VK_OBJECT_TYPE_DEVICE_MEMORY, memory_, name);
     bind(memory_, 0, what);
@@ -92,6 +98,12 @@ Buffer::Buffer(const Device& device, uint64_t size_bytes, Memory memory, const s
     if (flags & VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT) {
       check(vk.MapMemory(device.handle(), memory_, 0, VK_WHOLE_SIZE, 0, &mapped_), what);
     }
+  } catch (const OutOfMemory&) {
+    *this = Buffer();
+    // The part of the device's memory that the host sees may be small, and full.
+    const auto type_for = [&](Memory kind) { return memory_type(device.memory(), ~0u, kind); };
+    if (memory != Memory::kShared || type_for(Memory::kShared) == type_for(Memory::kUpload)) throw;
+    *this = Buffer(device, size_bytes, Memory::kUpload, name);
   } catch (...) {
     *this = Buffer();
     throw;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include "engine/device.h"
@@ -10,7 +11,12 @@ enum class Memory {
   kDevice,    // fastest for the device; the host may not see it
   kUpload,    // the host writes, the device reads
   kReadback,  // the device writes, the host reads
+  kShared,    // both read and write a few bytes, the device more often
 };
+
+// Returns the index of the best memory type for this among the `allowed` bits, or nothing.
+std::optional<uint32_t> memory_type(const VkPhysicalDeviceMemoryProperties& types, uint32_t allowed,
+                                    Memory memory);
 
 // Holds a storage buffer, in memory of its own or in the caller's. It can be moved, but not copied.
 class Buffer {

@@ -47,17 +47,26 @@ void show_host(const Device& device, VkCommandBuffer commands) {
                                  0, 1, &barrier, 0, nullptr, 0, nullptr);
 }
 
-void copy_now(const Device& device, VkBuffer from, VkBuffer to, const VkBufferCopy& region,
-              const std::string& name) {
-  Commands pool(device);
-  VkCommandBuffer commands = pool.begin(name);
-  device.vk().CmdCopyBuffer(commands, from, to, 1, &region);
+void record_copy(const Device& device, VkCommandBuffer commands, VkBuffer from, VkBuffer to,
+                 const VkBufferCopy& region) {
   auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
+  barrier.srcAccessMask = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT;
+  barrier.dstAccessMask = VK_ACCESS_TRANSFER_READ_BIT | VK_ACCESS_TRANSFER_WRITE_BIT;
+  device.vk().CmdPipelineBarrier(commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT,
+                                 VK_PIPELINE_STAGE_TRANSFER_BIT, 0, 1, &barrier, 0, nullptr, 0, nullptr);
+  device.vk().CmdCopyBuffer(commands, from, to, 1, &region);
   barrier.srcAccessMask = VK_ACCESS_TRANSFER_WRITE_BIT;
   barrier.dstAccessMask = VK_ACCESS_HOST_READ_BIT | VK_ACCESS_SHADER_READ_BIT;
   device.vk().CmdPipelineBarrier(commands, VK_PIPELINE_STAGE_TRANSFER_BIT,
                                  VK_PIPELINE_STAGE_HOST_BIT | VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, 0, 1,
                                  &barrier, 0, nullptr, 0, nullptr);
+}
+
+void copy_now(const Device& device, VkBuffer from, VkBuffer to, const VkBufferCopy& region,
+              const std::string& name) {
+  Commands pool(device);
+  const VkCommandBuffer commands = pool.begin(name);
+  record_copy(device, commands, from, to, region);
   pool.end(commands);
   device.submit_and_wait(commands);
 }

@@ -29,6 +29,11 @@ class Commands {
 // Records a barrier after which the host may read what shaders wrote, once the commands are done.
 void show_host(const Device& device, VkCommandBuffer commands);
 
+// Records a copy between buffers. It waits for the shaders of earlier submits, and later ones and the host
+// see its result.
+void record_copy(const Device& device, VkCommandBuffer commands, VkBuffer from, VkBuffer to,
+                 const VkBufferCopy& region);
+
 // Copies between two buffers, one of which the host fills or reads: submits and waits. Throws Error.
 void copy_now(const Device& device, VkBuffer from, VkBuffer to, const VkBufferCopy& region,
               const std::string& name);

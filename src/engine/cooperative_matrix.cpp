@@ -18,12 +18,13 @@ CooperativeMatrixFeatures::CooperativeMatrixFeatures(void* next, bool enable)
           VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_SIZE_CONTROL_FEATURES_EXT, next)) {
   matrix.cooperativeMatrix = memory_model.vulkanMemoryModel = enable;
   memory_model.vulkanMemoryModelDeviceScope = enable;  // the atomics' scope under the memory model
-  float16.shaderFloat16 = subgroups.computeFullSubgroups = enable;
+  float16.shaderFloat16 = subgroups.subgroupSizeControl = subgroups.computeFullSubgroups = enable;
 }
 
 bool CooperativeMatrixFeatures::all() const {
   return matrix.cooperativeMatrix && memory_model.vulkanMemoryModel &&
-         memory_model.vulkanMemoryModelDeviceScope && float16.shaderFloat16 && subgroups.computeFullSubgroups;
+         memory_model.vulkanMemoryModelDeviceScope && float16.shaderFloat16 &&
+         subgroups.subgroupSizeControl && subgroups.computeFullSubgroups;
 }
 
 const VkCooperativeMatrixPropertiesKHR* choose_matrix(
@@ -55,10 +56,14 @@ std::optional<CooperativeMatrix> find_cooperative_matrix(const VulkanFunctions& 
       VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_COOPERATIVE_MATRIX_PROPERTIES_KHR);
   auto subgroup = vk_struct<VkPhysicalDeviceSubgroupProperties>(
       VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_PROPERTIES, &stages);
-  auto all =
-      vk_struct<VkPhysicalDeviceProperties2>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, &subgroup);
+  auto sizes = vk_struct<VkPhysicalDeviceSubgroupSizeControlPropertiesEXT>(
+      VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_SIZE_CONTROL_PROPERTIES_EXT, &subgroup);
+  auto all = vk_struct<VkPhysicalDeviceProperties2>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, &sizes);
   vk.GetPhysicalDeviceProperties2(device, &all);
-  if (!has.all() || !(stages.cooperativeMatrixSupportedStages & VK_SHADER_STAGE_COMPUTE_BIT)) {
+  const bool requires_size = sizes.requiredSubgroupSizeStages & VK_SHADER_STAGE_COMPUTE_BIT;
+  const bool one_size = sizes.minSubgroupSize == sizes.maxSubgroupSize;
+  if (!has.all() || !(requires_size || one_size) ||
+      !(stages.cooperativeMatrixSupportedStages & VK_SHADER_STAGE_COMPUTE_BIT)) {
     return {};
   }
   uint32_t count = 0;
@@ -72,13 +77,17 @@ std::optional<CooperativeMatrix> find_cooperative_matrix(const VulkanFunctions& 
   const VkCooperativeMatrixPropertiesKHR* shape = choose_matrix(listed);
   if (!shape) return {};
   const VkPhysicalDeviceLimits& limits = all.properties.limits;
-  return CooperativeMatrix{
-      .m = shape->MSize,
-      .n = shape->NSize,
-      .k = shape->KSize,
-      .subgroup_size = subgroup.subgroupSize,
-      .max_invocations = std::min(limits.maxComputeWorkGroupInvocations, limits.maxComputeWorkGroupSize[0]),
-      .max_shared_bytes = limits.maxComputeSharedMemorySize};
+  uint32_t max_invocations =
+      std::min(limits.maxComputeWorkGroupInvocations, limits.maxComputeWorkGroupSize[0]);
+  if (requires_size)
+    max_invocations = std::min(max_invocations, subgroup.subgroupSize * sizes.maxComputeWorkgroupSubgroups);
+  return CooperativeMatrix{.m = shape->MSize,
+                           .n = shape->NSize,
+                           .k = shape->KSize,
+                           .subgroup_size = subgroup.subgroupSize,
+                           .requires_size = requires_size,
+                           .max_invocations = max_invocations,
+                           .max_shared_bytes = limits.maxComputeSharedMemorySize};
 }
 
 }  // namespace raymeld

@@ -17,6 +17,7 @@ struct CooperativeMatrix {
   uint32_t n = 0;
   uint32_t k = 0;
   uint32_t subgroup_size = 0;
+  bool requires_size = false;  // a pipeline can require subgroup_size; else it is the only size there is
   uint32_t max_invocations = 0;
   uint32_t max_shared_bytes = 0;
 

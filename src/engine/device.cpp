@@ -3,6 +3,7 @@
 #include <map>
 
 #include "engine/constants.h"
+#include "engine/half_dots.h"
 #include "engine/instance.h"
 #include "engine/kernel_pool.h"
 #include "engine/pipeline_statistics.h"
@@ -21,6 +22,14 @@ std::shared_ptr<std::mutex> mutex_of(VkQueue queue) {
   std::shared_ptr<std::mutex> mutex = known.lock();
   if (!mutex) known = mutex = std::make_shared<std::mutex>();
   return mutex;
+}
+
+std::vector<VkQueueFamilyProperties> queue_families(const VulkanFunctions& vk, VkPhysicalDevice device) {
+  uint32_t count = 0;
+  vk.GetPhysicalDeviceQueueFamilyProperties(device, &count, nullptr);
+  std::vector<VkQueueFamilyProperties> families(count);
+  vk.GetPhysicalDeviceQueueFamilyProperties(device, &count, families.data());
+  return families;
 }
 
 }  // namespace
@@ -50,7 +59,7 @@ std::unique_ptr<Device> Device::create(const DeviceRequest& request) {
   }
   const size_t chosen = select_device(infos, request.selector);
   device->adopt(candidates[chosen], static_cast<uint32_t>(chosen));
-  device->find_queue_family();
+  device->adopt_queue_family(device->find_queue_family());
   device->tells_statistics_ =
       request.pipeline_statistics && tells_pipeline_statistics(device->vk_, device->physical_device_);
   device->create_device();
@@ -70,14 +79,16 @@ std::unique_ptr<Device> Device::wrap(const ExternalDevice& external) {
   device->device_ = external.device;
   device->queue_ = external.queue;
   device->queue_mutex_ = mutex_of(external.queue);
-  device->queue_family_ = external.queue_family;
   device->allocator_ = external.allocator;
   device->pipeline_cache_ = external.pipeline_cache;
   device->adopt(external.physical_device, 0);
+  device->adopt_queue_family(external.queue_family);
   device->info_.storage_16bit = device->info_.storage_16bit && external.storage_16bit;
   device->info_.buffer_device_address = device->info_.buffer_device_address && external.buffer_device_address;
   device->info_.image_writes = device->info_.image_writes && external.image_writes;
   if (!external.cooperative_matrix) device->info_.cooperative_matrix.reset();
+  device->info_.half_dots = device->info_.half_dots && external.half_dots;
+  if (!external.float_controls) device->info_.float_controls = {};
   device->info_.timeline_semaphore = device->info_.timeline_semaphore && external.timeline_semaphore;
   device->info_.external_memory_fd = device->info_.external_memory_fd && external.external_memory_fd;
   if (device->info_.external_memory_fd && !device->vk_.GetMemoryFdPropertiesKHR) {
@@ -127,19 +138,24 @@ void Device::adopt(VkPhysicalDevice physical_device, uint32_t index) {
 }
 
 // Prefers a compute family without graphics, which runs beside a desktop's rendering.
-void Device::find_queue_family() {
-  uint32_t count = 0;
-  vk_.GetPhysicalDeviceQueueFamilyProperties(physical_device_, &count, nullptr);
-  std::vector<VkQueueFamilyProperties> families(count);
-  vk_.GetPhysicalDeviceQueueFamilyProperties(physical_device_, &count, families.data());
-  uint32_t found = count;
-  for (uint32_t i = 0; i < count; ++i) {
+uint32_t Device::find_queue_family() const {
+  const auto families = queue_families(vk_, physical_device_);
+  std::optional<uint32_t> found;
+  for (uint32_t i = 0; i < families.size(); ++i) {
     if (!(families[i].queueFlags & VK_QUEUE_COMPUTE_BIT)) continue;
-    if (found == count || !(families[i].queueFlags & VK_QUEUE_GRAPHICS_BIT)) found = i;
+    if (!found || !(families[i].queueFlags & VK_QUEUE_GRAPHICS_BIT)) found = i;
   }
-  if (found == count) throw Error("device {} has no compute queue", info_.name);
-  queue_family_ = found;
-  if (families[found].timestampValidBits == 0) info_.timestamp_period_ns = 0;
+  if (!found) throw Error("device {} has no compute queue", info_.name);
+  return *found;
+}
+
+void Device::adopt_queue_family(uint32_t family) {
+  queue_family_ = family;
+  const auto families = queue_families(vk_, physical_device_);
+  if (family >= families.size())
+    throw Error("device {} has {} queue families, and no family {}", info_.name, families.size(), family);
+  info_.timestamp_bits = families[family].timestampValidBits;
+  if (info_.timestamp_bits == 0) info_.timestamp_period_ns = 0;
 }
 
 void Device::create_device() {
@@ -164,6 +180,8 @@ void Device::create_device() {
   }
   if (info_.external_memory_fd) extensions.push_back(VK_KHR_EXTERNAL_MEMORY_FD_EXTENSION_NAME);
   if (info_.dma_buf) extensions.push_back(VK_EXT_EXTERNAL_MEMORY_DMA_BUF_EXTENSION_NAME);
+  if (info_.float_controls.any()) extensions.push_back(VK_KHR_SHADER_FLOAT_CONTROLS_EXTENSION_NAME);
+  if (info_.is_portable_subset) extensions.push_back(kPortabilitySubset);
   auto statistics = vk_struct<VkPhysicalDevicePipelineExecutablePropertiesFeaturesKHR>(
       VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PIPELINE_EXECUTABLE_PROPERTIES_FEATURES_KHR, &storage);
   statistics.pipelineExecutableInfo = VK_TRUE;
@@ -173,6 +191,11 @@ void Device::create_device() {
   if (info_.cooperative_matrix) {
     extensions.insert(extensions.end(), matrix.kExtensions.begin(), matrix.kExtensions.end());
     chain = &matrix.matrix;
+  }
+  HalfDotFeatures dots(chain, info_.half_dots);
+  if (info_.half_dots) {
+    extensions.insert(extensions.end(), dots.kExtensions.begin(), dots.kExtensions.end());
+    chain = &dots.dots;
   }
   info_.timeline_semaphore = false;  // no caller can make a semaphore of this device
   auto info = vk_struct<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO);

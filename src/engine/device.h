@@ -12,6 +12,7 @@
 
 #include "engine/cooperative_matrix.h"
 #include "engine/external.h"
+#include "engine/float_controls.h"
 #include "engine/vulkan.h"
 
 namespace raymeld {
@@ -32,20 +33,32 @@ struct DeviceInfo {
   uint64_t max_storage_range_bytes = 0;  // longest range of one binding
   uint64_t max_allocation_bytes = 0;
   uint32_t storage_alignment_bytes = 0;  // divides a binding's offset
+  uint32_t max_storage_buffers = 0;      // bindings of one shader
+  uint32_t max_push_bytes = 0;           // push constants of one shader
   std::array<uint32_t, 3> max_groups{};  // workgroups of one dispatch
   uint32_t subgroup_size = 0;
   uint32_t vector_lanes = 0;  // size of subgroups that the driver makes vectors of, or 0: see vector.glsl
   uint32_t id_lanes = 0;      // the same where the driver divides to find ids, or 0: see ids.glsl
-  double timestamp_period_ns = 0;  // 0: no timestamps on compute queues
+  double timestamp_period_ns = 0;  // 0: no timestamps on the queue
+  uint32_t timestamp_bits = 0;     // bits of a timestamp that count, after which it starts again at 0
   bool is_cpu = false;
   bool storage_16bit = false;
   bool float16_arithmetic = false;
   bool image_writes = false;           // any format: shaderStorageImageWriteWithoutFormat
   bool buffer_device_address = false;  // includes 64-bit integers, the type of addresses
   std::optional<CooperativeMatrix> cooperative_matrix;
+  bool half_dots = false;  // see half_dots.h; not where there are matrices, which are faster
+  FloatControls float_controls;
+  bool is_portable_subset = false;  // VK_KHR_portability_subset: Vulkan on top of another interface
   bool timeline_semaphore = false;
   bool external_memory_fd = false;  // VK_KHR_external_memory_fd
   bool dma_buf = false;             // VK_EXT_external_memory_dma_buf
+
+  // Returns the time between two timestamps of the queue, the second of which may have started again at 0.
+  double ms_between(uint64_t from, uint64_t to) const {
+    const uint64_t ticks = (to - from) & (timestamp_bits < 64 ? (uint64_t{1} << timestamp_bits) - 1 : ~0ull);
+    return static_cast<double>(ticks) * timestamp_period_ns * 1e-6;
+  }
 };
 
 // Returns all devices, in the driver's order. Throws Error without a loader or without a device.
@@ -112,7 +125,8 @@ class Device {
   Device();
   void create_instance(Validation validation);
   void create_device();
-  void find_queue_family();
+  uint32_t find_queue_family() const;
+  void adopt_queue_family(uint32_t family);
   void adopt(VkPhysicalDevice physical_device, uint32_t index);
   static VKAPI_ATTR VkBool32 VKAPI_CALL pass_message_on(VkDebugUtilsMessageSeverityFlagBitsEXT,
                                                         VkDebugUtilsMessageTypeFlagsEXT,

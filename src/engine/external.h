@@ -21,11 +21,15 @@ struct ExternalDevice {
   // enabled. Some drivers, such as Mesa's for CPUs, are several times faster with them.
   bool buffer_device_address = false;
   // Says that cooperativeMatrix of VK_KHR_cooperative_matrix was enabled, with vulkanMemoryModel,
-  // vulkanMemoryModelDeviceScope, shaderFloat16, and computeFullSubgroups of VK_EXT_subgroup_size_control.
-  // Then fp16 convolutions can use tensor cores, where `raymeld tune` found that to be fastest.
+  // vulkanMemoryModelDeviceScope, shaderFloat16, and subgroupSizeControl and computeFullSubgroups of
+  // VK_EXT_subgroup_size_control. Then fp16 convolutions use tensor cores.
   bool cooperative_matrix = false;
+  // Says that shaderMixedFloatDotProductFloat16AccFloat32 of VK_VALVE_shader_mixed_float_dot_product was
+  // enabled, with shaderFloat16. Then fp16 convolutions do two multiply-adds at once.
+  bool half_dots = false;
   // Says that shaderStorageImageWriteWithoutFormat was enabled: output images may then be Vulkan images.
   bool image_writes = false;
+  bool float_controls = false;                       // VK_KHR_shader_float_controls was enabled
   bool timeline_semaphore = false;                   // the feature was enabled
   bool external_memory_fd = false;                   // VK_KHR_external_memory_fd was enabled
   const VkAllocationCallbacks* allocator = nullptr;  // used for all that raymeld makes on the device

@@ -4,6 +4,7 @@
 #include <cctype>
 #include <cstring>
 
+#include "engine/half_dots.h"
 #include "error.h"
 
 namespace raymeld {
@@ -103,6 +104,12 @@ void find_features(const VulkanFunctions& vk, VkPhysicalDevice device, DeviceInf
     timeline.pNext = features.pNext;
     features.pNext = &timeline;
   }
+  auto dots = vk_struct<VkPhysicalDeviceShaderMixedFloatDotProductFeaturesVALVE>(
+      VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SHADER_MIXED_FLOAT_DOT_PRODUCT_FEATURES_VALVE);
+  if (has_extension(vk, device, VK_VALVE_SHADER_MIXED_FLOAT_DOT_PRODUCT_EXTENSION_NAME)) {
+    dots.pNext = features.pNext;
+    features.pNext = &dots;
+  }
   vk.GetPhysicalDeviceFeatures2(device, &features);
   info.storage_16bit = storage.storageBuffer16BitAccess;
   info.float16_arithmetic = float16.shaderFloat16;
@@ -113,6 +120,10 @@ void find_features(const VulkanFunctions& vk, VkPhysicalDevice device, DeviceInf
   info.dma_buf =
       info.external_memory_fd && has_extension(vk, device, VK_EXT_EXTERNAL_MEMORY_DMA_BUF_EXTENSION_NAME);
   info.cooperative_matrix = find_cooperative_matrix(vk, device);
+  info.half_dots =
+      dots.shaderMixedFloatDotProductFloat16AccFloat32 && info.float16_arithmetic && !info.cooperative_matrix;
+  info.float_controls = find_float_controls(vk, device);
+  info.is_portable_subset = has_extension(vk, device, kPortabilitySubset);
 }
 
 }  // namespace
@@ -140,11 +151,16 @@ VkInstance make_instance(VulkanFunctions& vk, Validation validation) {
     extensions.push_back(VK_EXT_VALIDATION_FEATURES_EXTENSION_NAME);
   }
 
+  // Lists drivers that put Vulkan on top of another interface as well, such as MoltenVK.
+  const bool portable = has_instance_extension(vk, VK_KHR_PORTABILITY_ENUMERATION_EXTENSION_NAME);
+  if (portable) extensions.push_back(VK_KHR_PORTABILITY_ENUMERATION_EXTENSION_NAME);
+
   auto application = vk_struct<VkApplicationInfo>(VK_STRUCTURE_TYPE_APPLICATION_INFO);
   application.pApplicationName = "raymeld";
   application.apiVersion = VK_API_VERSION_1_1;
   auto info = vk_struct<VkInstanceCreateInfo>(VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO);
   info.pNext = validation == Validation::kNone ? nullptr : &features;
+  if (portable) info.flags = VK_INSTANCE_CREATE_ENUMERATE_PORTABILITY_BIT_KHR;
   info.pApplicationInfo = &application;
   info.enabledLayerCount = static_cast<uint32_t>(layers.size());
   info.ppEnabledLayerNames = layers.data();
@@ -216,6 +232,8 @@ DeviceInfo device_info(const VulkanFunctions& vk, VkPhysicalDevice device, uint3
   info.max_allocation_bytes = limits.maxMemoryAllocationSize;
   std::copy_n(properties.limits.maxComputeWorkGroupCount, 3, info.max_groups.begin());
   info.storage_alignment_bytes = static_cast<uint32_t>(properties.limits.minStorageBufferOffsetAlignment);
+  info.max_storage_buffers = properties.limits.maxPerStageDescriptorStorageBuffers;
+  info.max_push_bytes = properties.limits.maxPushConstantsSize;
   info.subgroup_size = subgroup.subgroupSize;
   constexpr VkSubgroupFeatureFlags kNeeded = VK_SUBGROUP_FEATURE_BASIC_BIT | VK_SUBGROUP_FEATURE_SHUFFLE_BIT;
   const bool vectors = driver.driverID == VK_DRIVER_ID_MESA_LLVMPIPE &&

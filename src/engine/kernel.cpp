@@ -2,6 +2,7 @@
 
 #include <vector>
 
+#include "engine/float_controls.h"
 #include "error.h"
 
 namespace raymeld {
@@ -11,8 +12,9 @@ Kernel::Kernel(const Device& device, VkPipelineCache cache, const KernelRecipe& 
   const std::string name = recipe.name;
   const VulkanFunctions& vk = device.vk();
   auto code = vk_struct<VkShaderModuleCreateInfo>(VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO);
-  code.codeSize = recipe.spirv.size_bytes();
-  code.pCode = recipe.spirv.data();
+  const std::vector<uint32_t> spirv = with_float_controls(recipe.spirv, device.info().float_controls);
+  code.codeSize = spirv.size() * sizeof(uint32_t);
+  code.pCode = spirv.data();
   VkShaderModule module = VK_NULL_HANDLE;
   check(vk.CreateShaderModule(device.handle(), &code, device.allocator(), &module), "loading shader " + name);
 
@@ -30,8 +32,11 @@ Kernel::Kernel(const Device& device, VkPipelineCache cache, const KernelRecipe& 
   auto info = vk_struct<VkComputePipelineCreateInfo>(VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO);
   info.flags = VK_PIPELINE_CREATE_DISPATCH_BASE_BIT;
   if (device.tells_statistics()) info.flags |= VK_PIPELINE_CREATE_CAPTURE_STATISTICS_BIT_KHR;
+  auto size = vk_struct<VkPipelineShaderStageRequiredSubgroupSizeCreateInfoEXT>(
+      VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_REQUIRED_SUBGROUP_SIZE_CREATE_INFO_EXT);
+  size.requiredSubgroupSize = recipe.subgroup_size;
   info.stage = {VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
-                nullptr,
+                recipe.subgroup_size ? &size : nullptr,
                 recipe.stage_flags,
                 VK_SHADER_STAGE_COMPUTE_BIT,
                 module,

@@ -12,11 +12,13 @@
 
 namespace raymeld {
 
-// Holds the SPIR-V of one shader, for tensors stored in 32 and in 16 bits.
+// Holds the SPIR-V of one shader, for tensors stored in 32 and in 16 bits; the latter may have another form
+// for devices with DeviceInfo::half_dots.
 struct Shader {
   const char* name;
   std::span<const uint32_t> f32;
   std::span<const uint32_t> f16;
+  std::span<const uint32_t> f16_dots = {};
 };
 
 // Describes a compute pipeline: a shader with its specialization constants (ids 0, 1, 2, ...). `descriptors`
@@ -28,13 +30,14 @@ struct KernelRecipe {
   std::vector<VkDescriptorType> descriptors;
   uint32_t push_bytes = 0;
   VkPipelineShaderStageCreateFlags stage_flags = 0;
-  uint32_t unroll = 1;  // see loops.glsl
+  uint32_t subgroup_size = 0;  // the size to require, or 0
+  uint32_t unroll = 1;         // see loops.glsl
 
   bool operator<(const KernelRecipe& other) const {
     const uint32_t *own = spirv.data(), *others = other.spirv.data();
-    return std::tie(own, constants, descriptors, push_bytes, stage_flags, unroll) <
+    return std::tie(own, constants, descriptors, push_bytes, stage_flags, subgroup_size, unroll) <
            std::tie(others, other.constants, other.descriptors, other.push_bytes, other.stage_flags,
-                    other.unroll);
+                    other.subgroup_size, other.unroll);
   }
 };
 

@@ -35,6 +35,20 @@ std::vector<VkDescriptorType> descriptor_types(const Pass& pass) {
   return types;
 }
 
+// Throws Error unless the device's shaders can have as many bindings and push constants as the pass has.
+void check_limits(const DeviceInfo& device, const Pass& pass) {
+  const auto types = descriptor_types(pass);
+  const auto buffers = std::ranges::count(types, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER);
+  if (buffers > device.max_storage_buffers) {
+    throw Error("layer {} binds {} storage buffers; device {} binds at most {}", pass.name, buffers,
+                device.name, device.max_storage_buffers);
+  }
+  if (pass.push_bytes > device.max_push_bytes) {
+    throw Error("layer {} has {} bytes of push constants; device {} has at most {}", pass.name,
+                pass.push_bytes, device.name, device.max_push_bytes);
+  }
+}
+
 }  // namespace
 
 // A watchdog fires after about two seconds. These limits keep a dispatch near a tenth of a second on slow
@@ -49,16 +63,23 @@ void check_storage(const DeviceInfo& device, Storage storage) {
     throw Error("device {} has no 16-bit storage (storageBuffer16BitAccess); use fp32", device.name);
 }
 
-std::vector<KernelRecipe> kernel_recipes(const Graph& graph) {
+std::vector<KernelRecipe> kernel_recipes(const Graph& graph, const DeviceInfo& device) {
+  const auto code_of = [&](const Shader& shader) {
+    if (graph.storage() == Storage::kFloat32) return shader.f32;
+    return device.half_dots && !shader.f16_dots.empty() ? shader.f16_dots : shader.f16;
+  };
   std::vector<KernelRecipe> recipes;
   for (const Pass& pass : graph.passes()) {
     KernelRecipe recipe{.name = pass.shader->name,
-                        .spirv = graph.storage() == Storage::kFloat16 ? pass.shader->f16 : pass.shader->f32,
+                        .spirv = code_of(*pass.shader),
                         .constants = pass.constants,
                         .descriptors = descriptor_types(pass),
                         .push_bytes = pass.push_bytes};
-    // Subgroups must be whole to compute a matrix.
-    if (pass.matrix) recipe.stage_flags = VK_PIPELINE_SHADER_STAGE_CREATE_REQUIRE_FULL_SUBGROUPS_BIT_EXT;
+    // Subgroups must be whole, and of the size that was planned with, to compute a matrix.
+    if (pass.matrix) {
+      recipe.stage_flags = VK_PIPELINE_SHADER_STAGE_CREATE_REQUIRE_FULL_SUBGROUPS_BIT_EXT;
+      if (pass.matrix->requires_size) recipe.subgroup_size = pass.matrix->subgroup_size;
+    }
     recipes.push_back(std::move(recipe));
   }
   return recipes;
@@ -87,6 +108,7 @@ Program::Program(const Device& device, const Graph& graph, PipelineCache& cache,
     throw Error("device {} cannot write images of any format (shaderStorageImageWriteWithoutFormat)",
                 device.info().name);
   }
+  for (const Pass& pass : passes) check_limits(device.info(), pass);
   for (const Pass& pass : passes) {
     if (!pass.matrix || pass.matrix == device.info().cooperative_matrix) continue;
     throw Error("layer {}: device {} has no cooperative matrices of {}x{}x{}, or they are not enabled",
@@ -96,9 +118,9 @@ Program::Program(const Device& device, const Graph& graph, PipelineCache& cache,
     return Buffer(device, graph.activation_bytes(), memory, "activations");
   };
   common_->activations = activations ? place_activations(*activations) : place_activations(Memory::kDevice);
-  common_->status = Buffer(device, sizeof(Status), Memory::kUpload, "status");
+  common_->status = Buffer(device, sizeof(Status), Memory::kShared, "status");
   reset_status();
-  common_->exposures = Buffer(device, sets * kExposureStrideBytes, Memory::kUpload, "exposures");
+  common_->exposures = Buffer(device, sets * kExposureStrideBytes, Memory::kShared, "exposures");
   for (uint32_t set = 0; set < sets; ++set) set_exposure(set, 1);
   if (graph.constant_bytes() > 0) upload_constants();
   prepare(cache, sets);
@@ -135,7 +157,8 @@ void Program::upload_constants() {
 }
 
 void Program::create_kernels(PipelineCache& cache) {
-  for (auto& kernel : device_.kernels().get(device_, cache.handle(), kernel_recipes(graph_))) {
+  for (auto& kernel :
+       device_.kernels().get(device_, cache.handle(), kernel_recipes(graph_, device_.info()))) {
     pass_kernels_.push_back(kernel.get());
     common_->kernels.insert(std::move(kernel));
   }
@@ -303,21 +326,15 @@ Exposure Program::exposure(uint32_t set) const {
 }
 
 void Program::record(VkCommandBuffer commands, uint32_t set, size_t first, size_t last,
-                     VkQueryPool queries) const {
+                     const Timestamps* timestamps) const {
   const VulkanFunctions& vk = device_.vk();
   full_barrier(vk, commands);
-  if (queries && first == 0) {
-    vk.CmdResetQueryPool(commands, queries, 0, static_cast<uint32_t>(graph_.passes().size()) + 1);
-    vk.CmdWriteTimestamp(commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, queries, 0);
-  }
+  if (timestamps && first == 0) timestamps->start(commands);
   for (size_t i = first; i < last; ++i) {
-    if (i > first && (queries || graph_.barrier_before(i))) full_barrier(vk, commands);
+    if (i > first && (timestamps || graph_.barrier_before(i))) full_barrier(vk, commands);
     bind_pass(commands, set, i);
     dispatch(commands, graph_.passes()[i]);
-    if (queries) {
-      vk.CmdWriteTimestamp(commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, queries,
-                           static_cast<uint32_t>(i) + 1);
-    }
+    if (timestamps) timestamps->mark(commands, static_cast<uint32_t>(i));
   }
 }
 

@@ -11,6 +11,7 @@
 #include "engine/graph.h"
 #include "engine/kernel_pool.h"
 #include "engine/pipeline_cache.h"
+#include "engine/timestamps.h"
 
 namespace raymeld {
 
@@ -38,7 +39,7 @@ WorkLimits limits_for(const DeviceInfo& device);
 void check_storage(const DeviceInfo& device, Storage storage);
 
 // Returns the recipe of each pass's kernel, pass by pass.
-std::vector<KernelRecipe> kernel_recipes(const Graph& graph);
+std::vector<KernelRecipe> kernel_recipes(const Graph& graph, const DeviceInfo& device);
 
 class Program {
  public:
@@ -68,10 +69,10 @@ class Program {
   Exposure exposure(uint32_t set) const;
 
   // Records passes [first, last) with descriptor set `set`, after a barrier against all earlier compute work.
-  // A dispatch of more than limits().dispatch_work is split. With `queries`, pass i is followed by timestamp
-  // i + 1 and a barrier; timestamp 0 comes before pass 0.
+  // A dispatch of more than limits().dispatch_work is split. With `timestamps`, which has as many passes as
+  // the graph, a timestamp and a barrier follow each pass.
   void record(VkCommandBuffer commands, uint32_t set, size_t first, size_t last,
-              VkQueryPool queries = VK_NULL_HANDLE) const;
+              const Timestamps* timestamps = nullptr) const;
 
   // Records pass `index` without any workgroup: drivers that compile a kernel when it first runs do so then.
   void record_empty(VkCommandBuffer commands, uint32_t set, size_t index) const;

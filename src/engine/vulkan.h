@@ -86,6 +86,9 @@
 
 namespace raymeld {
 
+// Vulkan's headers count the extension as provisional and leave its name out.
+inline constexpr const char* kPortabilitySubset = "VK_KHR_portability_subset";
+
 struct VulkanFunctions {
   PFN_vkGetInstanceProcAddr GetInstanceProcAddr = nullptr;
 #define RAYMELD_DECLARE(name) PFN_vk##name name = nullptr;

@@ -100,10 +100,6 @@ float Fuser::recorded_exposure(float asked) const {
   return 0;
 }
 
-Fuser::Host::~Host() {
-  if (queries) device.vk().DestroyQueryPool(device.handle(), queries, device.allocator());
-}
-
 uint64_t Fuser::allocated_bytes() const {
   const uint64_t frame_bytes =
       host_ ? host_->lrhs.size_bytes() + host_->hrls.size_bytes() + host_->fused.size_bytes() : 0;
@@ -183,18 +179,14 @@ void Fuser::prepare_host() {
   if (host_) return;
   auto host = std::make_unique<Host>(device_);
   const auto shapes = image_shapes(plan_.tiling.tile);
-  host->lrhs = Buffer(device_, frame_bytes(shapes[0]), Memory::kUpload, "lrhs");
-  host->hrls = Buffer(device_, frame_bytes(shapes[1]), Memory::kUpload, "hrls");
+  host->lrhs = Buffer(device_, frame_bytes(shapes[0]), Memory::kDevice, "lrhs");
+  host->hrls = Buffer(device_, frame_bytes(shapes[1]), Memory::kDevice, "hrls");
+  if (!host->lrhs.mapped() || !host->hrls.mapped())
+    host->staging.emplace(device_, shapes[1].width * sizeof(float));
   host->fused = Buffer(device_, frame_bytes(shapes[2]), Memory::kReadback, "fused");
   program_->bind(kHostSet, bindings(dense_view(host->lrhs, shapes[0]), dense_view(host->hrls, shapes[1]),
                                     dense_view(host->fused, shapes[2])));
-  if (options_.profile) {
-    auto info = vk_struct<VkQueryPoolCreateInfo>(VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO);
-    info.queryType = VK_QUERY_TYPE_TIMESTAMP;
-    info.queryCount = static_cast<uint32_t>(plan_.graph.passes().size()) + 1;
-    check(device_.vk().CreateQueryPool(device_.handle(), &info, device_.allocator(), &host->queries),
-          "creating a query pool");
-  }
+  if (options_.profile) host->timestamps.emplace(device_, uint32_t(plan_.graph.passes().size()));
   record_chunks(*host);
   host_ = std::move(host);
 }
@@ -208,7 +200,7 @@ void Fuser::record_chunks(Host& host) const {
       work += passes[last++].work();
     }
     VkCommandBuffer commands = host.pool.begin(fmt::format("passes {} to {}", first, last - 1));
-    program_->record(commands, kHostSet, first, last, host.queries);
+    program_->record(commands, kHostSet, first, last, host.timestamps ? &*host.timestamps : nullptr);
     if (last == passes.size()) show_host(device_, commands);
     host.pool.end(commands);
     host.chunks.push_back(commands);

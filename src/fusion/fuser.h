@@ -9,6 +9,8 @@
 
 #include "engine/commands.h"
 #include "engine/program.h"
+#include "engine/staging_ring.h"
+#include "engine/timestamps.h"
 #include "fusion/last_frame.h"
 #include "fusion/plan.h"
 #include "io/image.h"
@@ -128,15 +130,26 @@ class Fuser {
  private:
   static constexpr uint32_t kHostSet = kFramesInFlight;  // the descriptor set of fuse()'s own recordings
 
+  // Holds a part of a planar image of floats.
+  struct ImageWindow {
+    const float* values = nullptr;  // the first channel's first row
+    size_t row_stride = 0, plane = 0;
+    uint32_t channels = 0, height = 0, width = 0;
+
+    // Returns the number of rows of all channels.
+    size_t rows() const { return size_t{channels} * height; }
+    // Copies rows [first, last) to dense memory.
+    void copy(size_t first, size_t last, float* to) const;
+  };
+
   // Holds the buffers and recordings of fuse(), made once.
   struct Host {
     Buffer lrhs, hrls, fused;
     Commands pool;
-    std::vector<VkCommandBuffer> chunks;  // parts of one tile, each short enough for a watchdog
-    VkQueryPool queries = VK_NULL_HANDLE;
-    const Device& device;
-    explicit Host(const Device& device) : pool(device), device(device) {}
-    ~Host();
+    std::vector<VkCommandBuffer> chunks;   // parts of one tile, each short enough for a watchdog
+    std::optional<Timestamps> timestamps;  // with FuserOptions::profile
+    std::optional<StagingRing> staging;    // where the host does not see lrhs and hrls
+    explicit Host(const Device& device) : pool(device) {}
   };
 
   // Holds a graph of record() beside the network for frames of the tile's size: the network for another size,
@@ -167,11 +180,14 @@ class Fuser {
   FuseReport run(const float* lrhs, const float* hrls, float* fused, float exposure,
                  const Progress& progress);
   Status run_tile(const Progress& progress, FuseReport& report);
-  Image redo_tile(const Progress& progress, FuseReport& report);
+  Image redo_tile(const ImageWindow& lrhs, const ImageWindow& hrls, const Progress& progress,
+                  FuseReport& report);
   void prepare_host();
   void run_empty(const Progress& progress);
   void record_chunks(Host& host) const;
-  void upload(const float* lrhs, const float* hrls, const Tile& at);
+  // Returns the parts of the frame's LRHS and HRLS that a tile reads.
+  std::array<ImageWindow, 2> windows(const float* lrhs, const float* hrls, const Tile& at) const;
+  void upload(const ImageWindow& window, const Buffer& to);
   // Copies the core from the planar, dense image of a tile.
   void copy_core(const float* tile_image, float* fused, const Tile& at) const;
   void add_pass_times(FuseReport& report) const;

@@ -5,9 +5,10 @@
 namespace raymeld {
 
 FuserOptions fuser_options(const Device& device, const Model& model, Precision precision, KernelChoice choice,
-                           bool redo, const std::filesystem::path& folder) {
+                           bool redo, const std::filesystem::path& folder,
+                           const std::filesystem::path& shipped) {
   const auto kernels = [&](Storage storage) {
-    return choice == KernelChoice::kDirect ? Kernels{} : kernels_for(device, storage, folder);
+    return choice == KernelChoice::kDirect ? Kernels{} : kernels_for(device, storage, folder, shipped);
   };
   FuserOptions options;
   options.storage = storage_for(precision, device.info(), model);

@@ -51,13 +51,16 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
       if (!of_frame(1)) throw Cancelled();
       continue;
     }
-    upload(lrhs, hrls, at);
+    const auto [low, high] = windows(lrhs, hrls, at);
+    upload(low, host_->lrhs);
+    upload(high, host_->hrls);
+    if (host_->staging) host_->staging->wait();  // so that no time of the device counts it
     const Status status = run_tile(of_frame, report);
     // The next frame computes this tile even if nothing changes, so that it counts these values as well.
     if (!is_clean(status) && last_frame_) last_frame_->distrust(at, tiling.tile);
     last_redone_ = options_.fp32_kernels && !is_clean(status);
     if (last_redone_) {
-      copy_core(redo_tile(of_frame, report).data.data(), fused, at);
+      copy_core(redo_tile(low, high, of_frame, report).data.data(), fused, at);
       continue;
     }
     host_->fused.invalidate();
@@ -84,18 +87,26 @@ Status Fuser::run_tile(const Progress& progress, FuseReport& report) {
   return program_->status();
 }
 
-// Computes the tile that was uploaded again in 32 bits, as a frame of its own.
-Image Fuser::redo_tile(const Progress& progress, FuseReport& report) {
+// Computes a tile again in 32 bits, as a frame of its own.
+Image Fuser::redo_tile(const ImageWindow& lrhs, const ImageWindow& hrls, const Progress& progress,
+                       FuseReport& report) {
   const auto [height, width] = plan_.tiling.tile;
   if (!wide_) {
     const FuserOptions options = wide_options(device_.info(), options_, allocated_bytes());
     wide_ = std::make_unique<Fuser>(device_, model_, height, width, options, cache_folder_);
   }
+  std::vector<float> copies[2];
+  const auto dense = [](const ImageWindow& window, std::vector<float>& copy) -> const float* {
+    if (window.row_stride == window.width && window.plane == size_t{window.width} * window.height)
+      return window.values;
+    copy.resize(window.rows() * window.width);
+    window.copy(0, window.rows(), copy.data());
+    return copy.data();
+  };
   const Shape shape = image_shapes(plan_.tiling.tile)[2];
   Image image(static_cast<int>(shape.width), static_cast<int>(shape.height), 3);
   const auto go_on = [&](double) { return progress(1); };
-  const FuseReport redone = wide_->run_within_memory(static_cast<const float*>(host_->lrhs.mapped()),
-                                                     static_cast<const float*>(host_->hrls.mapped()),
+  const FuseReport redone = wide_->run_within_memory(dense(lrhs, copies[0]), dense(hrls, copies[1]),
                                                      image.data.data(), report.exposure, go_on);
   report.add_times(redone);
   report.status.not_finite += redone.status.not_finite;
@@ -104,21 +115,37 @@ Image Fuser::redo_tile(const Progress& progress, FuseReport& report) {
   return image;
 }
 
-void Fuser::upload(const float* lrhs, const float* hrls, const Tile& at) {
-  const auto [frame, tile] = std::pair(plan_.tiling.frame, plan_.tiling.tile);
-  const size_t s = model_.architecture().scale;
-  const size_t frame_plane = size_t{frame.height} * frame.width,
-               tile_plane = size_t{tile.height} * tile.width;
-  auto* lrhs_out = static_cast<float*>(host_->lrhs.mapped());
-  for (size_t c = 0; c < 3; ++c) {
-    copy_rows(lrhs + c * frame_plane + size_t{at.y} * frame.width + at.x, frame.width,
-              lrhs_out + c * tile_plane, tile.width, tile.width, tile.height);
+void Fuser::ImageWindow::copy(size_t first, size_t last, float* to) const {
+  for (size_t row = first; row < last; ++row, to += width)
+    std::memcpy(to, values + row / height * plane + row % height * row_stride, width * sizeof(float));
+}
+
+std::array<Fuser::ImageWindow, 2> Fuser::windows(const float* lrhs, const float* hrls, const Tile& at) const {
+  const auto shapes = image_shapes(plan_.tiling.tile);
+  const auto window = [&](const float* image, const Shape& shape, uint32_t scale) {
+    const size_t stride = size_t{scale} * plan_.tiling.frame.width;
+    return ImageWindow{.values = image + scale * at.y * stride + scale * at.x,
+                       .row_stride = stride,
+                       .plane = scale * plan_.tiling.frame.height * stride,
+                       .channels = shape.channels,
+                       .height = shape.height,
+                       .width = shape.width};
+  };
+  return {window(lrhs, shapes[0], 1),
+          window(hrls, shapes[1], static_cast<uint32_t>(model_.architecture().scale))};
+}
+
+void Fuser::upload(const ImageWindow& window, const Buffer& to) {
+  if (to.mapped()) {
+    window.copy(0, window.rows(), static_cast<float*>(to.mapped()));
+    return to.flush();
   }
-  auto* hrls_out = static_cast<float*>(host_->hrls.mapped());
-  const size_t channels = image_shapes(tile)[1].channels;
-  for (size_t c = 0; c < channels; ++c) {
-    copy_rows(hrls + s * s * c * frame_plane + s * at.y * s * frame.width + s * at.x, s * frame.width,
-              hrls_out + s * s * c * tile_plane, s * tile.width, s * tile.width, s * tile.height);
+  const uint64_t row_bytes = uint64_t{window.width} * sizeof(float);
+  const size_t step = host_->staging->piece_bytes() / row_bytes;
+  for (size_t first = 0; first < window.rows(); first += step) {
+    const size_t last = std::min(first + step, window.rows());
+    window.copy(first, last, reinterpret_cast<float*>(host_->staging->next()));
+    host_->staging->send(to, first * row_bytes, (last - first) * row_bytes);
   }
 }
 
@@ -137,15 +164,10 @@ void Fuser::copy_core(const float* tile_image, float* fused, const Tile& at) con
 
 void Fuser::add_pass_times(FuseReport& report) const {
   const auto passes = plan_.graph.passes();
-  std::vector<uint64_t> ticks(passes.size() + 1);
-  check(device_.vk().GetQueryPoolResults(device_.handle(), host_->queries, 0,
-                                         static_cast<uint32_t>(ticks.size()), ticks.size() * sizeof(uint64_t),
-                                         ticks.data(), sizeof(uint64_t),
-                                         VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT),
-        "reading timestamps of " + device_.info().name);
+  const auto times = host_->timestamps->pass_ms();
+  if (!times) throw Error("device {} has written no timestamps", device_.info().name);
   for (size_t i = 0; i < passes.size(); ++i) {
-    const double time_ms =
-        static_cast<double>(ticks[i + 1] - ticks[i]) * device_.info().timestamp_period_ns * 1e-6;
+    const double time_ms = times->at(i);
     add_time(report.layers, {passes[i].name, time_ms, passes[i].flop, passes[i].bytes});
     add_time(report.kernels, {passes[i].shader->name, time_ms, passes[i].flop, passes[i].bytes});
   }

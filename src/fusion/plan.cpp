@@ -195,7 +195,7 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
     return !reason;
   };
   const uint32_t halo = receptive_halo(model.architecture(), options.compute_variance);
-  const Tiling tiling = choose_tiling({height, width}, halo, fits);
+  const Tiling tiling = choose_tiling({height, width}, halo, fits, model.architecture().grid());
   if (tiling.count() == 0) throw Error("model {}: the smallest tile does not fit: {}", model.name(), *reason);
   plan->tiling = tiling;
   plan->flop *= tiling.count();

@@ -21,7 +21,7 @@ enum class Precision {
 
 // Says how convolutions are computed.
 enum class KernelChoice {
-  kAuto,    // the fastest on the device: as `raymeld tune` measured, else a default for its kind
+  kAuto,    // the fastest on the device: as a tuning says, else a default for its kind
   kDirect,  // the plain sums of their definition, several times slower: the same bits whatever the tiles
 };
 

@@ -15,16 +15,23 @@ uint32_t start_of(uint32_t core, uint32_t halo, uint32_t tile, uint32_t frame) {
 
 }  // namespace
 
-Tiling make_tiling(TileSize frame, uint32_t rows, uint32_t columns, uint32_t halo) {
+Tiling make_tiling(TileSize frame, uint32_t rows, uint32_t columns, uint32_t halo, uint32_t grid) {
   Tiling tiling;
   tiling.frame = frame;
   tiling.halo = halo;
-  tiling.core_height = divide_up(frame.height, rows);
-  tiling.core_width = divide_up(frame.width, columns);
+  const auto core_of = [&](uint32_t side, uint32_t count) {
+    return std::min(side, divide_up(divide_up(side, count), grid) * grid);
+  };
+  // Tiles at the far edge start at a multiple of the grid too.
+  const auto tile_of = [&](uint32_t side, uint32_t core) {
+    return std::min(side, core + 2 * halo + side % grid);
+  };
+  tiling.core_height = core_of(frame.height, rows);
+  tiling.core_width = core_of(frame.width, columns);
   tiling.rows = divide_up(frame.height, tiling.core_height);
   tiling.columns = divide_up(frame.width, tiling.core_width);
-  tiling.tile.height = std::min(frame.height, tiling.core_height + 2 * halo);
-  tiling.tile.width = std::min(frame.width, tiling.core_width + 2 * halo);
+  tiling.tile.height = tile_of(frame.height, tiling.core_height);
+  tiling.tile.width = tile_of(frame.width, tiling.core_width);
   return tiling;
 }
 
@@ -43,18 +50,19 @@ double Tiling::overhead() const {
   return static_cast<double>(count()) * tile.height * tile.width / (double(frame.height) * frame.width);
 }
 
-Tiling choose_tiling(TileSize frame, uint32_t halo, const std::function<bool(TileSize)>& fits) {
-  Tiling tiling = make_tiling(frame, 1, 1, halo);
+Tiling choose_tiling(TileSize frame, uint32_t halo, const std::function<bool(TileSize)>& fits,
+                     uint32_t grid) {
+  Tiling tiling = make_tiling(frame, 1, 1, halo, grid);
   while (!fits(tiling.tile)) {
-    if (tiling.core_height == 1 && tiling.core_width == 1) {
+    if (tiling.core_height <= grid && tiling.core_width <= grid) {
       tiling.rows = 0;
       return tiling;
     }
     const bool split_rows = tiling.core_height >= tiling.core_width;
     tiling = split_rows ? make_tiling(frame, divide_up(frame.height, divide_up(tiling.core_height, 2)),
-                                      tiling.columns, halo)
+                                      tiling.columns, halo, grid)
                         : make_tiling(frame, tiling.rows,
-                                      divide_up(frame.width, divide_up(tiling.core_width, 2)), halo);
+                                      divide_up(frame.width, divide_up(tiling.core_width, 2)), halo, grid);
   }
   return tiling;
 }

@@ -35,11 +35,13 @@ struct Tiling {
   uint32_t halo = 0;
 };
 
-// Cuts a frame into at most `rows` x `columns` tiles.
-Tiling make_tiling(TileSize frame, uint32_t rows, uint32_t columns, uint32_t halo);
+// Cuts a frame into at most `rows` x `columns` tiles, which start at multiples of `grid`. The halo must be
+// a multiple of it too.
+Tiling make_tiling(TileSize frame, uint32_t rows, uint32_t columns, uint32_t halo, uint32_t grid = 1);
 
 // Returns the fewest tiles for which `fits(tile)` holds, found by halving the longer side of the core step by
-// step. Returns a tiling of count() 0 when not even tiles that keep one pixel fit.
-Tiling choose_tiling(TileSize frame, uint32_t halo, const std::function<bool(TileSize)>& fits);
+// step. Returns a tiling of count() 0 when not even tiles that keep one pixel, or `grid` pixels, fit.
+Tiling choose_tiling(TileSize frame, uint32_t halo, const std::function<bool(TileSize)>& fits,
+                     uint32_t grid = 1);
 
 }  // namespace raymeld

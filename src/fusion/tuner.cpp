@@ -1,51 +1,18 @@
 #include "fusion/tuner.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <functional>
-#include <limits>
-#include <random>
 
-#include "engine/commands.h"
-#include "engine/program.h"
 #include "io/json_file.h"
+#include "model/network.h"
 #include "numbers.h"
 
 namespace raymeld {
 namespace {
 
-constexpr int kTuningVersion = 4;
-constexpr double kBudgetMs = 60;  // time of one measurement
-constexpr uint32_t kLeastRows = 32;
+constexpr int kTuningVersion = 5;
 constexpr uint32_t kMostOrder = 256;
-
-std::vector<float> random_values(size_t count) {
-  std::mt19937 generator(1);
-  std::uniform_real_distribution<float> distribution(-0.1f, 0.1f);
-  std::vector<float> values(count);
-  for (float& value : values) value = distribution(generator);
-  return values;
-}
-
-double milliseconds_of(const Device& device, VkCommandBuffer commands) {
-  const auto start = std::chrono::steady_clock::now();
-  device.submit_and_wait(commands);
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
-}
-
-double median_time(const Device& device, VkCommandBuffer commands) {
-  milliseconds_of(device, commands);
-  std::vector<double> times;
-  double total = 0;
-  while (times.size() < 3 || (total < kBudgetMs && times.size() < 15)) {
-    times.push_back(milliseconds_of(device, commands));
-    total += times.back();
-  }
-  const auto middle = times.begin() + static_cast<ptrdiff_t>(times.size() / 2);
-  std::nth_element(times.begin(), middle, times.end());
-  return *middle;
-}
 
 // Returns whether the driver loads a value for each lane with one instruction, as Mesa's for CPUs does since
 // version 24; earlier ones load lane by lane.
@@ -84,7 +51,8 @@ bool is_for(const DeviceInfo& device, const Conv2dKernel& kernel) {
 double distance(const Conv2dShape& a, const Conv2dShape& b) {
   const auto ratio = [](double x, double y) { return std::abs(std::log(x / y)); };
   return 4 * ratio(a.channels_out, b.channels_out) + 4 * ratio(a.channels_in, b.channels_in) +
-         ratio(double(a.height) * a.width, double(b.height) * b.width) + (a.most_tile != b.most_tile);
+         ratio(double(a.height) * a.width, double(b.height) * b.width) + (a.most_tile != b.most_tile) +
+         (a.unshuffle != b.unshuffle) + (a.shuffle != b.shuffle);
 }
 
 using Json = nlohmann::ordered_json;
@@ -92,7 +60,8 @@ using Json = nlohmann::ordered_json;
 Json to_json(const Conv2dShape& s) {
   return {{"height", s.height},           {"width", s.width},
           {"channels_in", s.channels_in}, {"channels_out", s.channels_out},
-          {"kernel", s.kernel},           {"most_tile", s.most_tile}};
+          {"kernel", s.kernel},           {"most_tile", s.most_tile},
+          {"unshuffle", s.unshuffle},     {"shuffle", s.shuffle}};
 }
 
 // Throws Error unless the value is an unsigned number of 32 bits; a conversion would accept -1 and 1e300 too.
@@ -105,7 +74,8 @@ uint32_t number_at(const Json& json, const char* key) {
 
 Conv2dShape shape_from(const Json& j) {
   return {number_at(j, "height"),       number_at(j, "width"),  number_at(j, "channels_in"),
-          number_at(j, "channels_out"), number_at(j, "kernel"), number_at(j, "most_tile")};
+          number_at(j, "channels_out"), number_at(j, "kernel"), number_at(j, "most_tile"),
+          number_at(j, "unshuffle"),    number_at(j, "shuffle")};
 }
 
 Json to_json(const MatrixTiles& t) {
@@ -114,6 +84,7 @@ Json to_json(const MatrixTiles& t) {
           {"n", matrix.n},
           {"k", matrix.k},
           {"subgroup_size", matrix.subgroup_size},
+          {"requires_size", matrix.requires_size},
           {"max_invocations", matrix.max_invocations},
           {"max_shared_bytes", matrix.max_shared_bytes},
           {"outputs", t.outputs},
@@ -127,6 +98,7 @@ MatrixTiles tiles_from(const Json& j) {
                      .n = number_at(j, "n"),
                      .k = number_at(j, "k"),
                      .subgroup_size = number_at(j, "subgroup_size"),
+                     .requires_size = j.at("requires_size").get<bool>(),
                      .max_invocations = number_at(j, "max_invocations"),
                      .max_shared_bytes = number_at(j, "max_shared_bytes")},
           .outputs = number_at(j, "outputs"),
@@ -203,46 +175,38 @@ struct Tuner {
   Storage storage;
   const Conv2dTimer& time;
 
-  // Returns infinity for a kernel that the device cannot compute or hold, so that others are still tried.
-  double time_if_possible(bool addressed, const Conv2dShape& shape, const Conv2dKernel& kernel) const {
-    try {
-      return time(addressed, shape, kernel);
-    } catch (const DeviceLost&) {
-      throw;
-    } catch (const Error&) {
-      return std::numeric_limits<double>::infinity();
-    }
-  }
-
   // Tries the kinds of kernels, then the parameters of the fastest one after another, each at its best before
-  // the next is tried.
+  // the next is tried. Kernels that are compared run in turns.
   Tuning::Entry best(const Tuning& tuning, const Conv2dShape& shape) const {
-    const bool addressed = tuning.addressed;
-    Tuning::Entry best{{}, time(addressed, shape, {}), 0};
-    best.direct_ms = best.time_ms;
-    const auto consider = [&](const Conv2dKernel& kernel) {
-      const double time_ms = time_if_possible(addressed, shape, kernel);
-      if (time_ms < best.time_ms) std::tie(best.kernel, best.time_ms) = std::pair(kernel, time_ms);
+    Tuning::Entry best;
+    const auto choose = [&](const std::vector<Conv2dKernel>& kernels) {
+      const std::vector<double> times = time(tuning.addressed, shape, kernels);
+      const auto least = std::ranges::min_element(times);
+      if (std::isfinite(*least))
+        std::tie(best.kernel, best.time_ms) = std::pair(kernels[size_t(least - times.begin())], *least);
+      return times;
     };
+    std::vector<Conv2dKernel> kinds(1);
     if (device.buffer_device_address) {
       Conv2dKernel kernel = first_guess(device, shape);
       kernel.order = tuning.order;
       if (kernel.algorithm == Algorithm::kPointwise) {
-        consider(kernel);
+        kinds.push_back(kernel);
       } else {
-        for (kernel.tile = 2; kernel.tile <= shape.most_tile; kernel.tile += 2) consider(kernel);
+        for (kernel.tile = 2; kernel.tile <= shape.most_tile; kernel.tile += 2) kinds.push_back(kernel);
       }
     }
-    if (device.cooperative_matrix && storage == Storage::kFloat16) {
-      consider(first_matrix_guess(*device.cooperative_matrix, shape));
-    }
+    if (device.cooperative_matrix && storage == Storage::kFloat16)
+      kinds.push_back(first_matrix_guess(*device.cooperative_matrix, shape));
+    best.direct_ms = choose(kinds).front();
     const auto vary = [&](const auto& parameter, std::initializer_list<uint32_t> values) {
-      const Conv2dKernel start = best.kernel;
+      std::vector<Conv2dKernel> kernels{best.kernel};
       for (const uint32_t value : values) {
-        Conv2dKernel kernel = start;
+        Conv2dKernel kernel = best.kernel;
         std::invoke(parameter, kernel) = value;
-        if (kernel != start) consider(kernel);
+        if (kernel != best.kernel) kernels.push_back(kernel);
       }
+      if (kernels.size() > 1) choose(kernels);
     };
     if (best.kernel.algorithm == Algorithm::kMatrix && !device.is_cpu) {
       const auto of_tiles = [](uint32_t MatrixTiles::*member) {
@@ -268,32 +232,6 @@ struct Tuner {
 };
 
 }  // namespace
-
-double time_conv2d(const Device& device, PipelineCache& cache, Storage storage, bool addressed,
-                   const Conv2dShape& shape, const Conv2dKernel& kernel) {
-  const std::vector<float> weight =
-      random_values(size_t{shape.channels_out} * shape.channels_in * shape.kernel * shape.kernel);
-  const std::vector<float> bias = random_values(shape.channels_out);
-  for (uint32_t rows = std::min(shape.height, kLeastRows);; rows = std::min(shape.height, 2 * rows)) {
-    Graph graph(storage, addressed);
-    const Tensor in = graph.input("in", {rows, shape.width, shape.channels_in});
-    const Tensor out = graph.tensor("out", {rows, shape.width, shape.channels_out});
-    conv2d(graph, "conv2d", in, out, {weight, bias}, {.kernel = shape.kernel, .relu = true, .how = kernel});
-    graph.plan();
-    Program program(device, graph, cache, 1);
-    program.write(in, random_values(in.shape.pixels() * in.shape.channels));
-    Commands pool(device);
-    const VkCommandBuffer commands = pool.begin("conv2d");
-    program.record(commands, 0, 0, graph.passes().size());
-    pool.end(commands);
-    const double median_ms = median_time(device, commands);
-    // The rows make at least two bands, so that the size of a band tells.
-    const uint32_t side = std::max(kernel.winograd_tile(), 1u);
-    const bool enough =
-        uint64_t{rows / side} * (shape.width / side) >= 2 * kernel.band || !kernel.needs_addresses();
-    if (rows == shape.height || (enough && median_ms > kBudgetMs / 6)) return median_ms * shape.height / rows;
-  }
-}
 
 Conv2dKernel first_matrix_guess(const CooperativeMatrix& matrix, const Conv2dShape& shape) {
   constexpr uint32_t kMostSums = 128;    // sums of a lane, about half of its registers
@@ -357,6 +295,8 @@ Tuning load_tuning(const std::filesystem::path& file) try {
   const Json json = load_json_file(file, kTuningVersion);
   if (json.is_null()) return {};
   Tuning tuning;
+  tuning.device = json.at("device");
+  tuning.driver = json.at("driver");
   tuning.addressed = json.at("addressed");
   tuning.order = number_at(json, "order");
   if (tuning.order > kMostOrder) return {};
@@ -372,7 +312,11 @@ Tuning load_tuning(const std::filesystem::path& file) try {
 }
 
 void save_tuning(const std::filesystem::path& file, const Tuning& tuning) {
-  Json json{{"addressed", tuning.addressed}, {"order", tuning.order}, {"conv2d", Json::array()}};
+  Json json{{"device", tuning.device},
+            {"driver", tuning.driver},
+            {"addressed", tuning.addressed},
+            {"order", tuning.order},
+            {"conv2d", Json::array()}};
   for (const auto& [shape, entry] : tuning.entries) {
     json["conv2d"].push_back({{"shape", to_json(shape)},
                               {"kernel", to_json(entry.kernel)},
@@ -385,24 +329,26 @@ void save_tuning(const std::filesystem::path& file, const Tuning& tuning) {
 void tune(const DeviceInfo& device, Storage storage, const Conv2dTimer& time,
           const std::vector<Conv2dShape>& shapes, Tuning& tuning, const TuneProgress& progress) {
   if (shapes.empty()) return;
+  tuning.device = device.name;
+  tuning.driver = device.driver;
   const Tuner tuner{device, storage, time};
   if (tuning.entries.empty() && device.buffer_device_address) {
     // The largest convolution, as the defaults would compute it, decides.
     const Conv2dShape& most = *std::max_element(
         shapes.begin(), shapes.end(), [](const auto& a, const auto& b) { return a.flop() < b.flop(); });
     Conv2dKernel kernel = first_guess(device, most);
-    double least_ms = tuner.time_if_possible(false, most, kernel);
-    const auto consider = [&](bool addressed, uint32_t order) {
-      kernel.order = order;
-      const double time_ms = tuner.time_if_possible(addressed, most, kernel);
-      if (time_ms >= least_ms) return;
-      least_ms = time_ms;
-      std::tie(tuning.addressed, tuning.order) = std::pair(addressed, order);
-    };
+    const auto measure = [&](bool addressed) { return time(addressed, most, {&kernel, 1}).front(); };
+    tuning.addressed = measure(true) < measure(false);
     tuning.order = kernel.order;
-    consider(true, kernel.order);
-    for (const uint32_t order : {0u, 8u, 16u}) {
-      if (kernel.vector > 0 && order != tuning.order) consider(tuning.addressed, order);
+    if (kernel.vector > 0) {
+      std::vector<Conv2dKernel> kernels{kernel};
+      for (const uint32_t order : {0u, 8u, 16u}) {
+        if (order == kernel.order) continue;
+        kernels.push_back(kernel);
+        kernels.back().order = order;
+      }
+      const std::vector<double> times = time(tuning.addressed, most, kernels);
+      tuning.order = kernels[size_t(std::ranges::min_element(times) - times.begin())].order;
     }
   }
   for (const Conv2dShape& shape : shapes) {
@@ -413,14 +359,46 @@ void tune(const DeviceInfo& device, Storage storage, const Conv2dTimer& time,
 
 void tune(const Device& device, PipelineCache& cache, Storage storage, const std::vector<Conv2dShape>& shapes,
           Tuning& tuning, const TuneProgress& progress) {
-  const auto time = [&](bool addressed, const Conv2dShape& shape, const Conv2dKernel& kernel) {
-    return time_conv2d(device, cache, storage, addressed, shape, kernel);
+  const auto time = [&](bool addressed, const Conv2dShape& shape, std::span<const Conv2dKernel> kernels) {
+    return time_conv2d(device, cache, storage, addressed, shape, kernels);
   };
   tune(device.info(), storage, time, shapes, tuning, progress);
 }
 
-Kernels kernels_for(const Device& device, Storage storage, const std::filesystem::path& folder) {
-  return load_tuning(tuning_file(folder, device, storage)).kernels(device.info(), storage);
+std::vector<Conv2dShape> shapes_to_tune(const Device& device, Storage storage, const Model& model,
+                                        TileSize lrhs) {
+  const FuserOptions options{.storage = storage, .kernels = default_kernels(device.info(), storage)};
+  const TileSize tile = plan_fusion(model, lrhs.height, lrhs.width, device.info(), options).tiling.tile;
+  return conv2d_shapes(model, tile.height, tile.width);
+}
+
+void tune_file(const Device& device, Storage storage, const TuneFile& file, const TuneProgress& progress) {
+  const std::filesystem::path path = tuning_file(file.folder, device, storage);
+  Tuning tuning = load_tuning(path);
+  if (file.again)
+    for (const Conv2dShape& shape : file.shapes) tuning.entries.erase(shape);
+  PipelineCache cache(device, file.cache_folder);
+  struct Save {
+    PipelineCache& cache;
+    ~Save() { cache.save(); }  // however this ends, so that the next try need not compile
+  } const save{cache};
+  tune(device, cache, storage, file.shapes, tuning,
+       [&](const Conv2dShape& shape, const Tuning::Entry& entry) {
+         save_tuning(path, tuning);
+         progress(shape, entry);
+       });
+}
+
+Kernels kernels_for(const Device& device, Storage storage, const std::filesystem::path& folder,
+                    const std::filesystem::path& shipped) {
+  Tuning tuning = load_tuning(tuning_file(folder, device, storage));
+  Tuning other = load_tuning(tuning_file(shipped, device, storage));
+  if (tuning.entries.empty()) {
+    tuning = std::move(other);
+  } else {
+    tuning.entries.merge(other.entries);
+  }
+  return tuning.kernels(device.info(), storage);
 }
 
 }  // namespace raymeld

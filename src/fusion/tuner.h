@@ -9,6 +9,8 @@
 
 #include "engine/device.h"
 #include "engine/pipeline_cache.h"
+#include "fusion/conv2d_timer.h"
+#include "fusion/plan.h"
 #include "layers/layers.h"
 #include "platform/folders.h"
 
@@ -23,11 +25,6 @@ Kernels default_kernels(const DeviceInfo& device, Storage storage);
 // Returns the kernel by cooperative matrices that is the default, and that the search starts from.
 Conv2dKernel first_matrix_guess(const CooperativeMatrix& matrix, const Conv2dShape& shape);
 
-// Returns the median time of a few runs on random values, in milliseconds. The first run, in which some
-// drivers compile, does not count. Large images are measured by their first rows, and the time is scaled.
-double time_conv2d(const Device& device, PipelineCache& cache, Storage storage, bool addressed,
-                   const Conv2dShape& shape, const Conv2dKernel& kernel);
-
 // Holds what tune() found: the best kernel of each shape, for one device, driver and storage.
 struct Tuning {
   struct Entry {
@@ -35,6 +32,7 @@ struct Tuning {
     double time_ms = 0;
     double direct_ms = 0;  // time of the direct kernel
   };
+  std::string device, driver;  // what was measured, for whoever reads the file
   bool addressed = false;
   uint32_t order = 8;  // Conv2dKernel::order of all kernels, so that they share pipelines
   std::map<Conv2dShape, Entry> entries;
@@ -55,9 +53,6 @@ void save_tuning(const std::filesystem::path& file, const Tuning& tuning);
 // Is called for each shape with the kernel that was found; may throw to stop.
 using TuneProgress = std::function<void(const Conv2dShape&, const Tuning::Entry&)>;
 
-// Returns the milliseconds that a kernel takes; throws Error where the device cannot compute it.
-using Conv2dTimer = std::function<double(bool addressed, const Conv2dShape&, const Conv2dKernel&)>;
-
 // Measures the candidates for each shape that `tuning` does not have yet. The first time it also measures
 // whether activations are better found by address, and the best order. Throws Error.
 void tune(const DeviceInfo& device, Storage storage, const Conv2dTimer& time,
@@ -66,8 +61,26 @@ void tune(const DeviceInfo& device, Storage storage, const Conv2dTimer& time,
 void tune(const Device& device, PipelineCache& cache, Storage storage, const std::vector<Conv2dShape>& shapes,
           Tuning& tuning, const TuneProgress& progress);
 
-// Returns the kernels of a device's tuning if it has one, else its default_kernels().
+// Returns the shapes of a model's convolutions for LRHS of this size, or of the tiles that it is computed in.
+std::vector<Conv2dShape> shapes_to_tune(const Device& device, Storage storage, const Model& model,
+                                        TileSize lrhs);
+
+// Says what to measure for which folder's tuning_file().
+struct TuneFile {
+  std::filesystem::path folder;
+  std::vector<Conv2dShape> shapes;
+  bool again = false;  // measures these shapes even if the file has them
+  std::filesystem::path cache_folder = default_cache_folder();  // keeps pipelines
+};
+
+// Measures the shapes that the file lacks, and saves it after each, so that no end loses a measurement.
+// Throws Error.
+void tune_file(const Device& device, Storage storage, const TuneFile& file, const TuneProgress& progress);
+
+// Returns the kernels of a device's tuning in `folder`, of what it lacks those of a `shipped` one, or the
+// default_kernels() where there is neither.
 Kernels kernels_for(const Device& device, Storage storage,
-                    const std::filesystem::path& folder = default_cache_folder());
+                    const std::filesystem::path& folder = default_cache_folder(),
+                    const std::filesystem::path& shipped = {});
 
 }  // namespace raymeld

@@ -15,17 +15,49 @@ namespace {
 constexpr uint32_t kLocalX = 32, kLocalY = 2;  // conv2d.comp's workgroup
 constexpr uint32_t kRows = 4;
 
-// Writes weights in the layout of conv2d.comp: [block][in][kx][ky][lane], the last block padded with zeros.
-template <typename Element>
+// Lists the input channels whose products conv2d.comp adds together: one in 32 bits, two of the same input in
+// 16 bits. The last of an odd number is there twice.
+std::vector<std::array<uint32_t, 2>> channel_groups(const Convolution& conv) {
+  std::vector<std::array<uint32_t, 2>> groups;
+  uint32_t first = 0;
+  for (const Tensor& in : conv.inputs()) {
+    const uint32_t end = first + in.shape.channels * conv.options.unshuffle * conv.options.unshuffle;
+    for (uint32_t i = first; i < end; i += conv.half ? 2 : 1)
+      groups.push_back({i, conv.half ? std::min(i + 1, end - 1) : i});
+    first = end;
+  }
+  return groups;
+}
+
+// Returns a weight for each of two channels. Where they are one channel, the weights add up to its weight.
+// Halves of a small weight would be subnormal, which a device may flush, so the first takes all of it.
+std::array<Imath::half, 2> pair_of_weights(const Convolution& conv, uint32_t o,
+                                           const std::array<uint32_t, 2>& channels, uint32_t ky,
+                                           uint32_t kx) {
+  const float first = conv.weight_at(o, channels[0], ky, kx);
+  if (channels[0] != channels[1]) return {first, conv.weight_at(o, channels[1], ky, kx)};
+  const float part = std::abs(first) < 0x1p-13f ? first : first / 2;
+  return {part, first - part};
+}
+
+// Writes weights in the layout of conv2d.comp, which has so many `lanes` of output channels.
 void pack_weights(std::byte* target, const Convolution& conv, uint32_t lanes) {
-  auto* next = reinterpret_cast<Element*>(target);
+  const auto put = [&target](const auto& value) {
+    std::memcpy(target, &value, sizeof value);
+    target += sizeof value;
+  };
+  const auto groups = channel_groups(conv);
   for (uint32_t block = 0; block < divide_up(conv.channels_out, lanes); ++block) {
-    for (uint32_t i = 0; i < conv.channels_in; ++i) {
+    for (const auto& channels : groups) {
       for (uint32_t kx = 0; kx < conv.options.kernel; ++kx) {
         for (uint32_t ky = 0; ky < conv.options.kernel; ++ky) {
-          for (uint32_t lane = 0; lane < lanes; ++lane) {
-            const uint32_t o = block * lanes + lane;
-            *next++ = Element(o < conv.channels_out ? conv.weight_at(o, i, ky, kx) : 0.0f);
+          for (uint32_t o = block * lanes; o < (block + 1) * lanes; ++o) {
+            const bool padding = o >= conv.channels_out;
+            if (conv.half) {
+              put(padding ? std::array<Imath::half, 2>{} : pair_of_weights(conv, o, channels, ky, kx));
+            } else {
+              put(padding ? 0.0f : conv.weight_at(o, channels[0], ky, kx));
+            }
           }
         }
       }
@@ -105,28 +137,14 @@ Convolution make_convolution(const Graph& graph, const std::string& name, const 
   return conv;
 }
 
-// Adds a convolution by conv2d.comp; its shuffles are passes of their own.
-void direct(Graph& graph, Convolution conv) {
-  if (conv.options.unshuffle > 1) {
-    const Tensor deep = graph.tensor(conv.name + ".space_to_depth",
-                                     {conv.height, conv.width, conv.channels_in}, graph.exponent(conv.in));
-    space_to_depth(graph, conv.name + ".space_to_depth", conv.in, deep);
-    conv.in = deep;
-  }
-  const Tensor shuffled = conv.out;
-  if (conv.options.shuffle > 1) {
-    if (!conv.options.residuals.empty())
-      throw Error("layer {}: the direct kernel cannot add residuals to a shuffled output", conv.name);
-    conv.out =
-        graph.tensor(conv.name, {conv.height, conv.width, conv.channels_out}, graph.exponent(shuffled));
-  }
+// Adds a convolution by conv2d.comp.
+void direct(Graph& graph, const Convolution& conv) {
   const uint32_t kernel = conv.options.kernel, vectors = conv.channels_out > 4 ? 2 : 1;
   const uint32_t lanes = 4 * vectors, blocks = divide_up(conv.channels_out, lanes);
-  const uint64_t weight_count = uint64_t{blocks} * lanes * conv.channels_in * kernel * kernel;
-  const uint32_t weights = graph.constant(
-      conv.name + ".weight", weight_count * element_bytes(graph.storage()), [=](std::byte* target) {
-        conv.half ? pack_weights<Imath::half>(target, conv, lanes) : pack_weights<float>(target, conv, lanes);
-      });
+  const size_t groups = channel_groups(conv).size();
+  const uint64_t weight_bytes = uint64_t{blocks} * lanes * groups * kernel * kernel * sizeof(float);
+  const uint32_t weights = graph.constant(conv.name + ".weight", weight_bytes,
+                                          [=](std::byte* target) { pack_weights(target, conv, lanes); });
 
   Pass pass;
   pass.name = conv.name;
@@ -137,19 +155,20 @@ void direct(Graph& graph, Convolution conv) {
                     conv.options.relu,
                     static_cast<uint32_t>(conv.options.residuals.size()),
                     conv.options.second_input.has_value(),
-                    conv.has_borders()};
+                    conv.has_borders(),
+                    conv.options.unshuffle,
+                    conv.options.shuffle};
   pass.bindings = {constant_binding(weights), constant_binding(bias_constant(graph, conv, blocks * lanes)),
                    read_binding(conv.in), write_binding(conv.out)};
   for (uint32_t i = 0; i < kMostResiduals; ++i) pass.bindings.push_back(residual_binding(conv, i, conv.in));
   pass.bindings.push_back(read_binding(conv.options.second_input.value_or(conv.in)));
-  pass.set_push(params::Conv2d{conv.height, conv.width, graph.plane(conv.out), conv.channels_in,
-                               conv.in.shape.channels, conv.channels_out});
+  pass.set_push(params::Conv2d{conv.height, conv.width, graph.plane(conv.in), graph.plane(conv.out),
+                               conv.channels_in, conv.in.shape.channels, conv.channels_out});
   pass.groups = {divide_up(conv.width, kLocalX), divide_up(conv.height, kLocalY * kRows), blocks};
   pass.flop = conv.flop();
-  pass.bytes = tensor_bytes(graph, conv) + double(weight_count * element_bytes(graph.storage()));
-  pass.loop_trips = double(conv.channels_in) / double(conv.inputs().size());
+  pass.bytes = tensor_bytes(graph, conv) + double(weight_bytes);
+  pass.loop_trips = double(groups) / double(conv.inputs().size());
   graph.add(std::move(pass));
-  if (conv.options.shuffle > 1) pixel_shuffle(graph, conv.name + ".pixel_shuffle", conv.out, shuffled);
 }
 
 }  // namespace

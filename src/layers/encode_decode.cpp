@@ -8,6 +8,7 @@ static_assert(static_cast<int>(ChannelKind::kRadiance) == RAYMELD_RADIANCE);
 static_assert(static_cast<int>(ChannelKind::kAlbedo) == RAYMELD_ALBEDO);
 static_assert(static_cast<int>(ChannelKind::kNormal) == RAYMELD_NORMAL);
 static_assert(static_cast<int>(ChannelKind::kVariance) == RAYMELD_VARIANCE);
+static_assert(std::size(params::Encode{}.constants) == kMostConstants);
 
 double elements(const Tensor& tensor) {
   return static_cast<double>(tensor.shape.pixels() * tensor.shape.channels);
@@ -26,18 +27,38 @@ void check_image(const std::string& name, const Tensor& tensor) {
   }
 }
 
+// Returns the size of a frame's image, by default that of the tensor.
+FrameSize frame_size(const std::string& name, const Tensor& tensor, const std::optional<FrameSize>& frame) {
+  const auto [height, width, channels] = tensor.shape;
+  if (!frame) return {height, width};
+  if (frame->height == 0 || frame->width == 0 || frame->height > height || frame->width > width)
+    throw Error("layer {}: an image of {}x{}, expected at most {}x{}", name, frame->height, frame->width,
+                height, width);
+  return *frame;
+}
+
 }  // namespace
 
 void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor& out,
-            std::span<const EncodedChannel> channels, Transfer transfer, float clip) {
+            std::span<const EncodedChannel> channels, Transfer transfer, float clip,
+            const std::optional<FrameSize>& frame) {
   if (channels.size() != out.shape.channels) {
     throw Error("layer {}: {} channels to encode, expected {}", name, channels.size(), out.shape.channels);
   }
   check_clip(name, clip);
   const bool from_image = graph.frame_images().inputs;
   if (from_image) check_image(name, out);
-  params::Encode params{
-      {}, out.shape.height, out.shape.width, graph.plane(out), transfer == Transfer::kLog, clip, {}, {}};
+  const FrameSize read = frame_size(name, out, frame);
+  params::Encode params{{},
+                        out.shape.height,
+                        out.shape.width,
+                        read.height,
+                        read.width,
+                        graph.plane(out),
+                        transfer == Transfer::kLog,
+                        clip,
+                        {},
+                        {}};
   if (channels.size() > 4 * std::size(params.channels)) {
     throw Error("layer {}: {} channels, expected at most {}", name, channels.size(),
                 4 * std::size(params.channels));
@@ -61,13 +82,21 @@ void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor&
   graph.add(std::move(pass));
 }
 
-void variance(Graph& graph, const std::string& name, const Tensor& out, Transfer transfer, float clip) {
+void variance(Graph& graph, const std::string& name, const Tensor& out, Transfer transfer, float clip,
+              const std::optional<FrameSize>& frame) {
   check_clip(name, clip);
   check_image(name, out);
   Pass pass = pass_of(graph, name, graph.frame_images().inputs ? shaders::kVarianceImage : shaders::kVariance,
                       {frame_binding(graph, kHrlsSlot), exposure_binding(), write_binding(out)});
-  pass.set_push(params::Variance{
-      {}, out.shape.height, out.shape.width, graph.plane(out), transfer == Transfer::kLog, clip});
+  const FrameSize read = frame_size(name, out, frame);
+  pass.set_push(params::Variance{{},
+                                 out.shape.height,
+                                 out.shape.width,
+                                 read.height,
+                                 read.width,
+                                 graph.plane(out),
+                                 transfer == Transfer::kLog,
+                                 clip});
   pass.groups = pixel_groups(out.shape);
   pass.bytes = elements(out) * static_cast<double>(4 + element_bytes(graph.storage()));
   graph.add(std::move(pass));
@@ -86,17 +115,18 @@ void above_clip(Graph& graph, const std::string& name, const Tensor& out, float 
 
 void decode(Graph& graph, const std::string& name, const Tensor& in, const DecodeOptions& options) {
   if (options.above_clip) check_clip(name, options.clip);
+  const FrameSize written = frame_size(name, in, options.frame);
   double low_elements = 0;
   for (const Tensor* low : {options.base, options.above_clip}) {
     if (!low) continue;
     low_elements += elements(*low);
     const auto [height, width, channels] = low->shape;
-    if (channels == in.shape.channels && height * options.scale == in.shape.height &&
-        width * options.scale == in.shape.width) {
+    if (channels == in.shape.channels && height * options.scale == written.height &&
+        width * options.scale == written.width) {
       continue;
     }
     throw Error("layer {}: LRHS of {}x{}x{} does not fit an output of {}x{}x{} at scale {}", name, height,
-                width, channels, in.shape.height, in.shape.width, in.shape.channels, options.scale);
+                width, channels, written.height, written.width, in.shape.channels, options.scale);
   }
   const Tensor& base = options.base ? *options.base : in;
   const Tensor& above_clip = options.above_clip ? *options.above_clip : base;
@@ -107,6 +137,8 @@ void decode(Graph& graph, const std::string& name, const Tensor& in, const Decod
                        read_binding(base), read_binding(above_clip)});
   pass.set_push(
       params::Decode{{},
+                     written.height,
+                     written.width,
                      upsampled(graph, in, above_clip, options.transfer, options.scale, options.phase),
                      options.base != nullptr,
                      options.above_clip ? options.clip : 0});

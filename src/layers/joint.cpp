@@ -2,43 +2,13 @@
 #include <bit>
 
 #include "layers/llvmpipe.h"
+#include "layers/shapes.h"
 #include "layers/upsampled.h"
 
 namespace raymeld {
 namespace {
 
 constexpr uint32_t kCandidates = RAYMELD_CANDIDATES;
-
-void expect_shape(const std::string& name, const char* what, const Tensor& tensor, const Shape& expected) {
-  const Shape& shape = tensor.shape;
-  if (shape == expected) return;
-  throw Error("layer {}: {} is {}x{}x{}, expected {}x{}x{}", name, what, shape.height, shape.width,
-              shape.channels, expected.height, expected.width, expected.channels);
-}
-
-Shape with_channels(Shape shape, uint32_t channels) {
-  shape.channels = channels;
-  return shape;
-}
-
-Shape enlarged(const Shape& shape, uint32_t scale, uint32_t channels) {
-  return {scale * shape.height, scale * shape.width, channels};
-}
-
-// Returns a pass that reads the inputs once and writes the output.
-Pass pass_of(const Graph& graph, const std::string& name, const Forms& forms,
-             std::initializer_list<Tensor> inputs, const Tensor& out, bool vectors = false) {
-  std::vector<Binding> bindings;
-  double bytes = traffic(graph, out);
-  for (const Tensor& input : inputs) {
-    bindings.push_back(read_binding(input));
-    bytes += traffic(graph, input);
-  }
-  bindings.push_back(write_binding(out));
-  Pass pass = raymeld::pass_of(graph, name, forms, std::move(bindings), vectors);
-  pass.bytes = bytes;
-  return pass;
-}
 
 }  // namespace
 

@@ -44,10 +44,10 @@ bool is_possible(const MatrixTiles& tiles, uint32_t kernel);
 
 // Lists the kernels of a convolution; which of them is fastest depends on the device.
 enum class Algorithm {
-  kDirect,     // conv2d.comp, which any device runs; sums in the order of the equation
+  kDirect,     // conv2d.comp, which any device runs
   kPointwise,  // pointwise.comp, for a 1x1, or pointwise_unshuffled.comp where its input is unshuffled
   kWinograd,   // winograd_*.comp, for a 3x3
-  kMatrix      // conv2d_matrix.comp, for either, with 16-bit storage; shuffles in its loads and stores
+  kMatrix      // conv2d_matrix.comp, for either, with 16-bit storage
 };
 
 // Holds a kernel and its parameters. kMatrix needs DeviceInfo::cooperative_matrix; it sums in 32 bits, but a
@@ -81,7 +81,8 @@ inline constexpr uint32_t kPairedVector = 8;
 // The choice of a kernel depends on these; height, width and channels are those between the shuffles.
 struct Conv2dShape {
   uint32_t height, width, channels_in, channels_out, kernel;
-  uint32_t most_tile = 4;  // 2 where F(4, 3) would not be accurate enough
+  uint32_t most_tile = 4;               // 2 where F(4, 3) would not be accurate enough
+  uint32_t unshuffle = 1, shuffle = 1;  // as in Conv2dOptions
 
   auto operator<=>(const Conv2dShape&) const = default;
   // Counts a multiply-add as two.
@@ -112,8 +113,8 @@ struct Conv2dOptions {
   bool relu = false;
   std::vector<Tensor> residuals = {};  // three or fewer, of the output's shape; added after the activation
   std::optional<Tensor> second_input = {};  // further input channels of the input's size; not if unshuffled
-  uint32_t unshuffle = 1;                   // reads space_to_depth() of `in` by this
-  uint32_t shuffle = 1;                     // writes pixel_shuffle() by this to `out`
+  uint32_t unshuffle = 1;                   // reads `in` unshuffled by this: (r h, r w, c) -> (h, w, r r c)
+  uint32_t shuffle = 1;                     // shuffles `out` by this, the inverse; channels as in PyTorch
   Conv2dKernel how = {};
   // Has an element for each input channel of the weights, before `unshuffle`: the value of a channel that
   // is the same everywhere and in no tensor, or nothing for the channels of `in` and `second_input`.
@@ -139,12 +140,6 @@ struct Conv2dLink {
 // between them are in memory at a time, unless the graph is to keep() it.
 void conv2d_chain(Graph& graph, std::span<const Conv2dLink> links);
 
-// Unshuffles (r h, r w, c) -> (h, w, r r c) in PyTorch's channel order, r r c + r dy + dx. The shapes give r.
-void space_to_depth(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out);
-
-// Shuffles (h, w, r r c) -> (r h, r w, c), the inverse of space_to_depth().
-void pixel_shuffle(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out);
-
 // Writes the recording's exposure for the passes after it: exposure_of() LRHS (h, w, 3), in 32 bits, by sums
 // in a fixed order. Subnormal values may count as 0.
 void exposure(Graph& graph, const std::string& name, uint32_t height, uint32_t width, float key);
@@ -160,17 +155,27 @@ struct EncodedChannel {
   std::optional<float> value = {};
 };
 
+// Holds the size of a frame's image that is smaller than the tensor that belongs to it. Its last row and
+// column are repeated where it is read, and what lies beyond them is not written.
+struct FrameSize {
+  uint32_t height, width;
+};
+
+inline constexpr uint32_t kMostConstants = 8;  // channels of encode() that are values
+
 // Encodes channels of the image in `slot`, scene linear, as (h, w, c). NaN becomes 0, and infinities
 // are clamped like any value. Radiance is multiplied by the recording's exposure, variance by its
 // square; both are clamped to [0, clip], then y = x or y = log(1 + 8 x) / 3. Albedo is clamped to
 // [0, 1], normals to [-1, 1].
 void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor& out,
-            std::span<const EncodedChannel> channels, Transfer transfer, float clip);
+            std::span<const EncodedChannel> channels, Transfer transfer, float clip,
+            const std::optional<FrameSize>& frame = {});
 
 // Writes the variance of HRLS's color to (H, W, 3), encoded as encode() does: for each channel
 // the mean over 3x3 pixels, edges replicated, of the squared difference from their mean. Values
 // that are not finite count as 0.
-void variance(Graph& graph, const std::string& name, const Tensor& out, Transfer transfer, float clip);
+void variance(Graph& graph, const std::string& name, const Tensor& out, Transfer transfer, float clip,
+              const std::optional<FrameSize>& frame = {});
 
 // Writes the radiance of LRHS above the clip, scene linear (h, w, c): max(0, x - clip / exposure), at
 // most 65504; NaN counts as 0.
@@ -183,6 +188,7 @@ struct DecodeOptions {
   float phase = 0;  // LRHS samples in full-size pixels: 0, or (scale - 1) / 2 for a low-resolution render
   const Tensor* above_clip = nullptr;  // (h, w, c), the result of above_clip(); null: none
   float clip = 0;                      // the clip of above_clip()
+  std::optional<FrameSize> frame = {};
 };
 
 // Decodes (H, W, c) into the image in kFusedSlot: adds the bilinearly upsampled base, inverts the transfer,
@@ -241,5 +247,52 @@ void remodulate(Graph& graph, const std::string& name, const Tensor& demodulated
 // upsampled irradiance times albedo + 0.4.
 void mix(Graph& graph, const std::string& name, const Tensor& rec, const Tensor& lrhs, const Tensor& albedo,
          const Tensor& candidates, const Tensor& out, const JointOptions& options);
+
+// The layers of a pyramid network filter demodulated radiance x = radiance / (albedo + 0.4) by kernels that
+// the network predicts for each pixel. It is stored as ln(1 + 0.2 x) / 0.2, which is called light.
+
+// Writes the light of HRLS (H, W, 3). Color and albedo (H, W, 3) are encoded. Fireflies are darkened as in
+// demodulate().
+void light(Graph& graph, const std::string& name, const Tensor& color, const Tensor& albedo,
+           const Tensor& out, Transfer transfer);
+
+// Writes the light of LRHS (h, w, 3), whose encoded color is `lrhs`. Its albedo is the mean of that of HRLS
+// (scale h, scale w, 3) over the pixels that a pixel of LRHS covers.
+void cell_light(Graph& graph, const std::string& name, const Tensor& lrhs, const Tensor& albedo,
+                const Tensor& out, Transfer transfer, uint32_t scale);
+
+// Holds an image that takes the place of a share of another one, 0 to 1.
+struct Blend {
+  Tensor other;
+  float share;
+};
+
+// Writes the mean of 2 x 2 pixels, (2 h, 2 w, C) -> (h, w, C). With `blend`, whose image is (h, w, C), the
+// result is mean + share (other - mean).
+void pool(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out,
+          const std::optional<Blend>& blend = {});
+
+// Holds what kernel_filter() may read beside the image and the logits.
+struct KernelInputs {
+  std::optional<Tensor> coarse = {};  // (H / 2, W / 2, 3), an image to blend with
+  std::optional<Tensor> guides = {};  // (H, W, 6), albedo and normal
+};
+
+// Filters (H, W, 3) -> (H, W, 3). Each pixel becomes the mean of the side x side pixels around it, edges
+// replicated, weighted by the softmax of its logits (H, W, side^2), which go row by row: Bako et al. 2017.
+// `side` is odd. With `coarse` the logits have one more channel, a, and the result is
+// mean + (upsampled coarse - mean) / (1 + exp(-a)). With `guides` they have two more, b and c, and lose
+// 6.25 exp(b) |difference of albedo|^2 + 2.25 exp(c) |difference of normal|^2 before the softmax, where b and
+// c are limited to [-6, 6]: Isik et al. 2021.
+void kernel_filter(Graph& graph, const std::string& name, const Tensor& in, const Tensor& logits,
+                   const Tensor& out, uint32_t side, const KernelInputs& inputs = {});
+
+// Writes the output (H, W, 3) of a pyramid network. `rec` (H, W, 15) is a residual, the logit m of a mixture,
+// and the logits of a 3x3 kernel_filter() of the albedo, guided by `guides` (H, W, 6), albedo and normal. Let
+// y be x (filtered albedo + 0.4), encoded, where x is that of `light` (H, W, 3), and let b be `lrhs`
+// (h, w, 3), upsampled as in DecodeOptions. The result is the residual + b + (y - b) / (1 + exp(-m)).
+void compose(Graph& graph, const std::string& name, const Tensor& rec, const Tensor& light,
+             const Tensor& guides, const Tensor& lrhs, const Tensor& out, Transfer transfer, uint32_t scale,
+             float phase);
 
 }  // namespace raymeld

@@ -62,6 +62,14 @@ uint64_t shared_bytes(const MatrixTiles& tiles, uint32_t kernel) {
   return std::max(tile, sums) + weights;
 }
 
+// Returns how many values of a row an invocation stores at once: they must be aligned in all rows and planes.
+uint32_t run_of(const Graph& graph, const Convolution& conv) {
+  for (const uint32_t run : {4u, 2u}) {
+    if (conv.options.shuffle * conv.width % run == 0 && graph.plane(conv.out) % run == 0) return run;
+  }
+  return 1;
+}
+
 }  // namespace
 
 static_assert(kMatrixColumns == RAYMELD_MATRIX_COLUMNS);
@@ -120,13 +128,14 @@ void conv2d_matrix(Graph& graph, const Convolution& conv) {
                     conv.options.unshuffle,
                     conv.options.shuffle,
                     conv.options.second_input.has_value(),
-                    conv.has_borders()};
+                    conv.has_borders(),
+                    run_of(graph, conv)};
   pass.bindings = {constant_binding(weights), constant_binding(bias_constant(graph, conv, conv.channels_out)),
                    read_binding(conv.in), write_binding(conv.out)};
   for (uint32_t i = 0; i < kMostResiduals; ++i) pass.bindings.push_back(residual_binding(conv, i, conv.in));
   pass.bindings.push_back(read_binding(conv.options.second_input.value_or(conv.in)));
-  pass.set_push(params::Conv2dMatrix{conv.height, conv.width, graph.plane(conv.in), graph.plane(conv.out),
-                                     conv.channels_in, channels.first, conv.channels_out});
+  pass.set_push(params::Conv2d{conv.height, conv.width, graph.plane(conv.in), graph.plane(conv.out),
+                               conv.channels_in, channels.first, conv.channels_out});
   pass.groups = {divide_up(conv.width, kMatrixColumns), divide_up(conv.height, tiles.subgroups * tiles.rows),
                  blocks};
   pass.flop = conv.flop();

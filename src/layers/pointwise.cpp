@@ -46,9 +46,7 @@ std::vector<Part> parts_by_input(const Convolution& conv) {
 
 void conv2d_pointwise(Graph& graph, const Convolution& conv) {
   const Conv2dKernel& how = conv.options.how;
-  if (conv.options.unshuffle > 1 || conv.options.shuffle > 1)
-    throw Error("layer {}: the pointwise kernel cannot shuffle", conv.name);
-  const auto pixels = static_cast<uint32_t>(conv.out.shape.pixels());
+  const uint32_t pixels = conv.height * conv.width;
   const uint32_t band =
       std::clamp(how.band / kLocalPixels, 1u, divide_up(pixels, kLocalPixels)) * kLocalPixels;
   const uint32_t blocks = blocks_of(conv), outputs = divide_up(conv.channels_out, blocks);
@@ -73,10 +71,10 @@ void conv2d_pointwise(Graph& graph, const Convolution& conv) {
       Pass pass = pass_of(graph, conv.name, shaders::kPointwise, std::move(bindings), vector > 0);
       pass.constants = {
           channels, outputs, channel == 0, last, last && conv.options.relu, last ? residuals : 0};
-      if (vector > 0) pass.constants.insert(pass.constants.end(), {how.order, vector});
+      pass.constants.insert(pass.constants.end(), {how.order, vector, conv.options.shuffle});
       set_push(pass,
-               params::Pointwise{graph.plane(conv.out), conv.channels_in, channel, conv.channels_out, blocks,
-                                 first, pixels},
+               params::Pointwise{graph.plane(source), graph.plane(conv.out), conv.channels_in, channel,
+                                 conv.channels_out, blocks, first, pixels, conv.width},
                vector > 0);
       pass.groups = {std::min(band, divide_up(pixels - first, kLocalPixels) * kLocalPixels) / kLocalPixels,
                      blocks, 1};

@@ -4,6 +4,7 @@
 #define RAYMELD_SPIRV_SHADER(name) RAYMELD_SPIRV(name##_f32) RAYMELD_SPIRV(name##_f16)
 #define RAYMELD_SPIRV_FORMS(name) RAYMELD_SPIRV_SHADER(name##_buffers) RAYMELD_SPIRV_SHADER(name##_addresses)
 RAYMELD_SPIRV_SHADER(conv2d_buffers)
+RAYMELD_SPIRV(conv2d_dots)
 RAYMELD_SPIRV(conv2d_matrix)
 RAYMELD_SPIRV_FORMS(pointwise)
 RAYMELD_SPIRV_SHADER(pointwise_vectors)
@@ -16,8 +17,6 @@ RAYMELD_SPIRV_FORMS(winograd_multiply)
 RAYMELD_SPIRV(winograd_multiply_vectors_f32)
 RAYMELD_SPIRV_FORMS(winograd_output)
 RAYMELD_SPIRV_SHADER(winograd_output_vectors)
-RAYMELD_SPIRV_SHADER(space_to_depth_buffers)
-RAYMELD_SPIRV_SHADER(pixel_shuffle_buffers)
 RAYMELD_SPIRV_SHADER(exposure_sums_buffers)
 RAYMELD_SPIRV_SHADER(exposure_sums_image_buffers)
 RAYMELD_SPIRV_SHADER(exposure_buffers)
@@ -35,6 +34,11 @@ RAYMELD_SPIRV_FORMS(joint_filter)
 RAYMELD_SPIRV(joint_filter_vectors_f32)
 RAYMELD_SPIRV_FORMS(remodulate)
 RAYMELD_SPIRV_FORMS(mix)
+RAYMELD_SPIRV_FORMS(kernel_filter)
+RAYMELD_SPIRV_FORMS(pool)
+RAYMELD_SPIRV_FORMS(light)
+RAYMELD_SPIRV_FORMS(cell_light)
+RAYMELD_SPIRV_FORMS(compose)
 #undef RAYMELD_SPIRV_FORMS
 #undef RAYMELD_SPIRV_SHADER
 #undef RAYMELD_SPIRV
@@ -49,7 +53,7 @@ namespace raymeld::shaders {
   {{#name ".buffers", k_##name##_buffers_f32, k_##name##_buffers_f16}, RAYMELD_BY_ADDRESS(name), \
    {#name ".vectors", k_##name##_vectors_f32, f16}}
 // clang-format on
-const Shader kConv2d RAYMELD_SHADER(conv2d);
+const Shader kConv2d{"conv2d", k_conv2d_buffers_f32, k_conv2d_buffers_f16, k_conv2d_dots};
 const Shader kConv2dMatrix{"conv2d_matrix", {}, k_conv2d_matrix};
 const Forms kPointwise RAYMELD_FORMS_AND_VECTORS(pointwise, k_pointwise_vectors_f16);
 const Forms kPointwiseUnshuffled RAYMELD_FORMS_AND_VECTORS(pointwise_unshuffled, {});
@@ -58,8 +62,6 @@ const Forms kWinogradInput RAYMELD_FORMS_AND_VECTORS(winograd_input, {});
 // The products have 32 bits whatever the storage.
 const Forms kWinogradMultiply RAYMELD_FORMS_AND_VECTORS(winograd_multiply, k_winograd_multiply_vectors_f32);
 const Forms kWinogradOutput RAYMELD_FORMS_AND_VECTORS(winograd_output, k_winograd_output_vectors_f16);
-const Shader kSpaceToDepth RAYMELD_SHADER(space_to_depth);
-const Shader kPixelShuffle RAYMELD_SHADER(pixel_shuffle);
 const Shader kExposureSums RAYMELD_SHADER(exposure_sums);
 const Shader kExposureSumsImage RAYMELD_SHADER(exposure_sums_image);
 const Shader kExposure RAYMELD_SHADER(exposure);
@@ -76,6 +78,11 @@ const Forms kDemodulate RAYMELD_FORMS(demodulate);
 const Forms kJointFilter RAYMELD_FORMS_AND_VECTORS(joint_filter, {});
 const Forms kRemodulate RAYMELD_FORMS(remodulate);
 const Forms kMix RAYMELD_FORMS(mix);
+const Forms kKernelFilter RAYMELD_FORMS(kernel_filter);
+const Forms kPool RAYMELD_FORMS(pool);
+const Forms kLight RAYMELD_FORMS(light);
+const Forms kCellLight RAYMELD_FORMS(cell_light);
+const Forms kCompose RAYMELD_FORMS(compose);
 #undef RAYMELD_FORMS_AND_VECTORS
 #undef RAYMELD_FORMS
 #undef RAYMELD_BY_ADDRESS

@@ -40,8 +40,11 @@ extern const Forms kDemodulate;
 extern const Forms kJointFilter;
 extern const Forms kRemodulate;
 extern const Forms kMix;
-extern const Shader kSpaceToDepth;
-extern const Shader kPixelShuffle;
+extern const Forms kKernelFilter;
+extern const Forms kPool;
+extern const Forms kLight;
+extern const Forms kCellLight;
+extern const Forms kCompose;
 }  // namespace shaders
 
 // Returns a pass with the form of the shader that the graph's activations need or, with `vectors`, with the

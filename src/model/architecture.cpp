@@ -4,6 +4,7 @@
 #include <bit>
 #include <charconv>
 #include <cmath>
+#include <optional>
 #include <set>
 #include <span>
 
@@ -30,13 +31,22 @@ class Entries {
   bool has(const std::string& key) const { return metadata_.contains(key); }
 
   uint32_t integer(const std::string& key, uint32_t least, uint32_t most) const {
-    const std::string& value = text(key);
-    uint32_t number = 0;
-    const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), number);
-    if (error != std::errc() || end != value.data() + value.size() || number < least || number > most) {
-      reject(key, fmt::format("an integer from {} to {}", least, most));
+    const std::optional<uint32_t> number = parsed(text(key), least, most);
+    if (!number) reject(key, fmt::format("an integer from {} to {}", least, most));
+    return *number;
+  }
+
+  // Returns so many integers, which stand between commas.
+  std::vector<uint32_t> integers(const std::string& key, size_t count, uint32_t least, uint32_t most) const {
+    const std::vector<std::string> items = list(key);
+    std::vector<uint32_t> result;
+    for (const std::string& item : items) {
+      const std::optional<uint32_t> number = parsed(item, least, most);
+      if (number) result.push_back(*number);
     }
-    return number;
+    if (items.size() != count || result.size() != count)
+      reject(key, fmt::format("{} integers from {} to {}", count, least, most));
+    return result;
   }
 
   // Returns the entry, a positive number, or 0 where `or_zero` allows it.
@@ -75,6 +85,14 @@ class Entries {
   }
 
  private:
+  // Returns the integer that all of the text is, or nothing if it is none or out of range.
+  static std::optional<uint32_t> parsed(const std::string& text, uint32_t least, uint32_t most) {
+    uint32_t number = 0;
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+    const bool whole = error == std::errc() && end == text.data() + text.size();
+    return whole && number >= least && number <= most ? std::optional(number) : std::nullopt;
+  }
+
   const Metadata& metadata_;
   const std::string& file_;
 };
@@ -140,6 +158,16 @@ void parse_upscale(const Entries& entries, Architecture& a) {
   a.half_layers = entries.integer("half_layers", 1, kMostRepeats);
 }
 
+// Sets widths and upscaled_features. The layers that guide the last level come first.
+void parse_pyramid(const Entries& entries, Architecture& a) {
+  constexpr uint32_t kLevels = 4;
+  constexpr std::array<std::string_view, 3> kFirst{"color", "albedo", "normal"};
+  if (std::ranges::mismatch(kFirst, a.hrls_layers).in1 != kFirst.end())
+    entries.reject("hrls_layers", "color,albedo,normal first, as the network is a pyramid");
+  a.widths = entries.integers("widths", kLevels, 1, kMostChannels);
+  a.upscaled_features = entries.integer("upscaled_features", 1, kMostChannels);
+}
+
 Base base(const Entries& entries, std::span<const std::string> hrls_layers) {
   if (entries.text("base") != "joint") {
     return entries.choice("base", "bilinear", "none") ? Base::kBilinear : Base::kNone;
@@ -161,22 +189,26 @@ Architecture parse_architecture(const Metadata& metadata, const std::string& fil
   Architecture a;
   a.scale = entries.integer("scale", 2, 8);
   if (a.scale != 2 && a.scale != 4 && a.scale != 8) entries.reject("scale", "2, 4 or 8");
+  a.hrls_layers = hrls_layers(entries);
+  a.optional_layers = optional_layers(entries, a.hrls_layers);
+  a.transfer = entries.choice("transfer", "log", "linear") ? Transfer::kLog : Transfer::kLinear;
+  a.clip = entries.number("clip", false);
+  a.exposure_key = entries.number("exposure_key", true);
+  a.lrhs_certainty = entries.number("lrhs_certainty", true);
+  a.knows_spp = entries.has("knows_spp") && entries.choice("knows_spp", "true", "false");
+  parse_sampling(entries, a);
+  if (entries.has("network") && entries.choice("network", "pyramid", "fusion")) {
+    parse_pyramid(entries, a);
+    return a;
+  }
   a.features = entries.integer("features", 1, kMostChannels);
   a.growth = entries.integer("growth", 1, kMostChannels);
   a.dense_layers = entries.integer("dense_layers", 1, kMostRepeats);
   a.blocks = entries.integer("blocks", 1, kMostRepeats);
   a.groups = entries.integer("groups", 1, kMostRepeats);
-  a.hrls_layers = hrls_layers(entries);
-  a.optional_layers = optional_layers(entries, a.hrls_layers);
   a.long_skip = entries.choice("long_skip", "lrhs", "fused") ? LongSkip::kLrhs : LongSkip::kFused;
   a.merge_relu = entries.choice("merge_relu", "true", "false");
-  a.transfer = entries.choice("transfer", "log", "linear") ? Transfer::kLog : Transfer::kLinear;
-  a.clip = entries.number("clip", false);
-  a.exposure_key = entries.number("exposure_key", true);
   a.base = base(entries, a.hrls_layers);
-  a.lrhs_certainty = entries.number("lrhs_certainty", true);
-  a.knows_spp = entries.has("knows_spp") && entries.choice("knows_spp", "true", "false");
-  parse_sampling(entries, a);
   parse_encoder(entries, a);
   parse_upscale(entries, a);
   a.hrls_guide = entries.choice("guide", "hrls", "none");

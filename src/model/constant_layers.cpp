@@ -101,7 +101,13 @@ HrlsChannels hrls_channels(const Architecture& a, const ConstantLayers& constant
   }
   result.unread = static_cast<uint32_t>(result.encoded.size());
   uint32_t next = 0;
-  for (const std::string& layer : image_layers(a, constants)) {
+  for (const std::string& layer : a.hrls_layers) {
+    const auto constant = constants.find(layer);
+    if (constant != constants.end()) {
+      if (!a.is_pyramid()) continue;
+      append(layer, [&](uint32_t c) { return EncodedChannel{kind_of(layer), 0, constant->second[c]}; });
+      continue;
+    }
     const bool computed = compute_variance && layer == "variance";
     if (computed) result.variance = static_cast<uint32_t>(result.encoded.size());
     append(layer, [&](uint32_t c) { return EncodedChannel{kind_of(layer), computed ? c : next++}; });

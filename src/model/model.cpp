@@ -32,7 +32,7 @@ void Model::check_tensors() const {
   std::set<std::string> used;
   for (const ConstantRecord& constant : graph.constants()) used.insert(constant.name);
   if (architecture_.both_samplings) {
-    tensor("lrhs.centered_bias", {architecture_.features});
+    tensor("lrhs.centered_bias", {architecture_.lrhs_features()});
     used.insert("lrhs.centered_bias");
   }
   if (architecture_.knows_spp) {  // network() asked for these

@@ -56,8 +56,18 @@ struct Architecture {
   bool lrhs_centered = false;
   bool both_samplings = false;  // trained on both, with a separate bias for centered samples
   Base base = Base::kNone;
-  float lrhs_certainty = 0;  // see JointOptions; used by the joint base
-  bool knows_spp = false;    // biases and certainty depend on SampleCounts
+  float lrhs_certainty =
+      0;                   // certainty of a pixel of LRHS, where one of HRLS has 1; see docs/model-format.md
+  bool knows_spp = false;  // biases and certainty depend on SampleCounts
+  // Has the features of the levels of a pyramid network, of half the full size and so on. It is empty for the
+  // network of the paper. C, R, D, B and G, the heads and the bases belong to that network alone.
+  std::vector<uint32_t> widths;
+
+  bool is_pyramid() const { return !widths.empty(); }
+  // Returns the LRHS pixels in each direction of a pixel of the coarsest level; tiles start at multiples.
+  uint32_t grid() const { return is_pyramid() ? (1u << widths.size()) / scale : 1; }
+  // Returns the features of the convolution that reads LRHS.
+  uint32_t lrhs_features() const { return is_pyramid() ? widths[levels() - 1] : features; }
 
   uint32_t levels() const;  // log2(scale)
   bool trained_on(bool centered) const { return both_samplings || centered == lrhs_centered; }

@@ -1,13 +1,13 @@
 // Builds the network of Hou et al. 2021, section 4. A layer's name is the key of its weights.
 // The LRHS size is (h, w), the scale is s, H = s h and W = s w. C, R, D, B, G and M are as in Architecture,
 // and K is the number of HRLS channels.
-#include "model/network.h"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <span>
 #include <utility>
+
+#include "model/builder.h"
 
 namespace raymeld {
 namespace {
@@ -16,52 +16,7 @@ namespace {
 // LRHS and its irradiance.
 constexpr uint32_t kFilteredCandidates = 3, kCandidates = 2 + kFilteredCandidates;
 
-struct Builder {
-  Graph& graph;
-  const Model& model;
-  const Conv2dChoice& choose;
-  const StorageExponents& exponents;
-  const HrlsChannels& hrls_channels;
-  SampleCounts samples = {};
-  ActivationEstimate* estimate = nullptr;  // follows the convolutions, unless null
-  const Architecture& a = model.architecture();
-
-  Tensor tensor(const std::string& name, uint32_t height, uint32_t width, uint32_t channels) {
-    const auto known = exponents.find(name);
-    return graph.tensor(name, {height, width, channels}, known == exponents.end() ? 0 : known->second);
-  }
-
-  Conv2dLink link(const std::string& name, const Tensor& in, const Tensor& out, Conv2dOptions options,
-                  const std::string& bias = "bias") {
-    const uint32_t u = options.unshuffle, s = options.shuffle;
-    const uint32_t channels_in =
-        in.shape.channels + (options.second_input ? options.second_input->shape.channels : 0);
-    Conv2dShape shape{in.shape.height / u, in.shape.width / u, channels_in * u * u,
-                      out.shape.channels * s * s, options.kernel};
-    const auto weights_in =
-        options.constants.empty() ? shape.channels_in : uint32_t(options.constants.size()) * u * u;
-    ConvWeights weights = model.conv(name, shape.channels_out, weights_in, shape.kernel, bias);
-    if (a.knows_spp && (name == "lrhs" || name == "hrls")) {
-      const auto [lrhs_spp, hrls_spp] = samples.known(a.scale);
-      weights.bias_by_spp = model.bias_by_spp(name, shape.channels_out);
-      weights.log_spp = std::log2(name == "lrhs" ? lrhs_spp : hrls_spp);
-    }
-    options.how = choose(shape);
-    // The estimate includes the constants, without which a tile's error is smaller.
-    if (options.how.winograd_tile() == 4 && !tile_4_is_accurate(a, weights, weights_in)) {
-      shape.most_tile = 2;
-      options.how = choose(shape);
-    }
-    const Conv2dLink result{name, in, out, weights, options};
-    if (estimate) estimate->add(graph, result);
-    return result;
-  }
-
-  void conv(const std::string& name, const Tensor& in, const Tensor& out, const Conv2dOptions& options,
-            const std::string& bias = "bias") {
-    conv2d_chain(graph, std::array{link(name, in, out, options, bias)});
-  }
-
+struct FusionBuilder : Builder {
   // Returns exp(x). Throws an Error that names the tensor where a float cannot hold it.
   float exponential(const char* name, float x) const {
     const float result = std::exp(x);
@@ -151,15 +106,6 @@ struct Builder {
     return x;
   }
 
-  // Adds a convolution that upscales `x` by `factor` into as many `features`.
-  Tensor shuffled(std::vector<Conv2dLink>& links, const std::string& name, const Tensor& x, uint32_t factor,
-                  uint32_t features) {
-    const Tensor next =
-        tensor(name + ".pixel_shuffle", factor * x.shape.height, factor * x.shape.width, features);
-    links.push_back(link(name, x, next, {.kernel = 3, .relu = true, .shuffle = factor}));
-    return next;
-  }
-
   // Adds convolutions of `x` into as many `features`, the first with `options`. Each but the first adds to
   // its input.
   Tensor residual_layers(std::vector<Conv2dLink>& links, const std::string& name, uint32_t layers,
@@ -191,35 +137,6 @@ struct Builder {
     for (uint32_t i = 0; i < steps; ++i)
       x = shuffled(links, fmt::format("up.{}", i), x, factor, a.upscaled_features);
     return x;
-  }
-
-  // Encodes channels [first, last) of `hrls`: from one buffer, or each layer from its own image. The variance
-  // is written by variance() where the device computes it.
-  void encode_hrls(const std::string& name, const Tensor& hrls, uint32_t first, uint32_t last) {
-    const std::span<const EncodedChannel> channels = hrls_channels.encoded;
-    const auto encode_run = [&](FrameSlot slot, uint32_t begin, std::span<const EncodedChannel> run) {
-      encode(graph, name, slot, hrls.slice(begin, uint32_t(run.size())), run, a.transfer, a.clip);
-    };
-    const uint32_t computed = hrls_channels.variance.value_or(UINT32_MAX);
-    if (first <= computed && computed < last) {
-      if (first < computed) encode_hrls(name, hrls, first, computed);
-      variance(graph, "variance", hrls.slice(computed, 3), a.transfer, a.clip);
-      if (computed + 3 < last) encode_hrls(name, hrls, computed + 3, last);
-      return;
-    }
-    if (!graph.frame_images().inputs)
-      return encode_run(kHrlsSlot, first, channels.subspan(first, last - first));
-    for (uint32_t begin = first; begin < last; begin += 3) {
-      std::array<EncodedChannel, 3> run;
-      std::ranges::copy(channels.subspan(begin, 3), run.begin());
-      const uint32_t image = run[0].channel / 3;
-      for (EncodedChannel& channel : run) channel.channel %= 3;
-      encode_run(layer_slot(image), begin, run);
-    }
-  }
-
-  Tensor layer(const Tensor& hrls, const std::string& name) const {
-    return hrls.slice(hrls_channels.first.at(name), 3);
   }
 
   // Demodulates HRLS and LRHS by albedo, filters them, and writes (H, W, 3 kFilteredCandidates), the
@@ -261,7 +178,7 @@ struct Builder {
   }
 };
 
-void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
+void add_fusion_network(FusionBuilder& build, uint32_t height, uint32_t width, float phase) {
   const Architecture& a = build.a;
   Graph& graph = build.graph;
   const uint32_t full_height = a.scale * height, full_width = a.scale * width;
@@ -304,6 +221,12 @@ void add_network(Builder& build, uint32_t height, uint32_t width, float phase) {
   decode(graph, "decode", mixed, {a.transfer, nullptr, a.scale, phase, &bright, a.clip});
 }
 
+void add_network(const Builder& build, uint32_t height, uint32_t width, float phase) {
+  if (build.a.is_pyramid()) return add_pyramid(build, height, width, phase);
+  FusionBuilder fusion{build};
+  add_fusion_network(fusion, height, width, phase);
+}
+
 // Encodes radiance as shaders/include/transfer.glsl does. Encoded radiance is at most the encoded clip.
 double encoded(Transfer transfer, float radiance) {
   return transfer == Transfer::kLog ? std::log1p(8.0 * radiance) / 3 : radiance;
@@ -344,7 +267,9 @@ ActivationEstimate estimate_activations(const Model& model) {
 
 StorageExponents storage_exponents(const Model& model) {
   StorageExponents exponents = estimate_activations(model).exponents();
-  exponents.erase("rec");  // mix() and decode() read unscaled values
+  // mix(), decode(), kernel_filter() and compose() read unscaled values.
+  std::erase_if(exponents,
+                [](const auto& entry) { return entry.first == "rec" || entry.first.starts_with("kernel."); });
   return exponents;
 }
 

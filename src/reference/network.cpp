@@ -38,10 +38,10 @@ class Run {
     return keep(name, convolve(x, weights(weights_name), relu, residuals));
   }
 
-  Bounded conv_lrhs(const Bounded& x, bool centered) {
+  Bounded conv_lrhs(const Bounded& x, bool centered, const std::vector<const Bounded*>& residuals = {}) {
     Conv conv = weights("lrhs");
     if (centered && !conv.centered_bias.empty()) conv.bias = conv.centered_bias;
-    return keep("lrhs", convolve(x, conv, true));
+    return keep("lrhs", convolve(x, conv, true, residuals));
   }
 
   Bounded conv_and_shuffle(const std::string& name, const Bounded& x, int r) {
@@ -185,12 +185,89 @@ Bounded upscale(Run& run, const Architecture& a, Bounded x, const Bounded& hrls)
   return x;
 }
 
+// Returns x with the size (h, w): its last row and column are repeated, or what lies beyond is dropped.
+Bounded fitted(const Bounded& x, int h, int w) {
+  Bounded result = exact(Planes(x.value.c, h, w));
+  for (int c = 0; c < x.value.c; ++c) {
+    for (int y = 0; y < h; ++y) {
+      for (int column = 0; column < w; ++column) {
+        const size_t from = x.value.index(c, std::min(y, x.value.h - 1), std::min(column, x.value.w - 1));
+        result.value.at(c, y, column) = x.value.data[from];
+        result.bound.at(c, y, column) = x.bound.data[from];
+      }
+    }
+  }
+  return result;
+}
+
 struct Frame {
   const Planes &lrhs, &hrls;
   double phase, exposure;
 };
 
+// Runs the pyramid network of src/model/pyramid.cpp.
+Outputs pyramid_outputs(Run& run, const Architecture& a, const Frame& frame, Precision precision) {
+  const auto& [lrhs, hrls, phase, exposure] = frame;
+  const int levels = int(a.widths.size()), grid = a.grid(), s = a.scale;
+  const int h = (lrhs.h + grid - 1) / grid * grid, w = (lrhs.w + grid - 1) / grid * grid;
+  const Bounded low =
+      run.keep("encode.lrhs",
+               fitted(encode(lrhs, LayerKind::kRadiance, a.transfer, a.clip, precision, exposure), h, w));
+  const Bounded high =
+      run.keep("encode.hrls", fitted(encode_all(a, hrls, precision, exposure), s * h, s * w));
+  const Bounded above = run.keep("above_clip", above_clip(lrhs, a.clip, precision, exposure));
+  const Bounded albedo = slice(high, 3, 3);
+  std::vector<Bounded> lights{run.keep("light", light(slice(high, 0, 3), albedo, a.transfer, precision))};
+  const Bounded cell = run.keep("cell_light", cell_light(low, albedo, a.transfer, s, precision));
+  std::vector<Bounded> guides{slice(high, 3, 6)};
+  const double share = a.lrhs_certainty / (a.lrhs_certainty + s * s);
+  for (int level = 1; level < levels; ++level) {
+    const Bounded* other = 1 << level == s ? &cell : nullptr;
+    const std::string number = std::to_string(level);
+    lights.push_back(run.keep("pool." + number, pool(lights.back(), precision, other, share)));
+    guides.push_back(run.keep("guides." + number, pool(guides.back(), precision)));
+  }
+
+  const Bounded inputs = concat(lights[0], high);
+  const auto residual = [&](const std::string& name, const Bounded& x) {
+    return run.conv(name, name, x, true, {&x});
+  };
+  std::vector<Bounded> x{inputs, run.conv("hrls", space_to_depth(inputs, 2))};
+  for (int level = 1; level < levels; ++level) {
+    Bounded& own = x.back();
+    own = 1 << level == s ? run.conv_lrhs(concat(own, concat(low, cell)), phase > 0, {&own})
+                          : residual("level." + std::to_string(level), own);
+    x.push_back(run.conv("down." + std::to_string(level + 1), space_to_depth(own, 2)));
+  }
+  Bounded deep = x.back();
+  for (const char* name : {"deep.0", "deep.1"}) deep = residual(name, deep);
+  const auto up = [&](int level, const Bounded& skip) {
+    deep = run.conv_and_shuffle("up." + std::to_string(level), deep, 2);
+    deep = run.conv("join." + std::to_string(level), concat(deep, skip));
+  };
+  Bounded coarse;
+  for (int level = levels - 1; level > 0; --level) {
+    up(level, x[level]);
+    const std::string number = std::to_string(level);
+    const Bounded logits = run.conv("kernel." + number, deep, false);
+    coarse =
+        run.keep("filter." + number, kernel_filter(lights[level], logits, 5, precision,
+                                                   level + 1 < levels ? &coarse : nullptr, &guides[level]));
+  }
+  up(0, slice(inputs, 0, 12));
+  const Bounded rec = run.conv("rec", deep, false);
+  const Bounded filtered =
+      run.keep("filter.0", kernel_filter(lights[0], slice(rec, 15, 28), 5, precision, &coarse, &guides[0]));
+  const Bounded fused = run.keep(
+      "compose", compose(slice(rec, 0, 15), filtered, guides[0], low, a.transfer, s, phase, precision));
+  const Bounded upsampled = self_weighted(above, s, phase);
+  run.keep("output", decode(fitted(fused, hrls.h, hrls.w), nullptr, a.transfer, Precision::kFp32, exposure,
+                            &upsampled, a.clip));
+  return run.take();
+}
+
 Outputs outputs_of(Run& run, const Architecture& a, const Frame& frame, Precision precision) {
+  if (a.is_pyramid()) return pyramid_outputs(run, a, frame, precision);
   const auto& [lrhs, hrls, phase, exposure] = frame;
   const bool joint = a.base == Base::kJoint;
   Bounded low =

@@ -87,7 +87,9 @@ Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precisio
   expect(conv.weight.size() == size_t(conv.out) * conv.in * conv.kernel * conv.kernel, "conv2d: weights");
   expect(conv.bias.size() == size_t(conv.out), "conv2d: bias");
   const bool by_winograd = tile > 1 && conv.kernel == 3;
-  const int n = by_winograd ? conv.in + 1 + kWinogradRoundings : conv.in * conv.kernel * conv.kernel + 1;
+  // In 16 bits the last channel of each of two inputs may be taken twice, see conv2d.comp.
+  const int channels = precision == Precision::kFp16 ? conv.in + 2 : conv.in;
+  const int n = by_winograd ? conv.in + 1 + kWinogradRoundings : channels * conv.kernel * conv.kernel + 1;
   const Planes magnitudes = by_winograd ? winograd_magnitudes(x, conv, tile) : Planes();
   Bounded result = exact(Planes(conv.out, x.value.h, x.value.w));
   for (const Bounded* residual : residuals) expect_same_shape(residual->value, result.value);

@@ -29,7 +29,7 @@ struct Conv {
 //
 // The bound is that of a direct sum or, with `tile` m > 1 and a 3x3 kernel, of Winograd's F(m, 3), where each
 // output's magnitude S comes from its whole tile, see winograd_magnitudes(). `units` is the largest error of
-// an operation, in errors of a rounding to nearest: kMatrixUnits on tensor cores.
+// an operation, in errors of a rounding to nearest: kTensorUnits on tensor cores and in dot products.
 Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precision,
                const std::vector<const Bounded*>& residuals = {}, int tile = 0, int units = 1);
 
@@ -38,11 +38,11 @@ Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precisio
 Planes conv2d_in_floats(const Planes& x, const Conv& conv, bool relu, Precision precision,
                         const std::vector<const Planes*>& residuals = {}, int tile = 0);
 
-// A tensor core's step adds b exact products to a sum. It may align these b + 1 addends to the largest one,
-// keep 24 bits of that, and truncate each addend and their sum. Each of these b + 2 truncations errs by less
-// than 2 u S. The n / b steps of n products err by 2 (1 + 2 / b) n u S, which is at most 4 n u S as no step
-// has b < 2.
-inline constexpr int kMatrixUnits = 4;
+// A step of a tensor core, or a dot product, adds b exact products to a sum. It may align these b + 1 addends
+// to the largest one, keep 24 bits of that, and truncate each addend and their sum. Each of these b + 2
+// truncations errs by less than 2 u S. The n / b steps of n products err by 2 (1 + 2 / b) n u S, which is at
+// most 4 n u S as no step has b < 2.
+inline constexpr int kTensorUnits = 4;
 
 // Concatenates channels.
 Planes concat(Planes a, const Planes& b);
@@ -130,6 +130,33 @@ Bounded remodulate(const Bounded& demodulated, const Bounded& albedo, Transfer t
 Bounded mix(const Bounded& rec, const Bounded& lrhs, const Bounded& albedo, const Bounded& candidates,
             Transfer transfer, int scale, double phase, Precision precision);
 
+// The layers of a pyramid network: light is ln(1 + 0.2 x) / 0.2 of x = radiance / (albedo + 0.4).
+
+// Returns the light of encoded color (3, H, W), whose fireflies are darkened as in demodulate().
+Bounded light(const Bounded& color, const Bounded& albedo, Transfer transfer, Precision precision);
+
+// Returns the light of LRHS (3, h, w). Its albedo is the mean over the s x s pixels of HRLS that each pixel
+// covers.
+Bounded cell_light(const Bounded& lrhs, const Bounded& albedo, Transfer transfer, int scale,
+                   Precision precision);
+
+// Returns the mean of 2 x 2 pixels, moved to `other` by `share` if other is not null.
+Bounded pool(const Bounded& x, Precision precision, const Bounded* other = nullptr, double share = 0);
+
+// Returns for each pixel of x (3, H, W) the mean over side x side pixels, edges replicated, weighted by the
+// softmax of its logits (side^2, H, W). With `coarse` (3, H / 2, W / 2) there is one more logit a, and the
+// result is mean + (upsampled coarse - mean) / (1 + exp(-a)). With `guides` (6, H, W), albedo and normal,
+// there are two more, b and c, limited to [-6, 6]: 6.25 exp(b) |difference of albedo|^2 + 2.25 exp(c)
+// |difference of normal|^2 is taken from the logits.
+Bounded kernel_filter(const Bounded& x, const Bounded& logits, int side, Precision precision,
+                      const Bounded* coarse = nullptr, const Bounded* guides = nullptr);
+
+// Returns residual + b + (y - b) / (1 + exp(-m)): rec (15, H, W) is the residual, m and the logits of a 3x3
+// filter of the albedo that guides (6, H, W) guide, y is encoded x (filtered albedo + 0.4) with the x of
+// `light` (3, H, W), and b is upsampled lrhs (3, h, w).
+Bounded compose(const Bounded& rec, const Bounded& light, const Bounded& guides, const Bounded& lrhs,
+                Transfer transfer, int scale, double phase, Precision precision);
+
 enum class Base { kNone, kBilinear, kJoint };
 enum class Upscale { kStages, kDirect, kHalf };
 
@@ -150,7 +177,13 @@ struct Architecture {
   bool knows_spp = false;                                         // see take_samples()
   // Hold what a joint base has learned, or nothing. widths and widths_by_spp have three values a level.
   std::vector<double> joint_widths = {}, joint_widths_by_spp = {}, joint_certainty = {};
+  // Holds the features of a pyramid network's four levels, or nothing for the network of the paper. Of the
+  // entries above it has those of the layers, transfer, clip, samplings, samples and upscaled_features.
+  std::vector<int> widths = {};
 
+  bool is_pyramid() const { return !widths.empty(); }
+  // Returns the LRHS pixels in each direction of a pixel of the coarsest level.
+  int grid() const { return is_pyramid() ? (1 << widths.size()) / scale : 1; }
   int upscaled() const { return upscaled_features > 0 ? upscaled_features : features; }
   // These count the channels that the network reads and writes.
   int lrhs_channels() const { return base == Base::kJoint ? 6 : 3; }
@@ -172,6 +205,10 @@ void take_samples(Architecture& architecture, Weights& weights, double lrhs_spp,
 // exposed), groups.0 and so on (the last merge with the group's input added too), trunk (the last of these
 // with the long skip) and output (3, s*h, s*w; in fp32). The joint base adds irradiance, demodulate, joint.0
 // to joint.4, remodulate.1, remodulate.3, remodulate.5 and mix.
+//
+// A pyramid network adds light, cell_light, pool.i, guides.i, filter.i and compose. All its outputs but
+// above_clip and output are of the padded size, whose sides are multiples of grid() LRHS pixels: the last row
+// and column are repeated.
 //
 // `lrhs` (3, h, w) and `hrls` (3 * layers, s*h, s*w) are raw images, and phase > 0 is centered. Layers named
 // in `given` are computed, and then later layers read the given values as exact. With a device's own outputs

@@ -59,17 +59,45 @@ Conv round_to(Conv conv, Precision precision) {
   return conv;
 }
 
+// Calls make(name, out, in, kernel) for the convolutions of a pyramid network.
+template <typename Make>
+void make_pyramid(const Architecture& a, const Make& make) {
+  const auto name_of = [](const char* kind, int level) { return fmt::format("{}.{}", kind, level); };
+  const int levels = int(a.widths.size()), inputs = 3 + a.hrls_channels();
+  const auto width = [&](int level) { return level > 0 ? a.widths[size_t(level) - 1] : a.upscaled_features; };
+  make("hrls", width(1), 4 * inputs, 3);
+  for (int level = 1; level < levels; ++level) {
+    const bool joins = 1 << level == a.scale;
+    make(joins ? "lrhs" : name_of("level", level), width(level), width(level) + (joins ? 6 : 0), 3);
+    make(name_of("down", level + 1), width(level + 1), 4 * width(level), 1);
+    make(name_of("kernel", level), level + 1 < levels ? 28 : 27, width(level), 3);
+  }
+  for (const char* name : {"deep.0", "deep.1"}) make(name, width(levels), width(levels), 3);
+  for (int level = 0; level < levels; ++level) {
+    make(name_of("up", level), 4 * width(level), width(level + 1), 1);
+    make(name_of("join", level), width(level), width(level) + (level > 0 ? width(level) : 12), 3);
+  }
+  make("rec", 43, width(0), 3);
+}
+
 Weights random_weights(const Architecture& a, Precision precision, uint64_t seed) {
   Weights weights;
   const auto make = [&](const std::string& name, int out, int in, int kernel) {
     weights[name] = round_to(random_conv(out, in, kernel, Fill::kUniform, seed + weights.size()), precision);
   };
+  const auto add_centered_bias = [&](int features) {
+    if (!a.both_samplings) return;
+    weights.at("lrhs").centered_bias = random_conv(features, 1, 1, Fill::kUniform, seed + 1000).bias;
+  };
+  if (a.is_pyramid()) {
+    make_pyramid(a, make);
+    add_centered_bias(a.widths[size_t(std::countr_zero(unsigned(a.scale))) - 1]);
+    return weights;
+  }
   const int features = a.features, steps = std::countr_zero(unsigned(a.scale));
   const int hrls = a.hrls_channels();
   make("lrhs", features, a.lrhs_channels(), 3);
-  if (a.both_samplings) {
-    weights.at("lrhs").centered_bias = random_conv(features, 1, 1, Fill::kUniform, seed + 1000).bias;
-  }
+  add_centered_bias(features);
   make("hrls", features, a.hrls_unshuffled ? a.scale * a.scale * hrls : hrls, a.hrls_kernel);
   for (int i = 0; i < (a.hrls_unshuffled ? 0 : steps); ++i)
     make(fmt::format("down.{}", i), features, 4 * features, 3);

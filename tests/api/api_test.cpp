@@ -16,6 +16,7 @@
 #include "api_subject.h"
 #include "engine/instance.h"
 #include "faults.h"
+#include "fusion/tuner.h"
 
 namespace raymeld::test {
 namespace {
@@ -250,7 +251,7 @@ TEST_F(ApiTest, FeaturesAreWhatADeviceIsMadeWith) {
   const CallerDevice caller;
   const ExternalDevice& device = caller.external();
   const auto features = list_features(device.get_instance_proc_addr, device.instance, device.physical_device);
-  ASSERT_EQ(features.size(), 6u);
+  ASSERT_EQ(features.size(), 8u);
   const uint32_t enabled = context_desc(device).enabled_features;
   uint32_t bits = 0;
   for (const raymeld_feature& feature : features) {
@@ -265,18 +266,103 @@ TEST_F(ApiTest, FeaturesAreWhatADeviceIsMadeWith) {
     }
     EXPECT_GT(std::strlen(feature.without), 20u);
   }
-  EXPECT_EQ(bits, 63u);
+  EXPECT_EQ(bits, 255u);
   uint32_t count = 1;
   raymeld_feature first[2] = {features[1], features[1]};
   EXPECT_EQ(raymeld_list_features(device.get_instance_proc_addr, device.instance, device.physical_device,
                                   &count, first),
             RAYMELD_SUCCESS);
-  EXPECT_EQ(count, 6u);
+  EXPECT_EQ(count, 8u);
   EXPECT_EQ(first[0].bit, features[0].bit);
   EXPECT_EQ(first[1].bit, features[1].bit);
   raymeld_context_desc desc = context_desc(device);
   desc.enabled_features = 1u << 30;
   EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, Context{desc}, "0x40000000");
+}
+
+TEST_F(ApiTest, ATuningSaysHowFarItIsAndKeepsWhatItHasWhenItIsStopped) {
+  raymeld_context_desc on;
+  const std::string folder = (folder_ / "tunings").string();
+  on.cache_folder = "";
+  const Context context(on);
+  const SharedModel model(file_);
+  raymeld_tune_desc desc;
+  desc.height = desc_.height;
+  desc.width = desc_.width;
+  desc.precision = RAYMELD_PRECISION_FP32;
+  EXPECT_FAILURE(RAYMELD_ERROR_DEVICE, tune(context, model, desc), "no folder");
+  desc.folder = folder.c_str();
+  desc.width = 0;
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, tune(context, model, desc), "0 x 6");
+  desc.width = desc_.width;
+
+  std::vector<float> shares;
+  desc.user = &shares;
+  desc.progress = [](void* user, float done) {
+    auto& shares = *static_cast<std::vector<float>*>(user);
+    shares.push_back(done);
+    return VkBool32(shares.size() != 3);
+  };
+  EXPECT_FAILURE(RAYMELD_ERROR_CANCELLED, tune(context, model, desc), "cancelled");
+  ASSERT_EQ(shares.size(), 3u);
+  EXPECT_EQ(shares[0], 0);
+  EXPECT_LT(shares[2], 1);
+  const std::filesystem::path file = std::filesystem::directory_iterator(folder)->path();
+  EXPECT_EQ(load_tuning(file).entries.size(), 2u);
+
+  tune(context, model, desc);
+  EXPECT_TRUE(std::is_sorted(shares.begin() + 3, shares.end()));
+  EXPECT_EQ(shares.back(), 1);
+  Tuning tuning = load_tuning(file);
+  EXPECT_GT(tuning.entries.size(), 2u);
+  EXPECT_EQ(tuning.device, gpu().info().name);
+  EXPECT_EQ(tuning.driver, gpu().info().driver);
+
+  // What is measured again takes the place of what was known, and nothing else is lost.
+  const Conv2dShape other{.height = 3, .width = 3, .channels_in = 1, .channels_out = 1, .kernel = 1};
+  for (auto& [shape, entry] : tuning.entries) entry.time_ms = 1e9;
+  tuning.entries[other].time_ms = 1e9;
+  save_tuning(file, tuning);
+  desc.again = VK_TRUE;
+  shares.assign(3, 0);
+  tune(context, model, desc);
+  EXPECT_EQ(shares.at(4), 1 / float(tuning.entries.size() - 1));
+  for (const auto& [shape, entry] : load_tuning(file).entries)
+    EXPECT_EQ(entry.time_ms == 1e9, shape == other);
+  EXPECT_EQ(load_tuning(file).entries.size(), tuning.entries.size());
+}
+
+// The tunings say that 3x3 convolutions are fastest by F(2, 3), whose bits are no other kernel's, or
+// directly.
+TEST_F(ApiTest, AShippedTuningCountsWhereTheCacheHasNone) {
+  if (!gpu().info().buffer_device_address) GTEST_SKIP() << "the device has one kernel only";
+  const std::string by_winograd = (folder_ / "winograd").string(), by_direct = (folder_ / "direct").string();
+  Tuning winograd, direct;
+  for (const Conv2dShape& shape : shapes_to_tune(gpu(), Storage::kFloat32, Model(file_), {6, 9})) {
+    direct.entries[shape] = {};
+    if (shape.kernel == 3)
+      winograd.entries[shape].kernel = {.algorithm = Algorithm::kWinograd, .tile = 2, .order = 0};
+  }
+  save_tuning(tuning_file(by_winograd, gpu(), Storage::kFloat32), winograd);
+  save_tuning(tuning_file(by_direct, gpu(), Storage::kFloat32), direct);
+  const auto fused = [&](const std::string& cache, const char* shipped, raymeld_kernels kernels) {
+    raymeld_context_desc on;
+    on.cache_folder = cache.c_str();
+    on.tuning_folder = shipped;
+    raymeld_fusion_desc desc = desc_;
+    desc.precision = RAYMELD_PRECISION_FP32;
+    desc.kernels = kernels;
+    Fusion fusion(Context(on), SharedModel(file_), desc);
+    return fuse(fusion, subject_).values;
+  };
+  const auto expected = fused("", nullptr, RAYMELD_KERNELS_DIRECT);
+  EXPECT_FALSE(same_bits(fused(by_winograd, nullptr, RAYMELD_KERNELS_AUTO), expected));
+  EXPECT_FALSE(same_bits(fused("", by_winograd.c_str(), RAYMELD_KERNELS_AUTO), expected));
+  EXPECT_TRUE(same_bits(fused("", by_direct.c_str(), RAYMELD_KERNELS_AUTO), expected));
+  EXPECT_TRUE(same_bits(fused(by_direct, by_winograd.c_str(), RAYMELD_KERNELS_AUTO), expected));
+  // A file that is no tuning is as good as none.
+  write_file(tuning_file(by_winograd, gpu(), Storage::kFloat32), "{}");
+  EXPECT_TRUE(same_bits(fused(by_winograd, by_direct.c_str(), RAYMELD_KERNELS_AUTO), expected));
 }
 
 // Makes devices with the chains, under validation; raymeld then uses the features that were enabled.
@@ -288,7 +374,8 @@ TEST_F(ApiTest, FeaturesAreEnabledInTheCallersChain) {
                            chain);
   };
   const uint32_t supported = context_desc(external).enabled_features & ~RAYMELD_FEATURE_COOPERATIVE_MATRIX;
-  const uint32_t alone = supported & (RAYMELD_FEATURE_IMAGE_WRITES | RAYMELD_FEATURE_EXTERNAL_MEMORY_FD);
+  const uint32_t alone = supported & (RAYMELD_FEATURE_IMAGE_WRITES | RAYMELD_FEATURE_EXTERNAL_MEMORY_FD |
+                                      RAYMELD_FEATURE_FLOAT_CONTROLS);
   const auto use = [&](VkPhysicalDeviceFeatures2& chain, const raymeld_enabled_features& enabled) {
     const float priority = 1;
     auto queue = vk_struct<VkDeviceQueueCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO);

@@ -208,6 +208,7 @@ TEST_F(FrameTextureTest, FloatsHaveTheBitsOfBuffers) {
   with_variance.hrls_layers.push_back(reference::LayerKind::kVariance);
   const Case cases[] = {
       {.subject = make_subject(small_architecture(2), 6, 9, 1)},
+      {.subject = make_subject(pyramid_architecture(2), 6, 9, 7)},
       {.subject = make_subject(small_architecture(2), 10, 9, 2),
        .precision = RAYMELD_PRECISION_FP16,
        .kernels = RAYMELD_KERNELS_DIRECT,

@@ -58,8 +58,19 @@ class CliWindow : public Cli {
                                      window(200, 9, 49, 40),
                                      window(100, 120, 1, 1),
                                      data_};
-  const std::filesystem::path model_ = source_path("tests/golden/guided-x4.safetensors");
+  std::filesystem::path model_ = source_path("tests/golden/guided-x4.safetensors");
 };
+
+TEST_F(CliWindow, OfAPyramidHasTheBitsOfTheWholeFrame) {
+  model_ = source_path("tests/golden/pyramid-x4.safetensors");
+  const std::vector<std::string> direct{"--kernels", "direct"};
+  ASSERT_EQ(run(fuse(direct, "whole.exr")).exit_status, 0);
+  const Image whole = read("whole.exr");
+  for (const Box2i& part : parts_) {
+    ASSERT_EQ(run(fuse({"--kernels", "direct", "--window", text_of(part)})).exit_status, 0);
+    EXPECT_EQ(read("out.exr").data, part_of(whole, part).data) << text_of(part);
+  }
+}
 
 TEST_F(CliWindow, HasTheBitsOfTheWholeFrame) {
   const auto fuse_direct = [&](const std::vector<std::string>& more, const std::string& output) {

@@ -5,6 +5,8 @@
 #include <gtest/gtest.h>
 
 #include "caller_device.h"
+#include "engine/buffer.h"
+#include "engine/commands.h"
 #include "error_of.h"
 #include "fusion/fuser.h"
 #include "fusion/tuner.h"
@@ -19,7 +21,7 @@ using Calls = std::map<std::string, int>;
 struct Outcome {
   std::string error, shortage;
   std::vector<float> values;
-  uint32_t tiles = 0;
+  uint32_t tiles = 0, redone_tiles = 0;
 };
 
 // Returns a network of few kernels, as drivers take their time with each.
@@ -48,10 +50,13 @@ class FaultsTest : public testing::Test {
   // Runs a whole frame, from wrapping the device to destroying all objects.
   Outcome run(const CallerDevice& caller, const FuserOptions& options) const {
     Outcome outcome;
+    interposed().discrete = discrete_;
     try {
       const std::unique_ptr<Device> device = Device::wrap(caller.external());
-      Fuser fuser(*device, model_, 12, 40, options, cache());
-      outcome.values = fuse(fuser);
+      Fuser fuser(*device, model_, uint32_t(subject_.lrhs.h), uint32_t(subject_.lrhs.w), options, cache());
+      Image fused;
+      outcome.redone_tiles = fuser.fuse(image_of(subject_.lrhs), image_of(subject_.hrls), fused).redone_tiles;
+      outcome.values = fused.data;
       outcome.shortage = fuser.shortage();
       outcome.tiles = fuser.plan().tiling.count();
     } catch (const Error& error) {
@@ -64,6 +69,7 @@ class FaultsTest : public testing::Test {
 
   int check_every_call(VkResult code, const FuserOptions& options, int first = 1, int step = 1);
 
+  bool discrete_ = false;  // run()'s device has memory of its own
   TemporaryDirectory folder_;
   Subject subject_ = make_subject(least_architecture(), 12, 40, 1);
   Model model_ = model_of(subject_);
@@ -72,10 +78,11 @@ class FaultsTest : public testing::Test {
                           .work_limits = WorkLimits{.dispatch_work = 1e5, .submit_work = 3e5}};
 };
 
-// Returns whether the function is called before there is a tile that could be made smaller.
+// Returns whether the call that failed is made before there is a tile that could be made smaller. The first
+// fence is the device's; those of staged copies come with the tiles.
 bool comes_before_tiles(const std::string& function) {
-  return function == "vkEnumerateDeviceExtensionProperties" || function == "vkCreateFence" ||
-         function == "vkCreatePipelineCache" ||
+  return function == "vkEnumerateDeviceExtensionProperties" || function == "vkCreatePipelineCache" ||
+         (function == "vkCreateFence" && !interposed().alive_at_failure.contains(function)) ||
          function == "vkGetPhysicalDeviceCooperativeMatrixPropertiesKHR";
 }
 
@@ -226,6 +233,97 @@ TEST_F(FaultsTest, ALostDeviceEndsATuning) {
   const auto ignore = [](const Conv2dShape&, const Tuning::Entry&) {};
   EXPECT_THROW(tune(*device, pipelines, Storage::kFloat32, {shape}, tuning, ignore), DeviceLost);
   EXPECT_GT(interposed().failures, 0);
+}
+
+TEST_F(FaultsTest, TooFewStorageBuffersAreAnErrorThatNamesTheLayer) {
+  CallerDevice caller;
+  interposed().most_storage_buffers = 3;
+  const std::string error = run(caller, {.kernels = Kernels{}}).error;
+  EXPECT_TRUE(contains(error, "layer ") && contains(error, " storage buffers; device ")) << error;
+  EXPECT_TRUE(error.ends_with("binds at most 3")) << error;
+  interposed().most_storage_buffers = 9;  // conv2d has as many
+  EXPECT_EQ(run(caller, {.kernels = Kernels{}}).error, "");
+}
+
+TEST_F(FaultsTest, TimestampsStartAgainAtTheirLastBit) {
+  CallerDevice caller;
+  interposed().timestamp_bits = 36;
+  const DeviceInfo some = Device::wrap(caller.external())->info();
+  const double period_ms = some.timestamp_period_ns * 1e-6;
+  EXPECT_DOUBLE_EQ(some.ms_between(100, 350), 250 * period_ms);
+  EXPECT_DOUBLE_EQ(some.ms_between((uint64_t{1} << 36) - 100, 150), 250 * period_ms);
+  interposed().timestamp_bits = 64;
+  EXPECT_DOUBLE_EQ(Device::wrap(caller.external())->info().ms_between(~uint64_t{99}, 150), 250 * period_ms);
+  interposed().timestamp_bits = 0;
+  EXPECT_TRUE(contains(run(caller, {.profile = true}).error, "no timestamps"));
+  EXPECT_EQ(run(caller, {}).error, "");
+}
+
+// The host's data reach the device's own memory by copies, also those of tiles.
+TEST_F(FaultsTest, ADeviceWithMemoryOfItsOwnGivesTheSameBits) {
+  CallerDevice caller;
+  const std::unique_ptr<Device> device = Device::wrap(caller.external());
+  const FuserOptions whole;
+  FuserOptions tiles;
+  tiles.max_memory_bytes = plan_fusion(model_, 12, 40, device->info(), {}).peak_bytes() / 4 * 3;
+  for (const FuserOptions& options : {whole, tiles}) {
+    discrete_ = false;
+    const Outcome shared = run(caller, options);
+    interposed().copies.clear();
+    discrete_ = true;
+    const Outcome copied = run(caller, options);
+    EXPECT_EQ(copied.error, "");
+    EXPECT_TRUE(same_bits(copied.values, shared.values));
+    const auto copies = std::ranges::count(interposed().copies, "copy");
+    EXPECT_GE(copies, 2 * copied.tiles);
+  }
+}
+
+TEST_F(FaultsTest, ADeviceWithMemoryOfItsOwnComputesTilesAgain) {
+  for (double& w : subject_.weights.at("rec").weight) w = w < 0 ? -6e4 : 6e4;
+  model_ = model_of(subject_);
+  CallerDevice caller;
+  FuserOptions options;
+  options.storage = Storage::kFloat16;
+  options.fp32_kernels = Kernels{};
+  options.max_memory_bytes =
+      plan_fusion(model_, 12, 40, Device::wrap(caller.external())->info(), options).peak_bytes() / 8 * 7;
+  const Outcome shared = run(caller, options);
+  discrete_ = true;
+  const Outcome copied = run(caller, options);
+  EXPECT_GT(copied.redone_tiles, 0u);
+  EXPECT_EQ(copied.redone_tiles, shared.redone_tiles);
+  EXPECT_EQ(copied.error, "");
+  EXPECT_TRUE(same_bits(copied.values, shared.values));
+}
+
+// The copies of a larger image need several pieces of host memory, each more than once.
+TEST_F(FaultsTest, CopiesInPiecesGiveTheSameBits) {
+  subject_ = make_subject(least_architecture(), 300, 200, 2);
+  model_ = model_of(subject_);
+  CallerDevice caller;
+  const Outcome shared = run(caller, {});
+  interposed().copies.clear();
+  discrete_ = true;
+  const Outcome copied = run(caller, {});
+  EXPECT_EQ(copied.error, "");
+  EXPECT_GT(std::ranges::count(interposed().copies, "copy"), 4);
+  EXPECT_TRUE(same_bits(copied.values, shared.values));
+}
+
+TEST_F(FaultsTest, EveryCallMayFailWhereTheDeviceHasMemoryOfItsOwn) {
+  discrete_ = true;
+  EXPECT_GT(check_every_call(VK_ERROR_OUT_OF_DEVICE_MEMORY, {}, 3, 3), 20);
+  EXPECT_GT(check_every_call(VK_ERROR_DEVICE_LOST, {}), 6);
+}
+
+// What was read may have been written by a shader of an earlier submit.
+TEST_F(FaultsTest, CopiesWaitForShaders) {
+  CallerDevice caller;
+  const std::unique_ptr<Device> device = Device::wrap(caller.external());
+  const Buffer from(*device, 64, Memory::kDevice, "from"), to(*device, 64, Memory::kDevice, "to");
+  copy_now(*device, from.handle(), to.handle(), {0, 0, 64}, "copy");
+  EXPECT_EQ(interposed().copies, (std::vector<std::string>{"barrier", "copy"}));
 }
 
 // The device has less memory than it says.

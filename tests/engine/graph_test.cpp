@@ -198,19 +198,6 @@ TEST_F(LayerShapes, Conv2d) {
                "my layer", "2 biases, expected 3");
 }
 
-TEST_F(LayerShapes, Shuffles) {
-  const Tensor small = in({3, 5, 8}), large = in({6, 10, 2});
-  space_to_depth(graph_, "right", large, out({3, 5, 8}));
-  pixel_shuffle(graph_, "right", small, out({6, 10, 2}));
-  pixel_shuffle(graph_, "right", in({3, 5, 32}), out({12, 20, 2}));
-  for (const Shape shape : {Shape{3, 5, 4}, Shape{3, 4, 8}, Shape{2, 5, 8}}) {
-    EXPECT_ERROR(space_to_depth(graph_, "down", large, out(shape)), "layer down", "6x10x2");
-  }
-  for (const Shape shape : {Shape{6, 10, 1}, Shape{6, 9, 2}, Shape{5, 10, 2}}) {
-    EXPECT_ERROR(pixel_shuffle(graph_, "up", small, out(shape)), "layer up", "3x5x8");
-  }
-}
-
 TEST_F(LayerShapes, EncodeAndDecode) {
   const std::vector<EncodedChannel> two(2), many(9, {.value = 0.5f}), far{{.channel = 56}};
   EXPECT_ERROR(encode(graph_, "enc", kLrhsSlot, out({4, 4, 3}), two, Transfer::kLinear, 1), "layer enc",
@@ -338,7 +325,7 @@ TEST(Graph, PassesByAddressHaveTheAccessesAndBarriersOfThoseWithBuffers) {
         }
         ASSERT_EQ(addressed.passes().size(), buffers.passes().size());
         EXPECT_EQ(accesses_of(addressed), accesses_of(buffers));
-        EXPECT_GT(addressed.barrier_count(), 10u);
+        EXPECT_GT(addressed.barrier_count(), 8u);
         for (size_t i = 0; i < buffers.passes().size(); ++i)
           EXPECT_EQ(addressed.barrier_before(i), buffers.barrier_before(i))
               << i << ": " << buffers.passes()[i].name;

@@ -23,7 +23,7 @@ class KernelPoolTest : public GpuTest {
     model_.emplace(find_stock_model(name));
     plan_ =
         plan_fusion(*model_, 32, 32, gpu().info(), {.kernels = kernels_for(gpu(), Storage::kFloat32, "")});
-    return kernel_recipes(plan_->graph);
+    return kernel_recipes(plan_->graph, gpu().info());
   }
 
   PipelineCache cache_{gpu(), ""};
@@ -77,8 +77,8 @@ TEST_F(KernelPoolTest, ThreadsShareKernels) {
 // A kernel that takes longer than all others together delays the start, however many threads compile.
 TEST_F(KernelPoolTest, NoKernelOfAStockModelTakesLongerToMakeThanAllOthers) {
   size_t combinations = 0;
-  for (const char* name : {"x4-faster", "x4-fast", "x4-balanced"}) {
-    if (!is_tried(combinations++, 3)) continue;
+  for (const char* name : {"x4-fast", "x4-balanced"}) {
+    if (!is_tried(combinations++, 2)) continue;
     std::map<std::string, double> times_ms;
     double sum_ms = 0;
     for (const KernelRecipe& recipe : recipes_of(name)) {

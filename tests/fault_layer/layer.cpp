@@ -1,4 +1,6 @@
-// This Vulkan layer makes a driver fail, for tests of whole programs. It reads the environment:
+// This Vulkan layer makes a driver fail, for tests of whole programs. Its devices have
+// VK_KHR_portability_subset, and are made only if that is enabled, as Vulkan demands. It reads the
+// environment:
 //   RAYMELD_FAULT="FUNCTION CALL CODE"  a call to fail, like "vkCreateBuffer 2 -1" or "any 1 -1": see Fault
 //   RAYMELD_MOST_ALLOCATION=BYTES       larger allocations fail
 //   RAYMELD_HOLD_SUBMIT="CALL FILE"     that call of vkQueueSubmit waits until FILE exists: see Hold
@@ -6,11 +8,15 @@
 #include <vulkan/vk_layer.h>
 #include <vulkan/vulkan_core.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
+#include <span>
 #include <sstream>
+#include <string_view>
 
+#include "engine/vulkan.h"
 #include "faults.h"
 
 namespace raymeld::test {
@@ -20,6 +26,7 @@ PFN_vkGetInstanceProcAddr next_instance_proc_addr = nullptr;
 PFN_vkGetDeviceProcAddr next_device_proc_addr = nullptr;
 PFN_vkDestroyInstance next_destroy_instance = nullptr;
 PFN_vkCreateDevice next_create_device = nullptr;
+PFN_vkEnumerateDeviceExtensionProperties next_extensions = nullptr;
 
 template <typename Function>
 Function interposed_as(const char* name, PFN_vkVoidFunction next) {
@@ -79,6 +86,9 @@ VKAPI_ATTR VkResult VKAPI_CALL create_instance(const VkInstanceCreateInfo* info,
       "vkDestroyInstance", next_instance_proc_addr(*instance, "vkDestroyInstance"));
   next_create_device = interposed_as<PFN_vkCreateDevice>(
       "vkCreateDevice", next_instance_proc_addr(*instance, "vkCreateDevice"));
+  next_extensions = interposed_as<PFN_vkEnumerateDeviceExtensionProperties>(
+      "vkEnumerateDeviceExtensionProperties",
+      next_instance_proc_addr(*instance, "vkEnumerateDeviceExtensionProperties"));
   return result;
 }
 
@@ -87,12 +97,30 @@ VKAPI_ATTR void VKAPI_CALL destroy_instance(VkInstance instance, const VkAllocat
   write_calls();
 }
 
+// Puts the extension in front of the driver's.
+VKAPI_ATTR VkResult VKAPI_CALL list_extensions(VkPhysicalDevice physical_device, const char* layer,
+                                               uint32_t* count, VkExtensionProperties* extensions) {
+  if (layer) return next_extensions(physical_device, layer, count, extensions);
+  if (extensions && *count == 0) return VK_INCOMPLETE;
+  if (extensions) {
+    *extensions = {.extensionName = {}, .specVersion = 1};
+    std::strcpy(extensions++->extensionName, kPortabilitySubset);
+    --*count;
+  }
+  const VkResult result = next_extensions(physical_device, layer, count, extensions);
+  ++*count;
+  return result;
+}
+
 VKAPI_ATTR VkResult VKAPI_CALL create_device(VkPhysicalDevice physical_device, const VkDeviceCreateInfo* info,
                                              const VkAllocationCallbacks* allocator, VkDevice* device) {
   auto* link = link_info<VkLayerDeviceCreateInfo>(info->pNext, VK_STRUCTURE_TYPE_LOADER_DEVICE_CREATE_INFO);
   if (!link) return VK_ERROR_INITIALIZATION_FAILED;
   next_device_proc_addr = link->u.pLayerInfo->pfnNextGetDeviceProcAddr;
   link->u.pLayerInfo = link->u.pLayerInfo->pNext;
+  const std::span names(info->ppEnabledExtensionNames, info->enabledExtensionCount);
+  if (std::ranges::find(names, std::string_view(kPortabilitySubset)) == names.end())
+    return VK_ERROR_EXTENSION_NOT_PRESENT;
   return next_create_device(physical_device, info, allocator, device);
 }
 
@@ -110,6 +138,8 @@ VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL get_instance_proc_addr(VkInstance insta
   if (is("vkCreateInstance")) return reinterpret_cast<PFN_vkVoidFunction>(create_instance);
   if (is("vkDestroyInstance")) return reinterpret_cast<PFN_vkVoidFunction>(destroy_instance);
   if (is("vkCreateDevice")) return reinterpret_cast<PFN_vkVoidFunction>(create_device);
+  if (is("vkEnumerateDeviceExtensionProperties"))
+    return reinterpret_cast<PFN_vkVoidFunction>(list_extensions);
   return interpose(name, next_instance_proc_addr ? next_instance_proc_addr(instance, name) : nullptr);
 }
 

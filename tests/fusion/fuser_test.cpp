@@ -81,19 +81,24 @@ std::vector<Architecture> shapes() {
 TEST_F(FuserTest, TiledAndUntiledGiveTheSameBits) {
   size_t combinations = 0;
   std::vector<Architecture> all = shapes();
-  for (const int scale : {2, 4, 8}) all.push_back(joint_architecture(scale));
+  for (const int scale : {2, 4, 8}) {
+    all.push_back(joint_architecture(scale));
+    all.push_back(pyramid_architecture(scale));
+  }
   all.push_back(unshuffled_architecture(4));
   for (const Architecture& a : all) {
     const int scale = a.scale;
-    const bool joint = a.base == reference::Base::kJoint;  // a joint base has a large halo
-    const Size size = joint ? Size{5, 20 + 220 / scale} : Size{27, 30};
+    const bool joint = a.base == reference::Base::kJoint;  // joint bases and pyramids have large halos
+    const Size size = a.is_pyramid() ? Size{3, 19 + 640 / scale}
+                      : joint        ? Size{5, 20 + 220 / scale}
+                                     : Size{27, 30};
     const Subject subject = make_subject(a, size.h, size.w, uint64_t(scale));
     const Model model = model_of(subject);
     for (const Precision precision : kPrecisions) {
       for (const bool centered : {false, true}) {
         if (!is_tried(combinations++, 3)) continue;
-        SCOPED_TRACE(fmt::format("x{} guide {} joint {} {} centered {}", scale, a.hrls_guide, joint,
-                                 name_of(precision), centered));
+        SCOPED_TRACE(fmt::format("x{} guide {} joint {} pyramid {} {} centered {}", scale, a.hrls_guide,
+                                 joint, a.is_pyramid(), name_of(precision), centered));
         const FuserOptions options{.storage = storage_of(precision),
                                    .phase = lrhs_phase(centered, uint32_t(scale))};
         const FuserOptions limited = tiled(model, subject, options);
@@ -121,6 +126,36 @@ Reach reach_of(const Fuser& fuser, const Planes& fused, int scale, int lit_cell,
     reach.most = std::max(reach.most, i / scale - lit_cell);
   }
   return reach;
+}
+
+// A pixel of a wide frame changes outputs far away, but not beyond the halo, which is rounded up.
+TEST_F(FuserTest, TheHaloOfAPyramidIsEnough) {
+  for (const int scale : {2, 4, 8}) {
+    SCOPED_TRACE(fmt::format("x{}", scale));
+    Subject subject = make_subject(pyramid_architecture(scale), 1, 1, 3);
+    const Model model = model_of(subject);
+    const int grid = int(model.architecture().grid()), halo = int(receptive_halo(model.architecture()));
+    EXPECT_EQ(halo % grid, 0);
+    int reached = 0;
+    for (int offset = 0; offset < grid; ++offset) {  // where the pixel lies in a pixel of the coarsest level
+      const int lit = 2 * halo + offset, width = 4 * halo + 1;
+      subject.lrhs = random_planes(3, 1, width, Fill::kUniform, 1);
+      subject.hrls = random_planes(9, scale, scale * width, Fill::kUniform, 2);
+      Fuser fuser = make_fuser(model, subject, {});
+      const std::vector<float> before = fuse(fuser, subject.lrhs, subject.hrls);
+      for (int c = 0; c < 3; ++c) {
+        subject.lrhs.at(c, 0, lit) = 50;
+        subject.hrls.at(c, 0, scale * lit) = subject.hrls.at(c, 0, scale * lit + scale - 1) = 50;
+      }
+      const std::vector<float> after = fuse(fuser, subject.lrhs, subject.hrls);
+      for (size_t i = 0; i < before.size(); ++i) {
+        if (before[i] != after[i])
+          reached = std::max(reached, std::abs(int(i) % (scale * width) / scale - lit));
+      }
+    }
+    EXPECT_LE(reached, halo);
+    EXPECT_GT(reached, halo - 2 * grid);
+  }
 }
 
 TEST_F(FuserTest, TheHaloIsNeededAndEnough) {
@@ -331,10 +366,10 @@ TEST_F(FuserTest, PlansKeepTheLimitsOfTheDevice) {
   EXPECT_LE(small.peak_bytes(), device.memory_bytes);
 
   device.memory_bytes = uint64_t{64} << 30;
-  device.max_groups = {65535, 100, 65535};  // a workgroup of the shuffles covers two rows along y
+  device.max_groups = {65535, 100, 65535};  // a workgroup of above_clip covers two rows of LRHS
   const FusePlan grouped = plan_fusion(model, 540, 960, device, {});
   EXPECT_GT(grouped.tiling.count(), 1u);
-  EXPECT_LE(2 * grouped.tiling.tile.height, 200u);
+  EXPECT_LE(grouped.tiling.tile.height, 200u);
   device.max_groups = {65535, 1, 65535};
   EXPECT_ERROR(plan_fusion(model, 540, 960, device, {}), model.name(), "workgroups along y");
 }

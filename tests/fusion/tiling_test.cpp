@@ -50,6 +50,22 @@ TEST(Tiling, CoresCoverTheFrameOnceAndTilesHaveTheirHalo) {
   }
 }
 
+TEST(Tiling, TilesStartAtMultiplesOfTheGrid) {
+  for (const TileSize frame : {TileSize{1, 1}, {1, 17}, {40, 41}, {64, 33}, {130, 96}}) {
+    for (const uint32_t count : {1u, 2u, 5u, 16u}) {
+      for (const uint32_t grid : {2u, 8u}) {
+        SCOPED_TRACE(testing::Message() << frame.height << " x " << frame.width << ", " << count);
+        const Tiling tiling = make_tiling(frame, count, count, 2 * grid, grid);
+        check_tiling(tiling);
+        for (uint32_t i = 0; i < tiling.count(); ++i) {
+          EXPECT_EQ(tiling.at(i).y % grid, 0u);
+          EXPECT_EQ(tiling.at(i).x % grid, 0u);
+        }
+      }
+    }
+  }
+}
+
 TEST(Tiling, OneTileIsTheFrame) {
   const Tiling tiling = make_tiling({30, 20}, 1, 1, 9);
   EXPECT_EQ(tiling.count(), 1u);

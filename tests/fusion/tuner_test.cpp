@@ -16,8 +16,13 @@ class TunerTest : public GpuTest {
   TemporaryDirectory folder_;
 };
 
-constexpr CooperativeMatrix kMatrix{
-    .m = 16, .n = 16, .k = 16, .subgroup_size = 32, .max_invocations = 1024, .max_shared_bytes = 49152};
+constexpr CooperativeMatrix kMatrix{.m = 16,
+                                    .n = 16,
+                                    .k = 16,
+                                    .subgroup_size = 32,
+                                    .requires_size = true,
+                                    .max_invocations = 1024,
+                                    .max_shared_bytes = 49152};
 constexpr CooperativeMatrix kSmallMatrix{
     .m = 8, .n = 8, .k = 8, .subgroup_size = 8, .max_invocations = 1024, .max_shared_bytes = 32768};
 constexpr Conv2dShape kSmall{.height = 16, .width = 16, .channels_in = 5, .channels_out = 7, .kernel = 3};
@@ -100,7 +105,7 @@ TEST(Tuning, ADamagedFileIsNoTuning) {
   EXPECT_EQ(entries_of(good), 5u);
   for (size_t length = 0; length + 2 < good.size(); length += 7)
     EXPECT_EQ(entries_of(good.substr(0, length)), 0u);
-  EXPECT_EQ(changed("\"format_version\": 4", "\"format_version\": 3"), 0u);
+  EXPECT_EQ(changed("\"format_version\": 5", "\"format_version\": 4"), 0u);
   EXPECT_EQ(changed("\"winograd\"", "\"fourier\""), 0u);
   EXPECT_EQ(changed("\"pointwise\"", "\"winograd\""), 0u);
   EXPECT_EQ(changed("\"tile\": 4", "\"tile\": 3"), 0u);
@@ -117,6 +122,11 @@ TEST(Tuning, ADamagedFileIsNoTuning) {
   EXPECT_EQ(changed("\"rows\": 1", "\"rows\": 40"), 0u);
   EXPECT_EQ(changed("\"n\": 16", "\"n\": 12"), 0u);
   EXPECT_EQ(changed("\"subgroups\": 4", "\"subgroups\": 0"), 0u);
+}
+
+// A fuzzer that starts from files of an older format finds nothing but that.
+TEST(Tuning, TheFuzzersCorpusHasTodaysFormat) {
+  EXPECT_EQ(load_tuning(source_path("tests/fuzz/corpus/tuning/three-kernels.json")).entries.size(), 3u);
 }
 
 TEST(Tuning, ChoosesWhatWasMeasuredOrTheMostAlike) {
@@ -206,8 +216,10 @@ constexpr Conv2dShape kShape3x3{
 // Returns what tune() finds for one shape of 16-bit storage where `time` says how long a kernel takes.
 Tuning::Entry tuned(const Conv2dShape& shape, const std::function<double(const Conv2dKernel&)>& time) {
   Tuning tuning;
-  const Conv2dTimer timer = [&](bool, const Conv2dShape&, const Conv2dKernel& kernel) {
-    return time(kernel);
+  const Conv2dTimer timer = [&](bool, const Conv2dShape&, std::span<const Conv2dKernel> kernels) {
+    std::vector<double> times;
+    for (const Conv2dKernel& kernel : kernels) times.push_back(time(kernel));
+    return times;
   };
   tune(device_with_everything(), Storage::kFloat16, timer, {shape}, tuning, [](const auto&, const auto&) {});
   return tuning.entries.at(shape);
@@ -257,7 +269,7 @@ TEST(Tuner, KeepsTheBestOfEachParameter) {
 
 TEST(Tuner, LeavesOutWhatTheDeviceCannotComputeButNotALostDevice) {
   const auto entry = tuned(kShape3x3, [](const Conv2dKernel& k) -> double {
-    if (k.winograd_tile() == 4) throw Error("no room");
+    if (k.winograd_tile() == 4) return std::numeric_limits<double>::infinity();
     return k.winograd_tile() == 2 ? 1 : 2;
   });
   EXPECT_EQ(entry.kernel.winograd_tile(), 2u);
@@ -274,15 +286,18 @@ TEST_F(TunerTest, MeasuresEachShapeOnceByEveryKernel) {
   Tuning tuning;
   std::vector<Conv2dShape> measured;
   std::map<std::string, double> least_ms;  // keyed by shape and kind
-  const Conv2dTimer time = [&](bool addressed, const Conv2dShape& shape, const Conv2dKernel& kernel) {
-    double time_ms = 0;
-    EXPECT_NO_THROW(time_ms =
-                        time_conv2d(gpu(), shared_cache(), Storage::kFloat32, addressed, shape, kernel));
-    EXPECT_GT(time_ms, 0);
-    const auto [at, is_new] =
-        least_ms.emplace(fmt::format("{}x{}, {}", shape.kernel, shape.kernel, kind_of(kernel)), time_ms);
-    at->second = std::min(at->second, time_ms);
-    return time_ms;
+  const Conv2dTimer time = [&](bool addressed, const Conv2dShape& shape,
+                               std::span<const Conv2dKernel> kernels) {
+    const auto times = time_conv2d(gpu(), shared_cache(), Storage::kFloat32, addressed, shape, kernels);
+    EXPECT_EQ(times.size(), kernels.size());
+    for (size_t i = 0; i < times.size(); ++i) {
+      EXPECT_GT(times[i], 0);
+      EXPECT_TRUE(std::isfinite(times[i]));
+      const auto [at, is_new] = least_ms.emplace(
+          fmt::format("{}x{}, {}", shape.kernel, shape.kernel, kind_of(kernels[i])), times[i]);
+      at->second = std::min(at->second, times[i]);
+    }
+    return times;
   };
   const auto note = [&](const Conv2dShape& shape, const Tuning::Entry&) { measured.push_back(shape); };
   tune(gpu().info(), Storage::kFloat32, time, {kSmall, kSmall1x1, kSmall}, tuning, note);
@@ -296,6 +311,29 @@ TEST_F(TunerTest, MeasuresEachShapeOnceByEveryKernel) {
     const std::string size = fmt::format("{}x{}, ", shape.kernel, shape.kernel);
     EXPECT_LE(least_ms.at(size + kind_of(kernel)), time_ms);
     EXPECT_EQ(least_ms.at(size + "direct"), direct_ms);
+  }
+}
+
+TEST_F(TunerTest, WhatCannotBeComputedTakesForever) {
+  const Conv2dKernel wrong{.algorithm = Algorithm::kWinograd, .tile = 3};
+  const auto times =
+      time_conv2d(gpu(), shared_cache(), Storage::kFloat32, false, kSmall, std::array{Conv2dKernel{}, wrong});
+  EXPECT_TRUE(std::isfinite(times.at(0)));
+  EXPECT_EQ(times.at(1), std::numeric_limits<double>::infinity());
+}
+
+TEST_F(TunerTest, LayersWithShufflesAreShapesOfTheirOwn) {
+  const TemporaryDirectory folder;
+  const Subject subject = make_subject(guided_architecture(4), 8, 8, 1);
+  write_model(folder / "model", subject.architecture, subject.weights);
+  const auto shapes = conv2d_shapes(Model(folder / "model"), 8, 8);
+  const auto shuffled = std::ranges::find_if(shapes, [](const auto& s) { return s.shuffle == 4; });
+  const auto unshuffled = std::ranges::find_if(shapes, [](const auto& s) { return s.unshuffle == 4; });
+  ASSERT_TRUE(shuffled != shapes.end() && unshuffled != shapes.end());
+  for (const Conv2dShape& shape : {*shuffled, *unshuffled}) {
+    const auto times =
+        time_conv2d(gpu(), shared_cache(), Storage::kFloat32, false, shape, std::array{Conv2dKernel{}});
+    EXPECT_GT(times.at(0), 0);
   }
 }
 

@@ -80,17 +80,23 @@ Planes run_conv2d(const Operands& operands, const Method& method) {
   return run.read(out);
 }
 
-template <typename Layer>
-Planes run_shuffle(const Planes& x, Layer&& layer, int c, int h, int w) {
-  conform::LayerRun run(target(), Precision::kFp32);
-  const Tensor in = run.input("in", x), out = run.tensor("out", c, h, w);
-  layer(run.graph(), "shuffle", in, out);
-  run.run();
-  return run.read(out);
-}
-
 testing::AssertionResult equal(const Planes& actual, const Planes& expected) {
   return same_bits(floats(actual), floats(expected));
+}
+
+// Shuffles by a 1x1 convolution that changes nothing else.
+Planes shuffled(const Planes& x, const Planes& like, uint32_t unshuffle, uint32_t shuffle) {
+  const int channels = x.c * int(unshuffle * unshuffle);
+  Conv same{.out = channels, .in = channels, .kernel = 1, .weight = {}, .bias = {}};
+  same.weight.resize(size_t(channels) * channels);
+  same.bias.resize(size_t(channels));
+  for (int c = 0; c < channels; ++c) same.weight[size_t(c) * channels + c] = 1;
+  conform::LayerRun run(target(), Precision::kFp32);
+  const Tensor out = run.tensor("out", like.c, like.h, like.w);
+  conv2d(run.graph(), "shuffle", run.input("in", x), out, run.weights(same),
+         {.kernel = 1, .unshuffle = unshuffle, .shuffle = shuffle});
+  run.run();
+  return run.read(out);
 }
 
 // A kernel of 3x2 is one of 3x3 whose last column is 0.
@@ -246,11 +252,10 @@ void check_pixel_shuffle(const OnnxVector& vector) {
   const std::vector<Planes> outputs = to_images(vector.output, 1);
   const bool is_dcr = vector.op == "DepthToSpace" && onnx_text(vector.node, "mode", "DCR") == "DCR";
   for (size_t i = 0; i < inputs.size(); ++i) {
-    const auto [c, h, w] = std::tuple(outputs[i].c, outputs[i].h, outputs[i].w);
-    const int r = h / inputs[i].h;
+    const int r = outputs[i].h / inputs[i].h;
     const Planes x = is_dcr ? in_our_order(inputs[i], r) : inputs[i];
     EXPECT_TRUE(equal(reference::pixel_shuffle(exact(x), r).value, outputs[i]));
-    EXPECT_TRUE(equal(run_shuffle(x, pixel_shuffle, c, h, w), outputs[i]));
+    EXPECT_TRUE(equal(shuffled(x, outputs[i], 1, uint32_t(r)), outputs[i]));
   }
 }
 
@@ -260,7 +265,7 @@ void check_space_to_depth(const OnnxVector& vector) {
   for (size_t i = 0; i < inputs.size(); ++i) {
     const Planes expected = in_our_order(outputs[i], r);
     EXPECT_TRUE(equal(reference::space_to_depth(exact(inputs[i]), r).value, expected));
-    EXPECT_TRUE(equal(run_shuffle(inputs[i], space_to_depth, expected.c, expected.h, expected.w), expected));
+    EXPECT_TRUE(equal(shuffled(inputs[i], expected, uint32_t(r), 1), expected));
   }
 }
 

@@ -127,11 +127,13 @@ const std::vector<std::pair<std::string, Change>>& input_classes() {
 
 // The output is not only finite, but as near to the exact one as rounding leaves it.
 TEST_F(ExtremesTest, WhateverTheImagesHoldTheOutputKeepsTheBounds) {
-  for (const Architecture& architecture : {joint_architecture(2), small_architecture(2)}) {
+  for (const Architecture& architecture :
+       {joint_architecture(2), small_architecture(2), pyramid_architecture(2)}) {
     const Subject subject = make_subject(architecture, 4, 5, 21);
     const Model model = model_of(subject);
     for (const FuserOptions& options : all_options()) {
       const Precision precision = options.storage == Storage::kFloat16 ? Precision::kFp16 : Precision::kFp32;
+      const conform::Method direct = conform::direct_method(gpu().info());
       Fuser fuser = make_fuser(model, subject.lrhs, options);
       reference::Weights weights;
       for (const auto& [name, conv] : subject.weights) weights[name] = round_to(conv, precision);
@@ -143,7 +145,7 @@ TEST_F(ExtremesTest, WhateverTheImagesHoldTheOutputKeepsTheBounds) {
         EXPECT_EQ(fused.report.status.not_finite, 0u);
         EXPECT_EQ(fused.report.status.saturated, 0u);
         const auto expected = reference::network(architecture, weights, lrhs, hrls, 0, precision, {}, 1,
-                                                 most_tile(options.kernels));
+                                                 most_tile(options.kernels), direct.units(precision));
         EXPECT_TRUE(within_bounds(text_of(options), fused.image, expected.at("output")));
       }
     }
@@ -152,26 +154,28 @@ TEST_F(ExtremesTest, WhateverTheImagesHoldTheOutputKeepsTheBounds) {
 
 // A model with an exposure key sees the same picture at any brightness. Powers of two do not round.
 TEST_F(ExtremesTest, AnyBrightnessGivesTheSamePicture) {
-  const Subject subject = make_subject(joint_architecture(4), 6, 5, 22);
-  const Model model = model_of(subject, "0.18");
-  Planes lrhs = subject.lrhs, hrls = subject.hrls;
-  for (Planes* image : {&lrhs, &hrls})
-    for (double& v : image->data) v = float(std::abs(v));
-  for (const FuserOptions& options : all_options()) {
-    Fuser fuser = make_fuser(model, lrhs, options);
-    const Planes expected = fuse(fuser, lrhs, hrls).image;
-    for (int stops = -20; stops <= 12; stops += 4) {
-      SCOPED_TRACE(fmt::format("2^{}, {}", stops, text_of(options)));
-      Planes low = lrhs, high = hrls;
-      for (double& v : low.data) v = std::ldexp(v, stops);
-      for (int c = 0; c < 3; ++c)
-        for (int y = 0; y < high.h; ++y)
-          for (int x = 0; x < high.w; ++x) high.at(c, y, x) = std::ldexp(high.at(c, y, x), stops);
-      const Planes fused = fuse(fuser, low, high).image;
-      size_t different = 0;
-      for (size_t i = 0; i < fused.data.size(); ++i)
-        different += fused.data[i] != std::min(std::ldexp(expected.data[i], stops), 65504.0);
-      EXPECT_EQ(different, 0u);
+  for (const Architecture& architecture : {joint_architecture(4), pyramid_architecture(4)}) {
+    const Subject subject = make_subject(architecture, 6, 5, 22);
+    const Model model = model_of(subject, "0.18");
+    Planes lrhs = subject.lrhs, hrls = subject.hrls;
+    for (Planes* image : {&lrhs, &hrls})
+      for (double& v : image->data) v = float(std::abs(v));
+    for (const FuserOptions& options : all_options()) {
+      Fuser fuser = make_fuser(model, lrhs, options);
+      const Planes expected = fuse(fuser, lrhs, hrls).image;
+      for (int stops = -20; stops <= 12; stops += 4) {
+        SCOPED_TRACE(fmt::format("2^{}, {}", stops, text_of(options)));
+        Planes low = lrhs, high = hrls;
+        for (double& v : low.data) v = std::ldexp(v, stops);
+        for (int c = 0; c < 3; ++c)
+          for (int y = 0; y < high.h; ++y)
+            for (int x = 0; x < high.w; ++x) high.at(c, y, x) = std::ldexp(high.at(c, y, x), stops);
+        const Planes fused = fuse(fuser, low, high).image;
+        size_t different = 0;
+        for (size_t i = 0; i < fused.data.size(); ++i)
+          different += fused.data[i] != std::min(std::ldexp(expected.data[i], stops), 65504.0);
+        EXPECT_EQ(different, 0u);
+      }
     }
   }
 }

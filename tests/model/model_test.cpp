@@ -167,6 +167,26 @@ TEST_F(ModelTest, UpscalingByHalfSizeNeedsEntriesOfItsOwn) {
   EXPECT_TRUE(contains(half("4"), "\"half_layers\" is missing"));
 }
 
+TEST_F(ModelTest, APyramidHasWidthsAndGuides) {
+  const Architecture a = Model(golden_model_path("pyramid-x2")).architecture();
+  EXPECT_TRUE(a.is_pyramid());
+  EXPECT_EQ(a.widths, (std::vector<uint32_t>{3, 2, 3, 2}));
+  EXPECT_EQ(a.upscaled_features, 3u);
+  EXPECT_EQ(a.grid(), 8u);
+  EXPECT_EQ(Model(golden_model_path("pyramid-x4")).architecture().grid(), 4u);
+  const auto error = [&](const std::string& key, const std::string& value) {
+    SafeTensors content = read_safetensors(golden_model_path("pyramid-x2"));
+    content.metadata[key] = value;
+    write_safetensors(file_, content);
+    return error_of([&] { Model model(file_); });
+  };
+  for (const char* widths : {"", "3,2,3", "3,2,3,2,1", "3,2,0,2", "3,2,x,2", "3,2,3,2,"})
+    EXPECT_TRUE(contains(error("widths", widths), "expected 4 integers from 1 to 1024")) << widths;
+  EXPECT_TRUE(contains(error("widths", "3,2,3,4"), "tensor down.4.weight has shape"));
+  EXPECT_TRUE(contains(error("network", "unet"), "\"pyramid\" or \"fusion\""));
+  EXPECT_TRUE(contains(error("hrls_layers", "color,normal,albedo,variance"), "color,albedo,normal first"));
+}
+
 TEST_F(ModelTest, WrongEntriesAreNamed) {
   const std::map<std::string, std::vector<std::string>> wrong{
       {"format", {"", "raymeld", "onnx"}},

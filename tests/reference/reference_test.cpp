@@ -73,15 +73,18 @@ TEST(Conv2d, ReluKeepsNaNAndMinusInfinity) {
 }
 
 TEST(Conv2d, BoundIsTheStatedOne) {
-  const double u = std::ldexp(1, -24), flush = 2 * std::ldexp(1, -126), gamma_2 = 2 * u / (1 - 2 * u);
+  const double u = std::ldexp(1, -24);
+  const auto gamma = [u](int n) { return n * u / (1 - n * u); };
+  const auto flush = [](int n) { return n * std::ldexp(1, -126); };
   Bounded x = exact(row({-5}));
   const double s = 3 * 5 + 0.25;  // |w||x| + |b|
-  EXPECT_DOUBLE_EQ(conv2d(x, single(3, 0.25), false, kFp32).bound.at(0, 0, 0), gamma_2 * s + flush);
+  EXPECT_DOUBLE_EQ(conv2d(x, single(3, 0.25), false, kFp32).bound.at(0, 0, 0), gamma(2) * s + flush(2));
   x.bound.at(0, 0, 0) = 0.1;
-  const double carried = 3 * 0.1 + gamma_2 * (s + 3 * 0.1) + flush;
-  EXPECT_DOUBLE_EQ(conv2d(x, single(3, 0.25), false, kFp32).bound.at(0, 0, 0), carried);
+  const auto carried = [&](int n) { return 3 * 0.1 + gamma(n) * (s + 3 * 0.1) + flush(n); };
+  EXPECT_DOUBLE_EQ(conv2d(x, single(3, 0.25), false, kFp32).bound.at(0, 0, 0), carried(2));
+  // In 16 bits two more channels count.
   EXPECT_DOUBLE_EQ(conv2d(x, single(3, 0.25), false, kFp16).bound.at(0, 0, 0),
-                   carried + (14.75 + carried) / 2048 + u);
+                   carried(4) + (14.75 + carried(4)) / 2048 + u);
 }
 
 TEST(Conv2d, ReluBoundEndsAtZero) {

@@ -102,14 +102,14 @@ double truncating_sum(double sum, const std::vector<double>& products, size_t bl
 }
 
 // Truncation drops every one of these products, so it errs by more than roundings to nearest could.
-TEST(MatrixUnits, HoldForACoreThatTruncatesAndAreNoneTooMany) {
+TEST(TensorUnits, HoldForACoreThatTruncatesAndAreNoneTooMany) {
   constexpr int kProducts = 576;
   const std::vector<double> products(kProducts, 2 * kUnit * (1 - 0x1p-10));
   const double truth = 1 + kProducts * products[0];
   for (const size_t block : {2, 4, 8, 16}) {
     const double error = std::abs(truncating_sum(1, products, block) - truth);
-    EXPECT_LE(error, gamma(kMatrixUnits * (kProducts + 1)) * truth) << block;
-    EXPECT_GT(error, gamma(kMatrixUnits * (kProducts + 1)) * truth / 2.1) << block;
+    EXPECT_LE(error, gamma(kTensorUnits * (kProducts + 1)) * truth) << block;
+    EXPECT_GT(error, gamma(kTensorUnits * (kProducts + 1)) * truth / 2.1) << block;
     EXPECT_GT(error, gamma(kProducts + 1) * truth) << block;
   }
 }

@@ -21,7 +21,9 @@ inline raymeld_context_desc context_desc(const ExternalDevice& device) {
   if (device.storage_16bit) desc.enabled_features |= RAYMELD_FEATURE_STORAGE_16BIT;
   if (device.buffer_device_address) desc.enabled_features |= RAYMELD_FEATURE_BUFFER_DEVICE_ADDRESS;
   if (device.cooperative_matrix) desc.enabled_features |= RAYMELD_FEATURE_COOPERATIVE_MATRIX;
+  if (device.half_dots) desc.enabled_features |= RAYMELD_FEATURE_HALF_DOTS;
   if (device.image_writes) desc.enabled_features |= RAYMELD_FEATURE_IMAGE_WRITES;
+  if (device.float_controls) desc.enabled_features |= RAYMELD_FEATURE_FLOAT_CONTROLS;
   if (device.external_memory_fd) desc.enabled_features |= RAYMELD_FEATURE_EXTERNAL_MEMORY_FD;
   if (device.timeline_semaphore) desc.enabled_features |= RAYMELD_FEATURE_TIMELINE_SEMAPHORE;
   return desc;

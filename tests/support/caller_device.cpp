@@ -5,6 +5,7 @@
 #include <atomic>
 #include <utility>
 
+#include "engine/half_dots.h"
 #include "engine/instance.h"
 #include "faults.h"
 
@@ -61,6 +62,8 @@ CallerDevice::CallerDevice(bool storage_16bit, bool addresses, bool matrices) : 
   external_.buffer_device_address = addresses && has.buffer_device_address;
   external_.image_writes = has.image_writes;
   external_.cooperative_matrix = matrices && has.cooperative_matrix;
+  external_.half_dots = has.half_dots;
+  external_.float_controls = has.float_controls.any();
   external_.timeline_semaphore = has.timeline_semaphore;
   external_.external_memory_fd = has.external_memory_fd;
 
@@ -96,11 +99,17 @@ CallerDevice::CallerDevice(bool storage_16bit, bool addresses, bool matrices) : 
     storage.pNext = &timeline;
     extensions.push_back(VK_KHR_TIMELINE_SEMAPHORE_EXTENSION_NAME);
   }
+  if (external_.float_controls) extensions.push_back(VK_KHR_SHADER_FLOAT_CONTROLS_EXTENSION_NAME);
   if (external_.external_memory_fd) extensions.push_back(VK_KHR_EXTERNAL_MEMORY_FD_EXTENSION_NAME);
   if (has.dma_buf) extensions.push_back(VK_EXT_EXTERNAL_MEMORY_DMA_BUF_EXTENSION_NAME);
   if (external_.cooperative_matrix) {
     info.pNext = &matrix.matrix;
     extensions.insert(extensions.end(), matrix.kExtensions.begin(), matrix.kExtensions.end());
+  }
+  HalfDotFeatures dots(const_cast<void*>(info.pNext), true);
+  if (external_.half_dots) {
+    info.pNext = &dots.dots;
+    extensions.insert(extensions.end(), dots.kExtensions.begin(), dots.kExtensions.end());
   }
   info.enabledExtensionCount = static_cast<uint32_t>(extensions.size());
   info.ppEnabledExtensionNames = extensions.data();

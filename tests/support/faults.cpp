@@ -1,5 +1,6 @@
 #include "faults.h"
 
+#include <algorithm>
 #include <atomic>
 #include <mutex>
 #include <string_view>
@@ -75,7 +76,10 @@ bool fails(const char* function) {
   if (!after_loss && !fault.function.empty() && fault.function != function) return false;
   if (fault.call > 1) return --fault.call, false;
   if (!lost && !fault.lasting) fault.call = 0;
-  if (state.failures++ == 0) state.failed = function;
+  if (state.failures++ == 0) {
+    state.failed = function;
+    state.alive_at_failure = state.alive;
+  }
   return true;
 }
 
@@ -126,9 +130,13 @@ struct Shim<Name, Result(VKAPI_PTR*)(Arguments...)> {
         if (code == VK_ERROR_DEVICE_LOST) finish_the_work_of_the_device();
         return code;
       }
+      [[maybe_unused]] VkMemoryAllocateInfo allocation;
       if constexpr (std::is_same_v<std::tuple_element_t<1, std::tuple<Arguments..., void*>>,
                                    const VkMemoryAllocateInfo*>) {
         if (is_beyond_the_limit(std::get<1>(all))) return VK_ERROR_OUT_OF_DEVICE_MEMORY;
+        allocation = *std::get<1>(all);
+        if (interposed().discrete) allocation.memoryTypeIndex = 0;
+        std::get<1>(all) = &allocation;
       }
       hold_back(Name::text);
       const VkResult result = real.load()(arguments...);
@@ -167,6 +175,69 @@ bool try_interpose(const char* name, PFN_vkVoidFunction& function) {
   return true;
 }
 
+template <typename Function>
+std::atomic<Function> real_function = nullptr;
+
+void note_copy(const char* what) {
+  const std::lock_guard lock(counting);
+  interposed().copies.push_back(what);
+}
+
+// These two lower limits that the driver tells.
+VKAPI_ATTR void VKAPI_CALL get_properties(VkPhysicalDevice device, VkPhysicalDeviceProperties2* properties) {
+  real_function<PFN_vkGetPhysicalDeviceProperties2>.load()(device, properties);
+  uint32_t& most = properties->properties.limits.maxPerStageDescriptorStorageBuffers;
+  most = std::min(most, interposed().most_storage_buffers);
+}
+
+VKAPI_ATTR void VKAPI_CALL get_families(VkPhysicalDevice device, uint32_t* count,
+                                        VkQueueFamilyProperties* families) {
+  real_function<PFN_vkGetPhysicalDeviceQueueFamilyProperties>.load()(device, count, families);
+  for (uint32_t i = 0; families && i < *count; ++i)
+    families[i].timestampValidBits = std::min(families[i].timestampValidBits, interposed().timestamp_bits);
+}
+
+// These two split a driver's first memory type into the device's own memory and the host's; Shim takes both
+// for the first type.
+VKAPI_ATTR void VKAPI_CALL get_memory(VkPhysicalDevice device, VkPhysicalDeviceMemoryProperties* memory) {
+  real_function<PFN_vkGetPhysicalDeviceMemoryProperties>.load()(device, memory);
+  if (!interposed().discrete) return;
+  memory->memoryTypeCount = 2;
+  memory->memoryTypes[0].propertyFlags = VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT;
+  memory->memoryTypes[1] = {VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT, 0};
+}
+
+VKAPI_ATTR void VKAPI_CALL get_requirements(VkDevice device, VkBuffer buffer, VkMemoryRequirements* needs) {
+  real_function<PFN_vkGetBufferMemoryRequirements>.load()(device, buffer, needs);
+  if (interposed().discrete) needs->memoryTypeBits = 3;
+}
+
+// These two note what is recorded around a copy.
+VKAPI_ATTR void VKAPI_CALL record_barrier(VkCommandBuffer commands, VkPipelineStageFlags from,
+                                          VkPipelineStageFlags to, VkDependencyFlags flags, uint32_t count,
+                                          const VkMemoryBarrier* barriers, uint32_t buffer_count,
+                                          const VkBufferMemoryBarrier* buffers, uint32_t image_count,
+                                          const VkImageMemoryBarrier* images) {
+  if (from & VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT && to & VK_PIPELINE_STAGE_TRANSFER_BIT && count == 1 &&
+      barriers->srcAccessMask & VK_ACCESS_SHADER_WRITE_BIT)
+    note_copy("barrier");
+  real_function<PFN_vkCmdPipelineBarrier>.load()(commands, from, to, flags, count, barriers, buffer_count,
+                                                 buffers, image_count, images);
+}
+
+VKAPI_ATTR void VKAPI_CALL record_copy(VkCommandBuffer commands, VkBuffer from, VkBuffer to, uint32_t count,
+                                       const VkBufferCopy* regions) {
+  note_copy("copy");
+  real_function<PFN_vkCmdCopyBuffer>.load()(commands, from, to, count, regions);
+}
+
+template <typename Function>
+void stand_in_for(const char* own, Function stand_in, const char* name, PFN_vkVoidFunction& function) {
+  if (std::string_view(name) != own) return;
+  real_function<Function> = reinterpret_cast<Function>(function);
+  function = reinterpret_cast<PFN_vkVoidFunction>(stand_in);
+}
+
 }  // namespace
 
 Interposed& interposed() {
@@ -186,6 +257,12 @@ PFN_vkVoidFunction interpose(const char* name, PFN_vkVoidFunction real) {
 #define TRY_PAIR(make, destroy) TRY_ONE(make) TRY_ONE(destroy)
   MAKING_FUNCTIONS(TRY_PAIR)
   OTHER_FUNCTIONS(TRY_ONE)
+  stand_in_for("vkGetPhysicalDeviceProperties2", &get_properties, name, real);
+  stand_in_for("vkGetPhysicalDeviceQueueFamilyProperties", &get_families, name, real);
+  stand_in_for("vkGetPhysicalDeviceMemoryProperties", &get_memory, name, real);
+  stand_in_for("vkGetBufferMemoryRequirements", &get_requirements, name, real);
+  stand_in_for("vkCmdPipelineBarrier", &record_barrier, name, real);
+  stand_in_for("vkCmdCopyBuffer", &record_copy, name, real);
   return real;
 }
 

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <map>
 #include <string>
+#include <vector>
 
 namespace raymeld::test {
 
@@ -31,12 +32,17 @@ struct Interposed {
   Fault fault;
   Hold hold;
   uint64_t most_allocation_bytes = UINT64_MAX;  // larger allocations fail for want of device memory
+  bool discrete = false;                        // the host sees none of the memory that is the device's own
+  uint32_t most_storage_buffers = UINT32_MAX;   // the device binds no more to one shader
+  uint32_t timestamp_bits = 64;                 // queues count no more bits of a timestamp
   VkDevice device = VK_NULL_HANDLE;             // the device whose functions were asked for last
 
+  std::vector<std::string> copies;   // "barrier" and "copy", in the order of the calls that record them
   std::map<std::string, int> calls;  // the number of calls of each function that may fail
   std::map<std::string, int> alive;  // the number of live objects by the function that made them; never 0
   int failures = 0;
-  std::string failed;  // the function whose call failed first
+  std::string failed;                           // the function whose call failed first
+  std::map<std::string, int> alive_at_failure;  // `alive` at that call
 };
 
 Interposed& interposed();

@@ -26,12 +26,16 @@ constexpr const char* kJointLayers[] = {"irradiance",   "demodulate",   "joint.0
                                         "joint.2",      "joint.3",      "joint.4", "remodulate.1",
                                         "remodulate.3", "remodulate.5", "mix"};
 
+constexpr const char* kPyramidLayers[] = {"light",    "cell_light", "pool.1",   "pool.2",   "pool.3",
+                                          "guides.1", "guides.2",   "guides.3", "filter.0", "filter.1",
+                                          "filter.2", "filter.3",   "compose"};
+
 }  // namespace
 
 const std::vector<std::string>& golden_names() {
-  static const std::vector<std::string> names = {"tiny-x2",   "tiny-x4",   "tiny-x8",
-                                                 "guided-x2", "guided-x4", "guided-x8",
-                                                 "joint-x2",  "joint-x4",  "spp-x4"};
+  static const std::vector<std::string> names = {"tiny-x2",   "tiny-x4",    "tiny-x8",   "guided-x2",
+                                                 "guided-x4", "guided-x8",  "joint-x2",  "joint-x4",
+                                                 "spp-x4",    "pyramid-x2", "pyramid-x4"};
   return names;
 }
 
@@ -58,6 +62,9 @@ Golden load_golden(const std::string& name) {
   for (const auto& [name, conv] : golden.weights) golden.outputs[name] = take_planes(tensors, name);
   if (golden.architecture.base == Base::kJoint) {
     for (const char* layer : kJointLayers) golden.outputs[layer] = take_planes(tensors, layer);
+  }
+  if (golden.architecture.is_pyramid()) {
+    for (const char* layer : kPyramidLayers) golden.outputs[layer] = take_planes(tensors, layer);
   }
   if (!tensors.empty()) throw std::runtime_error("golden: unknown layer " + tensors.begin()->first);
   return golden;

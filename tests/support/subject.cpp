@@ -50,6 +50,17 @@ Architecture unshuffled_architecture(int scale) {
   return a;
 }
 
+Architecture pyramid_architecture(int scale) {
+  return {.scale = scale,
+          .hrls_layers = {LayerKind::kRadiance, LayerKind::kAlbedo, LayerKind::kNormal},
+          .transfer = reference::Transfer::kLog,
+          .clip = 100,
+          .both_samplings = true,
+          .upscaled_features = 3,
+          .lrhs_certainty = double(scale * scale),
+          .widths = {4, 3, 3, 2}};
+}
+
 Model saved_model(const std::filesystem::path& folder, const Subject& subject,
                   const std::map<std::string, std::string>& metadata) {
   const std::filesystem::path file = folder / "model.safetensors";

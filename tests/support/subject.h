@@ -21,6 +21,8 @@ reference::Architecture half_architecture(int scale);
 reference::Architecture joint_architecture(int scale);
 // Returns joint_architecture() with a 1x1 convolution of the unshuffled HRLS.
 reference::Architecture unshuffled_architecture(int scale);
+// Returns a pyramid network, whose frames are padded to multiples of 16 / scale LRHS pixels.
+reference::Architecture pyramid_architecture(int scale);
 
 // Writes a subject's network to a file in `folder` and loads it. `metadata` is that of the file.
 Model saved_model(const std::filesystem::path& folder, const Subject& subject,

@@ -31,7 +31,7 @@ def scale(module, log2):
 def network(config, files):
     """Makes a network in which powers of two bring the groups' activations to LARGEST, and back after the groups."""
     torch.manual_seed(1)
-    result = networks.Network(config).eval()
+    result = networks.create(config).eval()
     for conv in result.modules():
         if isinstance(conv, torch.nn.Conv2d):
             torch.nn.init.kaiming_normal_(conv.weight)

@@ -26,7 +26,7 @@ PSNR_DB, RELMSE = 1e-3, 1e-4  # largest differences of the metrics; RelMSE's is 
 
 def load(path):
     tensors, metadata = safetensors.load(path)
-    network = networks.Network(networks.Config.parse(metadata))
+    network = networks.create(networks.Config.parse(metadata))
     network.load_state_dict({key: torch.from_numpy(value.astype("float32")) for key, value in tensors.items()})
     return network.eval()
 

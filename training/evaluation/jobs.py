@@ -11,7 +11,7 @@ import time
 from typing import NamedTuple
 
 import safetensors
-from evaluation import test_set
+from evaluation import oidn, test_set
 from evaluation.baselines import FILTERS, TUNED, bicubic
 from evaluation.changes import CHANGES
 from evaluation.images import Exr, layers, psnr, read, relmse
@@ -41,7 +41,8 @@ class Model:
 class Job:
     """Describes one image to be made and measured.
 
-    `method` is half (of the reference), render, renders (the mean of all plain ones), bicubic, fused or one of FILTERS.
+    `method` is half (of the reference), render, renders (the mean of all plain ones), bicubic, oidn (Open Image
+    Denoise), fused or one of FILTERS.
     `lrhs`, `hrls` and `guides` are files of a view.
     """
 
@@ -61,6 +62,7 @@ class Job:
         parts = [self.method, self.lrhs, self.hrls, self.guides, self.change, view.identity]
         parts += [str(test_set.PLAIN)] if self.method == "renders" else []
         parts += [self.model.digest] if self.model else []
+        parts += [oidn.DIGEST] if self.method == "oidn" else []
         parts += [str(self.parameters())] if self.method in FILTERS else []
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
 
@@ -94,6 +96,10 @@ class Job:
             report = fuse(program, self.model, lrhs, hrls, folder / "fused.exr", sampling, options)
             return read(folder / "fused.exr") * gain, report["device_ms"] / 1000
 
+    def noisy(self, view):
+        """Returns color, albedo and normal of the render that a denoiser reads."""
+        return layers(view.folder / self.hrls, ("color", "albedo", "normal"))
+
     def image(self, view, program):
         """Returns (image, seconds)."""
         start = time.perf_counter()
@@ -106,8 +112,9 @@ class Job:
         elif self.method == "renders":
             result = sum(spp * read(view.folder / test_set.render(spp)) for spp in test_set.PLAIN) / test_set.ALL_PLAIN
         elif self.method in FILTERS:
-            render = layers(view.folder / self.hrls, ("color", "albedo", "normal"))
-            result = FILTERS[self.method](*render, self.parameters())
+            result = FILTERS[self.method](*self.noisy(view), self.parameters())
+        elif self.method == "oidn":
+            result = oidn.denoise(oidn.weights(), *self.noisy(view))
         else:
             low = read(view.folder / self.lrhs)
             scale = view.reference().shape[0] // low.shape[0]

@@ -5,6 +5,7 @@ import json
 import math
 import os
 import pathlib
+import struct
 import sys
 import tempfile
 import unittest
@@ -16,7 +17,7 @@ import numpy
 import torch
 
 import safetensors
-from evaluation import agreement, numerics, numerics_pages, tables, test_set
+from evaluation import agreement, numerics, numerics_pages, oidn, tables, test_set
 from evaluation.baselines import FILTERS, TUNED, bicubic
 from evaluation.changes import CHANGES
 from evaluation.images import Exr, psnr, read, relmse
@@ -99,6 +100,49 @@ class Baselines(unittest.TestCase):
         flat = numpy.full((8, 8, 3), 0.3, "float32")
         for name, denoise in FILTERS.items():
             numpy.testing.assert_allclose(denoise(flat, flat, flat, TUNED[name][8]), flat, rtol=1e-5, err_msg=name)
+
+
+def oidn_widths():
+    """Returns (inputs, outputs) of the network's convolutions."""
+    widths = {"enc_conv0": (9, 4), "enc_conv5a": (4, 4), "enc_conv5b": (4, 4), "dec_conv0": (4, 3)}
+    widths |= {f"enc_conv{i}": (4, 4) for i in range(1, 5)} | {f"dec_conv{i}b": (4, 4) for i in range(1, 5)}
+    return widths | {f"dec_conv{i}a": (13 if i == 1 else 8, 4) for i in range(1, 5)}
+
+
+class OpenImageDenoise(unittest.TestCase):
+    def test_the_curve_is_continuous_and_inverted(self):
+        for end in (oidn.LINEAR_END, oidn.POWER_END):
+            below, above = oidn.curve(torch.tensor([end * 0.9999, end * 1.0001], dtype=torch.double))
+            self.assertLess(abs(float(above - below)), 1e-3 * float(below))
+        radiance = torch.logspace(-8, 4.8, 200, dtype=torch.double)
+        numpy.testing.assert_allclose(oidn.inverse_curve(oidn.curve(radiance)), radiance, rtol=1e-4)
+
+    def test_the_exposure_brings_a_flat_image_to_the_key(self):
+        self.assertAlmostEqual(oidn.exposure(torch.full((40, 40, 3), 3.0)), 0.06, 5)
+        self.assertEqual(oidn.exposure(torch.zeros(40, 40, 3)), 1)
+
+    def test_tensors_are_read_as_written(self):
+        one, two = numpy.arange(6, dtype="<f2").reshape(2, 3), numpy.float32([7, 8])
+        tensors = one.tobytes() + two.tobytes()
+        table = struct.pack("<IH3sB2I2scQ", 2, 3, b"one", 2, 2, 3, b"oi", b"h", 12)
+        table += struct.pack("<H3sBIccQ", 3, b"two", 1, 2, b"x", b"f", 24)
+        read = oidn.read(struct.pack("<HBBQ", 0x41D7, 2, 0, 32) + tensors + table)
+        numpy.testing.assert_array_equal(read["one"], one)
+        numpy.testing.assert_array_equal(read["two"], two)
+        with self.assertRaisesRegex(ValueError, "no .tza file"):
+            oidn.read(bytes(12))
+
+    def test_a_network_that_passes_the_color_through_changes_nothing(self):
+        tensors = {}
+        for name, (inputs, outputs) in oidn_widths().items():
+            tensors[f"{name}.weight"] = torch.zeros(outputs, inputs, 3, 3)
+            tensors[f"{name}.bias"] = torch.zeros(outputs)
+        # The image comes after the upsampled features.
+        for name, first in (("dec_conv1a", 4), ("dec_conv1b", 0), ("dec_conv0", 0)):
+            for channel in range(3):
+                tensors[f"{name}.weight"][channel, first + channel, 1, 1] = 1
+        image = scene(0.5, 1)
+        numpy.testing.assert_allclose(oidn.denoise(tensors, *image), image[0], rtol=1e-3)
 
 
 class EqualCost(unittest.TestCase):

@@ -17,6 +17,7 @@ LEADS = {
     "lead": (PAIRS, BASELINES),
     "lead-svgf": (PAIRS, ("svgf",)),
     "paper-lead-svgf": (PAPER_PAIRS, ("svgf",)),
+    "lead-oidn": (PAIRS, ("oidn",)),
 }
 
 
@@ -118,6 +119,7 @@ def main_plan(models, name="main", pairs=PAIRS):
         ("plain render", [Job("render", hrls=render(spp)) for spp in AVERAGES]),
         ("a-trous filter of it", [Job("atrous", hrls=render(spp)) for spp in AVERAGES]),
         ("SVGF-like filter of it", [Job("svgf", hrls=render(spp)) for spp in AVERAGES]),
+        ("Open Image Denoise of it", [Job("oidn", hrls=render(spp)) for spp in AVERAGES]),
     ]
     for scale in sorted({scale for model in models for scale in scales(model)}):
         rows.append((f"bicubic of LRHS, x{scale}", [bicubic(scale, pair) for pair in pairs[scale]]))

@@ -49,7 +49,7 @@ def renders(seed):
     rng = random.Random(f"renders {seed}")
     low, guides, reference = dict(LOW_SPP), GUIDE_SPP, (64, 192)
     if not held_out(seed):
-        low = {scale: rng.sample(spp, 2 if scale == 4 else 1) for scale, spp in LOW_SPP.items()}
+        low = {scale: rng.sample(spp, 1 if scale == 8 else 2) for scale, spp in LOW_SPP.items()}
         guides, reference = [rng.choice(GUIDE_SPP)], (16, 48)
     return [
         *("--frame", rng.choice(FRAMES), "--spp", 1, 2, 4, 8, "--layers", "light"),

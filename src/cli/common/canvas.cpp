@@ -44,12 +44,12 @@ std::optional<Canvas> fit(const Windows& lrhs, const Windows& hrls, int scale) {
   return Canvas{scale, moved(touched, lrhs.display.min), moved(full, hrls.display.min)};
 }
 
-Canvas part_of(const Canvas& canvas, const Box2i& window, int halo) {
+Canvas part_of(const Canvas& canvas, const Box2i& window, int halo, int grid) {
   const int s = canvas.scale;
   const V2i last = canvas.lrhs.max - canvas.lrhs.min;
   const V2i from = (window.min - canvas.hrls.min) / s - V2i(halo),
             to = (window.max - canvas.hrls.min) / s + V2i(halo);
-  const Box2i with_halo({std::max(from.x, 0), std::max(from.y, 0)},
+  const Box2i with_halo({std::max(from.x, 0) / grid * grid, std::max(from.y, 0) / grid * grid},
                         {std::min(to.x, last.x), std::min(to.y, last.y)});
   const Box2i full(with_halo.min * s, (with_halo.max + V2i(1)) * s - V2i(1));
   return {s, moved(with_halo, canvas.lrhs.min), moved(full, canvas.hrls.min)};

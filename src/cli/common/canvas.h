@@ -30,8 +30,8 @@ std::optional<Canvas> fit(const Windows& lrhs, const Windows& hrls, int scale);
 bool starts_agree(const Windows& lrhs, const Windows& hrls, int scale);
 
 // Returns the part of `canvas` for a full-size window of it: the LRHS pixels that `window` touches and
-// `halo` more on each side, within the canvas.
-Canvas part_of(const Canvas& canvas, const Imath::Box2i& window, int halo);
+// `halo` more on each side, within the canvas. It starts at a multiple of `grid` LRHS pixels.
+Canvas part_of(const Canvas& canvas, const Imath::Box2i& window, int halo, int grid = 1);
 
 // Returns the canvas with an LRHS that is upsampled by `factor`, which divides the scale.
 Canvas upsampled(const Canvas& canvas, int factor);

@@ -160,7 +160,7 @@ Imath::Box2i find_window(const FuseArguments& arguments, const ExrFile& hrls, co
 // Returns the part of `frame` that is computed for a window. The variance of companions is found within it.
 Canvas find_canvas(const Canvas& frame, const Imath::Box2i& window, const Architecture& model) {
   const bool reads_variance = std::ranges::count(model.hrls_layers, "variance") > 0;
-  return part_of(frame, window, int(receptive_halo(model, reads_variance)));
+  return part_of(frame, window, int(receptive_halo(model, reads_variance)), int(model.grid()));
 }
 
 // Returns the number of pixels of the canvas that LRHS has no data for.

@@ -111,7 +111,8 @@ struct FrameFuser::Preparation {
     const auto progress = [&](size_t done, size_t count) {
       if (takes_long(device, console)) bar.update(double(done) / double(count));
     };
-    kernels = device.kernels().get(device, cache.handle(), kernel_recipes(plan.graph), progress);
+    kernels =
+        device.kernels().get(device, cache.handle(), kernel_recipes(plan.graph, device.info()), progress);
     cache.save();
   }
 

@@ -1,0 +1,33 @@
+// Writes the mean of 2 x 2 pixels and, with a share, moves it towards another image of the smaller size. Each
+// invocation computes one element; z is the channel.
+#version 450
+#extension GL_GOOGLE_include_directive : require
+#include "params.h"
+#include "tensor.glsl"
+#include "memory.glsl"
+
+layout(local_size_x = 64, local_size_y = 2) in;
+#include "invocation.glsl"
+layout(push_constant) uniform Push {
+  ADDRESS(Values, source) ADDRESS(Values, other) ADDRESS(Values, target)
+  Pool p;
+};
+BUFFER(1, readonly, Source, STORAGE, source)
+BUFFER(2, readonly, Other, STORAGE, other)
+BUFFER(3, writeonly, Target, STORAGE, target)
+
+float source_at(uint c, uint y, uint x) {
+  return float(source.v[address(c, y, x, p.plane_large, 2 * p.width)]);
+}
+
+void main() {
+  uvec3 id = global_invocation_id();
+  if (id.x >= p.width || id.y >= p.height) return;
+  uint y = 2 * id.y, x = 2 * id.x, element = address(id.z, id.y, id.x, p.plane, p.width);
+  float mean = (source_at(id.z, y, x) + source_at(id.z, y, x + 1) + source_at(id.z, y + 1, x) +
+                source_at(id.z, y + 1, x + 1)) /
+               4.0;
+  if (p.share > 0.0) mean += p.share * (float(other.v[element]) - mean);
+  target.v[element] = STORAGE(storable(mean));
+  count_saturated();
+}

@@ -1,0 +1,72 @@
+// Makes the images that layers other than convolutions are tried with.
+#pragma once
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "conform/collector.h"
+#include "reference/transfer.h"
+
+namespace raymeld::conform {
+
+// Describes one run of a layer that reads images. The images hold values as the device would store them.
+struct ImageTrial {
+  static constexpr float kCertainty = 10;
+
+  const Target& target;
+  const Method& method;
+  reference::Precision precision;
+  bool log;
+  int scale;
+  float phase;
+  reference::Size size;  // the size of LRHS
+  uint64_t seed;
+
+  JointOptions options() const {
+    return {.transfer = transfer(), .scale = uint32_t(scale), .phase = phase, .lrhs_certainty = kCertainty};
+  }
+  Transfer transfer() const { return log ? Transfer::kLog : Transfer::kLinear; }
+  reference::Transfer expected_transfer() const {
+    return log ? reference::Transfer::kLog : reference::Transfer::kLinear;
+  }
+  double clip() const { return log ? 1000 : 100; }
+  reference::Size full() const { return enlarged(scale); }
+  reference::Size enlarged(int by) const { return {by * size.h, by * size.w}; }
+  std::string shape() const {
+    return fmt::format("x{}, {}, phase {:g}, {} x {} from {} x {}", scale, log ? "log" : "linear", phase,
+                       full().h, full().w, size.h, size.w);
+  }
+
+  // Returns an image of value(u) with random u in [0, 1], both ends among them.
+  template <typename Value>
+  reference::Planes image(int channels, const reference::Size& of, uint64_t salt, const Value& value) const {
+    reference::Planes image =
+        reference::random_planes(channels, of.h, of.w, reference::Fill::kUniform, 100 * seed + salt);
+    for (double& v : image.data) v = value(std::clamp(0.55 * v + 0.5, 0.0, 1.0));
+    return round_to(image, precision);
+  }
+  // Returns encoded radiance from 0 to the clip.
+  reference::Planes radiance(int channels, const reference::Size& of, uint64_t salt) const {
+    return image(channels, of, salt,
+                 [&](double u) { return reference::apply(expected_transfer(), clip() * std::pow(u, 4)); });
+  }
+  // Returns color, albedo and normal as one tensor.
+  reference::Planes hrls() const {
+    const reference::Planes albedo = image(3, full(), 2, [](double u) { return u; });
+    const reference::Planes normal = image(3, full(), 3, [](double u) { return 2 * u - 1; });
+    return concat(concat(radiance(3, full(), 1), albedo), normal);
+  }
+};
+
+struct ImageLayer {
+  const char* name;
+  void (*check)(Check&, const ImageTrial&);
+};
+
+// Tries a layer at all awkward sizes, and with both transfers, three scales and two phases.
+void try_layer(const Collector& collector, const ImageLayer& layer, const Method& method,
+               reference::Precision precision);
+
+}  // namespace raymeld::conform

@@ -1,0 +1,88 @@
+// Adds the layers of a pyramid network.
+#include "layers/shapes.h"
+#include "layers/upsampled.h"
+
+namespace raymeld {
+
+void light(Graph& graph, const std::string& name, const Tensor& color, const Tensor& albedo,
+           const Tensor& out, Transfer transfer) {
+  const Shape shape = with_channels(out.shape, 3);
+  expect_shape(name, "the color", color, shape);
+  expect_shape(name, "the albedo", albedo, shape);
+  expect_shape(name, "the output", out, shape);
+  Pass pass = pass_of(graph, name, shaders::kLight, {color, albedo}, out);
+  pass.set_push(params::Light{shape.height, shape.width, graph.plane(out), transfer == Transfer::kLog});
+  pass.groups = strip_groups(with_channels(shape, 1));
+  graph.add(std::move(pass));
+}
+
+void cell_light(Graph& graph, const std::string& name, const Tensor& lrhs, const Tensor& albedo,
+                const Tensor& out, Transfer transfer, uint32_t scale) {
+  const Shape shape = with_channels(out.shape, 3);
+  expect_shape(name, "LRHS", lrhs, shape);
+  expect_shape(name, "the albedo", albedo, enlarged(shape, scale, 3));
+  expect_shape(name, "the output", out, shape);
+  Pass pass = pass_of(graph, name, shaders::kCellLight, {lrhs, albedo}, out);
+  pass.set_push(params::CellLight{shape.height, shape.width, graph.plane(out), graph.plane(albedo), scale,
+                                  transfer == Transfer::kLog});
+  pass.groups = pixel_groups(shape);
+  graph.add(std::move(pass));
+}
+
+void pool(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out,
+          const std::optional<Blend>& blend) {
+  expect_shape(name, "the input", in, enlarged(out.shape, 2, out.shape.channels));
+  if (blend) {
+    expect_shape(name, "the other image", blend->other, out.shape);
+    if (!(blend->share >= 0 && blend->share <= 1))
+      throw Error("layer {}: a share of {}, expected 0 to 1", name, blend->share);
+  }
+  const Tensor& other = blend ? blend->other : in;
+  Pass pass = pass_of(graph, name, shaders::kPool, {in, other}, out);
+  pass.set_push(params::Pool{out.shape.height, out.shape.width, graph.plane(out), graph.plane(in),
+                             blend ? blend->share : 0});
+  pass.groups = element_groups(out.shape);
+  graph.add(std::move(pass));
+}
+
+void kernel_filter(Graph& graph, const std::string& name, const Tensor& in, const Tensor& logits,
+                   const Tensor& out, uint32_t side, const KernelInputs& inputs) {
+  const auto& [coarse, guides] = inputs;
+  if (side % 2 == 0)
+    throw Error("layer {}: a kernel of {} x {} pixels, expected an odd side", name, side, side);
+  const Shape shape = with_channels(out.shape, 3);
+  expect_shape(name, "the output", out, shape);
+  expect_shape(name, "the input", in, shape);
+  expect_shape(name, "the logits", logits,
+               with_channels(shape, side * side + (coarse ? 1 : 0) + (guides ? 2 : 0)));
+  if (coarse) {
+    expect_shape(name, "the coarse image", *coarse, with_channels(coarse->shape, 3));
+    expect_shape(name, "the input", in, enlarged(coarse->shape, 2, 3));
+  }
+  if (guides) expect_shape(name, "the guides", *guides, with_channels(shape, 6));
+  const Tensor smaller = coarse.value_or(in), surfaces = guides.value_or(in);
+  Pass pass = pass_of(graph, name, shaders::kKernelFilter, {in, logits, smaller, surfaces}, out);
+  pass.constants = {side, coarse.has_value(), guides.has_value()};
+  pass.set_push(params::KernelFilter{shape.height, shape.width, graph.plane(out), smaller.shape.height,
+                                     smaller.shape.width, graph.plane(smaller)});
+  pass.groups = pixel_groups(shape);
+  pass.flop = (guides ? 50.0 : 10.0) * side * side * static_cast<double>(shape.pixels());
+  graph.add(std::move(pass));
+}
+
+void compose(Graph& graph, const std::string& name, const Tensor& rec, const Tensor& light,
+             const Tensor& guides, const Tensor& lrhs, const Tensor& out, Transfer transfer, uint32_t scale,
+             float phase) {
+  const Shape shape = with_channels(out.shape, 3);
+  expect_shape(name, "the network's output", rec, with_channels(shape, 15));
+  expect_shape(name, "the light", light, shape);
+  expect_shape(name, "the guides", guides, with_channels(shape, 6));
+  expect_shape(name, "LRHS", lrhs, with_channels(lrhs.shape, 3));
+  expect_shape(name, "the output", out, enlarged(lrhs.shape, scale, 3));
+  Pass pass = pass_of(graph, name, shaders::kCompose, {rec, light, guides, lrhs}, out);
+  pass.set_push(upsampled(graph, out, lrhs, transfer, scale, phase));
+  pass.groups = pixel_groups(shape);
+  graph.add(std::move(pass));
+}
+
+}  // namespace raymeld

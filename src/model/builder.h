@@ -1,0 +1,44 @@
+// Adds a model's network to a graph. A layer's name is the key of its weights.
+#pragma once
+
+#include "model/network.h"
+
+namespace raymeld {
+
+// Has what the networks share.
+struct Builder {
+  Graph& graph;
+  const Model& model;
+  const Conv2dChoice& choose;
+  const StorageExponents& exponents;
+  const HrlsChannels& hrls_channels;
+  SampleCounts samples = {};
+  ActivationEstimate* estimate = nullptr;  // follows the convolutions, unless null
+  const Architecture& a = model.architecture();
+
+  Tensor tensor(const std::string& name, uint32_t height, uint32_t width, uint32_t channels);
+
+  // Returns a convolution with the weights of layer `name`.
+  Conv2dLink link(const std::string& name, const Tensor& in, const Tensor& out, Conv2dOptions options,
+                  const std::string& bias = "bias");
+
+  void conv(const std::string& name, const Tensor& in, const Tensor& out, const Conv2dOptions& options,
+            const std::string& bias = "bias");
+
+  // Adds a convolution that upscales `x` by `factor` into as many `features`.
+  Tensor shuffled(std::vector<Conv2dLink>& links, const std::string& name, const Tensor& x, uint32_t factor,
+                  uint32_t features, uint32_t kernel = 3);
+
+  // Encodes channels [first, last) of `hrls`: from one buffer, or each layer from its own image. The variance
+  // is written by variance() where the device computes it.
+  void encode_hrls(const std::string& name, const Tensor& hrls, uint32_t first, uint32_t last,
+                   const std::optional<FrameSize>& frame = {});
+
+  // Returns the channels of a layer of the encoded HRLS.
+  Tensor layer(const Tensor& hrls, const std::string& name) const;
+};
+
+// Adds the pyramid network of docs/model-format.md.
+void add_pyramid(Builder build, uint32_t height, uint32_t width, float phase);
+
+}  // namespace raymeld

@@ -1,0 +1,150 @@
+// Builds the pyramid network: a U-Net (Ronneberger et al. 2015) of four levels, of half the full size and so
+// on, which predicts kernels for each pixel of the full size and of three of these levels (Bako et al. 2017,
+// Vogels et al. 2018). They filter the light of both renders, from the coarsest to the finest. LRHS joins
+// the level of its own size. Frames are padded to whole pixels of the coarsest level.
+#include <array>
+#include <optional>
+
+#include "model/builder.h"
+#include "numbers.h"
+
+namespace raymeld {
+namespace {
+
+constexpr uint32_t kLevels = 4, kFilteredLevels = 3;
+constexpr uint32_t kSide = 5, kAlbedoSide = 3;  // sides of the kernels that filter light and albedo
+constexpr uint32_t kGuideChannels = 12;         // light, color, albedo and normal
+
+struct Pyramid {
+  Builder& build;
+  const Architecture& a = build.a;
+  const uint32_t height, width;  // the padded size of LRHS
+  const float phase;
+  const FrameSize low_frame, full_frame;
+
+  uint32_t size_of(uint32_t side, uint32_t level) const { return (a.scale * side) >> level; }
+  Tensor tensor(const std::string& name, uint32_t level, uint32_t channels) const {
+    return build.tensor(name, size_of(height, level), size_of(width, level), channels);
+  }
+  uint32_t features(uint32_t level) const { return a.widths[level - 1]; }
+
+  // Adds a 3x3 convolution that adds to its input; that of LRHS's level reads LRHS too.
+  Tensor own_layer(uint32_t level, const Tensor& x, const Tensor& lrhs) const {
+    const bool joins = level == a.levels();
+    const std::string name = joins ? "lrhs" : fmt::format("level.{}", level);
+    const Tensor out = tensor(name, level, features(level));
+    Conv2dOptions options{.kernel = 3, .relu = true, .residuals = {x}};
+    if (joins) options.second_input = lrhs;
+    build.conv(name, x, out, options, joins && a.both_samplings && phase > 0 ? "centered_bias" : "bias");
+    return out;
+  }
+
+  Tensor down(uint32_t level, const Tensor& x) const {
+    const std::string name = fmt::format("down.{}", level);
+    const Tensor out = tensor(name, level, features(level));
+    build.conv(name, x, out, {.kernel = 1, .relu = true, .unshuffle = 2});
+    return out;
+  }
+
+  // Upscales `x` to `level` and convolves it together with `skip`.
+  Tensor up(uint32_t level, uint32_t channels, const Tensor& x, const Tensor& skip) const {
+    std::vector<Conv2dLink> links;
+    const Tensor larger = build.shuffled(links, fmt::format("up.{}", level), x, 2, channels, 1);
+    conv2d_chain(build.graph, links);
+    const std::string name = fmt::format("join.{}", level);
+    const Tensor out = tensor(name, level, channels);
+    build.conv(name, larger, out, {.kernel = 3, .relu = true, .second_input = skip});
+    return out;
+  }
+
+  // Filters the light of a level by kernels that a convolution of `x` predicts.
+  Tensor filtered(uint32_t level, const Tensor& x, const Tensor& light, const KernelInputs& inputs) const {
+    const std::string name = fmt::format("kernel.{}", level);
+    const Tensor logits = tensor(name, level, kSide * kSide + (inputs.coarse ? 3 : 2));
+    build.conv(name, x, logits, {.kernel = 3});
+    const std::string filter = fmt::format("filter.{}", level);
+    const Tensor out = tensor(filter, level, 3);
+    kernel_filter(build.graph, filter, light, logits, out, kSide, inputs);
+    return out;
+  }
+
+  // Returns the share of LRHS in the light of its level.
+  float lrhs_share() const {
+    const auto pixels = float(a.scale * a.scale);
+    const auto [lrhs_spp, hrls_spp] = build.samples.known(a.scale);
+    const float certainty = a.lrhs_certainty * (a.knows_spp ? lrhs_spp / (hrls_spp * pixels) : 1);
+    return certainty / (certainty + pixels);
+  }
+
+  void add() const {
+    Graph& graph = build.graph;
+    const std::vector<EncodedChannel> lrhs_channels{{.channel = 0}, {.channel = 1}, {.channel = 2}};
+    const auto layers = static_cast<uint32_t>(build.hrls_channels.encoded.size());
+    const Tensor lrhs = build.tensor("encode.lrhs", height, width, 6);
+    const Tensor inputs = tensor("encode.hrls", 0, 3 + layers), lit = inputs.slice(0, 3);
+    const Tensor hrls = inputs.slice(3, layers), albedo = build.layer(hrls, "albedo");
+    encode(graph, "encode.lrhs", kLrhsSlot, lrhs.slice(0, 3), lrhs_channels, a.transfer, a.clip, low_frame);
+    build.encode_hrls("encode.hrls", hrls, 0, layers, full_frame);
+    const Tensor bright = build.tensor("above_clip", low_frame.height, low_frame.width, 3);
+    above_clip(graph, "above_clip", bright, a.clip);
+    light(graph, "light", build.layer(hrls, "color"), albedo, lit, a.transfer);
+    cell_light(graph, "cell_light", lrhs.slice(0, 3), albedo, lrhs.slice(3, 3), a.transfer, a.scale);
+    std::array<Tensor, kFilteredLevels + 1> lights{lit}, guides{hrls.slice(3, 6)};
+    for (uint32_t level = 1; level <= kFilteredLevels; ++level) {
+      const std::string name = fmt::format("pool.{}", level);
+      lights[level] = tensor(name, level, 3);
+      const Blend blend{lrhs.slice(3, 3), lrhs_share()};
+      pool(graph, name, lights[level - 1], lights[level],
+           level == a.levels() ? std::optional(blend) : std::nullopt);
+      guides[level] = tensor(fmt::format("guides.{}", level), level, 6);
+      pool(graph, fmt::format("guides.{}", level), guides[level - 1], guides[level]);
+    }
+
+    std::array<Tensor, kLevels + 1> x;
+    x[1] = tensor("hrls", 1, features(1));
+    build.conv("hrls", inputs, x[1], {.kernel = 3, .relu = true, .unshuffle = 2});
+    for (uint32_t level = 1; level < kLevels; ++level) {
+      x[level] = own_layer(level, x[level], lrhs);
+      x[level + 1] = down(level + 1, x[level]);
+    }
+    Tensor deep = x[kLevels];
+    for (uint32_t i = 0; i < 2; ++i) {
+      const std::string name = fmt::format("deep.{}", i);
+      const Tensor out = tensor(name, kLevels, features(kLevels));
+      build.conv(name, deep, out, {.kernel = 3, .relu = true, .residuals = {deep}});
+      deep = out;
+    }
+    std::optional<Tensor> coarse;
+    for (uint32_t level = kFilteredLevels; level > 0; --level) {
+      deep = up(level, features(level), deep, x[level]);
+      coarse = filtered(level, deep, lights[level], {coarse, guides[level]});
+    }
+
+    const Tensor full = up(0, a.upscaled_features, deep, inputs.slice(0, kGuideChannels));
+    constexpr uint32_t kComposed = 4 + kAlbedoSide * kAlbedoSide + 2, kLogits = kSide * kSide + 3;
+    const Tensor rec = tensor("rec", 0, kComposed + kLogits);
+    build.conv("rec", full, rec, {.kernel = 3});
+    const Tensor filtered = tensor("filter.0", 0, 3), fused = tensor("compose", 0, 3);
+    kernel_filter(graph, "filter.0", lit, rec.slice(kComposed, kLogits), filtered, kSide,
+                  {coarse, guides[0]});
+    compose(graph, "compose", rec.slice(0, kComposed), filtered, guides[0], lrhs.slice(0, 3), fused,
+            a.transfer, a.scale, phase);
+    decode(graph, "decode", fused, {a.transfer, nullptr, a.scale, phase, &bright, a.clip, full_frame});
+  }
+};
+
+}  // namespace
+
+void add_pyramid(Builder build, uint32_t height, uint32_t width, float phase) {
+  const Architecture& a = build.a;
+  const uint32_t grid = a.grid();
+  Pyramid{.build = build,
+          .height = divide_up(height, grid) * grid,
+          .width = divide_up(width, grid) * grid,
+          .phase = phase,
+          .low_frame = FrameSize{height, width},
+          .full_frame = FrameSize{a.scale * height, a.scale * width}}
+      .add();
+}
+
+}  // namespace raymeld

@@ -1,0 +1,115 @@
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <stdexcept>
+
+#include "reference/reference.h"
+
+namespace raymeld::reference {
+namespace {
+
+constexpr auto kFp32 = Precision::kFp32;
+constexpr auto kLog = Transfer::kLog, kLinear = Transfer::kLinear;
+
+double light_of(double x) { return std::log(1 + 0.2 * x) / 0.2; }
+
+// Returns one pixel of three equal channels.
+Planes gray(double value) { return Planes(3, 1, 1, {value, value, value}); }
+
+void expect_near(const Bounded& actual, const std::vector<double>& expected) {
+  ASSERT_EQ(actual.value.data.size(), expected.size());
+  for (size_t i = 0; i < expected.size(); ++i) EXPECT_NEAR(actual.value.data[i], expected[i], 1e-12) << i;
+}
+
+TEST(Light, IsDemodulatedAndCompressed) {
+  std::vector<double> color, albedo, expected;
+  for (const auto& [radiance, surface] : {std::pair(2.0, 0.6), {3, 0.1}, {4, 1}}) {
+    color.insert(color.end(), 4, radiance);
+    albedo.insert(albedo.end(), 4, surface);
+    expected.insert(expected.end(), 4, light_of(radiance / (surface + 0.4)));
+  }
+  expect_near(light(exact(Planes(3, 2, 2, color)), exact(Planes(3, 2, 2, albedo)), kLinear, kFp32), expected);
+}
+
+// The only neighbour of a pixel is its brightest one, so the second brightest is black.
+TEST(Light, DarkensFireflies) {
+  const Planes color(3, 1, 2, {5, 0, 5, 0, 5, 0}), albedo(3, 1, 2, std::vector(6, 0.6));
+  const double dimmed = light_of(1e-3);
+  expect_near(light(exact(color), exact(albedo), kLinear, kFp32), {dimmed, 0, dimmed, 0, dimmed, 0});
+}
+
+TEST(CellLight, HasTheMeanAlbedoOfTheCell) {
+  const Planes albedo(3, 2, 2, {1, 0, 0, 1, 0.6, 0.6, 0.6, 0.6, 0, 0, 0, 0});
+  const double encoded = std::log(1 + 8 * 3.0) / 3;
+  expect_near(cell_light(exact(gray(encoded)), exact(albedo), kLog, 2, kFp32),
+              {light_of(3 / 0.9), light_of(3), light_of(3 / 0.4)});
+}
+
+TEST(Pool, IsTheMeanOfFourAndMovesToAnother) {
+  const Bounded x = exact(Planes(1, 2, 4, {1, 2, 5, 5, 3, 6, 5, 5})), other = exact(Planes(1, 1, 2, {7, 1}));
+  expect_near(pool(x, kFp32), {3, 5});
+  expect_near(pool(x, kFp32, &other, 0.25), {4, 4});
+  expect_near(pool(x, kFp32, &other, 1), {7, 1});
+}
+
+TEST(KernelFilter, WeighsNeighboursByTheSoftmax) {
+  Planes x(3, 1, 3, {1, 2, 4, 10, 20, 40, 0, 0, 0}), logits(9, 1, 3);
+  for (double& logit : logits.data) logit = -1e3;
+  logits.at(4, 0, 0) = 7;                                      // the pixel itself
+  logits.at(3, 0, 1) = std::log(3.0), logits.at(5, 0, 1) = 0;  // left and right
+  logits.at(8, 0, 2) = logits.at(4, 0, 2) = 2;  // below and right is the pixel itself, replicated
+  expect_near(kernel_filter(exact(x), exact(logits), 3, kFp32), {1, 1.75, 4, 10, 17.5, 40, 0, 0, 0});
+}
+
+TEST(KernelFilter, IsBlendedWithTheCoarserImage) {
+  const Bounded x = exact(Planes(3, 2, 2, std::vector(12, 1.0))), coarse = exact(gray(5));
+  Planes logits(2, 2, 2);
+  logits.at(1, 0, 0) = 100, logits.at(1, 0, 1) = -100, logits.at(1, 1, 0) = std::log(3.0);
+  const Bounded result = kernel_filter(x, exact(logits), 1, kFp32, &coarse);
+  for (int c = 0; c < 3; ++c) {
+    EXPECT_NEAR(result.value.at(c, 0, 0), 5, 1e-12);
+    EXPECT_NEAR(result.value.at(c, 0, 1), 1, 1e-12);
+    EXPECT_NEAR(result.value.at(c, 1, 0), 4, 1e-12);
+    EXPECT_NEAR(result.value.at(c, 1, 1), 3, 1e-12);
+  }
+}
+
+TEST(KernelFilter, CountsWhatIsAlike) {
+  const Bounded x = exact(Planes(3, 1, 2, {1, 5, 1, 5, 1, 5}));
+  Planes logits(11, 1, 2), guides(6, 1, 2);
+  guides.at(1, 0, 1) = 0.2, guides.at(5, 0, 1) = 0.4;
+  logits.at(9, 0, 0) = std::log(2.0), logits.at(10, 0, 0) = std::log(3.0);
+  // The other pixel is three of the nine taps. It differs by 6.25 * 2 * 0.04 + 2.25 * 3 * 0.16 from the
+  // first.
+  const double alike = std::exp(-(0.5 + 1.08)), other = std::exp(-(0.25 + 0.36));
+  const Bounded guide = exact(guides);
+  const Bounded y = kernel_filter(x, exact(logits), 3, kFp32, nullptr, &guide);
+  EXPECT_NEAR(y.value.at(0, 0, 0), (6 + 3 * alike * 5) / (6 + 3 * alike), 1e-12);
+  EXPECT_NEAR(y.value.at(2, 0, 1), (6 * 5 + 3 * other) / (6 + 3 * other), 1e-12);
+}
+
+// A kernel that prefers no pixel leaves an even albedo as it is.
+TEST(Compose, MixesRemodulatedLightAndLrhs) {
+  Planes rec(15, 1, 1), guides(6, 1, 1);
+  for (int c = 0; c < 3; ++c) guides.at(c, 0, 0) = 0.6;
+  rec.at(0, 0, 0) = 0.5, rec.at(3, 0, 0) = std::log(3.0);
+  const double x = 2, surface = 0.6 + 0.4, low = 10;
+  const auto lrhs = exact(gray(low)), light = exact(gray(light_of(x))), surfaces = exact(guides);
+  const double mixed = low + 0.75 * (x * surface - low);
+  expect_near(compose(exact(rec), light, surfaces, lrhs, kLinear, 1, 0, kFp32), {mixed + 0.5, mixed, mixed});
+  const double encoded = low + 0.75 * (std::log(1 + 8 * x * surface) / 3 - low);
+  expect_near(compose(exact(rec), light, surfaces, lrhs, kLog, 1, 0, kFp32),
+              {encoded + 0.5, encoded, encoded});
+}
+
+TEST(PyramidLayers, RefuseOtherShapes) {
+  const Bounded one = exact(gray(1)), two = exact(Planes(3, 2, 2));
+  EXPECT_THROW(light(one, two, kLog, kFp32), std::invalid_argument);
+  EXPECT_THROW(cell_light(one, two, kLog, 4, kFp32), std::invalid_argument);
+  EXPECT_THROW(pool(one, kFp32), std::invalid_argument);
+  EXPECT_THROW(kernel_filter(one, one, 3, kFp32), std::invalid_argument);
+  EXPECT_THROW(compose(one, one, one, one, kLog, 1, 0, kFp32), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace raymeld::reference
