@@ -79,11 +79,13 @@ class FaultsTest : public testing::Test {
 };
 
 // Returns whether the call that failed is made before there is a tile that could be made smaller. The first
-// fence is the device's; those of staged copies come with the tiles.
+// fence is the device's, and those of staged copies come with the tiles. The first pipeline cache is the
+// frame's, and the second is that of the Fuser for tiles that are done again.
 bool comes_before_tiles(const std::string& function) {
-  return function == "vkEnumerateDeviceExtensionProperties" || function == "vkCreatePipelineCache" ||
-         (function == "vkCreateFence" && !interposed().alive_at_failure.contains(function)) ||
-         function == "vkGetPhysicalDeviceCooperativeMatrixPropertiesKHR";
+  const bool first = !interposed().alive_at_failure.contains(function);
+  return function == "vkEnumerateDeviceExtensionProperties" ||
+         function == "vkGetPhysicalDeviceCooperativeMatrixPropertiesKHR" ||
+         (first && (function == "vkCreatePipelineCache" || function == "vkCreateFence"));
 }
 
 // Returns whether a frame survives the fault: it is made again in less memory, or needs no cache on disk.
