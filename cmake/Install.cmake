@@ -2,22 +2,26 @@
 # package raymeld with the target raymeld::raymeld.
 include(CMakePackageConfigHelpers)
 
-install(TARGETS raymeld RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT tools)
-install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT tools)
+if(RAYMELD_PROGRAM)
+  install(TARGETS raymeld RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT tools)
+  install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT tools)
+  install(FILES blender/raymeld_fusion.py DESTINATION ${CMAKE_INSTALL_DATADIR}/raymeld COMPONENT tools)
+  install(PROGRAMS scripts/fuse-array.slurm DESTINATION ${CMAKE_INSTALL_DATADIR}/raymeld COMPONENT tools)
+  if(NOT CMAKE_CROSSCOMPILING)
+    install(FILES ${CMAKE_CURRENT_BINARY_DIR}/raymeld.1
+            DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 COMPONENT tools)
+    install(FILES ${CMAKE_CURRENT_BINARY_DIR}/raymeld.bash RENAME raymeld
+            DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions COMPONENT tools)
+  endif()
+endif()
 # The packages that share no files with the program's depend on the library's.
 install(FILES LICENSE COMPONENT library
         DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/libraymeld${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR})
-install(TARGETS raymeld_library EXPORT raymeld LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT library
-        NAMELINK_COMPONENT dev)
+install(TARGETS raymeld_library EXPORT raymeld
+        LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT library NAMELINK_COMPONENT dev
+        RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT library
+        ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT dev)
 install(DIRECTORY include/raymeld DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT dev)
-install(FILES blender/raymeld_fusion.py DESTINATION ${CMAKE_INSTALL_DATADIR}/raymeld COMPONENT tools)
-install(PROGRAMS scripts/fuse-array.slurm DESTINATION ${CMAKE_INSTALL_DATADIR}/raymeld COMPONENT tools)
-if(NOT CMAKE_CROSSCOMPILING)
-  install(FILES ${CMAKE_CURRENT_BINARY_DIR}/raymeld.1
-          DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 COMPONENT tools)
-  install(FILES ${CMAKE_CURRENT_BINARY_DIR}/raymeld.bash RENAME raymeld
-          DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions COMPONENT tools)
-endif()
 install(DIRECTORY models/ DESTINATION ${CMAKE_INSTALL_DATADIR}/raymeld/models COMPONENT models)
 
 set(package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/raymeld)

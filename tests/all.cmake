@@ -48,12 +48,16 @@ add_test(NAME gpus COMMAND ${PROJECT_SOURCE_DIR}/scripts/test-gpus)
 set_tests_properties(gpus PROPERTIES ENVIRONMENT RAYMELD=$<TARGET_FILE:raymeld>
   FIXTURES_REQUIRED sid COST 60)
 
+# libraymeld and its portable tests are compiled for Windows, and run under Wine.
+add_test(NAME windows COMMAND ${PROJECT_SOURCE_DIR}/scripts/test-windows)
+set_tests_properties(windows PROPERTIES ENVIRONMENT GALLIVM_PERF=nopt COST 250)
+
 # Runs libFuzzer and a few units under sanitizers, in one build with clang.
 add_test(NAME sanitize COMMAND ${PROJECT_SOURCE_DIR}/scripts/sanitize --some)
 set_tests_properties(sanitize PROPERTIES RUN_SERIAL TRUE)
 
-set_tests_properties(bench format package blender training evaluation drivers matrix gpus sanitize slurm soak
-  trade_page PROPERTIES LABELS all)
+set_tests_properties(bench format package blender training evaluation drivers matrix gpus windows sanitize
+  slurm soak trade_page PROPERTIES LABELS all)
 # A machine may be busy, and some of these tests build.
-set_tests_properties(${unit_tests} drivers matrix gpus sanitize package evaluation training blender
-  PROPERTIES TIMEOUT 3000)
+set_tests_properties(${unit_tests} drivers matrix gpus windows sanitize package evaluation training
+  blender PROPERTIES TIMEOUT 3000)

@@ -16,6 +16,8 @@ const fs::path kSource = source_path("src");
 // Maps each folder of src/ to the others that its sources may include. Files in src/ itself are for all.
 const std::map<std::string, std::set<std::string>> kBelow = {
     {"platform", {}},
+    {"platform/posix", {"platform"}},
+    {"platform/windows", {"platform"}},
     {"engine", {"platform"}},
     {"reference", {}},
     {"io", {"platform"}},
@@ -68,6 +70,17 @@ TEST(Layout, FoldersAreSmallAndNoSourceIsInNone) {
   for (const fs::path& file : sources()) sizes[folder_of(file)] += file.extension() == ".cpp";
   EXPECT_EQ(sizes["."], 0);
   for (const auto& [folder, size] : sizes) EXPECT_LE(size, 20) << folder;
+}
+
+TEST(Layout, OnlyPlatformKnowsTheSystem) {
+  const std::regex system(R"(#include <(sys/|windows|unistd|fcntl|dlfcn|link\.h|io\.h|poll))");
+  size_t seen = 0;
+  for (const fs::path& file : sources()) {
+    if (!std::regex_search(read_file(file), system)) continue;
+    EXPECT_TRUE(folder_of(file).starts_with("platform/")) << file;
+    ++seen;
+  }
+  EXPECT_GT(seen, 5u);
 }
 
 TEST(Layout, EngineKnowsNoNetwork) {

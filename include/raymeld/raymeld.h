@@ -27,7 +27,11 @@ extern "C" {
 #else
 #define RAYMELD_IS(value)
 #endif
-#if defined(__GNUC__)
+#if defined(_WIN32) && defined(RAYMELD_BUILDING)
+#define RAYMELD_API __declspec(dllexport)
+#elif defined(_WIN32)
+#define RAYMELD_API __declspec(dllimport)
+#elif defined(__GNUC__)
 #define RAYMELD_API __attribute__((visibility("default")))
 #else
 #define RAYMELD_API

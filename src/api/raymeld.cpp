@@ -2,7 +2,6 @@
 #include "raymeld/raymeld.h"
 
 #include <fmt/ranges.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -21,6 +20,7 @@
 #include "fusion/tuner.h"
 #include "io/safetensors.h"
 #include "model/stock_models.h"
+#include "platform/files.h"
 #include "platform/folders.h"
 
 namespace {
@@ -549,7 +549,7 @@ raymeld_result raymeld_import_buffer(raymeld_context context, const raymeld_impo
                               .dedicated = asked.dedicated != VK_FALSE,
                               .offset_bytes = asked.offset_bytes,
                               .size_bytes = asked.size_bytes});
-    close(asked.fd);
+    close_descriptor(asked.fd);
   });
 }
 

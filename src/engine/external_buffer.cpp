@@ -1,11 +1,10 @@
 #include "engine/external_buffer.h"
 
-#include <fcntl.h>
-#include <unistd.h>
-
 #include <bit>
 #include <cerrno>
 #include <cstring>
+
+#include "platform/files.h"
 
 namespace raymeld {
 namespace {
@@ -100,11 +99,11 @@ void ExternalBuffer::import(const MemoryFd& from, const VkMemoryRequirements& ne
   auto info = vk_struct<VkMemoryAllocateInfo>(VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO, &import);
   info.allocationSize = from.memory_size_bytes;
   info.memoryTypeIndex = memory_type_of(device_, from, needs.memoryTypeBits);
-  import.fd = fcntl(from.fd, F_DUPFD_CLOEXEC, 0);
+  import.fd = copy_descriptor(from.fd);
   if (import.fd < 0) throw Error("{}: descriptor {}: {}", kWhat, from.fd, std::strerror(errno));
   const VkResult imported =
       device_.vk().AllocateMemory(device_.handle(), &info, device_.allocator(), &memory_);
-  if (imported != VK_SUCCESS) close(import.fd);
+  if (imported != VK_SUCCESS) close_descriptor(import.fd);
   check(imported, fmt::format("{} on {}", kWhat, device_.info().name));
   device_.name(VK_OBJECT_TYPE_DEVICE_MEMORY, memory_, "imported buffer");
 }

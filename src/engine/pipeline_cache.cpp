@@ -1,12 +1,10 @@
 #include "engine/pipeline_cache.h"
 
-#include <unistd.h>
-
-#include <chrono>
 #include <cstring>
 #include <fstream>
 
 #include "error.h"
+#include "platform/atomic_file.h"
 
 namespace raymeld {
 namespace {
@@ -48,20 +46,6 @@ std::vector<char> read_cache(const std::filesystem::path& file,
   stream.read(data.data(), static_cast<std::streamsize>(data.size()));
   if (!stream || checksum_of(data) != header.checksum || !fits_device(data, properties)) return {};
   return data;
-}
-
-// Removes the temporary files of writers that were killed. No living writer takes an hour.
-void remove_leftovers(const std::filesystem::path& file) {
-  namespace fs = std::filesystem;
-  std::error_code error;
-  for (auto entry = fs::directory_iterator(file.parent_path(), error);
-       !error && entry != fs::directory_iterator(); entry.increment(error)) {
-    const std::string name = entry->path().filename().string();
-    if (!name.starts_with(file.filename().string() + ".") || !name.ends_with(".tmp")) continue;
-    std::error_code unknown;
-    const auto age = fs::file_time_type::clock::now() - entry->last_write_time(unknown);
-    if (!unknown && age > std::chrono::hours(1)) fs::remove(entry->path(), unknown);
-  }
 }
 
 }  // namespace
@@ -107,20 +91,16 @@ bool PipelineCache::save() const {
 
   std::error_code error;
   std::filesystem::create_directories(file_.parent_path(), error);
-  const std::filesystem::path temporary =
-      fmt::format("{}.{}.{}.tmp", file_.string(), getpid(), fmt::ptr(this));
-  const FileHeader header{kMagic, data.size(), checksum_of(data)};
-  std::ofstream stream(temporary, std::ios::binary);
-  stream.write(reinterpret_cast<const char*>(&header), sizeof(header));
-  stream.write(data.data(), static_cast<std::streamsize>(data.size()));
-  stream.close();
-  if (stream) std::filesystem::rename(temporary, file_, error);
-  if (!stream || error) {
-    std::filesystem::remove(temporary, error);
+  try {
+    const FileHeader header{kMagic, data.size(), checksum_of(data)};
+    AtomicFile file(file_);
+    file.write(&header, sizeof(header));
+    file.write(data.data(), data.size());
+    file.commit();
+    return true;
+  } catch (const Error&) {
     return false;
   }
-  remove_leftovers(file_);
-  return true;
 }
 
 }  // namespace raymeld

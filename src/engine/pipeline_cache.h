@@ -24,8 +24,7 @@ class PipelineCache {
   const std::filesystem::path& file() const { return file_; }
   bool loaded() const { return !loaded_data_.empty(); }
 
-  // Writes the cache when it has changed, and then removes temporary files more than an hour old, which
-  // killed writers left behind. A cache that cannot be written is no error: returns false.
+  // Writes the cache when it has changed. A cache that cannot be written is no error: returns false.
   bool save() const;
 
  private:

@@ -7,10 +7,10 @@ namespace raymeld {
 namespace {
 
 PFN_vkGetInstanceProcAddr find_loader() {
-  const auto [address, reason] = load_symbol({"libvulkan.so.1", "libvulkan.so"}, "vkGetInstanceProcAddr");
+  const auto [address, reason] = load_symbol(vulkan_loaders(), "vkGetInstanceProcAddr");
   if (address) return reinterpret_cast<PFN_vkGetInstanceProcAddr>(address);
   throw Error("no Vulkan loader: {}; install libvulkan1 and a driver (mesa-vulkan-drivers has one for CPUs)",
-              reason ? reason : "libvulkan.so.1 not found");
+              reason ? reason : "it was not found");
 }
 
 template <typename Function>

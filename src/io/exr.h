@@ -12,8 +12,8 @@
 #include <vector>
 
 #include "io/image.h"
-#include "io/input_file.h"
 #include "platform/atomic_file.h"
+#include "platform/file_version.h"
 
 namespace raymeld {
 

@@ -56,7 +56,7 @@ fs::path find_stock_model(const std::string& name) {
 }
 
 fs::path model_file(const std::string& wanted) {
-  if (wanted.find('/') != std::string::npos || wanted.ends_with(kExtension)) return wanted;
+  if (fs::path(wanted).has_parent_path() || wanted.ends_with(kExtension)) return wanted;
   if (std::error_code error; fs::is_regular_file(wanted, error)) return wanted;
   if (const fs::path file = find_stock_model(wanted); !file.empty()) return file;
   throw Error("there is no model '{}', neither by name nor as a file; {}", wanted, what_models_there_are());

@@ -38,7 +38,8 @@ class AtomicFile {
 
  private:
   [[noreturn]] void fail();
-  void link_unnamed();
+  void name_unnamed();
+  void remove_temporary() const;
 
   std::filesystem::path path_;
   std::filesystem::path temporary_path_;  // empty while the file has no name

@@ -5,8 +5,8 @@
 
 namespace raymeld {
 
-// Returns $XDG_CACHE_HOME/raymeld, else $HOME/.cache/raymeld, or an empty path when neither variable holds an
-// absolute path: then nothing is cached on disk.
+// Returns $XDG_CACHE_HOME/raymeld, else $HOME/.cache/raymeld, and on Windows %LOCALAPPDATA%\raymeld. Returns
+// an empty path when no variable holds an absolute path: then nothing is cached on disk.
 std::filesystem::path default_cache_folder();
 
 // Names the file that this code was loaded from.

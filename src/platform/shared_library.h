@@ -1,7 +1,7 @@
 // Loads shared libraries while the program runs.
 #pragma once
 
-#include <initializer_list>
+#include <span>
 
 namespace raymeld {
 
@@ -12,6 +12,9 @@ struct Symbol {
 };
 
 // Loads the first library of `names` that there is, for good, and finds a symbol in it.
-Symbol load_symbol(std::initializer_list<const char*> names, const char* symbol);
+Symbol load_symbol(std::span<const char* const> names, const char* symbol);
+
+// Names the files in which this system may have the Vulkan loader, the likeliest first.
+std::span<const char* const> vulkan_loaders();
 
 }  // namespace raymeld

@@ -24,12 +24,12 @@ namespace {
 class ApiTest : public testing::Test {
  protected:
   ApiTest() {
-    setenv("XDG_CACHE_HOME", (folder_ / "cache").c_str(), 1);
+    set_cache_home(folder_ / "cache");
     write_model(file_, subject_.architecture, subject_.weights);
   }
 
   TemporaryDirectory folder_;
-  std::string file_ = folder_ / "model.safetensors";
+  std::string file_ = (folder_ / "model.safetensors").string();
   Subject subject_ = make_subject(small_architecture(2), 6, 9, 1);
   raymeld_fusion_desc desc_ = fusion_desc(subject_);
 };
@@ -210,7 +210,7 @@ TEST_F(ApiTest, StockModelsHaveNames) {
   const std::filesystem::path before = std::filesystem::current_path(), models = folder_ / "models";
   std::filesystem::create_directory(models);
   std::filesystem::copy(file_, models / "mine.safetensors");
-  setenv("RAYMELD_MODELS", models.c_str(), 1);
+  set_variable("RAYMELD_MODELS", models.string().c_str());
   const std::vector<std::string> names = list_models();
   for (const char* name : {"mine", "x4-fast", "x4-balanced"})
     EXPECT_EQ(std::ranges::count(names, name), 1) << name;
@@ -233,7 +233,7 @@ TEST_F(ApiTest, StockModelsHaveNames) {
   write_file("mine", "junk");
   EXPECT_FAILURE(RAYMELD_ERROR_MODEL, SharedModel("mine"), "mine");
   std::filesystem::current_path(before);
-  unsetenv("RAYMELD_MODELS");
+  set_variable("RAYMELD_MODELS", nullptr);
 }
 
 TEST_F(ApiTest, DevicesAreListedByIndex) {
@@ -461,25 +461,31 @@ TEST_F(ApiTest, FeaturesAreWrittenAtTheStrideOfTheCaller) {
   EXPECT_EQ(std::string(older.end() - kOlder, older.end()), std::string(kOlder, kUntouched));
 }
 
-// Counts the host's allocations; `sizes` holds the size of each block.
+// Counts the host's allocations.
 struct Allocations {
+  struct Block {
+    size_t size;
+    std::align_val_t alignment;
+  };
   std::atomic<int> made{0}, alive{0};
   std::mutex mutex;
-  std::map<void*, size_t> sizes;
+  std::map<void*, Block> blocks;
 
   void* allocate(size_t size, size_t alignment) {
-    void* const block = std::aligned_alloc(alignment, (size + alignment - 1) / alignment * alignment);
+    const Block block{size, std::align_val_t(alignment)};
+    void* const address = ::operator new(block.size, block.alignment);
     const std::lock_guard lock(mutex);
-    sizes[block] = size;
+    blocks[address] = block;
     ++made, ++alive;
-    return block;
+    return address;
   }
-  void free(void* block) {
-    if (!block) return;
+  void free(void* address) {
+    if (!address) return;
     const std::lock_guard lock(mutex);
-    EXPECT_EQ(sizes.erase(block), 1u);
+    const auto block = blocks.extract(address);
+    ASSERT_FALSE(block.empty());
     --alive;
-    std::free(block);
+    ::operator delete(address, block.mapped().alignment);
   }
 
   static VKAPI_ATTR void* VKAPI_CALL allocate(void* self, size_t size, size_t alignment,
@@ -490,7 +496,7 @@ struct Allocations {
                                                 VkSystemAllocationScope) {
     auto& all = *static_cast<Allocations*>(self);
     void* const larger = all.allocate(size, alignment);
-    if (block) std::memcpy(larger, block, std::min(size, all.sizes.at(block)));
+    if (block) std::memcpy(larger, block, std::min(size, all.blocks.at(block).size));
     all.free(block);
     return larger;
   }
@@ -535,7 +541,7 @@ TEST_F(ApiTest, TheCallersPipelineCacheTakesThePlaceOfTheFile) {
   caller.vk().DestroyPipelineCache(caller.external().device, cache, nullptr);
 
   desc.pipeline_cache = VK_NULL_HANDLE;
-  const std::string own = folder_ / "own";
+  const std::string own = (folder_ / "own").string();
   desc.cache_folder = own.c_str();
   Fusion(Context(desc), model, desc_);
   EXPECT_FALSE(std::filesystem::is_empty(own));

@@ -26,7 +26,7 @@ class DynamicSizeTest : public testing::Test {
   }
 
   TemporaryDirectory folder_;
-  std::filesystem::path file_ = folder_ / "model.safetensors";
+  std::string file_ = (folder_ / "model.safetensors").string();
   reference::Architecture architecture_;
   reference::Weights weights_;
 };

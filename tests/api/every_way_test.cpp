@@ -20,7 +20,7 @@ struct Features {
 class EveryWay : public testing::TestWithParam<Features> {
  protected:
   EveryWay() {
-    setenv("XDG_CACHE_HOME", (folder_ / "cache").c_str(), 1);
+    set_cache_home(folder_ / "cache");
     write_model(file_, subject_.architecture, subject_.weights);
     ExternalDevice external = caller_.external();
     external.half_dots &= GetParam().half_dots;

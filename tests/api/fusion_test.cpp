@@ -13,7 +13,7 @@ using reference::Planes;
 
 class FusionTest : public testing::Test {
  protected:
-  FusionTest() { setenv("XDG_CACHE_HOME", (folder_ / "cache").c_str(), 1); }
+  FusionTest() { set_cache_home(folder_ / "cache"); }
 
   SharedModel model_of(const Subject& subject, const std::map<std::string, std::string>& metadata = {}) {
     const std::filesystem::path file = folder_ / "model.safetensors";

@@ -19,12 +19,12 @@ using Calls = std::map<std::string, int>;
 class RecordTest : public testing::Test {
  protected:
   RecordTest() {
-    setenv("XDG_CACHE_HOME", (folder_ / "cache").c_str(), 1);
+    set_cache_home(folder_ / "cache");
     write_model(file_, subject_.architecture, subject_.weights);
   }
 
   TemporaryDirectory folder_;
-  std::filesystem::path file_ = folder_ / "model.safetensors";
+  std::string file_ = (folder_ / "model.safetensors").string();
   Subject subject_ = make_subject(small_architecture(2), 6, 9, 1);
 };
 
@@ -95,7 +95,7 @@ TEST_F(RecordTest, AnyLayoutGivesTheBitsOfFuse) {
     const std::unique_ptr<Device> device = Device::wrap(caller.external());
     raymeld_fusion_desc desc = fusion_desc(subject_);
     desc.precision = precision == Precision::kFp16 ? RAYMELD_PRECISION_FP16 : RAYMELD_PRECISION_FP32;
-    Fusion fusion(Context(context_desc(caller.external())), SharedModel(file_.string()), desc);
+    Fusion fusion(Context(context_desc(caller.external())), SharedModel(file_), desc);
     const raymeld_fusion_info info = fusion.info();
     ASSERT_EQ(info.tile_height, 6u);
     ASSERT_EQ(info.tile_width, 9u);
@@ -126,7 +126,7 @@ TEST_F(RecordTest, EachRecordingHasItsExposure) {
   CallerDevice caller;
   const std::unique_ptr<Device> device = Device::wrap(caller.external());
   const Context context(context_desc(caller.external()));
-  const SharedModel model(file_.string());
+  const SharedModel model(file_);
   Fusion fusion(context, model, fusion_desc(subject_));
   const std::vector<float> lrhs_values = floats(subject_.lrhs), hrls_values = floats(subject_.hrls);
   const float found = fusion.exposure(lrhs_values.data());
@@ -203,7 +203,7 @@ TEST_F(RecordTest, AddressesMustBeEnabled) {
   std::vector<float> own(3 * 12 * 18), direct(own.size());
   const std::vector<float> lrhs = floats(subject_.lrhs), hrls = floats(subject_.hrls);
   const Context context(context_desc(caller.external()));
-  const SharedModel shared(file_.string());
+  const SharedModel shared(file_);
   raymeld_fusion_desc desc = fusion_desc(subject_);
   Fusion(context, shared, desc).fuse(lrhs.data(), hrls.data(), own.data());
   desc.kernels = RAYMELD_KERNELS_DIRECT;

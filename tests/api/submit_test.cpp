@@ -89,7 +89,7 @@ raymeld_semaphores semaphores(const std::optional<Point>& wait, const std::optio
 class SubmitTest : public testing::Test {
  protected:
   SubmitTest() {
-    setenv("XDG_CACHE_HOME", (folder_ / "cache").c_str(), 1);
+    set_cache_home(folder_ / "cache");
     write_model(file_, subject_.architecture, subject_.weights);
     device_ = Device::wrap(caller_.external());
     context_.emplace(context_desc(caller_.external()));
@@ -149,7 +149,7 @@ class SubmitTest : public testing::Test {
   }
 
   TemporaryDirectory folder_;
-  std::string file_ = folder_ / "model.safetensors";
+  std::string file_ = (folder_ / "model.safetensors").string();
   Subject subject_ = make_subject(small_architecture(2), 6, 9, 1);
   CallerDevice caller_;
   std::unique_ptr<Device> device_;

@@ -24,7 +24,7 @@ void in_threads(const std::function<void(int)>& work) {
 class ThreadsTest : public GpuTest {
  protected:
   ThreadsTest() {
-    setenv("XDG_CACHE_HOME", (folder_ / "cache").c_str(), 1);
+    set_cache_home(folder_ / "cache");
     for (int i = 0; i < kThreads; ++i) {
       subjects_.push_back(
           make_subject(i % 2 ? guided_architecture(4) : small_architecture(2), 5 + i, 9 - i, uint64_t(i)));

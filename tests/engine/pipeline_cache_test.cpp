@@ -142,23 +142,6 @@ TEST_F(PipelineCacheTest, WritersAtOnceLeaveAWholeFile) {
   EXPECT_EQ(files(), 1u);
 }
 
-TEST_F(PipelineCacheTest, WhatAKilledWriterLeftIsRemoved) {
-  PipelineCache cache(gpu(), folder_.path());
-  const auto make = [&](const std::string& name, int age_minutes) {
-    write_file(folder_ / name, "half");
-    std::filesystem::last_write_time(
-        folder_ / name, std::filesystem::file_time_type::clock::now() - std::chrono::minutes(age_minutes));
-    return folder_ / name;
-  };
-  const std::string own = cache.file().filename().string();
-  const auto old = make(own + ".1.0x1.tmp", 61), fresh = make(own + ".2.0x1.tmp", 1);
-  const auto other = make("tuning.json", 61);
-  compile(cache);
-  EXPECT_TRUE(cache.save());
-  EXPECT_FALSE(std::filesystem::exists(old));
-  EXPECT_TRUE(std::filesystem::exists(fresh) && std::filesystem::exists(other));
-}
-
 TEST_F(PipelineCacheTest, NowhereToWriteIsNoError) {
   PipelineCache none(gpu(), {});
   compile(none);

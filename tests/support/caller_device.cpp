@@ -8,6 +8,7 @@
 #include "engine/half_dots.h"
 #include "engine/instance.h"
 #include "faults.h"
+#include "gpu.h"
 
 namespace raymeld::test {
 namespace {
@@ -52,10 +53,11 @@ VkDebugUtilsMessengerEXT make_messenger(const VulkanFunctions& vk, VkInstance in
 }  // namespace
 
 CallerDevice::CallerDevice(bool storage_16bit, bool addresses, bool matrices) : vk_(VulkanFunctions::load()) {
+  const Validation validation = asked_validation();
   real_get_instance_proc_addr = vk_.GetInstanceProcAddr;
   external_.get_instance_proc_addr = get_instance_proc_addr;
-  external_.instance = make_instance(vk_, Validation::kSynchronization);
-  messenger_ = make_messenger(vk_, external_.instance, messages_);
+  external_.instance = make_instance(vk_, validation);
+  if (validation != Validation::kNone) messenger_ = make_messenger(vk_, external_.instance, messages_);
   external_.physical_device = physical_devices(vk_, external_.instance).front();
   external_.storage_16bit = storage_16bit;
   const DeviceInfo has = device_info(vk_, external_.physical_device, 0);
@@ -121,7 +123,7 @@ CallerDevice::CallerDevice(bool storage_16bit, bool addresses, bool matrices) : 
 
 CallerDevice::~CallerDevice() {
   vk_.DestroyDevice(external_.device, nullptr);
-  vk_.DestroyDebugUtilsMessengerEXT(external_.instance, messenger_, nullptr);
+  if (messenger_) vk_.DestroyDebugUtilsMessengerEXT(external_.instance, messenger_, nullptr);
   vk_.DestroyInstance(external_.instance, nullptr);
   for (const std::string& message : messages_) ADD_FAILURE() << message;
 }

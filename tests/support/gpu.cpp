@@ -15,10 +15,6 @@
 
 namespace raymeld::test {
 
-namespace {
-
-// RAYMELD_TEST_VALIDATION=0 is for machines that have a device but no validation layers. The value
-// gpu-assisted checks the accesses of shaders.
 Validation asked_validation() {
   const char* value = std::getenv("RAYMELD_TEST_VALIDATION");
   const std::string asked = value ? value : "";
@@ -27,6 +23,8 @@ Validation asked_validation() {
   if (!asked.empty()) throw Error("RAYMELD_TEST_VALIDATION is '{}', expected 0 or gpu-assisted", asked);
   return Validation::kSynchronization;
 }
+
+namespace {
 
 // Holds the objects that the tests of a process share, each made at its first use. All are destroyed after
 // the tests, and messages of the validation layers about that fail the run too.

@@ -22,6 +22,11 @@ using conform::name_of;
 using conform::run_passes;
 using conform::storage_of;
 
+// Returns what the tests validate: usual checks and synchronization. RAYMELD_TEST_VALIDATION=0 is for
+// machines that have a device but no validation layers. The value gpu-assisted checks the accesses of
+// shaders.
+Validation asked_validation();
+
 // Returns the device that all tests of a process share, with validation and synchronization validation.
 const Device& gpu();
 

@@ -1,19 +1,21 @@
 #include "support.h"
 
-#include <cerrno>
+#include <fmt/format.h>
+
 #include <cstdlib>
 #include <fstream>
 #include <iterator>
+#include <random>
 #include <regex>
 #include <stdexcept>
-#include <system_error>
 
 namespace raymeld::test {
 
 TemporaryDirectory::TemporaryDirectory() {
-  std::string name = (std::filesystem::temp_directory_path() / "raymeld-test-XXXXXX").string();
-  if (!mkdtemp(name.data())) throw std::system_error(errno, std::generic_category(), name);
-  path_ = name;
+  std::random_device random;
+  do {
+    path_ = std::filesystem::temp_directory_path() / fmt::format("raymeld-test-{:08x}", random());
+  } while (!std::filesystem::create_directory(path_));
 }
 
 TemporaryDirectory::~TemporaryDirectory() {
@@ -34,6 +36,22 @@ void write_file(const std::filesystem::path& path, std::string_view content) {
   std::ofstream file(path, std::ios::binary);
   file << content << std::flush;
   if (!file) throw std::runtime_error("cannot write " + path.string());
+}
+
+void set_variable(const char* name, const char* value) {
+#ifdef _WIN32
+  _putenv_s(name, value ? value : "");
+#else
+  value ? setenv(name, value, 1) : unsetenv(name);
+#endif
+}
+
+void set_cache_home(const std::filesystem::path& folder) {
+#ifdef _WIN32
+  set_variable("LOCALAPPDATA", folder.string().c_str());
+#else
+  set_variable("XDG_CACHE_HOME", folder.c_str());
+#endif
 }
 
 bool full_extent() {

@@ -57,6 +57,12 @@ std::string read_file(const std::filesystem::path& path);
 void write_file(const std::filesystem::path& path, std::string_view content);
 std::filesystem::path source_path(const std::filesystem::path& relative);  // a path in the repository
 
+// Sets a variable of the environment, or unsets it.
+void set_variable(const char* name, const char* value);
+
+// Sets the folder in which programs of this user have their folders of caches.
+void set_cache_home(const std::filesystem::path& folder);
+
 // Returns the first groups of all matches of a regular expression in a file.
 std::set<std::string> names_in(const std::filesystem::path& file, const char* pattern);
 

@@ -1,11 +1,10 @@
 #include "cli/common/outputs.h"
 
-#include <unistd.h>
-
 #include <cerrno>
 #include <cstring>
 
 #include "error.h"
+#include "platform/files.h"
 
 namespace raymeld::cli {
 
@@ -25,7 +24,7 @@ void check_folder(const fs::path& output) {
   if (!fs::is_directory(folder, error)) {
     throw Error("cannot write '{}': there is no folder '{}'", output.string(), folder.string());
   }
-  if (eaccess(folder.c_str(), W_OK | X_OK) != 0) {
+  if (!may_write_in(folder)) {
     throw Error("cannot write '{}': folder '{}': {}", output.string(), folder.string(), std::strerror(errno));
   }
 }
