@@ -99,8 +99,7 @@ constexpr std::array kFeatures{
         "The driver may truncate values to 16 bits and flush small ones to zero, in fp16. The extension is "
         "part of Vulkan 1.2, where it need not be named."},
     Feature{RAYMELD_FEATURE_HALF_DOTS, HalfDotFeatures::kExtensions, kDotMembers,
-            "fp16 convolutions take twice as long. It is not supported where there are cooperative matrices, "
-            "which are faster."},
+            "fp16 convolutions take twice as long, but for those by cooperative matrices."},
 };
 
 bool supports(const DeviceInfo& info, raymeld_feature_bits bit) {

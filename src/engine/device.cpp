@@ -192,9 +192,9 @@ void Device::create_device() {
     extensions.insert(extensions.end(), matrix.kExtensions.begin(), matrix.kExtensions.end());
     chain = &matrix.matrix;
   }
-  HalfDotFeatures dots(chain, info_.half_dots);
+  HalfDotFeatures dots(chain, info_.half_dots, info_.cooperative_matrix.has_value());
   if (info_.half_dots) {
-    extensions.insert(extensions.end(), dots.kExtensions.begin(), dots.kExtensions.end());
+    extensions.insert(extensions.end(), dots.extensions().begin(), dots.extensions().end());
     chain = &dots.dots;
   }
   info_.timeline_semaphore = false;  // no caller can make a semaphore of this device

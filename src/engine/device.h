@@ -47,7 +47,7 @@ struct DeviceInfo {
   bool image_writes = false;           // any format: shaderStorageImageWriteWithoutFormat
   bool buffer_device_address = false;  // includes 64-bit integers, the type of addresses
   std::optional<CooperativeMatrix> cooperative_matrix;
-  bool half_dots = false;  // see half_dots.h; not where there are matrices, which are faster
+  bool half_dots = false;  // see half_dots.h
   FloatControls float_controls;
   bool is_portable_subset = false;  // VK_KHR_portability_subset: Vulkan on top of another interface
   bool timeline_semaphore = false;

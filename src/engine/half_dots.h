@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <span>
 
 #include "engine/valve_half_dots.h"
 #include "engine/vulkan.h"
@@ -17,16 +18,23 @@ struct HalfDotFeatures {
   VkPhysicalDeviceShaderMixedFloatDotProductFeaturesVALVE dots;
   VkPhysicalDeviceShaderFloat16Int8Features float16;
 
-  // Chains the structures in front of `next` and turns both features off or on.
-  HalfDotFeatures(void* next, bool enable)
+  // Chains the structures in front of `next` and turns both features off or on. Where cooperative matrices
+  // are enabled, the chain has the second one already.
+  HalfDotFeatures(void* next, bool enable, bool with_matrices)
       : dots(vk_struct<VkPhysicalDeviceShaderMixedFloatDotProductFeaturesVALVE>(
-            VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SHADER_MIXED_FLOAT_DOT_PRODUCT_FEATURES_VALVE, &float16)),
+            VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SHADER_MIXED_FLOAT_DOT_PRODUCT_FEATURES_VALVE,
+            with_matrices ? next : &float16)),
         float16(vk_struct<VkPhysicalDeviceShaderFloat16Int8Features>(
             VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SHADER_FLOAT16_INT8_FEATURES, next)) {
     dots.shaderMixedFloatDotProductFloat16AccFloat32 = float16.shaderFloat16 = enable;
   }
   HalfDotFeatures(const HalfDotFeatures&) = delete;
   HalfDotFeatures& operator=(const HalfDotFeatures&) = delete;
+
+  // Returns the extensions that the device must enable beyond those of what follows in the chain.
+  std::span<const char* const> extensions() const {
+    return std::span(kExtensions).first(dots.pNext == &float16 ? 2 : 1);
+  }
 };
 
 }  // namespace raymeld

@@ -120,8 +120,7 @@ void find_features(const VulkanFunctions& vk, VkPhysicalDevice device, DeviceInf
   info.dma_buf =
       info.external_memory_fd && has_extension(vk, device, VK_EXT_EXTERNAL_MEMORY_DMA_BUF_EXTENSION_NAME);
   info.cooperative_matrix = find_cooperative_matrix(vk, device);
-  info.half_dots =
-      dots.shaderMixedFloatDotProductFloat16AccFloat32 && info.float16_arithmetic && !info.cooperative_matrix;
+  info.half_dots = dots.shaderMixedFloatDotProductFloat16AccFloat32 && info.float16_arithmetic;
   info.float_controls = find_float_controls(vk, device);
   info.is_portable_subset = has_extension(vk, device, kPortabilitySubset);
 }

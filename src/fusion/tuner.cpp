@@ -231,6 +231,16 @@ struct Tuner {
   }
 };
 
+// Returns whether matrices compute a shape faster than the direct kernel, by the estimates of docs/gpu.md.
+// A GPU with dot products of halves is a Radeon. RDNA 3 multiplies no faster by matrices, and stores their
+// results more slowly. RDNA 4, which Mesa names GFX12, multiplies twice as fast by matrices, but channels
+// that do not fill one are lost.
+bool suits_matrices(const DeviceInfo& device, const Conv2dShape& shape) {
+  if (!device.half_dots) return true;
+  if (device.name.find("GFX12") == std::string::npos) return false;
+  return shape.channels_in > 16 && shape.channels_out > (shape.kernel == 1 ? 32u : 8u);
+}
+
 }  // namespace
 
 Conv2dKernel first_matrix_guess(const CooperativeMatrix& matrix, const Conv2dShape& shape) {
@@ -247,8 +257,9 @@ Conv2dKernel first_matrix_guess(const CooperativeMatrix& matrix, const Conv2dSha
 
 Kernels default_kernels(const DeviceInfo& device, Storage storage) {
   if (!device.is_cpu && device.cooperative_matrix && storage == Storage::kFloat16) {
-    const auto choose = [matrix = *device.cooperative_matrix](const Conv2dShape& shape) {
-      return first_matrix_guess(matrix, shape);
+    const auto choose = [device](const Conv2dShape& shape) {
+      return suits_matrices(device, shape) ? first_matrix_guess(*device.cooperative_matrix, shape)
+                                           : Conv2dKernel{};
     };
     return {.conv2d = choose};
   }

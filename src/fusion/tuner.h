@@ -19,7 +19,8 @@ namespace raymeld {
 // Returns the kernels of a device without measurements. CPUs with buffer addresses get Winograd F(4, 3), or
 // F(2, 3) where that is not accurate enough, and pointwise, whose products read vectors where the driver has
 // them. They find activations by address where the driver gathers these. In 16-bit storage, other devices
-// with cooperative matrices get first_matrix_guess(). All others get the direct kernel.
+// with cooperative matrices get first_matrix_guess(), but for shapes that dot products of halves compute
+// faster. All others get the direct kernel.
 Kernels default_kernels(const DeviceInfo& device, Storage storage);
 
 // Returns the kernel by cooperative matrices that is the default, and that the search starts from.

@@ -63,6 +63,30 @@ DeviceInfo device_with_addresses() {
   return info;
 }
 
+TEST(DefaultKernels, TakeDotProductsWhereMatricesAreNoFaster) {
+  DeviceInfo info;
+  info.cooperative_matrix = kMatrix;
+  const auto by_matrices = [&](uint32_t channels_in, uint32_t channels_out, uint32_t kernel,
+                               Storage storage = Storage::kFloat16) {
+    const Kernels kernels = default_kernels(info, storage);
+    const Conv2dShape shape{64, 64, channels_in, channels_out, kernel};
+    return kernels.conv2d && kernels.conv2d(shape).algorithm == Algorithm::kMatrix;
+  };
+  info.name = "NVIDIA GeForce RTX 4090";
+  EXPECT_TRUE(by_matrices(64, 64, 3));
+  EXPECT_TRUE(by_matrices(16, 3, 3));
+  EXPECT_FALSE(by_matrices(64, 64, 3, Storage::kFloat32));
+  info.half_dots = true;
+  info.name = "AMD Radeon RX 7900 XTX (RADV NAVI31)";
+  EXPECT_FALSE(by_matrices(64, 64, 3));
+  info.name = "AMD Radeon RX 9070 XT (RADV GFX1201)";
+  EXPECT_TRUE(by_matrices(24, 16, 3));
+  EXPECT_FALSE(by_matrices(16, 16, 3));
+  EXPECT_FALSE(by_matrices(64, 3, 3));
+  EXPECT_FALSE(by_matrices(64, 16, 1));
+  EXPECT_TRUE(by_matrices(64, 64, 1));
+}
+
 TEST(Tuning, IsKeptInAFile) {
   const TemporaryDirectory folder;
   const std::filesystem::path file = folder.path() / "new" / "tuning.json";

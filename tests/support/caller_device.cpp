@@ -108,10 +108,10 @@ CallerDevice::CallerDevice(bool storage_16bit, bool addresses, bool matrices) : 
     info.pNext = &matrix.matrix;
     extensions.insert(extensions.end(), matrix.kExtensions.begin(), matrix.kExtensions.end());
   }
-  HalfDotFeatures dots(const_cast<void*>(info.pNext), true);
+  HalfDotFeatures dots(const_cast<void*>(info.pNext), true, external_.cooperative_matrix);
   if (external_.half_dots) {
     info.pNext = &dots.dots;
-    extensions.insert(extensions.end(), dots.kExtensions.begin(), dots.kExtensions.end());
+    extensions.insert(extensions.end(), dots.extensions().begin(), dots.extensions().end());
   }
   info.enabledExtensionCount = static_cast<uint32_t>(extensions.size());
   info.ppEnabledExtensionNames = extensions.data();
