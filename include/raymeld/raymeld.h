@@ -137,7 +137,8 @@ typedef struct raymeld_context_desc {
   /* Gives a cache on the caller's device for all pipelines. With it raymeld keeps none on the disk. */
   VkPipelineCache pipeline_cache RAYMELD_IS(VK_NULL_HANDLE);
   /* Names the folder that keeps pipelines and the results of raymeld_tune() between runs. NULL:
-   * $XDG_CACHE_HOME/raymeld or $HOME/.cache/raymeld. "": nothing is kept. */
+   * $XDG_CACHE_HOME/raymeld or $HOME/.cache/raymeld, and on Windows %LOCALAPPDATA%\raymeld. "": nothing is
+   * kept. */
   const char* cache_folder RAYMELD_IS(NULL);
   /* Selects a device of raymeld's own by an index, a UUID or part of the name. NULL: the first GPU, else a
    * driver for CPUs. */
@@ -205,9 +206,9 @@ RAYMELD_API raymeld_result raymeld_buffer_get_info(raymeld_buffer buffer, raymel
 typedef struct raymeld_model_t* raymeld_model;
 
 /* Loads a model. `file` is the path of a safetensors file or the name of a stock model, such as "x4-fast". A
- * text that has a '/', ends in ".safetensors" or is the path of a file is not a name. Stock models are looked
- * for in the folder $RAYMELD_MODELS, then where they are installed with the library, wherever both were moved
- * to. Returns RAYMELD_ERROR_MODEL if there is no such model or the file is not a model. */
+ * text that names a folder, ends in ".safetensors" or is the path of a file is not a name. Stock models are
+ * looked for in the folder $RAYMELD_MODELS, then where they are installed with the library, wherever both
+ * were moved to. Returns RAYMELD_ERROR_MODEL if there is no such model or the file is not a model. */
 RAYMELD_API raymeld_result raymeld_model_load(const char* file, raymeld_model* model);
 
 /* Lists the names of the stock models, in alphabetical order. `names` may be NULL; else it has room for

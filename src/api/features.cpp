@@ -83,7 +83,7 @@ constexpr std::array kFeatures{
             "All convolutions are computed directly, which is several times slower on drivers for CPUs. The "
             "extension is part of Vulkan 1.2, where it need not be named."},
     Feature{RAYMELD_FEATURE_COOPERATIVE_MATRIX, CooperativeMatrixFeatures::kExtensions, kMatrixMembers,
-            "fp16 convolutions do not use tensor cores, which are several times faster."},
+            "fp16 convolutions do not use tensor cores, which are several times faster on most GPUs."},
     Feature{RAYMELD_FEATURE_IMAGE_WRITES,
             {},
             kImageMembers,
@@ -99,7 +99,7 @@ constexpr std::array kFeatures{
         "The driver may truncate values to 16 bits and flush small ones to zero, in fp16. The extension is "
         "part of Vulkan 1.2, where it need not be named."},
     Feature{RAYMELD_FEATURE_HALF_DOTS, HalfDotFeatures::kExtensions, kDotMembers,
-            "fp16 convolutions take twice as long, but for those by cooperative matrices."},
+            "fp16 convolutions that are not computed by cooperative matrices take twice as long."},
 };
 
 bool supports(const DeviceInfo& info, raymeld_feature_bits bit) {
@@ -181,8 +181,10 @@ std::span<const char* const> extensions_of(uint32_t bits) {
   const std::lock_guard lock(mutex);
   const auto [place, is_new] = lists.try_emplace(bits);
   for (const Feature& feature : kFeatures) {
-    if (is_new && (bits & feature.bit))
-      place->second.insert(place->second.end(), feature.extensions.begin(), feature.extensions.end());
+    if (!is_new || !(bits & feature.bit)) continue;
+    for (const char* const name : feature.extensions)  // two features may need the same one
+      if (std::ranges::find(place->second, std::string_view(name)) == place->second.end())
+        place->second.push_back(name);
   }
   return place->second;
 }

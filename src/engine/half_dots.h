@@ -13,6 +13,7 @@ namespace raymeld {
 // Holds the features that a device must enable for these dot products, linked into VkDeviceCreateInfo's
 // chain. It cannot be copied: one structure points to the other.
 struct HalfDotFeatures {
+  // Cooperative matrices need the second one too.
   static constexpr std::array<const char*, 2> kExtensions{
       VK_VALVE_SHADER_MIXED_FLOAT_DOT_PRODUCT_EXTENSION_NAME, VK_KHR_SHADER_FLOAT16_INT8_EXTENSION_NAME};
   VkPhysicalDeviceShaderMixedFloatDotProductFeaturesVALVE dots;

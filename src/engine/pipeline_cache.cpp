@@ -96,9 +96,9 @@ bool PipelineCache::save() const {
     AtomicFile file(file_);
     file.write(&header, sizeof(header));
     file.write(data.data(), data.size());
-    file.commit();
+    file.publish();  // the checksum finds what a power cut leaves
     return true;
-  } catch (const Error&) {
+  } catch (const std::exception&) {
     return false;
   }
 }

@@ -9,7 +9,7 @@ namespace {
 PFN_vkGetInstanceProcAddr find_loader() {
   const auto [address, reason] = load_symbol(vulkan_loaders(), "vkGetInstanceProcAddr");
   if (address) return reinterpret_cast<PFN_vkGetInstanceProcAddr>(address);
-  throw Error("no Vulkan loader: {}; install libvulkan1 and a driver (mesa-vulkan-drivers has one for CPUs)",
+  throw Error("no Vulkan loader: {}; install it and a driver (Debian's libvulkan1 and mesa-vulkan-drivers)",
               reason ? reason : "it was not found");
 }
 

@@ -96,12 +96,15 @@ void AtomicFile::name_unnamed() {
 
 // Windows gives no other name to a file that is open.
 void AtomicFile::publish() {
-  if (error_ != 0) fail();
+  if (error_ != 0 || std::fflush(file_) != 0) fail();
   if (temporary_path_.empty()) name_unnamed();
   std::fclose(file_);
   file_ = nullptr;
-  if (temporary_path_.empty() || replace_file(temporary_path_, path_)) return;
-  error_ = errno;
+  if (temporary_path_.empty()) return;
+  std::error_code error;
+  fs::rename(temporary_path_, path_, error);
+  if (!error) return;
+  error_ = error.default_error_condition().value();
   remove_temporary();
   fail();
 }

@@ -11,8 +11,8 @@ namespace raymeld {
 // Writes a file that appears whole or not at all, even if the program is killed or the power fails. It has no
 // name until commit(); until then an older file of that name stays as it was. It is called .raymeld-*.tmp, in
 // the target's folder, for the moment in which it replaces an older file, and from the start where the file
-// system has no unnamed files (NFS). A kill then leaves it behind; nothing reads it, and anyone may delete
-// it. Every function throws an Error that names the target. After a failure commit() can only throw.
+// system has no unnamed files (NFS, Windows). A kill then leaves it behind; nothing reads it, and anyone may
+// delete it. Every function throws an Error that names the target. After a failure commit() can only throw.
 class AtomicFile {
  public:
   // Refuses a target that exists and is not a regular file. `unnamed` is false in tests of temporary names.
@@ -30,8 +30,8 @@ class AtomicFile {
   void finish();
   // Calls finish(), publish() and sync_folder().
   void commit();
-  // Gives the file its name. To publish several files at almost the same time, finish() all of them first,
-  // and call sync_folder() afterwards.
+  // Gives the file its name, even if it is not on the disk yet. To publish several files at almost the same
+  // time, finish() all of them first, and call sync_folder() afterwards.
   void publish();
   // Makes the name survive a power cut. Nothing else is lost if the file system cannot do this.
   void sync_folder() const;

@@ -1,4 +1,5 @@
-// Does with files what the standard library cannot. Functions that fail set errno and return -1 or false.
+// Does with files what the standard library cannot. Functions that fail set errno and return -1, false or
+// null.
 #pragma once
 
 #include <cstdint>
@@ -7,7 +8,7 @@
 
 namespace raymeld {
 
-// Returns whether this user may make files in a folder.
+// Returns whether this user may make files in a folder. Only the program asks, so Windows has no answer.
 bool may_write_in(const std::filesystem::path& folder);
 
 // Makes a file for writing that has no name yet; fails where the file system, or Windows, has no such files.
@@ -18,9 +19,6 @@ int make_file(const std::filesystem::path& path);
 
 // Gives an unnamed file its name. Fails with EEXIST where the name is taken.
 bool name_file(int unnamed, const std::filesystem::path& path);
-
-// Gives a file the name of another, which it replaces.
-bool replace_file(const std::filesystem::path& from, const std::filesystem::path& to);
 
 // Brings a file, or the names in a folder, to the disk.
 bool sync_file(int file);

@@ -1,10 +1,11 @@
 // Tests what raymeld.h promises about arguments, versions, errors, handles and the caller's own objects.
 #include <vulkan/vulkan_core.h>
 
-#include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <mutex>
+#include <new>
+#include <set>
 #include <thread>
 
 // The public structures have no padding, as compilers may pad in different ways.
@@ -13,6 +14,7 @@
 #include "raymeld/raymeld.h"
 #pragma GCC diagnostic pop
 
+#include "api/features.h"
 #include "api_subject.h"
 #include "engine/instance.h"
 #include "faults.h"
@@ -366,6 +368,13 @@ TEST_F(ApiTest, AShippedTuningCountsWhereTheCacheHasNone) {
 }
 
 // Makes devices with the chains, under validation; raymeld then uses the features that were enabled.
+TEST(Features, AnExtensionThatTwoNeedIsListedOnce) {
+  const auto listed = extensions_of(RAYMELD_FEATURE_COOPERATIVE_MATRIX | RAYMELD_FEATURE_HALF_DOTS);
+  const std::set<std::string> names(listed.begin(), listed.end());
+  EXPECT_EQ(names.size(), listed.size());
+  EXPECT_TRUE(names.contains(VK_KHR_SHADER_FLOAT16_INT8_EXTENSION_NAME));
+}
+
 TEST_F(ApiTest, FeaturesAreEnabledInTheCallersChain) {
   const CallerDevice caller;
   const ExternalDevice& external = caller.external();

@@ -1,7 +1,6 @@
 // Tests the library on a device of its own.
 #include <gtest/gtest.h>
 
-#include <cstdlib>
 #include <limits>
 
 #include "api_subject.h"

@@ -134,7 +134,7 @@ void fuse_imported(const Context& context, Fusion& fusion, const raymeld_import_
 class ImportTest : public testing::Test {
  protected:
   ImportTest() {
-    setenv("XDG_CACHE_HOME", (folder_ / "cache").c_str(), 1);
+    set_cache_home(folder_ / "cache");
     write_model(file_, subject_.architecture, subject_.weights);
   }
 

@@ -1,8 +1,6 @@
 // Tests raymeld inside a program that has its own Vulkan device.
 #include <gtest/gtest.h>
 
-#include <cstdlib>
-
 #include "api_subject.h"
 #include "error_of.h"
 #include "fusion/fuser.h"

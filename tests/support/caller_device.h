@@ -8,9 +8,9 @@
 
 namespace raymeld::test {
 
-// Makes a Vulkan device as a program that embeds raymeld would, with validation. Calls that raymeld makes
-// through external().get_instance_proc_addr to functions that may fail are counted by the function's name,
-// and may be made to fail: see faults.h. A new device forgets the counts and faults of the one before.
+// Makes a Vulkan device as a program that embeds raymeld would, with asked_validation(). Calls that raymeld
+// makes through external().get_instance_proc_addr to functions that may fail are counted by the function's
+// name, and may be made to fail: see faults.h. A new device forgets the counts and faults of the one before.
 class CallerDevice {
  public:
   // `addresses` and `matrices` enable buffer addresses and cooperative matrices where the device has them.

@@ -57,7 +57,7 @@ std::string read_file(const std::filesystem::path& path);
 void write_file(const std::filesystem::path& path, std::string_view content);
 std::filesystem::path source_path(const std::filesystem::path& relative);  // a path in the repository
 
-// Sets a variable of the environment, or unsets it.
+// Sets a variable of the environment, or unsets it where `value` is null.
 void set_variable(const char* name, const char* value);
 
 // Sets the folder in which programs of this user have their folders of caches.

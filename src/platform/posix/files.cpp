@@ -31,10 +31,6 @@ bool name_file(int unnamed, const std::filesystem::path& path) {
   return linkat(AT_FDCWD, path_of(unnamed).c_str(), AT_FDCWD, path.c_str(), AT_SYMLINK_FOLLOW) == 0;
 }
 
-bool replace_file(const std::filesystem::path& from, const std::filesystem::path& to) {
-  return std::rename(from.c_str(), to.c_str()) == 0;
-}
-
 bool sync_file(int file) { return fsync(file) == 0; }
 
 void sync_folder(const std::filesystem::path& folder) {

@@ -3,13 +3,10 @@
 #include <fcntl.h>
 #include <io.h>
 #include <sys/stat.h>
-#include <windows.h>
 
 #include <cerrno>
 
 namespace raymeld {
-
-bool may_write_in(const std::filesystem::path& folder) { return _waccess(folder.c_str(), 2) == 0; }
 
 int make_unnamed_file(const std::filesystem::path&) {
   errno = ENOTSUP;
@@ -26,14 +23,8 @@ bool name_file(int, const std::filesystem::path&) {
   return false;
 }
 
-bool replace_file(const std::filesystem::path& from, const std::filesystem::path& to) {
-  if (MoveFileExW(from.c_str(), to.c_str(), MOVEFILE_REPLACE_EXISTING | MOVEFILE_WRITE_THROUGH)) return true;
-  errno = EACCES;
-  return false;
-}
-
 bool sync_file(int file) { return _commit(file) == 0; }
-void sync_folder(const std::filesystem::path&) {}  // replace_file() has waited for the disk
+void sync_folder(const std::filesystem::path&) {}
 int copy_descriptor(int file) { return _dup(file); }
 void close_descriptor(int file) { _close(file); }
 std::FILE* stream_of(int file) { return _fdopen(file, "wb"); }

@@ -9,13 +9,15 @@ namespace raymeld {
 
 Symbol load_symbol(std::span<const char* const> names, const char* symbol) {
   for (const char* name : names) {
-    if (const HMODULE library = LoadLibraryA(name)) {
-      if (const FARPROC address = GetProcAddress(library, symbol))
-        return {reinterpret_cast<void*>(address), nullptr};
-    }
+    const HMODULE library = LoadLibraryA(name);
+    if (!library) continue;
+    if (const FARPROC address = GetProcAddress(library, symbol))
+      return {reinterpret_cast<void*>(address), nullptr};
+    break;
   }
+  const DWORD error = GetLastError();
   static thread_local std::string reason;
-  reason = std::system_category().message(int(GetLastError()));
+  reason = std::system_category().message(int(error));
   return {nullptr, reason.c_str()};
 }
 

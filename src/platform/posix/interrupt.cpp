@@ -11,23 +11,16 @@ namespace {
 std::atomic<bool> got_signal = false;
 static_assert(std::atomic<bool>::is_always_lock_free);  // a signal handler needs this
 
-void note_signal(int signal) {
-  std::signal(signal, SIG_DFL);
-  got_signal = true;
-}
-
 }  // namespace
 
 void catch_signals() {
-  std::signal(SIGINT, note_signal);
-  std::signal(SIGTERM, note_signal);
-  // Windows has neither of these.
-#ifdef SIGXFSZ
+  struct sigaction action {};
+  action.sa_handler = [](int) { got_signal = true; };
+  action.sa_flags = static_cast<int>(SA_RESETHAND | SA_RESTART);
+  sigaction(SIGINT, &action, nullptr);
+  sigaction(SIGTERM, &action, nullptr);
   std::signal(SIGXFSZ, SIG_IGN);
-#endif
-#ifdef SIGPIPE
   std::signal(SIGPIPE, SIG_IGN);
-#endif
 }
 
 bool interrupted() { return got_signal; }
