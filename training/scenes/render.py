@@ -64,7 +64,7 @@ def scaled(text):
 
 
 def named(values, form):
-    """Returns (value, name, how often it came before) of each; what comes again has that number in its name."""
+    """Returns (value, name, how often it came before) of each; what comes again has a name with that number."""
     result = []
     for i, value in enumerate(values):
         again = values[:i].count(value)
@@ -81,12 +81,12 @@ def parse():
     parser.add_argument("--width", type=int, default=192)
     parser.add_argument("--height", type=int, default=192)
     parser.add_argument("--frame", type=int, default=0, help="the view is a random window of a frame of this size")
-    parser.add_argument("--spp", type=int, nargs="*", default=[], help="samples of renders with layers")
+    parser.add_argument("--spp", type=int, nargs="*", default=[], help="samples of renders with layers; a number may come again")
     parser.add_argument("--layers", choices=LAYER_SETS, default="fusion")
     parser.add_argument("--guides", type=int, nargs="*", default=[], help="samples of renders of albedo and normal")
     parser.add_argument("--plain-spp", type=int, nargs="*", default=[], help="samples of renders of the colour only")
     parser.add_argument("--lrhs", type=scaled, nargs="*", default=[], help="SCALE:SPP, render every SCALE-th pixel")
-    parser.add_argument("--lowres", type=scaled, nargs="*", default=[], help="SCALE:SPP of ordinary smaller renders")
+    parser.add_argument("--lowres", type=scaled, nargs="*", default=[], help="SCALE:SPP of ordinary smaller renders, likewise")
     parser.add_argument("--lowres-layers", action="store_true", help="give the smaller renders layers too")
     parser.add_argument("--reference-spp", type=int, default=0, help="most samples of both reference halves together")
     parser.add_argument("--reference-parts", type=int, nargs=2, help="samples of two reference parts with layers")
