@@ -9,12 +9,12 @@ import torch
 import model
 import safetensors
 
-HRLS_SPP = (1, 1, 2, 4, 8)  # the samples of HRLS, each as often as it is here
+HRLS_SPP = (1, 2, 4, 8)
 # These channels of LAYERS carry radiance; albedo has 3 to 5, the normal 6 to 8.
 RADIANCE = [0, 1, 2, 9, 10, 11, 12, 13, 14]
 LAYERS = ("color", "albedo", "normal", "diffuse", "specular")
 LAYER_CHANNELS = 3 * len(LAYERS)
-REFERENCE = ("reference-a", "reference-b")  # independent parts of 8 and 24 samples, of held-out seeds 64 and 192
+REFERENCE = ("reference-a", "reference-b")  # independent parts of 16 and 48 samples, of held-out seeds 64 and 192
 TARGET_CLIP = 100.0  # limit at the view's exposure, section 3.2 of Hou et al. 2021
 CENTERED_SHARE = 0.75  # share of crops with an ordinary small render; the others have every s-th pixel
 COARSE_SHARE = 0.25  # share of the ordinary small renders for x4 that are of x8, upsampled
@@ -36,9 +36,9 @@ class View:
     def read(self, name):
         return torch.from_numpy(self.file.read(name))
 
-    def full_size(self, spp):
-        """Returns the names of the full-size renders of so many samples."""
-        return [name for name in self.spp if name[:4] == f"{spp:04}"]
+    def full_size(self):
+        """Returns the names of the renders that HRLS can be."""
+        return [f"{spp:04}" for spp in HRLS_SPP]
 
     def small(self, scale):
         """Returns the names of the ordinary small renders."""
@@ -155,8 +155,7 @@ def pick_lrhs(view, scale, high, is_centered, rng):
     if is_centered:
         is_coarse = scale == 4 and rng.random() < COARSE_SHARE
         return rng.choice(view.small(2 * scale if is_coarse else scale)), REFERENCE
-    others = [name for spp in sorted(set(HRLS_SPP))[1:] for name in view.full_size(spp) if name != high]
-    low = rng.choice([*REFERENCE, *REFERENCE, *others])
+    low = rng.choice([*REFERENCE, *REFERENCE, *(name for name in view.full_size()[1:] if name != high)])
     return low, [part for part in REFERENCE if part != low]
 
 
@@ -170,7 +169,7 @@ def sample(views, config, size, rng):
     is_centered = config.lrhs_sampling == ("centered",)
     if len(config.lrhs_sampling) == 2:
         is_centered = rng.random() < CENTERED_SHARE
-    high = rng.choice(view.full_size(rng.choice(HRLS_SPP)))
+    high = rng.choice(("0001", "0001", "0002", "0004", "0008"))
     low, parts = pick_lrhs(view, scale, high, is_centered, rng)
     y, x = (rng.randint(0, (side - size) // scale) * scale for side in view.read(high).shape[-2:])
     here = window(y, x, size)

@@ -32,7 +32,7 @@ class Lookalike(dataset.View):
         normal = torch.stack([x - 0.5, 0.5 - y, x**0])  # y points up
         self.image = torch.cat([color, color / 2, normal, color, 0 * color])
         self._mean_sqrt = None
-        self.spp = {name: 16 for name in (*dataset.REFERENCE, "0001", "0001-1", "0002", "0004", "0008")}
+        self.spp = {name: 16 for name in (*dataset.REFERENCE, *self.full_size())}
         self.spp |= {f"lowres-x{scale}-0016": 16 for scale in (2, 4, 8)}
 
     def read(self, name):

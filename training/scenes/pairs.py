@@ -25,8 +25,6 @@ FRAMES = (384, 512, 768, 1024)  # sizes of the frames that views are windows of
 # These samples of the small render cost as much as 1, 2 and 4 samples at full size.
 LOW_SPP = {2: (4, 8, 16), 4: (16, 32, 64), 8: (64, 128, 256)}
 GUIDE_SPP = (2, 4, 8)
-# A network that sees one noise of a view again and again learns the noise.
-SPP, HELD_OUT_SPP = (1, 1, 1, 1, 2, 2, 4, 4, 8), (1, 2, 4, 8)
 
 
 def parse():
@@ -49,15 +47,14 @@ def held_out(seed):
 def renders(seed):
     """Returns render.py's arguments for the renders of a seed. Drawing them does not change the scene."""
     rng = random.Random(f"renders {seed}")
-    low, guides, reference, spp, least_psnr = LOW_SPP, GUIDE_SPP, (64, 192), HELD_OUT_SPP, 26
+    low, guides, reference = dict(LOW_SPP), GUIDE_SPP, (64, 192)
     if not held_out(seed):
         low = {scale: rng.sample(spp, 1 if scale == 8 else 2) for scale, spp in LOW_SPP.items()}
-        low[2] = (min(LOW_SPP[2]), *LOW_SPP[2])
-        guides, reference, spp, least_psnr = [rng.choice(GUIDE_SPP)], (8, 24), SPP, 23
+        guides, reference = [rng.choice(GUIDE_SPP)], (16, 48)
     return [
-        *("--frame", rng.choice(FRAMES), "--spp", *spp, "--layers", "light"),
+        *("--frame", rng.choice(FRAMES), "--spp", 1, 2, 4, 8, "--layers", "light"),
         *("--lowres-layers", "--lowres", *(f"{scale}:{spp}" for scale in low for spp in low[scale])),
-        *("--guides", *guides, "--reference-parts", *reference, "--least-psnr", least_psnr),
+        *("--guides", *guides, "--reference-parts", *reference, "--least-psnr", 26),
     ]
 
 

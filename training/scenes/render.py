@@ -63,15 +63,6 @@ def scaled(text):
     return scale, spp
 
 
-def named(values, form):
-    """Returns (value, name, how often it came before) of each; what comes again has a name with that number."""
-    result = []
-    for i, value in enumerate(values):
-        again = values[:i].count(value)
-        result.append((value, form(value) + (f"-{again}.exr" if again else ".exr"), again))
-    return result
-
-
 def parse():
     parser = argparse.ArgumentParser()
     parser.add_argument("--out", required=True, type=pathlib.Path, nargs="+", help="a folder for each window")
@@ -81,12 +72,12 @@ def parse():
     parser.add_argument("--width", type=int, default=192)
     parser.add_argument("--height", type=int, default=192)
     parser.add_argument("--frame", type=int, default=0, help="the view is a random window of a frame of this size")
-    parser.add_argument("--spp", type=int, nargs="*", default=[], help="samples of renders with layers; a number may come again")
+    parser.add_argument("--spp", type=int, nargs="*", default=[], help="samples of renders with layers")
     parser.add_argument("--layers", choices=LAYER_SETS, default="fusion")
     parser.add_argument("--guides", type=int, nargs="*", default=[], help="samples of renders of albedo and normal")
     parser.add_argument("--plain-spp", type=int, nargs="*", default=[], help="samples of renders of the colour only")
     parser.add_argument("--lrhs", type=scaled, nargs="*", default=[], help="SCALE:SPP, render every SCALE-th pixel")
-    parser.add_argument("--lowres", type=scaled, nargs="*", default=[], help="SCALE:SPP of ordinary smaller renders, likewise")
+    parser.add_argument("--lowres", type=scaled, nargs="*", default=[], help="SCALE:SPP of ordinary smaller renders")
     parser.add_argument("--lowres-layers", action="store_true", help="give the smaller renders layers too")
     parser.add_argument("--reference-spp", type=int, default=0, help="most samples of both reference halves together")
     parser.add_argument("--reference-parts", type=int, nargs=2, help="samples of two reference parts with layers")
@@ -346,8 +337,8 @@ class View:
             if why:
                 return self.drop(why)
         choose_layers(scene, LAYER_SETS[args.layers])
-        for spp, name, again in named(args.spp, "{:04}".format):
-            self.renders(name, spp, spp + 100000 * again, layers=args.layers)
+        for spp in args.spp:
+            self.renders(f"{spp:04}.exr", spp, spp, layers=args.layers)
         choose_layers(scene, ())
         for spp in args.plain_spp:
             self.renders(f"{spp:04}.exr", spp, spp)
@@ -355,10 +346,10 @@ class View:
             choose_layers(scene, (), albedo=True)
             with smaller(scene, scale, nearest=True):
                 self.renders(f"lrhs-x{scale}-{spp:04}.exr", spp, 10000 * scale + spp, scale=scale, layers="albedo")
-        for (scale, spp), name, again in named(args.lowres, lambda low: f"lowres-x{low[0]}-{low[1]:04}"):
+        for scale, spp in args.lowres:
             choose_layers(scene, LAYER_SETS[args.layers] if args.lowres_layers else ())
             with smaller(scene, scale, nearest=False):
-                self.renders(name, spp, 10000 * scale + 5000 + spp + 100000 * again, scale=scale)
+                self.renders(f"lowres-x{scale}-{spp:04}.exr", spp, 10000 * scale + 5000 + spp, scale=scale)
         for spp in args.guides:
             choose_layers(scene, (), albedo=True)
             with unlit(scene):
