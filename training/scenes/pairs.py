@@ -47,14 +47,14 @@ def held_out(seed):
 def renders(seed):
     """Returns render.py's arguments for the renders of a seed. Drawing them does not change the scene."""
     rng = random.Random(f"renders {seed}")
-    low, guides, reference = dict(LOW_SPP), GUIDE_SPP, (64, 192)
+    low, guides, reference, least_psnr = LOW_SPP, GUIDE_SPP, (64, 192), 26
     if not held_out(seed):
         low = {scale: rng.sample(spp, 1 if scale == 8 else 2) for scale, spp in LOW_SPP.items()}
-        guides, reference = [rng.choice(GUIDE_SPP)], (16, 48)
+        guides, reference, least_psnr = [rng.choice(GUIDE_SPP)], (8, 24), 23
     return [
         *("--frame", rng.choice(FRAMES), "--spp", 1, 2, 4, 8, "--layers", "light"),
         *("--lowres-layers", "--lowres", *(f"{scale}:{spp}" for scale in low for spp in low[scale])),
-        *("--guides", *guides, "--reference-parts", *reference, "--least-psnr", 26),
+        *("--guides", *guides, "--reference-parts", *reference, "--least-psnr", least_psnr),
     ]
 
 
