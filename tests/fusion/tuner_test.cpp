@@ -6,6 +6,7 @@
 #include <fstream>
 
 #include "gpu.h"
+#include "matrix.h"
 #include "model/network.h"
 #include "subject.h"
 
@@ -17,13 +18,6 @@ class TunerTest : public GpuTest {
   TemporaryDirectory folder_;
 };
 
-constexpr CooperativeMatrix kMatrix{.m = 16,
-                                    .n = 16,
-                                    .k = 16,
-                                    .subgroup_size = 32,
-                                    .requires_size = true,
-                                    .max_invocations = 1024,
-                                    .max_shared_bytes = 49152};
 constexpr CooperativeMatrix kSmallMatrix{
     .m = 8, .n = 8, .k = 8, .subgroup_size = 8, .max_invocations = 1024, .max_shared_bytes = 32768};
 constexpr Conv2dShape kSmall{.height = 16, .width = 16, .channels_in = 5, .channels_out = 7, .kernel = 3};

@@ -3,19 +3,12 @@
 
 #include "fusion/tuner.h"
 #include "fuzz/memory_file.h"
+#include "matrix.h"
 
 namespace {
 
 using namespace raymeld;
-
-// The corpus has this matrix.
-constexpr CooperativeMatrix kMatrix{.m = 16,
-                                    .n = 16,
-                                    .k = 16,
-                                    .subgroup_size = 32,
-                                    .requires_size = true,
-                                    .max_invocations = 1024,
-                                    .max_shared_bytes = 49152};
+using test::kMatrix;
 
 constexpr Conv2dShape kShapes[] = {
     {.height = 7, .width = 9, .channels_in = 5, .channels_out = 3, .kernel = 3},
