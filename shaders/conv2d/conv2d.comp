@@ -19,24 +19,11 @@
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
 #include "tensor.glsl"
-#include "border.glsl"
 #include "loops.glsl"
 #ifdef HALF_DOTS
 #extension GL_EXT_shader_explicit_arithmetic_types_float16 : require
 #extension GL_EXT_spirv_intrinsics : require
 #endif
-
-layout(local_size_x = 32, local_size_y = 2) in;
-#include "invocation.glsl"
-layout(constant_id = 0) const uint kKernel = 3;
-layout(constant_id = 1) const uint kVectors = 2;
-layout(constant_id = 2) const uint kRows = 4;
-layout(constant_id = 3) const uint kRelu = 0;
-layout(constant_id = 4) const uint kResiduals = 0;
-layout(constant_id = 5) const uint kSecondInput = 0;  // a second input has channels from p.channels_first on
-layout(constant_id = 6) const uint kBorders = 0;  // the bias is a table, see border.glsl
-layout(constant_id = 7) const uint kUnshuffle = 1;  // 1 where there is a second input
-layout(constant_id = 8) const uint kShuffle = 1;
 
 #ifndef STORAGE_F16
 const uint kGroup = 1;
@@ -68,40 +55,16 @@ vec4 add_products(uvec4 w, VALUES values, vec4 sum) {
 }
 #endif
 
-layout(push_constant) uniform Push {
-  Conv2d p;
-};
-layout(std430, binding = 1) restrict readonly buffer Weights { WEIGHTS weights[]; };
-layout(std430, binding = 2) restrict readonly buffer Bias { vec4 bias[]; };
-layout(std430, binding = 3) restrict readonly buffer Input { STORAGE in_data[]; };
-layout(std430, binding = 4) restrict writeonly buffer Output { STORAGE out_data[]; };
-// The input is bound in place of residuals that are missing.
-layout(std430, binding = 5) restrict readonly buffer Residual0 { STORAGE residual0[]; };
-layout(std430, binding = 6) restrict readonly buffer Residual1 { STORAGE residual1[]; };
-layout(std430, binding = 7) restrict readonly buffer Residual2 { STORAGE residual2[]; };
-// The input is bound where there is no second input.
-layout(std430, binding = 8) restrict readonly buffer Second { STORAGE second_data[]; };
+#include "conv2d.glsl"
 
+layout(local_size_x = 32, local_size_y = 2) in;
+#include "invocation.glsl"
+layout(constant_id = 0) const uint kKernel = 3;
+layout(constant_id = 2) const uint kRows = 4;
 const uint kRadius = kKernel / 2;
 const uint kColumn = kRows + kKernel - 1;
 
 uint groups_of(uint channels) { return (channels + kGroup - 1) / kGroup; }
-
-// Returns where channel i of the unshuffled input starts.
-uint source_of(uint i) {
-  uvec3 at = shuffled(kUnshuffle, i, 0, 0);
-  return address(at.x, at.y, at.z, p.plane_in, kUnshuffle * p.width);
-}
-
-void store(uint o, uint y, uint x, float value) {
-  uvec3 place = shuffled(kShuffle, o, y, x);
-  uint at = address(place.x, place.y, place.z, p.plane_out, kShuffle * p.width);
-  if (kRelu != 0) value = rectified(value);
-  if (kResiduals > 0) value += float(residual0[at]);
-  if (kResiduals > 1) value += float(residual1[at]);
-  if (kResiduals > 2) value += float(residual2[at]);
-  out_data[at] = STORAGE(storable(value));
-}
 
 void main() {
   uvec3 id = global_invocation_id();
@@ -110,21 +73,14 @@ void main() {
 
   vec4 sum[kRows][kVectors];
   [[unroll]] for (uint r = 0; r < kRows; ++r) {
-    uint first = block * kVectors;
-    if (kBorders != 0) {
-      uint blocks = (p.channels_out + 4 * kVectors - 1) / (4 * kVectors);
-      first += border_case(y0 + r, x, p.height, p.width) * blocks * kVectors;
-    }
+    uint first = first_bias(block, y0 + r, x);
     [[unroll]] for (uint v = 0; v < kVectors; ++v) sum[r][v] = bias[first + v];
   }
   bool inside[kKernel][kColumn];
   uint pixel[kKernel][kColumn];
   [[unroll]] for (uint kx = 0; kx < kKernel; ++kx) {
-    [[unroll]] for (uint r = 0; r < kColumn; ++r) {
-      uint py = y0 + r - kRadius, px = x + kx - kRadius;
-      inside[kx][r] = py < p.height && px < p.width;  // unsigned wrap-around serves both edges
-      pixel[kx][r] = inside[kx][r] ? kUnshuffle * (py * kUnshuffle * p.width + px) : 0;
-    }
+    [[unroll]] for (uint r = 0; r < kColumn; ++r)
+      pixel[kx][r] = pixel_at(y0 + r - kRadius, x + kx - kRadius, inside[kx][r]);
   }
   uint channels_first = kSecondInput != 0 ? p.channels_first : p.channels_in;
   uint groups_first = groups_of(channels_first), groups_second = groups_of(p.channels_in - channels_first);
@@ -150,12 +106,7 @@ void main() {
   if (kSecondInput != 0) ADD_CHANNELS(second_data, p.channels_in - channels_first, groups_second)
   [[unroll]] for (uint r = 0; r < kRows; ++r) {
     if (y0 + r >= p.height) break;
-    [[unroll]] for (uint v = 0; v < kVectors; ++v) {
-      [[unroll]] for (uint k = 0; k < 4; ++k) {
-        uint o = (block * kVectors + v) * 4 + k;
-        if (o < p.channels_out) store(o, y0 + r, x, sum[r][v][k]);
-      }
-    }
+    store_block(block, y0 + r, x, sum[r]);
   }
   count_saturated();
 }

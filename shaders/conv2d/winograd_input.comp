@@ -7,7 +7,7 @@
 #include "tensor.glsl"
 #include "memory.glsl"
 #include "winograd.glsl"
-#include "winograd_input.glsl"
+#include "winograd_transforms.glsl"
 
 layout(local_size_x = 32) in;
 #include "invocation.glsl"
@@ -58,7 +58,7 @@ void main() {
         d[y] = vec2(load(channel, y0 + y, x0 + x), load(channel, y0 + y, x0 + x + 1));
       }
     }
-    transform(d);
+    transform_input(d);
     [[unroll]] for (uint y = 0; y < kSide; ++y) {
       columns[y][x] = d[y].x;
       columns[y][x + 1] = d[y].y;
@@ -68,7 +68,7 @@ void main() {
   [[unroll]] for (uint y = 0; y < kSide; ++y) {
     vec2 d[kMostSide];
     [[unroll]] for (uint x = 0; x < kSide; ++x) d[x] = vec2(columns[y][x], columns[y][x + kTile]);
-    transform(d);
+    transform_input(d);
     [[unroll]] for (uint x = 0; x < kSide; ++x)
       WRITE_PAIR(transformed, at + (y * kSide + x) * p.position_stride, d[x]);
   }

@@ -24,7 +24,7 @@ void main() {
     vec2 m[kMostSide];
     [[unroll]] for (uint y = 0; y < kSide; ++y)
       m[y] = READ_PAIR(products, at + (y * kSide + x) * p.position_stride);
-    transform(m);
+    transform_sums(m);
     [[unroll]] for (uint y = 0; y < kTile; ++y) result[y][x] = m[y];
   }
   finish(o, corners, result);

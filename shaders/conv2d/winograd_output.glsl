@@ -1,6 +1,7 @@
-// Declares the inputs and outputs of winograd_output.comp, transforms tiles and stores them.
+// Declares the inputs and outputs of winograd_output.comp, finishes and stores tiles.
 // llvmpipe/winograd_output_vectors.comp includes it too. It must be included after winograd.glsl.
 #include "border.glsl"
+#include "winograd_transforms.glsl"
 layout(constant_id = 1) const uint kShuffle = 1;
 layout(constant_id = 2) const uint kRelu = 0;
 layout(constant_id = 3) const uint kResiduals = 0;
@@ -57,25 +58,11 @@ void store_pair(uint o, uint y, uint x, vec2 values) {
   WRITE_VALUES(target, to, values);
 }
 
-// Computes A^T m in place, of two columns or rows at once; the first kTile elements are the result.
-void transform(inout vec2 m[kMostSide]) {
-  if (kSide == 4) {
-    m[0] += m[1] + m[2];
-    m[1] -= m[2] + m[3];
-  } else if (kSide == 6) {
-    vec2 sum = m[1] + m[2], difference = m[1] - m[2], sum2 = m[3] + m[4], difference2 = m[3] - m[4];
-    m[0] += sum + sum2;
-    m[1] = difference + 2.0 * difference2;
-    m[2] = sum + 4.0 * sum2;
-    m[3] = difference + 8.0 * difference2 + m[5];
-  }
-}
-
 // Transforms the rows of both tiles, whose columns are transformed already, and adds the bias.
 void finish(uint o, uvec2 corners[2], inout vec2 result[kMostSide][kMostSide]) {
   float inside = bias.v[o];
   [[unroll]] for (uint y = 0; y < kTile; ++y) {
-    transform(result[y]);
+    transform_sums(result[y]);
     [[unroll]] for (uint side = 0; side < 2; ++side) {
       [[unroll]] for (uint x = 0; x < kTile; ++x)
         result[y][x][side] += bias_at(o, corners[side].y + y, corners[side].x + x, inside);

@@ -12,7 +12,7 @@
 #define VECTOR_PUSH uint digits[4];
 #include "memory.glsl"
 #include "winograd.glsl"
-#include "winograd_input.glsl"
+#include "winograd_transforms.glsl"
 
 layout(local_size_x = 32) in;
 #include "invocation.glsl"
@@ -72,7 +72,7 @@ void main() {
         d[y] = vec2(before[y].v[0], after[y].v[0]);
       }
     }
-    transform(d);
+    transform_input(d);
     float all = 0.0;
     [[unroll]] for (uint y = 0; y < kSide; ++y) {
       all += d[y].x + d[y].y;
@@ -99,7 +99,7 @@ void main() {
     own[kColumns + 1] = lane == kVector - 1 ? sides[y].y : right_one;
     vec2 d[kMostSide];
     [[unroll]] for (uint x = 0; x < kSide; ++x) d[x] = vec2(own[x], own[x + kColumns / 2]);
-    transform(d);
+    transform_input(d);
     [[unroll]] for (uint x = 0; x < kSide; ++x)
       Pairs(uint64_t(transformed) + 4ul * (to + (y * kSide + x) * p.position_stride)).v[lane] = pair(d[x]);
   }

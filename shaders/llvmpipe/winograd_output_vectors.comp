@@ -35,7 +35,7 @@ void main() {
         Floats both = Floats(uint64_t(products) + 4ul * (at + (y * kSide + x) * p.position_stride));
         m[y] = vec2(read_vector(both, 0), read_vector(both, kVector));
       }
-      transform(m);
+      transform_sums(m);
       [[unroll]] for (uint y = 0; y < kTile; ++y) result[k][y][x] = m[y];
       keep_order(result[k][0][x].x + result[k][0][x].y);
     }

@@ -34,6 +34,7 @@ std::string kernel_text(const Conv2dShape& shape, const Conv2dKernel& k) {
                        matrix.n, matrix.k, outputs, subgroups, rows, channels, refused);
   }
   if (k.algorithm == Algorithm::kDirect) return "direct" + refused;
+  if (k.algorithm == Algorithm::kColumns) return fmt::format("F({}, 3) in columns{}", k.tile, refused);
   const std::string name =
       k.algorithm == Algorithm::kPointwise ? "pointwise" : fmt::format("F({}, 3)", k.tile);
   return fmt::format("{}, {} outputs, bands of {}, order {}{}{}", name, k.outputs, k.band, k.order,

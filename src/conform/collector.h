@@ -15,7 +15,10 @@ struct Method {
   bool half_dots = false;  // DeviceInfo::half_dots
 
   // These return the arguments of reference::conv2d() that have the same names.
-  int tile() const { return int(kernel.winograd_tile()); }
+  reference::Tile tile() const {
+    const int m = std::max(int(kernel.winograd_tile()), 1);
+    return {.down = m, .across = kernel.algorithm == Algorithm::kColumns ? 1 : m};
+  }
   int units(reference::Precision precision) const {
     const bool dots =
         half_dots && kernel.algorithm == Algorithm::kDirect && precision == reference::Precision::kFp16;
@@ -26,6 +29,11 @@ struct Method {
 // Returns the direct kernel of convolutions, in buffers.
 inline Method direct_method(const DeviceInfo& device) {
   return {.name = "direct", .half_dots = device.half_dots};
+}
+// Returns F(tile, 3) in columns.
+inline Method columns_method(uint32_t tile) {
+  return {.name = fmt::format("F({}, 3) in columns", tile),
+          .kernel = {.algorithm = Algorithm::kColumns, .tile = tile}};
 }
 // Returns the methods of layers with a single kernel: in buffers and by address.
 std::span<const Method> plain_methods();

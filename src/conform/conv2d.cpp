@@ -67,11 +67,11 @@ struct Values {
   double factor = 1;
 };
 
-// Returns values whose sums are whole numbers. F(4, 3) divides weights by 24 in both directions, so they are
+// Returns values whose sums are whole numbers. F(4, 3) divides weights by 24 in each direction, so they are
 // multiples of 24 * 24. Its sums grow so large that inputs and multiples are -1, 0 and 1 only.
 Values whole_values(const Method& method) {
-  return method.tile() == 4 ? Values{.fill = Fill::kSigns, .factor = 24 * 24}
-                            : Values{.fill = Fill::kIntegers};
+  return method.tile().down == 4 ? Values{.fill = Fill::kSigns, .factor = 24 * 24}
+                                 : Values{.fill = Fill::kIntegers};
 }
 
 // Holds a trial's convolution in a run and its expected results.
@@ -113,7 +113,7 @@ Convolved add_values(LayerRun& run, const Trial& trial, uint32_t kernel, const S
   for (const Bounded& residual : bounded) pointers.push_back(&residual.value);
   return {out, expected(exact(x), conv, trial.relu, precision, bounded, method),
           reference::conv2d_in_floats(x, conv, trial.relu, precision, pointers, method.tile()),
-          method.tile() == 4 ? reference::winograd_magnitudes(exact(x), conv, 4) : Planes()};
+          method.tile().down == 4 ? reference::winograd_magnitudes(exact(x), conv, method.tile()) : Planes()};
 }
 
 // Compares values with their bounds, and their RMS error with that of a scalar computation.
@@ -268,6 +268,8 @@ void run_values(Collector& collector, std::span<const Trial> trials, uint32_t ke
 
 std::vector<Method> conv2d_methods(const DeviceInfo& device, uint32_t kernel) {
   std::vector<Method> methods{direct_method(device)};
+  for (const uint32_t tile : kernel == 1 ? std::vector<uint32_t>{} : std::vector<uint32_t>{2, 4})
+    methods.push_back(columns_method(tile));
   for (const uint32_t tile : kernel == 1 ? std::vector<uint32_t>{4} : std::vector<uint32_t>{2, 4}) {
     const std::string name = kernel == 1 ? "pointwise" : fmt::format("F({}, 3)", tile);
     for (const bool addressed : {false, true}) {

@@ -113,7 +113,7 @@ void run_constants(Collector& collector) {
         collector.run(trial.kernel == 1 ? "conv2d 1x1" : "conv2d 3x3", method, precision,
                       text_of(trial, size), [&](Check& check) {
                         // F(4, 3) divides weights by multiples of 3, so its sums are not whole numbers.
-                        const bool integers = method.tile() != 4;
+                        const bool integers = method.tile().down != 4;
                         LayerRun run(collector.target(), precision, method.addressed);
                         const ConstantConvolved random =
                             add(run, trial, size, Fill::kUniform, seed, method, precision);

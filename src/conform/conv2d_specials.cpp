@@ -86,9 +86,8 @@ struct Poison {
 };
 
 // Returns the first and the last pixel in one direction whose result a changed pixel may change: its
-// neighbours or, with F(m, 3), all pixels of the tiles that hold these.
-std::pair<int, int> changed_range(int pixel, int size, const Method& method) {
-  const int tile = std::max(method.tile(), 1);
+// neighbours or, in tiles of several pixels, all pixels of the tiles that hold these.
+std::pair<int, int> changed_range(int pixel, int size, int tile) {
   const int first = std::max(pixel - 1, 0) / tile * tile, last = (pixel + 1) / tile * tile + tile - 1;
   return {first, std::min(last, size - 1)};
 }
@@ -98,8 +97,8 @@ std::pair<int, int> changed_range(int pixel, int size, const Method& method) {
 void check_spread(Check& check, const Poison& poison, const Planes& before, Planes after,
                   const Method& method) {
   const std::string what = fmt::format("{:g} at y {}, x {}", poison.value, poison.y, poison.x);
-  const auto [top, bottom] = changed_range(poison.y, after.h, method);
-  const auto [left, right] = changed_range(poison.x, after.w, method);
+  const auto [top, bottom] = changed_range(poison.y, after.h, method.tile().down);
+  const auto [left, right] = changed_range(poison.x, after.w, method.tile().across);
   size_t changed = 0, hidden = 0;
   for (int c = 0; c < after.c; ++c) {
     for (int v = top; v <= bottom; ++v) {

@@ -28,8 +28,9 @@ Kernels kernels_of(const Method& method) {
           .vector = method.kernel.vector,
           .conv2d = [kernel = method.kernel](const Conv2dShape& shape) {
             Conv2dKernel result = kernel;
-            if (result.algorithm == Algorithm::kWinograd && shape.kernel == 1)
+            if (shape.kernel == 1 && result.algorithm == Algorithm::kWinograd)
               result.algorithm = Algorithm::kPointwise;
+            if (shape.kernel == 1 && result.algorithm == Algorithm::kColumns) result = {};
             return result;
           }};
 }
@@ -107,7 +108,7 @@ NetworkRun run_network(const Target& target, const Model& model, const Subject& 
 }
 
 std::vector<Method> network_methods(const DeviceInfo& device, size_t index) {
-  std::vector<Method> methods{direct_method(device)};
+  std::vector<Method> methods{direct_method(device), columns_method(index % 2 == 0 ? 2 : 4)};
   for (const uint32_t tile : {2u, 4u}) {
     const bool addressed = (index + tile / 2) % 2 == 0;
     // Tiny networks have few channels. With these parameters they have several parts and bands.

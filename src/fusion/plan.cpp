@@ -213,7 +213,7 @@ Graph graph_within(const FusePlan& plan, const Model& model, TileSize size, cons
   size_t next = 0;
   const Conv2dChoice choose = [&](const Conv2dShape&) {
     auto [shape, kernel] = plan.kernels.at(next++);
-    if (kernel.winograd_tile() > 0) kernel.band_rows = winograd_band_rows(shape, kernel);
+    if (kernel.algorithm == Algorithm::kWinograd) kernel.band_rows = winograd_band_rows(shape, kernel);
     return kernel;
   };
   Graph graph = make_graph(model, size, options, exponents_for(model, options), choose);

@@ -107,7 +107,7 @@ MatrixTiles tiles_from(const Json& j) {
           .channels = number_at(j, "channels")};
 }
 
-constexpr std::array kAlgorithmNames{"direct", "pointwise", "winograd", "matrix"};
+constexpr std::array kAlgorithmNames{"direct", "pointwise", "columns", "winograd", "matrix"};
 
 Algorithm algorithm_from(const Json& json) {
   const auto found = std::ranges::find(kAlgorithmNames, json.get<std::string>());
@@ -119,7 +119,7 @@ Algorithm algorithm_from(const Json& json) {
 Json to_json(const Conv2dKernel& k) {
   Json json{{"algorithm", kAlgorithmNames.at(size_t(k.algorithm))}};
   if (k.algorithm == Algorithm::kMatrix) json["matrix"] = to_json(k.matrix);
-  if (k.algorithm == Algorithm::kWinograd) json["tile"] = k.tile;
+  if (k.has_tile()) json["tile"] = k.tile;
   if (k.needs_addresses()) {
     json["outputs"] = k.outputs;
     json["channels"] = k.channels;
@@ -133,7 +133,7 @@ Json to_json(const Conv2dKernel& k) {
 Conv2dKernel kernel_from(const Json& j) {
   Conv2dKernel kernel{.algorithm = algorithm_from(j.at("algorithm"))};
   if (kernel.algorithm == Algorithm::kMatrix) kernel.matrix = tiles_from(j.at("matrix"));
-  if (kernel.algorithm == Algorithm::kWinograd) kernel.tile = number_at(j, "tile");
+  if (kernel.has_tile()) kernel.tile = number_at(j, "tile");
   if (kernel.needs_addresses()) {
     kernel.outputs = number_at(j, "outputs");
     kernel.channels = number_at(j, "channels");
@@ -154,6 +154,7 @@ bool is_valid(const Conv2dShape& shape, const Conv2dKernel& kernel) {
     switch (kernel.algorithm) {
       case Algorithm::kPointwise:
         return shape.kernel == 1;
+      case Algorithm::kColumns:
       case Algorithm::kWinograd:
         return shape.kernel == 3 && (kernel.tile == 2 || kernel.tile == 4) && kernel.tile <= shape.most_tile;
       case Algorithm::kMatrix:
@@ -187,6 +188,10 @@ struct Tuner {
       return times;
     };
     std::vector<Conv2dKernel> kinds(1);
+    if (!device.is_cpu && shape.kernel == 3) {
+      for (uint32_t tile = 2; tile <= shape.most_tile; tile += 2)
+        kinds.push_back({.algorithm = Algorithm::kColumns, .tile = tile});
+    }
     if (device.buffer_device_address) {
       Conv2dKernel kernel = first_guess(device, shape);
       kernel.order = tuning.order;
@@ -241,6 +246,16 @@ bool suits_matrices(const DeviceInfo& device, const Conv2dShape& shape) {
   return shape.channels_in > 16 && shape.channels_out > (shape.kernel == 1 ? 32u : 8u);
 }
 
+// Returns the largest m of F(m, 3) in columns whose sums a GPU can keep in registers, by its compiler in
+// docs/gpu.md, or 0 for GPUs whose compilers were not asked.
+uint32_t columns_tile(const DeviceInfo& device) {
+  constexpr std::pair<const char*, uint32_t> kTiles[] = {
+      {"VEGA", 2}, {"Vega", 2}, {"Apple", 2}, {"Adreno", 2}, {"AMD", 4}, {"NVIDIA", 4}, {"NVK", 4}};
+  const auto found = std::ranges::find_if(
+      kTiles, [&](const auto& named) { return device.name.find(named.first) != std::string::npos; });
+  return found == std::end(kTiles) ? 0 : found->second;
+}
+
 }  // namespace
 
 Conv2dKernel first_matrix_guess(const CooperativeMatrix& matrix, const Conv2dShape& shape) {
@@ -256,10 +271,18 @@ Conv2dKernel first_matrix_guess(const CooperativeMatrix& matrix, const Conv2dSha
 }
 
 Kernels default_kernels(const DeviceInfo& device, Storage storage) {
+  const bool dots = device.half_dots && storage == Storage::kFloat16;
   if (!device.is_cpu && device.cooperative_matrix && storage == Storage::kFloat16) {
     const auto choose = [device](const Conv2dShape& shape) {
       return suits_matrices(device, shape) ? first_matrix_guess(*device.cooperative_matrix, shape)
                                            : Conv2dKernel{};
+    };
+    return {.conv2d = choose};
+  }
+  if (!device.is_cpu && !dots) {
+    const auto choose = [most = columns_tile(device)](const Conv2dShape& shape) {
+      if (shape.kernel != 3 || most == 0) return Conv2dKernel{};
+      return Conv2dKernel{.algorithm = Algorithm::kColumns, .tile = std::min(most, shape.most_tile)};
     };
     return {.conv2d = choose};
   }

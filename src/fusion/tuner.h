@@ -20,7 +20,8 @@ namespace raymeld {
 // F(2, 3) where that is not accurate enough, and pointwise, whose products read vectors where the driver has
 // them. They find activations by address where the driver gathers these. In 16-bit storage, other devices
 // with cooperative matrices get first_matrix_guess(), but for shapes that dot products of halves compute
-// faster. All others get the direct kernel.
+// faster. Where neither serves, GPUs get F(m, 3) in columns for a 3x3, as far as their registers are known to
+// suffice, and all else the direct kernel.
 Kernels default_kernels(const DeviceInfo& device, Storage storage);
 
 // Returns the kernel by cooperative matrices that is the default, and that the search starts from.

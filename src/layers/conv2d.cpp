@@ -12,8 +12,9 @@
 namespace raymeld {
 namespace {
 
-constexpr uint32_t kLocalX = 32, kLocalY = 2;  // conv2d.comp's workgroup
-constexpr uint32_t kRows = 4;
+constexpr uint32_t kLocalX = 32, kLocalY = 2;  // workgroups of conv2d.comp and conv2d_columns.comp
+constexpr uint32_t kRows = 4;                  // pixels of an invocation of conv2d.comp
+constexpr uint32_t kColumns = 2;               // columns of an invocation of conv2d_columns.comp
 
 // Lists the input channels whose products conv2d.comp adds together: one in 32 bits, two of the same input in
 // 16 bits. The last of an odd number is there twice.
@@ -137,21 +138,49 @@ Convolution make_convolution(const Graph& graph, const std::string& name, const 
   return conv;
 }
 
-// Adds a convolution by conv2d.comp.
-void direct(Graph& graph, const Convolution& conv) {
-  const uint32_t kernel = conv.options.kernel, vectors = conv.channels_out > 4 ? 2 : 1;
+// Writes weights in the layout of conv2d_columns.comp, with so many `lanes` of output channels.
+void pack_columns(std::byte* target, const Convolution& conv, uint32_t lanes) {
+  auto* next = reinterpret_cast<float*>(target);
+  const std::vector<std::array<double, 3>> transform = winograd_filter(conv.options.how.tile);
+  for (uint32_t block = 0; block < divide_up(conv.channels_out, lanes); ++block) {
+    for (uint32_t i = 0; i < conv.channels_in; ++i) {
+      for (uint32_t kx = 0; kx < 3; ++kx) {
+        for (const auto& row : transform) {
+          for (uint32_t o = block * lanes; o < (block + 1) * lanes; ++o) {
+            double sum = 0;
+            for (uint32_t ky = 0; ky < 3 && o < conv.channels_out; ++ky)
+              sum += row[ky] * conv.weight_at(o, i, ky, kx);
+            *next++ = static_cast<float>(sum);
+          }
+        }
+      }
+    }
+  }
+}
+
+// Holds how conv2d.comp or conv2d_columns.comp computes a convolution.
+struct Blocked {
+  const Shader* shader;
+  uint64_t weights_of_block;  // weights of a lane of a block, 4 bytes each
+  void (*pack)(std::byte* target, const Convolution& conv, uint32_t lanes);
+  uint32_t choice, rows, columns;  // the shader's first constant; pixels of an invocation
+  size_t trips;                    // of the loops over the input channels
+};
+
+// Adds a convolution whose invocations each compute a block of output channels of some pixels.
+void blocked(Graph& graph, const Convolution& conv, const Blocked& how) {
+  const uint32_t vectors = conv.channels_out > 4 ? 2 : 1;
   const uint32_t lanes = 4 * vectors, blocks = divide_up(conv.channels_out, lanes);
-  const size_t groups = channel_groups(conv).size();
-  const uint64_t weight_bytes = uint64_t{blocks} * lanes * groups * kernel * kernel * sizeof(float);
+  const uint64_t weight_bytes = uint64_t{blocks} * lanes * how.weights_of_block * sizeof(float);
   const uint32_t weights = graph.constant(conv.name + ".weight", weight_bytes,
-                                          [=](std::byte* target) { pack_weights(target, conv, lanes); });
+                                          [=](std::byte* target) { how.pack(target, conv, lanes); });
 
   Pass pass;
   pass.name = conv.name;
-  pass.shader = &shaders::kConv2d;
-  pass.constants = {kernel,
+  pass.shader = how.shader;
+  pass.constants = {how.choice,
                     vectors,
-                    kRows,
+                    how.rows,
                     conv.options.relu,
                     static_cast<uint32_t>(conv.options.residuals.size()),
                     conv.options.second_input.has_value(),
@@ -164,11 +193,25 @@ void direct(Graph& graph, const Convolution& conv) {
   pass.bindings.push_back(read_binding(conv.options.second_input.value_or(conv.in)));
   pass.set_push(params::Conv2d{conv.height, conv.width, graph.plane(conv.in), graph.plane(conv.out),
                                conv.channels_in, conv.in.shape.channels, conv.channels_out});
-  pass.groups = {divide_up(conv.width, kLocalX), divide_up(conv.height, kLocalY * kRows), blocks};
+  pass.groups = {divide_up(conv.width, kLocalX * how.columns), divide_up(conv.height, kLocalY * how.rows),
+                 blocks};
   pass.flop = conv.flop();
   pass.bytes = tensor_bytes(graph, conv) + double(weight_bytes);
-  pass.loop_trips = double(groups) / double(conv.inputs().size());
+  pass.loop_trips = double(how.trips) / double(conv.inputs().size());
   graph.add(std::move(pass));
+}
+
+void direct(Graph& graph, const Convolution& conv) {
+  const uint32_t kernel = conv.options.kernel;
+  const size_t groups = channel_groups(conv).size();
+  blocked(graph, conv, {&shaders::kConv2d, groups * kernel * kernel, pack_weights, kernel, kRows, 1, groups});
+}
+
+void by_columns(Graph& graph, const Convolution& conv) {
+  const uint32_t tile = conv.options.how.tile;
+  const uint64_t weights = uint64_t{conv.channels_in} * 3 * (tile + 2);
+  blocked(graph, conv,
+          {&shaders::kConv2dColumns, weights, pack_columns, tile, tile, kColumns, conv.channels_in});
 }
 
 }  // namespace
@@ -269,11 +312,12 @@ void conv2d_chain(Graph& graph, std::span<const Conv2dLink> links) {
           throw Error("layer {0}: the pointwise kernel is for 1x1, not for {1}x{1}", name, options.kernel);
         options.unshuffle > 1 ? conv2d_pointwise_unshuffled(graph, conv) : conv2d_pointwise(graph, conv);
         break;
+      case Algorithm::kColumns:
       case Algorithm::kWinograd:
         if (options.kernel != 3 || (options.how.tile != 2 && options.how.tile != 4))
           throw Error("layer {}: no Winograd F({}, {}), expected F(2, 3) or F(4, 3)", name, options.how.tile,
                       options.kernel);
-        run.push_back(conv);
+        algorithm == Algorithm::kColumns ? by_columns(graph, conv) : run.push_back(conv);
         break;
       case Algorithm::kMatrix:
         conv2d_matrix(graph, conv);

@@ -61,6 +61,10 @@ uint32_t parts_of(uint32_t channels, uint32_t most);
 // Conv2dKernel::outputs channels, unless that made more blocks than uniform.glsl can number.
 uint32_t blocks_of(const Convolution& conv);
 
+// Returns G of Winograd's F(tile, 3), for each position the factors of a filter's three taps (Lavin and Gray
+// 2016, section 4).
+std::vector<std::array<double, 3>> winograd_filter(uint32_t tile);
+
 // Adds convolutions in three steps, band by band: shaders/conv2d/winograd_*.comp. Each but the first reads
 // the output of the one before, and only the rows that this takes are kept.
 void conv2d_winograd(Graph& graph, std::span<const Convolution> convs);

@@ -46,6 +46,7 @@ bool is_possible(const MatrixTiles& tiles, uint32_t kernel);
 enum class Algorithm {
   kDirect,     // conv2d.comp, which any device runs
   kPointwise,  // pointwise.comp, for a 1x1, or pointwise_unshuffled.comp where its input is unshuffled
+  kColumns,    // conv2d_columns.comp, for a 3x3
   kWinograd,   // winograd_*.comp, for a 3x3
   kMatrix      // conv2d_matrix.comp, for either, with 16-bit storage
 };
@@ -54,8 +55,8 @@ enum class Algorithm {
 // device may truncate where others round.
 struct Conv2dKernel {
   Algorithm algorithm = Algorithm::kDirect;
-  // The m of kWinograd's F(m, 3) is 2 or 4. Errors are in proportion to the largest value of a tile, with 4
-  // more than with 2. See shaders/conv2d/winograd.glsl.
+  // The m of F(m, 3), of kColumns in one dimension and of kWinograd in two, is 2 or 4. Errors are in
+  // proportion to the largest value of a tile, with 4 more than with 2. See shaders/conv2d/winograd.glsl.
   uint32_t tile = 4;
   // These are parameters of kWinograd and of kPointwise; pointwise_unshuffled.comp has none.
   uint32_t outputs = 16;    // output channels of an invocation
@@ -71,8 +72,9 @@ struct Conv2dKernel {
   bool needs_addresses() const {
     return algorithm == Algorithm::kPointwise || algorithm == Algorithm::kWinograd;
   }
+  bool has_tile() const { return algorithm == Algorithm::kColumns || algorithm == Algorithm::kWinograd; }
   // Returns the m of F(m, 3), or 0 for other algorithms.
-  uint32_t winograd_tile() const { return algorithm == Algorithm::kWinograd ? tile : 0; }
+  uint32_t winograd_tile() const { return has_tile() ? tile : 0; }
 };
 
 // An invocation computes the products of two tiles where Conv2dKernel::vector is this.
@@ -105,8 +107,9 @@ struct Kernels {
 
 // Returns how many times as large as its direct sums the values in the transforms of a 3x3 convolution by
 // F(4, 3) may become, with inputs of equal size: the largest over the outputs of
-// |A^T| (|G g G^T| |B^T| 1 |B|) |A| over sum |g|. Rounding errors grow by as much and reach a whole tile.
-double winograd_amplification(const ConvWeights& weights, uint32_t channels_in);
+// |A^T| (|G g G^T| |B^T| 1 |B|) |A| over sum |g|. Rounding errors grow by as much and reach a whole tile. The
+// transforms are those of kWinograd or, in one direction only, those of kColumns.
+double winograd_amplification(const ConvWeights& weights, uint32_t channels_in, Algorithm algorithm);
 
 struct Conv2dOptions {
   uint32_t kernel = 3;  // 1 or 3

@@ -5,6 +5,7 @@
 #define RAYMELD_SPIRV_FORMS(name) RAYMELD_SPIRV_SHADER(name##_buffers) RAYMELD_SPIRV_SHADER(name##_addresses)
 RAYMELD_SPIRV_SHADER(conv2d_buffers)
 RAYMELD_SPIRV(conv2d_dots)
+RAYMELD_SPIRV_SHADER(conv2d_columns_buffers)
 RAYMELD_SPIRV(conv2d_matrix)
 RAYMELD_SPIRV_FORMS(pointwise)
 RAYMELD_SPIRV_SHADER(pointwise_vectors)
@@ -54,6 +55,7 @@ namespace raymeld::shaders {
    {#name ".vectors", k_##name##_vectors_f32, f16}}
 // clang-format on
 const Shader kConv2d{"conv2d", k_conv2d_buffers_f32, k_conv2d_buffers_f16, k_conv2d_dots};
+const Shader kConv2dColumns{"conv2d_columns", k_conv2d_columns_buffers_f32, k_conv2d_columns_buffers_f16};
 const Shader kConv2dMatrix{"conv2d_matrix", {}, k_conv2d_matrix};
 const Forms kPointwise RAYMELD_FORMS_AND_VECTORS(pointwise, k_pointwise_vectors_f16);
 const Forms kPointwiseUnshuffled RAYMELD_FORMS_AND_VECTORS(pointwise_unshuffled, {});

@@ -17,6 +17,7 @@ struct Forms {
 
 namespace shaders {
 extern const Shader kConv2d;
+extern const Shader kConv2dColumns;
 extern const Shader kConv2dMatrix;  // has no code for 32-bit storage
 extern const Forms kPointwise;
 extern const Forms kPointwiseUnshuffled;

@@ -251,39 +251,52 @@ Scratch scratch_for(Graph& graph, const std::string& name, std::span<const Sizes
 
 }  // namespace
 
-double winograd_amplification(const ConvWeights& weights, uint32_t channels_in) {
-  using Tile = std::array<std::array<double, 6>, 6>;
-  constexpr double kFilter[6][3] = {{1. / 4, 0, 0},
-                                    {-1. / 6, -1. / 6, -1. / 6},
-                                    {-1. / 6, 1. / 6, -1. / 6},
-                                    {1. / 24, 1. / 12, 1. / 6},
-                                    {1. / 24, -1. / 12, 1. / 6},
-                                    {0, 0, 1}};                      // G; Lavin and Gray 2016, section 4
-  constexpr std::array<double, 6> kInputSums{10, 10, 10, 6, 6, 10};  // sums of the rows of |B^T|
-  constexpr double kOutput[4][6] = {
-      {1, 1, 1, 1, 1, 0}, {0, 1, 1, 2, 2, 0}, {0, 1, 1, 4, 4, 0}, {0, 1, 1, 8, 8, 1}};
+std::vector<std::array<double, 3>> winograd_filter(uint32_t tile) {
+  if (tile == 2) return {{1, 0, 0}, {1. / 2, 1. / 2, 1. / 2}, {1. / 2, -1. / 2, 1. / 2}, {0, 0, 1}};
+  return {{1. / 4, 0, 0},
+          {-1. / 6, -1. / 6, -1. / 6},
+          {-1. / 6, 1. / 6, -1. / 6},
+          {1. / 24, 1. / 12, 1. / 6},
+          {1. / 24, -1. / 12, 1. / 6},
+          {0, 0, 1}};
+}
+
+double winograd_amplification(const ConvWeights& weights, uint32_t channels_in, Algorithm algorithm) {
+  // Holds the transforms of one direction.
+  struct Transforms {
+    std::vector<std::array<double, 3>> filter;
+    std::vector<double> input_sums;  // sums of the rows of |B^T|
+    std::vector<std::vector<double>> output;
+  };
+  const Transforms by_tiles{winograd_filter(4),
+                            {10, 10, 10, 6, 6, 10},
+                            {{1, 1, 1, 1, 1, 0}, {0, 1, 1, 2, 2, 0}, {0, 1, 1, 4, 4, 0}, {0, 1, 1, 8, 8, 1}}};
+  const Transforms direct{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {1, 1, 1}, {{1, 1, 1}}};
+  const Transforms& down = by_tiles;
+  const Transforms& across = algorithm == Algorithm::kColumns ? direct : by_tiles;
+  const size_t rows = down.filter.size(), columns = across.filter.size();
   double largest = 0;
   for (size_t o = 0; o < weights.bias.size(); ++o) {
-    Tile sum{};
-    double direct = 0;
+    std::vector<double> sums(rows * columns);
+    double own = 0;
     for (size_t i = 0; i < channels_in; ++i) {
       const auto g = weights.weight.subspan((o * channels_in + i) * 9).first<9>();
-      Tile u{};
-      for (size_t row = 0; row < 6; ++row) {
-        std::array<double, 3> part{};
-        for (size_t k = 0; k < 9; ++k) part[k % 3] += kFilter[row][k / 3] * g[k];
-        for (size_t k = 0; k < 18; ++k) u[row][k / 3] += part[k % 3] * kFilter[k / 3][k % 3];
+      for (size_t p = 0; p < sums.size(); ++p) {
+        double u = 0;
+        for (size_t k = 0; k < 9; ++k)
+          u += down.filter[p / columns][k / 3] * across.filter[p % columns][k % 3] * g[k];
+        sums[p] += std::abs(u);
       }
-      for (size_t p = 0; p < 36; ++p) sum[p / 6][p % 6] += std::abs(u[p / 6][p % 6]);
-      for (const float value : g) direct += std::abs(value);
+      for (const float value : g) own += std::abs(value);
     }
-    for (const auto& row : kOutput) {
-      for (const auto& column : kOutput) {
+    for (const auto& row : down.output) {
+      for (const auto& column : across.output) {
         double flow = 0;
-        for (size_t p = 0; p < 36; ++p) {
-          flow += row[p / 6] * column[p % 6] * sum[p / 6][p % 6] * kInputSums[p / 6] * kInputSums[p % 6];
+        for (size_t p = 0; p < sums.size(); ++p) {
+          const size_t r = p / columns, c = p % columns;
+          flow += row[r] * column[c] * sums[p] * down.input_sums[r] * across.input_sums[c];
         }
-        if (direct > 0) largest = std::max(largest, flow / direct);
+        if (own > 0) largest = std::max(largest, flow / own);
       }
     }
   }

@@ -273,10 +273,12 @@ StorageExponents storage_exponents(const Model& model) {
   return exponents;
 }
 
-bool tile_4_is_accurate(const Architecture& a, const ConvWeights& weights, uint32_t channels_in) {
+bool tile_4_is_accurate(const Architecture& a, const ConvWeights& weights, uint32_t channels_in,
+                        Algorithm algorithm) {
   constexpr double kMost = 0x1p-10, kUnit = 0x1p-24, kTransformRoundings = 29;
-  return std::sqrt(channels_in + kTransformRoundings) * kUnit * encoded(a.transfer, a.clip) *
-             winograd_amplification(weights, channels_in) <=
+  const uint32_t products = algorithm == Algorithm::kColumns ? 3 * channels_in : channels_in;
+  return std::sqrt(products + kTransformRoundings) * kUnit * encoded(a.transfer, a.clip) *
+             winograd_amplification(weights, channels_in, algorithm) <=
          kMost;
 }
 

@@ -31,8 +31,9 @@ std::vector<Conv2dShape> conv2d_shapes(const Model& model, uint32_t height, uint
 // its brightest pixel must be expected to stay under a quarter of a step of an 8-bit display. This is
 // sqrt(n) u A R <= 2^-10, where n is the number of roundings in one sum, u = 2^-24, A is
 // winograd_amplification(), and R is the largest encoded radiance, as deeper layers are about as large as
-// their inputs.
-bool tile_4_is_accurate(const Architecture& architecture, const ConvWeights& weights, uint32_t channels_in);
+// their inputs. `algorithm` is kWinograd or kColumns.
+bool tile_4_is_accurate(const Architecture& architecture, const ConvWeights& weights, uint32_t channels_in,
+                        Algorithm algorithm);
 
 inline constexpr uint32_t kJointLevels = 5;  // levels of the joint base's filter
 

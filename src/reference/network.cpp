@@ -15,7 +15,8 @@ using Replace = std::function<Bounded(const std::string& name, const Bounded& ou
 class Run {
  public:
   // If `in_floats` is set, conv2d_in_floats() computes the convolutions.
-  Run(const Weights& weights, Precision precision, Replace replace, int tile, int units, bool in_floats)
+  Run(const Weights& weights, Precision precision, Replace replace, const Tile& tile, int units,
+      bool in_floats)
       : weights_(weights),
         precision_(precision),
         replace_(std::move(replace)),
@@ -68,7 +69,8 @@ class Run {
   const Weights& weights_;
   const Precision precision_;
   const Replace replace_;
-  const int tile_, units_;
+  const Tile tile_;
+  const int units_;
   const bool in_floats_;
   Outputs outputs_;
 };
@@ -313,7 +315,7 @@ void take_samples(Architecture& architecture, Weights& weights, double lrhs_spp,
 
 Outputs network(const Architecture& a, const Weights& weights, const Planes& lrhs, const Planes& hrls,
                 double phase, Precision precision, const std::map<std::string, Planes>& given,
-                double exposure, int tile, int units) {
+                double exposure, const Tile& tile, int units) {
   const auto replace = [&](const std::string& name, const Bounded& output) {
     const auto replacement = given.find(name);
     return replacement == given.end() ? output : exact(replacement->second);
@@ -324,7 +326,7 @@ Outputs network(const Architecture& a, const Weights& weights, const Planes& lrh
 
 std::map<std::string, Planes> network_in_floats(const Architecture& a, const Weights& weights,
                                                 const Planes& lrhs, const Planes& hrls, double phase,
-                                                Precision precision, double exposure, int tile) {
+                                                Precision precision, double exposure, const Tile& tile) {
   std::map<std::string, Planes> values;
   uint64_t seed = 0;
   const auto draw = [&](const std::string& name, const Bounded& output) {

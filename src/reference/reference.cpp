@@ -81,15 +81,15 @@ void expect_same_shape(const Planes& a, const Planes& b) {
 }  // namespace
 
 Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precision,
-               const std::vector<const Bounded*>& residuals, int tile, int units) {
+               const std::vector<const Bounded*>& residuals, const Tile& tile, int units) {
   expect(conv.kernel == 1 || conv.kernel == 3, "conv2d: the kernel is neither 1 nor 3");
   expect(conv.in == x.value.c, "conv2d: the input has another number of channels");
   expect(conv.weight.size() == size_t(conv.out) * conv.in * conv.kernel * conv.kernel, "conv2d: weights");
   expect(conv.bias.size() == size_t(conv.out), "conv2d: bias");
-  const bool by_winograd = tile > 1 && conv.kernel == 3;
+  const bool by_winograd = tile.down > 1 && conv.kernel == 3;
   // In 16 bits the last channel of each of two inputs may be taken twice, see conv2d.comp.
   const int channels = precision == Precision::kFp16 ? conv.in + 2 : conv.in;
-  const int n = by_winograd ? conv.in + 1 + kWinogradRoundings : channels * conv.kernel * conv.kernel + 1;
+  const int n = by_winograd ? winograd_roundings(conv, tile) : channels * conv.kernel * conv.kernel + 1;
   const Planes magnitudes = by_winograd ? winograd_magnitudes(x, conv, tile) : Planes();
   Bounded result = exact(Planes(conv.out, x.value.h, x.value.w));
   for (const Bounded* residual : residuals) expect_same_shape(residual->value, result.value);
@@ -115,8 +115,8 @@ Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precisio
 }
 
 Planes conv2d_in_floats(const Planes& x, const Conv& conv, bool relu, Precision precision,
-                        const std::vector<const Planes*>& residuals, int tile) {
-  const bool by_winograd = tile > 1 && conv.kernel == 3;
+                        const std::vector<const Planes*>& residuals, const Tile& tile) {
+  const bool by_winograd = tile.down > 1 && conv.kernel == 3;
   Planes result = by_winograd ? winograd_in_floats(x, conv, tile) : sums_in_floats(x, conv);
   for (int o = 0; o < conv.out; ++o) {
     for (int y = 0; y < x.h; ++y) {

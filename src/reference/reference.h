@@ -24,19 +24,27 @@ struct Conv {
   }
 };
 
+// Says in what tiles a 3x3 convolution is computed: by Winograd's F(m, 3) down columns and across rows, with
+// these m, where 1 stands for direct sums.
+struct Tile {
+  int down = 1, across = 1;
+
+  auto operator<=>(const Tile&) const = default;
+};
+
 // Computes (in, h, w) -> (out, h, w) with stride 1 and zero padding: sum + bias, then ReLU if asked, then
 // + residuals in turn. ReLU turns negative values into 0. It keeps NaN and, as a sign of overflow, -infinity.
 //
-// The bound is that of a direct sum or, with `tile` m > 1 and a 3x3 kernel, of Winograd's F(m, 3), where each
+// The bound is that of a direct sum or, with a `tile` and a 3x3 kernel, of Winograd's F(m, 3), where each
 // output's magnitude S comes from its whole tile, see winograd_magnitudes(). `units` is the largest error of
 // an operation, in errors of a rounding to nearest: kTensorUnits on tensor cores and in dot products.
 Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precision,
-               const std::vector<const Bounded*>& residuals = {}, int tile = 0, int units = 1);
+               const std::vector<const Bounded*>& residuals = {}, const Tile& tile = {}, int units = 1);
 
 // Does the same as one right device would: it sums in floats, in the order of the equation or, with `tile`,
 // of F(m, 3), and rounds the results to the storage type.
 Planes conv2d_in_floats(const Planes& x, const Conv& conv, bool relu, Precision precision,
-                        const std::vector<const Planes*>& residuals = {}, int tile = 0);
+                        const std::vector<const Planes*>& residuals = {}, const Tile& tile = {});
 
 // A step of a tensor core, or a dot product, adds b exact products to a sum. It may align these b + 1 addends
 // to the largest one, keep 24 bits of that, and truncate each addend and their sum. Each of these b + 2
@@ -216,7 +224,7 @@ void take_samples(Architecture& architecture, Weights& weights, double lrhs_spp,
 // conv2d() for `units`, and for `tile`, which applies to 3x3 convolutions.
 Outputs network(const Architecture& architecture, const Weights& weights, const Planes& lrhs,
                 const Planes& hrls, double phase, Precision precision,
-                const std::map<std::string, Planes>& given = {}, double exposure = 1, int tile = 0,
+                const std::map<std::string, Planes>& given = {}, double exposure = 1, const Tile& tile = {},
                 int units = 1);
 
 // Returns outputs that one right device might have, by the same names: conv2d_in_floats() computes
@@ -225,6 +233,7 @@ Outputs network(const Architecture& architecture, const Weights& weights, const 
 // of the worst device.
 std::map<std::string, Planes> network_in_floats(const Architecture& architecture, const Weights& weights,
                                                 const Planes& lrhs, const Planes& hrls, double phase,
-                                                Precision precision, double exposure = 1, int tile = 0);
+                                                Precision precision, double exposure = 1,
+                                                const Tile& tile = {});
 
 }  // namespace raymeld::reference

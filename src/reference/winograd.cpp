@@ -15,8 +15,9 @@ struct Transforms {
 };
 
 template <typename Number>
-Transforms<Number> transforms(int tile) {
-  if (tile == 2) {
+Transforms<Number> transforms(int m) {
+  if (m == 1) return {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {{1, 1, 1}}};
+  if (m == 2) {
     return {{{1, 0, -1, 0}, {0, 1, 1, 0}, {0, -1, 1, 0}, {0, 1, 0, -1}},
             {{1, 0, 0}, {.5, .5, .5}, {.5, -.5, .5}, {0, 0, 1}},
             {{1, 1, 1, 0}, {0, 1, -1, -1}}};
@@ -59,11 +60,18 @@ Matrix<Number> transposed(const Matrix<Number>& m) {
   return result;
 }
 
-// Returns m x m^T.
+// Holds the transforms of both directions.
 template <typename Number>
-Matrix<Number> both_ways(const Matrix<Number>& m, const Matrix<Number>& x) {
-  return product(product(m, x), transposed(m));
-}
+struct Both {
+  Transforms<Number> down, across;
+
+  explicit Both(const Tile& tile)
+      : down(transforms<Number>(tile.down)), across(transforms<Number>(tile.across)) {}
+  // Returns one of the transforms of x, such as B^T x B.
+  Matrix<Number> apply(Matrix<Number> Transforms<Number>::*matrix, const Matrix<Number>& x) const {
+    return product(product(down.*matrix, x), transposed(across.*matrix));
+  }
+};
 
 template <typename Number>
 Matrix<Number> filter_of(const Conv& conv, int o, int i) {
@@ -73,12 +81,12 @@ Matrix<Number> filter_of(const Conv& conv, int o, int i) {
   return g;
 }
 
-// Returns the square of pixels whose top left is (top, left), with zeros outside of the image.
+// Returns the pixels from (top, left) on, with zeros outside of the image.
 template <typename Number>
-Matrix<Number> square_of(const Planes& image, int i, int top, int left, size_t side) {
-  Matrix<Number> d = zeros<Number>(side, side);
-  for (size_t r = 0; r < side; ++r) {
-    for (size_t c = 0; c < side; ++c) {
+Matrix<Number> pixels_of(const Planes& image, int i, int top, int left, size_t rows, size_t columns) {
+  Matrix<Number> d = zeros<Number>(rows, columns);
+  for (size_t r = 0; r < rows; ++r) {
+    for (size_t c = 0; c < columns; ++c) {
       const int y = top + int(r), x = left + int(c);
       if (y >= 0 && y < image.h && x >= 0 && x < image.w) d[r][c] = Number(image.at(i, y, x));
     }
@@ -87,26 +95,28 @@ Matrix<Number> square_of(const Planes& image, int i, int top, int left, size_t s
 }
 
 template <typename Number>
-Planes convolve(const Planes& image, const Conv& conv, const Transforms<Number>& f) {
-  const size_t side = f.input.size(), tile = f.output.size();
+Planes convolve(const Planes& image, const Conv& conv, const Both<Number>& f) {
+  using F = Transforms<Number>;
+  const size_t rows = f.down.input.size(), columns = f.across.input.size();
+  const int height = int(f.down.output.size()), width = int(f.across.output.size());
   const auto in = size_t(conv.in), out = size_t(conv.out);
   std::vector<Matrix<Number>> weights(out * in), inputs(in);
   for (size_t o = 0; o < out; ++o)
     for (size_t i = 0; i < in; ++i)
-      weights[o * in + i] = both_ways(f.weight, filter_of<Number>(conv, int(o), int(i)));
+      weights[o * in + i] = f.apply(&F::weight, filter_of<Number>(conv, int(o), int(i)));
   Planes result(conv.out, image.h, image.w);
-  for (int top = 0; top < image.h; top += int(tile)) {
-    for (int left = 0; left < image.w; left += int(tile)) {
+  for (int top = 0; top < image.h; top += height) {
+    for (int left = 0; left < image.w; left += width) {
       for (size_t i = 0; i < in; ++i)
-        inputs[i] = both_ways(f.input, square_of<Number>(image, int(i), top - 1, left - 1, side));
+        inputs[i] = f.apply(&F::input, pixels_of<Number>(image, int(i), top - 1, left - 1, rows, columns));
       for (size_t o = 0; o < out; ++o) {
-        Matrix<Number> sums = zeros<Number>(side, side);
+        Matrix<Number> sums = zeros<Number>(rows, columns);
         for (size_t i = 0; i < in; ++i)
-          for (size_t r = 0; r < side; ++r)
-            for (size_t c = 0; c < side; ++c) sums[r][c] += weights[o * in + i][r][c] * inputs[i][r][c];
-        const Matrix<Number> values = both_ways(f.output, sums);
-        for (int y = 0; y < std::min(int(tile), image.h - top); ++y)
-          for (int x = 0; x < std::min(int(tile), image.w - left); ++x)
+          for (size_t r = 0; r < rows; ++r)
+            for (size_t c = 0; c < columns; ++c) sums[r][c] += weights[o * in + i][r][c] * inputs[i][r][c];
+        const Matrix<Number> values = f.apply(&F::output, sums);
+        for (int y = 0; y < std::min(height, image.h - top); ++y)
+          for (int x = 0; x < std::min(width, image.w - left); ++x)
             result.at(int(o), top + y, left + x) = values[size_t(y)][size_t(x)];
       }
     }
@@ -121,22 +131,27 @@ void make_absolute(Matrix<double>& m) {
 
 }  // namespace
 
-Planes winograd(const Planes& x, const Conv& conv, int tile) {
-  return convolve(x, conv, transforms<double>(tile));
+Planes winograd(const Planes& x, const Conv& conv, const Tile& tile) {
+  return convolve(x, conv, Both<double>(tile));
 }
 
-Planes winograd_in_floats(const Planes& x, const Conv& conv, int tile) {
-  return convolve(x, conv, transforms<float>(tile));
+Planes winograd_in_floats(const Planes& x, const Conv& conv, const Tile& tile) {
+  return convolve(x, conv, Both<float>(tile));
 }
 
-Planes winograd_magnitudes(const Bounded& x, const Conv& conv, int tile) {
-  Transforms<double> f = transforms<double>(tile);
-  for (Matrix<double>* m : {&f.input, &f.weight, &f.output}) make_absolute(*m);
+Planes winograd_magnitudes(const Bounded& x, const Conv& conv, const Tile& tile) {
+  Both<double> both(tile);
+  for (Transforms<double>* f : {&both.down, &both.across})
+    for (Matrix<double>* m : {&f->input, &f->weight, &f->output}) make_absolute(*m);
   Conv weights = conv;
   for (double& w : weights.weight) w = std::abs(w);
   Planes reach = x.value;
   for (size_t i = 0; i < reach.data.size(); ++i) reach.data[i] = std::abs(reach.data[i]) + x.bound.data[i];
-  return convolve(reach, weights, f);
+  return convolve(reach, weights, both);
+}
+
+int winograd_roundings(const Conv& conv, const Tile& tile) {
+  return conv.in * (tile.across == 1 ? conv.kernel : 1) + 2 * 4 + 2 * 4 + 2 * 6 + 2;
 }
 
 }  // namespace raymeld::reference

@@ -181,6 +181,8 @@ TEST(Tuning, NeverAsksADeviceForWhatItCannot) {
   EXPECT_EQ(tuning.kernels(device, Storage::kFloat32).conv2d(kByMatrices).matrix.rows, 1u);
 }
 
+Conv2dKernel columns(uint32_t tile) { return {.algorithm = Algorithm::kColumns, .tile = tile}; }
+
 TEST(Tuning, GpusWithMatricesMultiplyThemByDefault) {
   DeviceInfo device = device_with_addresses();
   device.cooperative_matrix = kMatrix;
@@ -192,6 +194,23 @@ TEST(Tuning, GpusWithMatricesMultiplyThemByDefault) {
   EXPECT_EQ(Tuning{}.kernels(device, Storage::kFloat16).conv2d(kByMatrices).algorithm, Algorithm::kMatrix);
   device.is_cpu = true;
   EXPECT_EQ(algorithm(Storage::kFloat16), Algorithm::kWinograd);
+}
+
+TEST(Tuning, GpusWithoutAnythingFasterGetColumnsThatFitTheirRegisters) {
+  DeviceInfo device = device_with_addresses();
+  const auto chosen = [&](const char* name, uint32_t most_tile, uint32_t kernel = 3) {
+    device.name = name;
+    return default_kernels(device, Storage::kFloat16).conv2d({64, 64, 24, 24, kernel, most_tile});
+  };
+  EXPECT_EQ(chosen("AMD Radeon RX 5700 XT (RADV NAVI10)", 4), columns(4));
+  EXPECT_EQ(chosen("AMD Radeon RX 5700 XT (RADV NAVI10)", 2), columns(2));
+  EXPECT_EQ(chosen("AMD Radeon RX Vega (RADV VEGA10)", 4), columns(2));
+  EXPECT_EQ(chosen("Apple M1", 4), columns(2));
+  EXPECT_EQ(chosen("Apple M1", 4, 1), Conv2dKernel{});
+  EXPECT_EQ(chosen("a GPU of which nothing is known", 4), Conv2dKernel{});
+  device.half_dots = true;
+  EXPECT_EQ(chosen("AMD Radeon RX 6900 XT (RADV NAVI21)", 4), Conv2dKernel{});
+  EXPECT_EQ(default_kernels(device, Storage::kFloat32).conv2d(kByMatrices), columns(4));
 }
 
 TEST(Tuning, ReadsByVectorsOfTheDevicesOwnOnly) {
@@ -250,6 +269,8 @@ std::string kind_of(const Conv2dKernel& kernel) {
       return "direct";
     case Algorithm::kPointwise:
       return "pointwise";
+    case Algorithm::kColumns:
+      return fmt::format("columns {}", kernel.tile);
     case Algorithm::kWinograd:
       return fmt::format("tile {}", kernel.tile);
     case Algorithm::kMatrix:
@@ -259,7 +280,7 @@ std::string kind_of(const Conv2dKernel& kernel) {
 }
 
 TEST(Tuner, TakesTheKindOfKernelThatIsFastest) {
-  for (const std::string fastest : {"direct", "tile 2", "tile 4", "matrices"}) {
+  for (const std::string fastest : {"direct", "columns 2", "columns 4", "tile 2", "tile 4", "matrices"}) {
     const auto entry = tuned(kShape3x3, [&](const Conv2dKernel& k) { return kind_of(k) == fastest ? 2 : 5; });
     EXPECT_EQ(kind_of(entry.kernel), fastest);
     EXPECT_EQ(entry.time_ms, 2);
@@ -273,7 +294,8 @@ TEST(Tuner, TakesTheKindOfKernelThatIsFastest) {
 
 TEST(Tuner, KeepsTheBestOfEachParameter) {
   const auto winograd = tuned(kShape3x3, [](const Conv2dKernel& k) {
-    return 9.0 - (k.winograd_tile() == 4) - (k.outputs == 24) - (k.band == 1u << 18);
+    if (k.algorithm != Algorithm::kWinograd) return 9.0;
+    return 9.0 - (k.tile == 4) - (k.outputs == 24) - (k.band == 1u << 18);
   });
   EXPECT_EQ(winograd.time_ms, 6);
   EXPECT_EQ(winograd.kernel.winograd_tile(), 4u);
@@ -366,14 +388,17 @@ TEST_F(TunerTest, MeasuresBothStorages) {
   }
 }
 
-// The formula, evaluated by hand, gives 149.38 for 3x3 ones and 128.44 (18496 / 144) for a single one.
+// The formula, evaluated by hand, gives 149.38 for 3x3 ones and 128.44 (18496 / 144) for a single one, and in
+// one direction the roots of these.
 TEST(WinogradAmplification, IsWhatTheTransformsAbsoluteValuesLetThrough) {
   const float bias[] = {0};
   const std::vector<float> ones(9, 1.0f), one{0, 0, 0, 0, 1, 0, 0, 0, 0}, two(18, -2.0f);
-  EXPECT_NEAR(winograd_amplification({ones, bias}, 1), 149.38271605, 1e-6);
-  EXPECT_NEAR(winograd_amplification({one, bias}, 1), 128.44444444, 1e-6);
-  EXPECT_NEAR(winograd_amplification({two, bias}, 2), 149.38271605, 1e-6);
-  EXPECT_EQ(winograd_amplification({std::vector<float>(9, 0.0f), bias}, 1), 0);
+  EXPECT_NEAR(winograd_amplification({ones, bias}, 1, Algorithm::kWinograd), 149.38271605, 1e-6);
+  EXPECT_NEAR(winograd_amplification({one, bias}, 1, Algorithm::kWinograd), 128.44444444, 1e-6);
+  EXPECT_NEAR(winograd_amplification({two, bias}, 2, Algorithm::kWinograd), 149.38271605, 1e-6);
+  EXPECT_NEAR(winograd_amplification({ones, bias}, 1, Algorithm::kColumns), 110. / 9, 1e-6);
+  EXPECT_NEAR(winograd_amplification({one, bias}, 1, Algorithm::kColumns), 34. / 3, 1e-6);
+  EXPECT_EQ(winograd_amplification({std::vector<float>(9, 0.0f), bias}, 1, Algorithm::kColumns), 0);
 }
 
 // A log transfer leaves no radiance that drowns its neighbours. Linear radiance of up to 1000 drowns them.

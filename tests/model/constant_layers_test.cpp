@@ -82,8 +82,9 @@ std::vector<float> fuse(const Model& model, const Planes& lrhs, const Planes& hr
 Kernels kernels_of(const conform::Method& method) {
   return {.addressed = method.addressed, .conv2d = [kernel = method.kernel](const Conv2dShape& shape) {
             Conv2dKernel result = kernel;
-            if (result.algorithm == Algorithm::kWinograd && shape.kernel == 1)
+            if (shape.kernel == 1 && result.algorithm == Algorithm::kWinograd)
               result.algorithm = Algorithm::kPointwise;
+            if (shape.kernel == 1 && result.algorithm == Algorithm::kColumns) result = {};
             return result;
           }};
 }

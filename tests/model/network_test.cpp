@@ -60,7 +60,7 @@ TEST_F(NetworkTest, GoldenOutputs) {
       const conform::Method direct = conform::direct_method(gpu().info());
       const Outputs carried =
           reference::network(golden.architecture, golden.weights, golden.lrhs, golden.hrls, golden.phase,
-                             precision, {}, run.report.exposure, 0, direct.units(precision));
+                             precision, {}, run.report.exposure, {}, direct.units(precision));
       const auto check = [&](const std::string& layer, const Planes& device) {
         const auto known = golden.outputs.find(layer);
         if (known == golden.outputs.end()) return;  // sums over groups have no weights, so no golden
