@@ -21,6 +21,10 @@ class Driver(NamedTuple):
     variable: str  # names the environment variable that selects the GPU
     trips: int  # counts the trips that the driver assumes of a loop of unknown length
     figures: dict  # for each of FIGURES the driver's statistics, whose sum means the same on every driver
+    # Where `cycles` are those of a subgroup that runs alone, this statistic counts its instructions, and the waves of
+    # FIGURES are those of so many units.
+    instructions: str = ""
+    units: int = 1
 
 
 class Gpu(NamedTuple):
@@ -63,6 +67,8 @@ NVK = Driver(
         "waves": ["Max warps/SM"],
         "cycles": ["Static cycle count"],
     },
+    "Instruction count",
+    4,
 )
 HONEYKRISP = Driver(
     "asahi",
@@ -150,10 +156,15 @@ def figures(gpu, kernel, executables="executables"):
     return {figure: sum(int(statistics[name]) for name in names.get(figure, ())) for figure in FIGURES}
 
 
+def instructions(gpu, executables):
+    return sum(executable["statistics"][GPUS[gpu].driver.instructions] for executable in executables)
+
+
 def compiled(gpu, model, precision, size):
     """Returns what `raymeld compile --json` says, with the driver as "Mesa 26.2".
 
-    Each kernel has its `figures`, and `step`, the cycles of one step of its loops of unknown length.
+    Each kernel has its `figures`, and `step`, the cycles of one step of its loops of unknown length; where the driver
+    counts instructions, also `issued`, those outside of these loops and those of a step.
     """
     arguments = ("--model", model, "--size", size, "--precision", precision, "--json")
     result = json.loads(run(gpu, program(), "compile", *arguments))
@@ -162,7 +173,16 @@ def compiled(gpu, model, precision, size):
         kernel["figures"] = figures(gpu, kernel)
         unrolled = figures(gpu, kernel, "unrolled" if kernel["unrolled"] else "executables")
         kernel["step"] = (unrolled["cycles"] - kernel["figures"]["cycles"]) / GPUS[gpu].driver.trips
+        if GPUS[gpu].driver.instructions:
+            counts = [instructions(gpu, kernel[of]) for of in ("executables", "unrolled") if kernel[of]]
+            kernel["issued"] = (2 * counts[0] - counts[-1], counts[-1] - counts[0])
     return result
+
+
+def subgroups_of_unit(gpu, kernel, layer):
+    """Returns how many subgroups each unit of the GPU runs for a layer."""
+    subgroups = -(-kernel["invocations"] // kernel["executables"][0]["subgroup_size"])
+    return layer["workgroups"] * subgroups / GPUS[gpu].simds
 
 
 def layer_cycles(gpu, kernel):
@@ -171,13 +191,30 @@ def layer_cycles(gpu, kernel):
     Every subgroup takes its cycles at full throughput. A loop counts as often as it runs, not as often as the compiler
     assumes.
     """
-    about = GPUS[gpu]
-    subgroups = -(-kernel["invocations"] // kernel["executables"][0]["subgroup_size"])
-    outside = kernel["figures"]["cycles"] - about.driver.trips * kernel["step"]
+    outside = kernel["figures"]["cycles"] - GPUS[gpu].driver.trips * kernel["step"]
     return {
-        layer["name"]: layer["workgroups"]
-        * subgroups
-        * (outside + layer["loop_trips"] * kernel["step"])
-        / about.simds
+        layer["name"]: subgroups_of_unit(gpu, kernel, layer) * (outside + layer["loop_trips"] * kernel["step"])
+        for layer in kernel["layers"]
+    }
+
+
+def overlapped_cycles(gpu, kernel):
+    """Returns the same as layer_cycles() where subgroups hide each other's waits, or {} if nothing is known of that.
+
+    A unit then takes the cycles of a lone subgroup for as many as it keeps at a time, but at least a cycle for each
+    instruction, and at least what the multiply-adds of the layer take.
+    """
+    about = GPUS[gpu]
+    if not about.driver.instructions:
+        return {}
+    alone, (outside, step) = layer_cycles(gpu, kernel), kernel["issued"]
+    kept = max(1, kernel["figures"]["waves"] // about.driver.units)
+    rate = about.matrix if kernel["kernel"] == "conv2d_matrix" else about.fma
+    return {
+        layer["name"]: max(
+            alone[layer["name"]] / kept,
+            subgroups_of_unit(gpu, kernel, layer) * (outside + layer["loop_trips"] * step),
+            layer["flop"] / 2 / rate / about.simds,
+        )
         for layer in kernel["layers"]
     }

@@ -6,6 +6,8 @@ import pathlib
 import subprocess
 import tempfile
 
+import torch
+
 
 @functools.cache
 def library(source):
@@ -17,6 +19,11 @@ def library(source):
         # A library linked with -ffast-math would flush subnormals for the whole process.
         subprocess.run(["g++", "-shared", compiled, "-o", built], check=True)
         return ctypes.CDLL(str(built))
+
+
+def takes(x):
+    """Returns whether the compiled functions take a tensor; others are left to PyTorch."""
+    return x.device.type == "cpu" and x.dtype == torch.float32
 
 
 def pointer(tensor):

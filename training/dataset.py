@@ -195,6 +195,16 @@ def sample(views, config, size, rng):
     return lrhs, hrls, reference, torch.tensor(is_centered).reshape(1, 1, 1), spp.reshape(2, 1, 1)
 
 
+class Batches(torch.utils.data.Dataset):
+    """Has a batch of random crops for every seed."""
+
+    def __init__(self, views, config, size, count):
+        self.arguments = views, config, size, count
+
+    def __getitem__(self, seed):
+        return batch(*self.arguments, seed)
+
+
 def batch(views, config, size, count, seed):
     rng = random.Random(seed)
     return tuple(torch.stack(images) for images in zip(*(sample(views, config, size, rng) for _ in range(count))))

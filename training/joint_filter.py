@@ -12,7 +12,7 @@ BINOMIAL = (0.25, 0.5, 0.25)
 
 
 def slow_level(x, guides, step):
-    """Does the same as level() in any precision, by operations whose gradients PyTorch knows."""
+    """Does the same as level() in any precision and on any device, by operations whose gradients PyTorch knows."""
     height, width = x.shape[-2:]
     padded_x, padded_guides = (F.pad(image, [step] * 4, mode="replicate") for image in (x, guides))
     total = certainty = weights = 0
@@ -58,7 +58,7 @@ def level(x, guides, step):
     times exp(-|difference of guides|^2); Dammertz et al. 2010. The last channel is the certainty, which
     weights the mean of the other channels and is averaged itself; Knutsson and Westin 1993.
     """
-    return slow_level(x, guides, step) if x.dtype == torch.float64 else Level.apply(x, guides, step)
+    return Level.apply(x, guides, step) if compiled.takes(x) else slow_level(x, guides, step)
 
 
 def joint_filter(x, guides, levels, widths=None):

@@ -17,13 +17,13 @@ def taps(x, side):
 
 
 def slow_kernel_filter(x, logits):
-    """Does the same as kernel_filter() in any precision, by operations whose gradients PyTorch knows."""
+    """Does the same as kernel_filter() in any precision and on any device, by operations whose gradients PyTorch knows."""
     weights = torch.softmax(logits, dim=1).split(1, dim=1)
     return sum(weight * tap for weight, tap in zip(weights, taps(x, int(logits.shape[1] ** 0.5)), strict=True))
 
 
 def slow_squared_distances(x, side):
-    """Does the same as squared_distances() in any precision."""
+    """Does the same as squared_distances() in any precision and on any device."""
     return torch.cat([((tap - x) ** 2).sum(1, keepdim=True) for tap in taps(x, side)], dim=1)
 
 
@@ -59,7 +59,7 @@ def kernel_filter(x, logits):
     A pixel becomes the mean of the side x side pixels around it, edges replicated, weighted by the softmax of its
     logits; Bako et al. 2017.
     """
-    return slow_kernel_filter(x, logits) if x.dtype == torch.float64 else KernelFilter.apply(x, logits)
+    return KernelFilter.apply(x, logits) if compiled.takes(x) else slow_kernel_filter(x, logits)
 
 
 @torch.no_grad()
@@ -68,7 +68,7 @@ def squared_distances(x, side):
 
     They go row by row; edges are replicated. x is a render, so there is no gradient.
     """
-    if x.dtype == torch.float64:
+    if not compiled.takes(x):
         return slow_squared_distances(x, side)
     x = x.contiguous()
     n, channels, height, width = x.shape

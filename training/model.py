@@ -135,12 +135,18 @@ def bilinear(x, scale, phase=0.0):
     """Upsamples [N, C, h, w] to [N, C, s*h, s*w]; sample i sits at pixel s*i + phase, edges are replicated."""
     for axis in (-2, -1):
         size = x.shape[axis]
-        u = ((torch.arange(size * scale, dtype=x.dtype) - phase) / scale).clamp(0, size - 1)
+        u = ((torch.arange(size * scale, dtype=x.dtype, device=x.device) - phase) / scale).clamp(0, size - 1)
         left = u.floor().long()
         right = (left + 1).clamp(max=size - 1)
         weight = (u - left).reshape(-1, 1) if axis == -2 else u - left
         x = x.index_select(axis, left) * (1 - weight) + x.index_select(axis, right) * weight
     return x
+
+
+def multiplied_in(x):
+    """Returns the type in which a network multiplies x: bfloat16 under autocast on x's device."""
+    on = torch.is_autocast_cpu_enabled() if x.device.type == "cpu" else torch.is_autocast_enabled()
+    return torch.bfloat16 if on else x.dtype
 
 
 class Block(nn.Module):
@@ -260,8 +266,7 @@ class Network(nn.Module):
 
     def prepared(self, x):
         """Converts an input once; left to the layers, the conversions take a third of a training step."""
-        dtype = torch.bfloat16 if torch.is_autocast_cpu_enabled() else x.dtype
-        return x.to(dtype, memory_format=torch.channels_last)
+        return x.to(multiplied_in(x), memory_format=torch.channels_last)
 
     def trunk(self, f_lrhs, f_hrls):
         fused = F.relu(self.fuse(torch.cat([f_lrhs, f_hrls], dim=1)))
@@ -329,7 +334,7 @@ def irradiance(lrhs, albedo, normal, config, centered):
 
     def own(layer):
         cell = layer[..., :: config.scale, :: config.scale]
-        return torch.where(centered, F.avg_pool2d(layer, config.scale), cell) if centered.any() else cell
+        return torch.where(centered, F.avg_pool2d(layer, config.scale), cell)
 
     albedo, normal = own(albedo), own(normal)
     light = transfer(linear(lrhs, config) / (albedo + ALBEDO_FLOOR), config.transfer)
@@ -404,14 +409,14 @@ def predict(network, lrhs, hrls, centered=torch.tensor(False), exposure=1.0, spp
     pixels of HRLS that it covers. `exposure` is the factor by which the inputs were multiplied. The linear image
     includes LRHS's radiance above the clip where it is near the clip itself.
     """
-    config = network.config
+    config, some_centered, centered = network.config, bool(centered.any()), centered.to(lrhs.device)
     if spp is None:
         spp = torch.tensor([config.scale**2, 1.0]).reshape(1, 2, 1, 1)
     spp = spp.clamp(min=1).minimum(torch.tensor(SPP_MOST).to(spp)[:, None, None]).to(lrhs)
 
     def upsampled(x):
         bases = [bilinear(x, config.scale)]
-        if centered.any():
+        if some_centered:
             bases.append(bilinear(x, config.scale, (config.scale - 1) / 2))
         return torch.where(centered, bases[-1], bases[0])
 

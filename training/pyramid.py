@@ -99,7 +99,7 @@ class Pyramid(nn.Module):
 
         `high` is the light of HRLS and its encoded layers, `low` the encoded LRHS and its light.
         """
-        dtype = torch.bfloat16 if torch.is_autocast_cpu_enabled() else high.dtype
+        dtype = model.multiplied_in(high)
         prepared = lambda x: x.to(dtype, memory_format=torch.channels_last)
         log_spp, centered = torch.log2(spp)[:, :, 0, 0], centered.reshape(-1, 1, 1, 1).to(dtype)
         low, guide = prepared(low), prepared(high[:, :GUIDE_CHANNELS])
@@ -131,7 +131,7 @@ def lights_of(network, color, albedo, lrhs, spp):
     certainty = config.lrhs_certainty
     if config.knows_spp:
         certainty = certainty * spp[:, :1] / (spp[:, 1:] * pixels)
-    share = torch.as_tensor(certainty / (certainty + pixels), dtype=own.dtype)
+    share = torch.as_tensor(certainty / (certainty + pixels)).to(own)
     for level in range(1, FILTERED_LEVELS + 1):
         mean = F.avg_pool2d(lights[-1], 2)
         lights.append(keep(f"pool.{level}", mean.lerp(own, share) if level == config.halvings else mean))

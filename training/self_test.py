@@ -13,6 +13,7 @@ from unittest import mock
 import numpy
 import torch
 
+import compiled
 import dataset
 import grow
 import joint_filter
@@ -255,6 +256,36 @@ class Knowing(unittest.TestCase):
             for lrhs_spp in (16.0, 64.0)
         ]
         self.assertFalse(torch.equal(*images))
+
+
+class OtherDevices(unittest.TestCase):
+    def test_an_image_is_computed_where_its_inputs_are(self):
+        """Takes PyTorch's device without values, which refuses arithmetic with values of another device."""
+        for name in ("x2-fast", "x4-fast", "x2-balanced"):
+            config, device = stock.config(name), torch.device("meta")
+            low, high = 96 // config.scale, 3 * len(config.hrls_layers)
+            network = model.create(config).to(device)
+            images = torch.rand(2, 3, low, low).to(device), torch.rand(2, high, 96, 96).to(device)
+            spp = torch.ones(2, 2, 1, 1).to(device)
+            encoded, fused = model.predict(network, *images, torch.tensor(True), spp=spp)
+            self.assertEqual((encoded.device, fused.device), (device, device))
+
+    def test_what_is_compiled_is_what_other_devices_compute(self):
+        """Computes a network's image and gradients by the compiled filters and by PyTorch's operations."""
+        for name in ("x2-fast", "x2-balanced"):
+            config = stock.config(name)
+            torch.manual_seed(1)
+            network = model.create(config)
+            images = torch.rand(1, 3, 16, 16), torch.rand(1, 3 * len(config.hrls_layers), 32, 32)
+            results = []
+            for takes in (compiled.takes, lambda x: False):
+                with mock.patch.object(compiled, "takes", takes):
+                    encoded = model.predict(network, *images, torch.tensor(True))[0]
+                    network.zero_grad()
+                    (encoded**2).sum().backward()
+                results.append([encoded.detach(), *(p.grad.clone() for p in network.parameters() if p.grad is not None)])
+            for a, b in zip(*results, strict=True):
+                torch.testing.assert_close(a, b, rtol=1e-3, atol=1e-4 * float(b.abs().max()) + 1e-6)
 
 
 class JointLight(unittest.TestCase):

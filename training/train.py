@@ -56,26 +56,32 @@ def parse():
     )
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--processes", type=int, default=1, help="each takes a batch; their gradients are averaged")
+    parser.add_argument("--device", default="cpu", help="a device of PyTorch's, such as cuda")
+    parser.add_argument("--loaders", type=int, default=0, help="processes that prepare crops, as a GPU needs them")
     parser.add_argument("--constant", action="store_true", help="keep the rate, so that training may go on")
-    return parser.parse_args()
+    args = parser.parse_args()
+    if args.processes > 1 and args.device != "cpu":
+        parser.error("--processes: a GPU takes one")
+    return args
 
 
 class Run:
     def __init__(self, args, rank=0):
         self.args, self.rank, self.step, self.seconds = args, rank, 0, 0.0
-        self.counted = None  # processor time up to the last step
+        self.device = torch.device(args.device)
+        self.counted = None  # clock() at the last step
         torch.manual_seed(1)
         self.config = stock.config(args.model, args.choice)
         if args.without == "lrhs":
             self.config.lrhs_certainty = 0.0
-        self.network = model.create(self.config).to(memory_format=torch.channels_last)
+        self.network = model.create(self.config).to(self.device, memory_format=torch.channels_last)
         self.optimizer = torch.optim.Adam(self.rates(), lr=args.rate)
         args.run.mkdir(parents=True, exist_ok=True)
         self.checkpoint = args.run / "checkpoint.pt"
         self.earlier = self.start_from(args.init) if args.init else {}
         self.average = {key: value.clone() for key, value in self.network.state_dict().items()}
         if self.checkpoint.exists():
-            saved = torch.load(self.checkpoint)
+            saved = torch.load(self.checkpoint, map_location=self.device)
             self.network.load_state_dict(saved["network"])
             self.optimizer.load_state_dict(saved["optimizer"])
             self.average, self.step, self.seconds = saved["average"], saved["step"], saved["seconds"]
@@ -90,7 +96,7 @@ class Run:
         """Starts as a model that is no larger, or with another's fitting tensors; returns how the model was trained."""
         tensors, metadata = safetensors.load(path)
         tensors = {key: torch.tensor(value).float() for key, value in tensors.items()}
-        own, small = self.network.state_dict(), model.Config.parse(metadata)
+        own, small = self.weights("cpu"), model.Config.parse(metadata)
         if small.network != self.config.network:
             raise SystemExit(f"{path}: its network is a {small.network}, expected a {self.config.network}")
         if small.network == "fusion" and grow.is_smaller(small, self.config):
@@ -104,8 +110,22 @@ class Run:
         self.network.load_state_dict(own | same)
         return {"started_from": {"name": metadata["name"], "training": json.loads(metadata["training"])}}
 
+    def weights(self, device):
+        return {key: value.to(device) for key, value in self.network.state_dict().items()}
+
+    def clock(self):
+        """Returns seconds of processor time of each thread, or of the wall where a GPU works."""
+        return time.process_time() / self.args.threads if self.device.type == "cpu" else time.monotonic()
+
+    def batches(self, views):
+        """Returns an iterator of batches, from the next step's on."""
+        crops = dataset.Batches(views, self.config, self.args.size, self.args.batch)
+        seeds = range(self.step * self.args.processes + self.rank, 2**62, self.args.processes)
+        return iter(torch.utils.data.DataLoader(crops, None, sampler=seeds, num_workers=self.args.loaders))
+
     def save(self, views):
-        args = {key: value for key, value in vars(self.args).items() if key not in ("views", "run", "threads", "init")}
+        unsaid = ("views", "run", "threads", "init", "device", "loaders")
+        args = {key: value for key, value in vars(self.args).items() if key not in unsaid}
         provenance = args | {"steps": self.step, "hours": round(self.seconds / 3600, 2), "training_views": views}
         provenance |= self.earlier
         saved = {
@@ -132,7 +152,7 @@ class Run:
             hrls = torch.zeros_like(hrls)
         if self.args.without == "layers":
             kept = torch.tensor([name not in self.config.optional_layers for name in self.config.hrls_layers])
-            hrls = hrls * kept.repeat_interleave(3)[:, None, None]
+            hrls = hrls * kept.repeat_interleave(3)[:, None, None].to(hrls.device)
         return lrhs, hrls
 
     def error(self, encoded, reference):
@@ -142,21 +162,22 @@ class Run:
             return loss.robust(linear, reference.clamp(0, self.config.clip), self.args.beta)
         return ENCODED_LOSSES[self.args.loss](encoded, model.encode_layer(reference, "color", self.config))
 
-    def train_step(self, views):
+    def train_step(self, batch):
         args = self.args
         decay = 1 if args.constant else 0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * self.progress()))
         for group in self.optimizer.param_groups:
             group["lr"] = group["factor"] * args.rate * decay * min(1, (self.step + 1) / 200)
-        seed = self.step * args.processes + self.rank
-        lrhs, hrls, reference, centered, spp = dataset.batch(views, self.config, args.size, args.batch, seed)
-        with torch.autocast("cpu", torch.bfloat16, enabled=args.precision == "bf16"):
+        lrhs, hrls, reference, spp = (batch[i].to(self.device) for i in (0, 1, 2, 4))
+        centered = batch[3]
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=args.precision == "bf16"):
             encoded = model.predict(self.network, *self.inputs(lrhs, hrls), centered, spp=spp)[0]
         error = self.error(encoded.float(), reference)
         self.optimizer.zero_grad(set_to_none=True)
         error.backward()
         # What a step takes after this is counted in the next one, so that all processes count the same.
-        now = time.process_time() / args.threads
-        error, seconds = self.mean_of_processes(float(error.detach()), now - self.counted)
+        error = float(error.detach())  # waits for a GPU
+        now = self.clock()
+        error, seconds = self.mean_of_processes(error, now - self.counted)
         self.seconds, self.counted = self.seconds + seconds, now
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
         self.optimizer.step()
@@ -181,7 +202,7 @@ class Run:
 
     def validate(self, views):
         """Returns PSNR and RelMSE at each of validate.SPP in turn: averaged weights, means over whole views, fp32."""
-        network = model.create(self.config)
+        network = model.create(self.config).to(self.device)
         network.load_state_dict(self.average)
         means = []
         for counts in validate.SPP[self.config.scale]:
@@ -213,11 +234,11 @@ def work(rank, args, meeting):
             "gloo", f"file://{meeting}", datetime.timedelta(days=1), args.processes, rank
         )
     run = Run(args, rank)
-    run.counted = time.process_time() / args.threads
     training, held_out = dataset.load(args.views)
+    batches, run.counted = run.batches(training), run.clock()
     mean_error, next_validation = 0.0, run.seconds + 60 * args.validate_every
     while run.progress() < 1:
-        error = run.train_step(training)
+        error = run.train_step(next(batches))
         mean_error = error if not mean_error else 0.99 * mean_error + 0.01 * error
         if run.seconds >= next_validation or run.progress() >= 1:
             next_validation = run.seconds + 60 * args.validate_every
@@ -225,7 +246,7 @@ def work(rank, args, meeting):
                 run.log(mean_error, len(training), held_out)
                 run.save(len(training))
             training, held_out = dataset.load(args.views)  # more views may have been rendered
-            run.counted = time.process_time() / args.threads  # validation does not count
+            batches, run.counted = run.batches(training), run.clock()  # validation does not count
 
 
 def main():

@@ -35,7 +35,7 @@ def parse():
 
 def load(path):
     if path.suffix == ".pt":
-        saved = torch.load(path)
+        saved = torch.load(path, map_location="cpu")
         config, tensors = model.Config(**saved["config"]), saved["average"]
     else:
         tensors, metadata = safetensors.load(path)
@@ -59,7 +59,8 @@ def score(network, view, counts, blank=lambda lrhs, hrls: (lrhs, hrls), guides=N
     """
     lrhs, hrls, reference, exposure, spp = dataset.pair(view, network.config, *counts, guides, decimated, small_scale)
     centered = torch.tensor("centered" in network.config.lrhs_sampling and not decimated)
-    fused = model.predict(network, *blank(lrhs, hrls), centered, exposure, spp)[1]
+    inputs = (image.to(next(network.parameters()).device) for image in blank(lrhs, hrls))
+    fused = model.predict(network, *inputs, centered, exposure, spp)[1].cpu()
     return measured(fused / exposure, reference / exposure)
 
 
