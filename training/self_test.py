@@ -283,7 +283,8 @@ class OtherDevices(unittest.TestCase):
                     encoded = model.predict(network, *images, torch.tensor(True))[0]
                     network.zero_grad()
                     (encoded**2).sum().backward()
-                results.append([encoded.detach(), *(p.grad.clone() for p in network.parameters() if p.grad is not None)])
+                gradients = (parameter.grad for parameter in network.parameters())
+                results.append([encoded.detach(), *(g.clone() for g in gradients if g is not None)])
             for a, b in zip(*results, strict=True):
                 torch.testing.assert_close(a, b, rtol=1e-3, atol=1e-4 * float(b.abs().max()) + 1e-6)
 
