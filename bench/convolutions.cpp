@@ -105,6 +105,15 @@ void add_fast(const Conv2dShape& shape, Storage storage) {
   }
 }
 
+// Adds the kernels by F(2, 3) and F(4, 3) in columns of a 3x3 convolution.
+void add_columns(const Conv2dShape& shape, Storage storage) {
+  for (const uint32_t tile : {2u, 4u}) {
+    const char* half = storage == Storage::kFloat16 ? "/fp16" : "";
+    add(fmt::format("conv2d/{}/columns({}){}", name_of(shape), tile, half), shape,
+        {.algorithm = Algorithm::kColumns, .tile = tile}, storage, false);
+  }
+}
+
 // Adds the kernel of cooperative matrices: the tuned one where tuning chose matrices, else the first guess.
 void add_matrix(const Conv2dShape& shape) {
   const CooperativeMatrix& matrix = *device().info().cooperative_matrix;
@@ -124,6 +133,10 @@ void register_convolutions() {
   for (const Conv2dShape& shape : shapes()) {
     add("conv2d/" + name_of(shape) + "/direct", shape, {}, Storage::kFloat32, false);
     if (device().info().cooperative_matrix && device().info().storage_16bit) add_matrix(shape);
+    if (shape.kernel == 3 && !device().info().is_cpu) {
+      add_columns(shape, Storage::kFloat32);
+      if (device().info().storage_16bit) add_columns(shape, Storage::kFloat16);
+    }
     if (!device().info().buffer_device_address) continue;
     add_fast(shape, Storage::kFloat32);
     if (device().info().storage_16bit) add_fast(shape, Storage::kFloat16);

@@ -202,14 +202,14 @@ def overlapped_cycles(gpu, kernel):
     """Returns the same as layer_cycles() where subgroups hide each other's waits, or {} if nothing is known of that.
 
     A unit then takes the cycles of a lone subgroup for as many as it keeps at a time, but at least a cycle for each
-    instruction, and at least what the multiply-adds of the layer take.
+    instruction and, by matrices, what the multiply-adds of the layer take.
     """
     about = GPUS[gpu]
     if not about.driver.instructions:
         return {}
     alone, (outside, step) = layer_cycles(gpu, kernel), kernel["issued"]
     kept = max(1, kernel["figures"]["waves"] // about.driver.units)
-    rate = about.matrix if kernel["kernel"] == "conv2d_matrix" else about.fma
+    rate = about.matrix if kernel["kernel"] == "conv2d_matrix" else float("inf")
     return {
         layer["name"]: max(
             alone[layer["name"]] / kept,

@@ -93,9 +93,9 @@ TEST(Layout, EngineKnowsNoNetwork) {
 
 // The kernels of a layer have names of their own, and so have the passes of exposure().
 const std::map<std::string, std::string> kLayerOfShader = {
-    {"conv2d_matrix", "conv2d"},    {"pointwise", "conv2d"},         {"pointwise_unshuffled", "conv2d"},
-    {"winograd_input", "conv2d"},   {"winograd_multiply", "conv2d"}, {"winograd_output", "conv2d"},
-    {"winograd_weights", "conv2d"}, {"exposure_sums", "exposure"}};
+    {"conv2d_columns", "conv2d"},       {"conv2d_matrix", "conv2d"},    {"pointwise", "conv2d"},
+    {"pointwise_unshuffled", "conv2d"}, {"winograd_input", "conv2d"},   {"winograd_multiply", "conv2d"},
+    {"winograd_output", "conv2d"},      {"winograd_weights", "conv2d"}, {"exposure_sums", "exposure"}};
 
 TEST(Layout, ALayerHasOneNameEverywhere) {
   std::set<std::string> shaders;

@@ -17,7 +17,7 @@ def taps(x, side):
 
 
 def slow_kernel_filter(x, logits):
-    """Does the same as kernel_filter() in any precision and on any device, by operations that PyTorch differentiates."""
+    """Does the same as kernel_filter() in any precision and on any device, by PyTorch's own operations."""
     weights = torch.softmax(logits, dim=1).split(1, dim=1)
     return sum(weight * tap for weight, tap in zip(weights, taps(x, int(logits.shape[1] ** 0.5)), strict=True))
 

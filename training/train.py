@@ -52,16 +52,19 @@ def parse():
     parser.add_argument("--rate", type=float, default=2e-3)
     parser.add_argument("--validate-every", type=float, default=3, help="minutes of training between validations")
     parser.add_argument(
-        "--precision", choices=("fp32", "bf16"), default=fast_precision(), help="bf16 where the processor has it"
+        "--precision", choices=("fp32", "bf16"), help="by default bf16 on a GPU, and where the processor has it"
     )
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--processes", type=int, default=1, help="each takes a batch; their gradients are averaged")
-    parser.add_argument("--device", default="cpu", help="a device of PyTorch's, such as cuda")
+    parser.add_argument("--device", default="cpu", help="cpu or cuda")
     parser.add_argument("--loaders", type=int, default=0, help="processes that prepare crops, as a GPU needs them")
     parser.add_argument("--constant", action="store_true", help="keep the rate, so that training may go on")
     args = parser.parse_args()
     if args.processes > 1 and args.device != "cpu":
         parser.error("--processes: a GPU takes one")
+    if args.loaders and args.device == "cpu":
+        parser.error("--loaders: their time would not count; take more --processes")
+    args.precision = args.precision or (fast_precision() if args.device == "cpu" else "bf16")
     return args
 
 

@@ -41,16 +41,16 @@ void main() {
 #define ADD_CHANNELS(data, channels)                                                                         \
   FOR_EACH(i, channels) {                                                                                    \
     uint first = source_of(i);                                                                               \
-    vec2 d[kMostSide]; /* has two columns */                                                                 \
+    vec2 d[kMostSide]; /* a transformed column, and the next one */                                          \
     [[unroll]] for (uint c = 0; c < 4; ++c) {                                                                \
-      vec2 next[kMostSide];                                                                                  \
+      vec2 next[kMostSide]; /* both components are the same */                                               \
       [[unroll]] for (uint r = 0; r < kSide; ++r) {                                                          \
         float value = float(data[first + row[r] + column[c]]);                                               \
         next[r] = vec2(row_inside[r] && column_inside[c] ? value : 0.0);                                     \
       }                                                                                                      \
       transform_input(next);                                                                                 \
-      [[unroll]] for (uint r = 0; r < kSide; ++r) d[r] = vec2(d[r].y, next[r].x);                            \
-      if (c > 0) [[unroll]] for (uint k = 0; k < kSide; ++k) {                                            \
+      [[unroll]] for (uint r = 0; r < kSide; ++r) d[r] = vec2(c > 0 ? d[r].y : 0.0, next[r].x);              \
+      if (c > 0) [[unroll]] for (uint k = 0; k < kSide; ++k) {                                               \
         [[unroll]] for (uint v = 0; v < kVectors; ++v) {                                                     \
           vec4 w = weights[weight++];                                                                        \
           sum[0][k][v] = fma(w, vec4(d[k].x), sum[0][k][v]);                                                 \

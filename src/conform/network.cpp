@@ -23,18 +23,6 @@ std::string reference_name(const std::string& pass, const Architecture& a) {
   return pass;
 }
 
-Kernels kernels_of(const Method& method) {
-  return {.addressed = method.addressed,
-          .vector = method.kernel.vector,
-          .conv2d = [kernel = method.kernel](const Conv2dShape& shape) {
-            Conv2dKernel result = kernel;
-            if (shape.kernel == 1 && result.algorithm == Algorithm::kWinograd)
-              result.algorithm = Algorithm::kPointwise;
-            if (shape.kernel == 1 && result.algorithm == Algorithm::kColumns) result = {};
-            return result;
-          }};
-}
-
 reference::Weights rounded_weights(const Subject& subject, const NetworkTrial& trial) {
   reference::Weights weights;
   for (const auto& [name, conv] : subject.weights) weights[name] = round_to(conv, trial.precision);
@@ -105,6 +93,18 @@ NetworkRun run_network(const Target& target, const Model& model, const Subject& 
                                          fuser.program().read(*layer->output()));
   }
   return run;
+}
+
+Kernels kernels_of(const Method& method) {
+  return {.addressed = method.addressed,
+          .vector = method.kernel.vector,
+          .conv2d = [kernel = method.kernel](const Conv2dShape& shape) {
+            Conv2dKernel result = kernel;
+            if (shape.kernel == 1 && result.algorithm == Algorithm::kWinograd)
+              result.algorithm = Algorithm::kPointwise;
+            if (shape.kernel == 1 && result.algorithm == Algorithm::kColumns) result = {};
+            return result;
+          }};
 }
 
 std::vector<Method> network_methods(const DeviceInfo& device, size_t index) {

@@ -31,6 +31,9 @@ NetworkRun run_network(const Target& target, const Model& model, const Subject& 
 // of 1x1 ones follows from it. Activations of the networks (`index`) are in buffers and by address in turns.
 std::vector<Method> network_methods(const DeviceInfo& device, size_t index);
 
+// Returns kernels that compute a network's 3x3 convolutions by the method.
+Kernels kernels_of(const Method& method);
+
 // Says how a network is run.
 struct NetworkTrial {
   Method method;

@@ -22,7 +22,7 @@ enum class Precision {
 // Says how convolutions are computed.
 enum class KernelChoice {
   kAuto,    // the fastest on the device: as a tuning says, else a default for its kind
-  kDirect,  // the plain sums of their definition, several times slower: the same bits whatever the tiles
+  kDirect,  // the plain sums of their definition, slower: the same bits whatever the tiles
 };
 
 // Limits the frames that are recorded and not yet done on the device.

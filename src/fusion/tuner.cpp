@@ -246,11 +246,12 @@ bool suits_matrices(const DeviceInfo& device, const Conv2dShape& shape) {
   return shape.channels_in > 16 && shape.channels_out > (shape.kernel == 1 ? 32u : 8u);
 }
 
-// Returns the largest m of F(m, 3) in columns whose sums a GPU can keep in registers, by its compiler in
-// docs/gpu.md, or 0 for GPUs whose compilers were not asked.
+// Returns the largest m of F(m, 3) in columns whose sums a GPU can keep in registers, by the compilers of
+// docs/gpu.md, or 0 for GPUs of other kinds. The first part of a name that fits counts.
 uint32_t columns_tile(const DeviceInfo& device) {
-  constexpr std::pair<const char*, uint32_t> kTiles[] = {
-      {"VEGA", 2}, {"Vega", 2}, {"Apple", 2}, {"Adreno", 2}, {"AMD", 4}, {"NVIDIA", 4}, {"NVK", 4}};
+  constexpr std::pair<const char*, uint32_t> kTiles[] = {{"RADV NAVI", 4}, {"RADV GFX1", 4}, {"RADV", 2},
+                                                         {"NVK GK", 0},    {"NVK", 4},       {"RTX", 4},
+                                                         {"Apple", 2},     {"Adreno", 2}};
   const auto found = std::ranges::find_if(
       kTiles, [&](const auto& named) { return device.name.find(named.first) != std::string::npos; });
   return found == std::end(kTiles) ? 0 : found->second;
@@ -271,24 +272,20 @@ Conv2dKernel first_matrix_guess(const CooperativeMatrix& matrix, const Conv2dSha
 }
 
 Kernels default_kernels(const DeviceInfo& device, Storage storage) {
-  const bool dots = device.half_dots && storage == Storage::kFloat16;
-  if (!device.is_cpu && device.cooperative_matrix && storage == Storage::kFloat16) {
-    const auto choose = [device](const Conv2dShape& shape) {
-      return suits_matrices(device, shape) ? first_matrix_guess(*device.cooperative_matrix, shape)
-                                           : Conv2dKernel{};
-    };
-    return {.conv2d = choose};
+  if (device.is_cpu) {
+    if (!device.buffer_device_address) return {};
+    const auto choose = [device](const Conv2dShape& shape) { return default_conv2d(device, shape); };
+    return {.addressed = gathers(device), .vector = device.vector_lanes, .conv2d = choose};
   }
-  if (!device.is_cpu && !dots) {
-    const auto choose = [most = columns_tile(device)](const Conv2dShape& shape) {
-      if (shape.kernel != 3 || most == 0) return Conv2dKernel{};
-      return Conv2dKernel{.algorithm = Algorithm::kColumns, .tile = std::min(most, shape.most_tile)};
-    };
-    return {.conv2d = choose};
-  }
-  if (!device.is_cpu || !device.buffer_device_address) return {};
-  const auto choose = [device](const Conv2dShape& shape) { return default_conv2d(device, shape); };
-  return {.addressed = gathers(device), .vector = device.vector_lanes, .conv2d = choose};
+  const bool half = storage == Storage::kFloat16;
+  const uint32_t most = half && device.half_dots ? 0 : columns_tile(device);
+  const auto choose = [device, half, most](const Conv2dShape& shape) -> Conv2dKernel {
+    if (half && device.cooperative_matrix && suits_matrices(device, shape))
+      return first_matrix_guess(*device.cooperative_matrix, shape);
+    if (most == 0 || shape.kernel != 3) return {};
+    return {.algorithm = Algorithm::kColumns, .tile = std::min(most, shape.most_tile)};
+  };
+  return {.conv2d = choose};
 }
 
 Kernels Tuning::kernels(const DeviceInfo& device, Storage storage) const {

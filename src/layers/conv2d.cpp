@@ -161,24 +161,25 @@ void pack_columns(std::byte* target, const Convolution& conv, uint32_t lanes) {
 // Holds how conv2d.comp or conv2d_columns.comp computes a convolution.
 struct Blocked {
   const Shader* shader;
-  uint64_t weights_of_block;  // weights of a lane of a block, 4 bytes each
+  uint64_t weights_of_lane;  // weights of 4 bytes, of an output channel or a pair of halves of it
   void (*pack)(std::byte* target, const Convolution& conv, uint32_t lanes);
-  uint32_t choice, rows, columns;  // the shader's first constant; pixels of an invocation
-  size_t trips;                    // of the loops over the input channels
+  uint32_t first_constant;  // the side of the kernel, or of the tile
+  uint32_t rows, columns;   // pixels of an invocation
+  size_t trips;             // of the loops over the input channels
 };
 
 // Adds a convolution whose invocations each compute a block of output channels of some pixels.
 void blocked(Graph& graph, const Convolution& conv, const Blocked& how) {
   const uint32_t vectors = conv.channels_out > 4 ? 2 : 1;
   const uint32_t lanes = 4 * vectors, blocks = divide_up(conv.channels_out, lanes);
-  const uint64_t weight_bytes = uint64_t{blocks} * lanes * how.weights_of_block * sizeof(float);
+  const uint64_t weight_bytes = uint64_t{blocks} * lanes * how.weights_of_lane * sizeof(float);
   const uint32_t weights = graph.constant(conv.name + ".weight", weight_bytes,
                                           [=](std::byte* target) { how.pack(target, conv, lanes); });
 
   Pass pass;
   pass.name = conv.name;
   pass.shader = how.shader;
-  pass.constants = {how.choice,
+  pass.constants = {how.first_constant,
                     vectors,
                     how.rows,
                     conv.options.relu,
@@ -204,14 +205,26 @@ void blocked(Graph& graph, const Convolution& conv, const Blocked& how) {
 void direct(Graph& graph, const Convolution& conv) {
   const uint32_t kernel = conv.options.kernel;
   const size_t groups = channel_groups(conv).size();
-  blocked(graph, conv, {&shaders::kConv2d, groups * kernel * kernel, pack_weights, kernel, kRows, 1, groups});
+  blocked(graph, conv,
+          {.shader = &shaders::kConv2d,
+           .weights_of_lane = groups * kernel * kernel,
+           .pack = pack_weights,
+           .first_constant = kernel,
+           .rows = kRows,
+           .columns = 1,
+           .trips = groups});
 }
 
 void by_columns(Graph& graph, const Convolution& conv) {
   const uint32_t tile = conv.options.how.tile;
-  const uint64_t weights = uint64_t{conv.channels_in} * 3 * (tile + 2);
   blocked(graph, conv,
-          {&shaders::kConv2dColumns, weights, pack_columns, tile, tile, kColumns, conv.channels_in});
+          {.shader = &shaders::kConv2dColumns,
+           .weights_of_lane = uint64_t{conv.channels_in} * 3 * (tile + 2),
+           .pack = pack_columns,
+           .first_constant = tile,
+           .rows = tile,
+           .columns = kColumns,
+           .trips = conv.channels_in});
 }
 
 }  // namespace

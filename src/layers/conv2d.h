@@ -1,6 +1,8 @@
 // Declares the parts that the kernels of conv2d() share.
 #pragma once
 
+#include <array>
+
 #include "layers/layers.h"
 #include "layers/shaders.h"
 

@@ -83,7 +83,7 @@ inline constexpr uint32_t kPairedVector = 8;
 // The choice of a kernel depends on these; height, width and channels are those between the shuffles.
 struct Conv2dShape {
   uint32_t height, width, channels_in, channels_out, kernel;
-  uint32_t most_tile = 4;               // 2 where F(4, 3) would not be accurate enough
+  uint32_t most_tile = 4;               // 2 where F(4, 3) in both directions would not be accurate enough
   uint32_t unshuffle = 1, shuffle = 1;  // as in Conv2dOptions
 
   auto operator<=>(const Conv2dShape&) const = default;

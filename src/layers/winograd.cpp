@@ -268,12 +268,11 @@ double winograd_amplification(const ConvWeights& weights, uint32_t channels_in, 
     std::vector<double> input_sums;  // sums of the rows of |B^T|
     std::vector<std::vector<double>> output;
   };
-  const Transforms by_tiles{winograd_filter(4),
-                            {10, 10, 10, 6, 6, 10},
-                            {{1, 1, 1, 1, 1, 0}, {0, 1, 1, 2, 2, 0}, {0, 1, 1, 4, 4, 0}, {0, 1, 1, 8, 8, 1}}};
+  const Transforms down{winograd_filter(4),
+                        {10, 10, 10, 6, 6, 10},
+                        {{1, 1, 1, 1, 1, 0}, {0, 1, 1, 2, 2, 0}, {0, 1, 1, 4, 4, 0}, {0, 1, 1, 8, 8, 1}}};
   const Transforms direct{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {1, 1, 1}, {{1, 1, 1}}};
-  const Transforms& down = by_tiles;
-  const Transforms& across = algorithm == Algorithm::kColumns ? direct : by_tiles;
+  const Transforms& across = algorithm == Algorithm::kColumns ? direct : down;
   const size_t rows = down.filter.size(), columns = across.filter.size();
   double largest = 0;
   for (size_t o = 0; o < weights.bias.size(); ++o) {

@@ -275,9 +275,10 @@ StorageExponents storage_exponents(const Model& model) {
 
 bool tile_4_is_accurate(const Architecture& a, const ConvWeights& weights, uint32_t channels_in,
                         Algorithm algorithm) {
-  constexpr double kMost = 0x1p-10, kUnit = 0x1p-24, kTransformRoundings = 29;
-  const uint32_t products = algorithm == Algorithm::kColumns ? 3 * channels_in : channels_in;
-  return std::sqrt(products + kTransformRoundings) * kUnit * encoded(a.transfer, a.clip) *
+  constexpr double kMost = 0x1p-10, kUnit = 0x1p-24;
+  // reference::winograd_roundings() counts them.
+  const uint32_t roundings = algorithm == Algorithm::kColumns ? 3 * channels_in + 16 : channels_in + 30;
+  return std::sqrt(roundings) * kUnit * encoded(a.transfer, a.clip) *
              winograd_amplification(weights, channels_in, algorithm) <=
          kMost;
 }

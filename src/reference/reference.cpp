@@ -86,7 +86,7 @@ Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precisio
   expect(conv.in == x.value.c, "conv2d: the input has another number of channels");
   expect(conv.weight.size() == size_t(conv.out) * conv.in * conv.kernel * conv.kernel, "conv2d: weights");
   expect(conv.bias.size() == size_t(conv.out), "conv2d: bias");
-  const bool by_winograd = tile.down > 1 && conv.kernel == 3;
+  const bool by_winograd = tile != Tile{} && conv.kernel == 3;
   // In 16 bits the last channel of each of two inputs may be taken twice, see conv2d.comp.
   const int channels = precision == Precision::kFp16 ? conv.in + 2 : conv.in;
   const int n = by_winograd ? winograd_roundings(conv, tile) : channels * conv.kernel * conv.kernel + 1;
@@ -116,7 +116,7 @@ Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precisio
 
 Planes conv2d_in_floats(const Planes& x, const Conv& conv, bool relu, Precision precision,
                         const std::vector<const Planes*>& residuals, const Tile& tile) {
-  const bool by_winograd = tile.down > 1 && conv.kernel == 3;
+  const bool by_winograd = tile != Tile{} && conv.kernel == 3;
   Planes result = by_winograd ? winograd_in_floats(x, conv, tile) : sums_in_floats(x, conv);
   for (int o = 0; o < conv.out; ++o) {
     for (int y = 0; y < x.h; ++y) {

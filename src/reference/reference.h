@@ -35,13 +35,14 @@ struct Tile {
 // Computes (in, h, w) -> (out, h, w) with stride 1 and zero padding: sum + bias, then ReLU if asked, then
 // + residuals in turn. ReLU turns negative values into 0. It keeps NaN and, as a sign of overflow, -infinity.
 //
-// The bound is that of a direct sum or, with a `tile` and a 3x3 kernel, of Winograd's F(m, 3), where each
-// output's magnitude S comes from its whole tile, see winograd_magnitudes(). `units` is the largest error of
-// an operation, in errors of a rounding to nearest: kTensorUnits on tensor cores and in dot products.
+// The bound is that of a direct sum or, with a tile of several pixels and a 3x3 kernel, of Winograd's F(m,
+// 3), where each output's magnitude S comes from its whole tile, see winograd_magnitudes(). `units` is the
+// largest error of an operation, in errors of a rounding to nearest: kTensorUnits on tensor cores and in dot
+// products.
 Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precision,
                const std::vector<const Bounded*>& residuals = {}, const Tile& tile = {}, int units = 1);
 
-// Does the same as one right device would: it sums in floats, in the order of the equation or, with `tile`,
+// Does the same as one right device would: it sums in floats, in the order of the equation or, by tiles,
 // of F(m, 3), and rounds the results to the storage type.
 Planes conv2d_in_floats(const Planes& x, const Conv& conv, bool relu, Precision precision,
                         const std::vector<const Planes*>& residuals = {}, const Tile& tile = {});

@@ -151,7 +151,8 @@ Planes winograd_magnitudes(const Bounded& x, const Conv& conv, const Tile& tile)
 }
 
 int winograd_roundings(const Conv& conv, const Tile& tile) {
-  return conv.in * (tile.across == 1 ? conv.kernel : 1) + 2 * 4 + 2 * 4 + 2 * 6 + 2;
+  const int products = conv.in * (tile.across == 1 ? conv.kernel : 1);
+  return products + ((tile.down > 1) + (tile.across > 1)) * (4 + 4 + 6) + 2;
 }
 
 }  // namespace raymeld::reference

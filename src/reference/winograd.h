@@ -14,8 +14,8 @@ Planes winograd_in_floats(const Planes& x, const Conv& conv, const Tile& tile);
 Planes winograd_magnitudes(const Bounded& x, const Conv& conv, const Tile& tile);
 
 // Counts the roundings of an output: those of the sums over channels, and over the columns of the filter
-// where these are summed directly; up to 4 in each of two passes of the input's transform and of the
-// weight's, up to 6 in each of two passes of the output's, and 2 for the bias.
+// where these are summed directly; for each direction that is transformed, up to 4 in the input's transform,
+// 4 in the weight's and 6 in the output's; and 2 for the bias, which is stored and added.
 int winograd_roundings(const Conv& conv, const Tile& tile);
 
 }  // namespace raymeld::reference

@@ -276,7 +276,7 @@ TEST_F(GraphTest, KeepingAllActivationsMakesTheSameBits) {
                                        [](const TensorRecord& t) { return t.rows < t.shape.height; });
           const Conv2dShape any_3x3{
               .height = 1, .width = 1, .channels_in = 1, .channels_out = 1, .kernel = 3};
-          const bool is_banded = kernels.conv2d(any_3x3).winograd_tile() > 0;
+          const bool is_banded = kernels.conv2d(any_3x3).algorithm == Algorithm::kWinograd;
           EXPECT_EQ(cut, is_banded && !keep);
           if (!keep && !is_banded) {
             EXPECT_LT(graph.activation_bytes(), graph.unaliased_bytes() / 4 * 3);

@@ -31,6 +31,8 @@ constexpr Conv2dShape kByMatrices{
 constexpr Conv2dShape kByVectors{
     .height = 128, .width = 128, .channels_in = 320, .channels_out = 64, .kernel = 1};
 
+Conv2dKernel columns(uint32_t tile) { return {.algorithm = Algorithm::kColumns, .tile = tile}; }
+
 Tuning example() {
   Tuning tuning;
   tuning.entries[kByWinograd] = {.kernel = {.algorithm = Algorithm::kWinograd, .outputs = 24, .band = 512},
@@ -41,6 +43,8 @@ Tuning example() {
       .kernel = {.algorithm = Algorithm::kWinograd, .tile = 2, .order = 0}, .time_ms = 2.5, .direct_ms = 30};
   tuning.entries[{.height = 512, .width = 512, .channels_in = 16, .channels_out = 8, .kernel = 3}] = {
       .kernel = {}, .time_ms = 3, .direct_ms = 3};
+  tuning.entries[{.height = 64, .width = 64, .channels_in = 8, .channels_out = 8, .kernel = 3}] = {
+      .kernel = columns(4), .time_ms = 1, .direct_ms = 2};
   tuning.entries[kByMatrices] = {
       .kernel = {.algorithm = Algorithm::kMatrix, .matrix = {.matrix = kMatrix, .rows = 1}},
       .time_ms = 0.5,
@@ -121,12 +125,14 @@ TEST(Tuning, ADamagedFileIsNoTuning) {
     EXPECT_NE(text.find(from), std::string::npos) << from;
     return entries_of(text.replace(text.find(from), from.size(), to));
   };
-  EXPECT_EQ(entries_of(good), 5u);
+  EXPECT_EQ(entries_of(good), 6u);
   for (size_t length = 0; length + 2 < good.size(); length += 7)
     EXPECT_EQ(entries_of(good.substr(0, length)), 0u);
   EXPECT_EQ(changed("\"format_version\": 5", "\"format_version\": 4"), 0u);
   EXPECT_EQ(changed("\"winograd\"", "\"fourier\""), 0u);
   EXPECT_EQ(changed("\"pointwise\"", "\"winograd\""), 0u);
+  EXPECT_EQ(changed("\"pointwise\"", "\"columns\", \"tile\": 2"), 0u);
+  EXPECT_EQ(changed("\"columns\"", "\"pointwise\""), 0u);
   EXPECT_EQ(changed("\"tile\": 4", "\"tile\": 3"), 0u);
   EXPECT_EQ(changed("\"tile\": 4", "\"tile\": \"4\""), 0u);
   EXPECT_EQ(changed("\"tile\": 2", "\"tile\": 4"), 0u);  // F(4, 3) is refused for that shape
@@ -181,8 +187,6 @@ TEST(Tuning, NeverAsksADeviceForWhatItCannot) {
   EXPECT_EQ(tuning.kernels(device, Storage::kFloat32).conv2d(kByMatrices).matrix.rows, 1u);
 }
 
-Conv2dKernel columns(uint32_t tile) { return {.algorithm = Algorithm::kColumns, .tile = tile}; }
-
 TEST(Tuning, GpusWithMatricesMultiplyThemByDefault) {
   DeviceInfo device = device_with_addresses();
   device.cooperative_matrix = kMatrix;
@@ -204,7 +208,11 @@ TEST(Tuning, GpusWithoutAnythingFasterGetColumnsThatFitTheirRegisters) {
   };
   EXPECT_EQ(chosen("AMD Radeon RX 5700 XT (RADV NAVI10)", 4), columns(4));
   EXPECT_EQ(chosen("AMD Radeon RX 5700 XT (RADV NAVI10)", 2), columns(2));
+  EXPECT_EQ(chosen("AMD Radeon RX 9070 XT (RADV GFX1201)", 4), columns(4));
   EXPECT_EQ(chosen("AMD Radeon RX Vega (RADV VEGA10)", 4), columns(2));
+  EXPECT_EQ(chosen("AMD Radeon Graphics (RADV RENOIR)", 4), columns(2));
+  EXPECT_EQ(chosen("NVIDIA GeForce RTX 4090 (NVK AD102)", 4), columns(4));
+  EXPECT_EQ(chosen("NVIDIA GeForce GTX 680 (NVK GK104)", 4), Conv2dKernel{});
   EXPECT_EQ(chosen("Apple M1", 4), columns(2));
   EXPECT_EQ(chosen("Apple M1", 4, 1), Conv2dKernel{});
   EXPECT_EQ(chosen("a GPU of which nothing is known", 4), Conv2dKernel{});
@@ -398,7 +406,9 @@ TEST(WinogradAmplification, IsWhatTheTransformsAbsoluteValuesLetThrough) {
   EXPECT_NEAR(winograd_amplification({two, bias}, 2, Algorithm::kWinograd), 149.38271605, 1e-6);
   EXPECT_NEAR(winograd_amplification({ones, bias}, 1, Algorithm::kColumns), 110. / 9, 1e-6);
   EXPECT_NEAR(winograd_amplification({one, bias}, 1, Algorithm::kColumns), 34. / 3, 1e-6);
-  EXPECT_EQ(winograd_amplification({std::vector<float>(9, 0.0f), bias}, 1, Algorithm::kColumns), 0);
+  EXPECT_NEAR(winograd_amplification({two, bias}, 2, Algorithm::kColumns), 110. / 9, 1e-6);
+  for (const Algorithm algorithm : {Algorithm::kWinograd, Algorithm::kColumns})
+    EXPECT_EQ(winograd_amplification({std::vector<float>(9, 0.0f), bias}, 1, algorithm), 0);
 }
 
 // A log transfer leaves no radiance that drowns its neighbours. Linear radiance of up to 1000 drowns them.

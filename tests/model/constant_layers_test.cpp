@@ -79,16 +79,6 @@ std::vector<float> fuse(const Model& model, const Planes& lrhs, const Planes& hr
   return fused.data;
 }
 
-Kernels kernels_of(const conform::Method& method) {
-  return {.addressed = method.addressed, .conv2d = [kernel = method.kernel](const Conv2dShape& shape) {
-            Conv2dKernel result = kernel;
-            if (shape.kernel == 1 && result.algorithm == Algorithm::kWinograd)
-              result.algorithm = Algorithm::kPointwise;
-            if (shape.kernel == 1 && result.algorithm == Algorithm::kColumns) result = {};
-            return result;
-          }};
-}
-
 // Compares each layer with the reference, which is fed the constant layers.
 TEST_F(ConstantLayersTest, AreWithinTheBoundsOfFeedingThem) {
   uint64_t seed = 1;
@@ -108,7 +98,7 @@ TEST_F(ConstantLayersTest, AreWithinTheBoundsOfFeedingThem) {
             SCOPED_TRACE(fmt::format("x{} {} {}, {} constant", a.scale, method.name, name_of(precision),
                                      constants.size()));
             FuserOptions options = options_without(constants, storage_of(precision));
-            options.kernels = kernels_of(method);
+            options.kernels = conform::kernels_of(method);
             options.exposure = 1.7f;
             Subject pruned = subject;
             pruned.hrls = without;

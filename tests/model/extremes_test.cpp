@@ -55,16 +55,10 @@ Fused fuse_once(const Model& model, const Planes& lrhs, const Planes& hrls, cons
   return fuse(fuser, lrhs, hrls);
 }
 
-// Returns the size of the Winograd tile that the kernels choose for a 3x3 convolution, or 0.
-int most_tile(const Kernels& kernels) {
-  const Conv2dShape shape{.height = 8, .width = 8, .channels_in = 4, .channels_out = 4, .kernel = 3};
-  const uint32_t tile = kernels.conv2d(shape).winograd_tile();
-  return tile > 1 ? int(tile) : 0;
-}
-
+// Returns the tile that the kernels choose for a 3x3 convolution.
 reference::Tile tile_of(const Kernels& kernels) {
-  const int m = std::max(most_tile(kernels), 1);
-  return {.down = m, .across = m};
+  const Conv2dShape shape{.height = 8, .width = 8, .channels_in = 4, .channels_out = 4, .kernel = 3};
+  return conform::Method{.name = {}, .kernel = kernels.conv2d(shape)}.tile();
 }
 
 // Returns every storage and choice of kernels that differs on this device.
@@ -73,14 +67,14 @@ std::vector<FuserOptions> all_options() {
   const Kernels defaults = default_kernels(gpu().info(), Storage::kFloat32);
   for (const Precision precision : kPrecisions) {
     all.push_back({.storage = storage_of(precision)});
-    if (most_tile(defaults) > 0) all.push_back({.storage = storage_of(precision), .kernels = defaults});
+    if (tile_of(defaults).down > 1) all.push_back({.storage = storage_of(precision), .kernels = defaults});
   }
   return all;
 }
 
 std::string text_of(const FuserOptions& options) {
   return fmt::format("{} {}", options.storage == Storage::kFloat16 ? "fp16" : "fp32",
-                     most_tile(options.kernels) > 0 ? "default kernels" : "direct");
+                     tile_of(options.kernels).down > 1 ? "default kernels" : "direct");
 }
 
 // --- Values of renders
@@ -275,7 +269,7 @@ TEST_F(ExtremesTest, ABadPixelOfHrlsIsDimmedAndStaysWhereItIs) {
       if (!is_tried(combinations++, 7)) continue;
       Fuser fuser = make_fuser(model, scene.lrhs, options);
       const Planes clean = fuse(fuser, scene.lrhs, scene.hrls).image;
-      const DependsOn depends = within_reach(model, scene.lrhs.w, most_tile(options.kernels));
+      const DependsOn depends = within_reach(model, scene.lrhs.w, tile_of(options.kernels).down);
       for (const double value : {1e4, 1e8, 1e30, double(FLT_MAX), kInfinity, -kInfinity, kNaN, -1e8, 0.0}) {
         SCOPED_TRACE(fmt::format("{:g} at brightness {}, {}", value, brightness, text_of(options)));
         Planes hrls = scene.hrls;
@@ -297,7 +291,7 @@ TEST_F(ExtremesTest, ABadPixelReachesAsFarAsItsKernelsSay) {
   for (const FuserOptions& options : all_options()) {
     Fuser fuser = make_fuser(model, subject.lrhs, options);
     const Planes clean = fuse(fuser, subject.lrhs, subject.hrls).image;
-    const DependsOn depends = within_reach(model, subject.lrhs.w, most_tile(options.kernels));
+    const DependsOn depends = within_reach(model, subject.lrhs.w, tile_of(options.kernels).down);
     for (const double value : {1e8, kInfinity, kNaN}) {
       SCOPED_TRACE(fmt::format("{:g}, {}", value, text_of(options)));
       Planes hrls = subject.hrls;
@@ -358,7 +352,7 @@ TEST_F(ExtremesTest, ALampBeyondTheClipKeepsItsLight) {
 
 // Winograd F(4, 3) may spread a firefly over its tile by less than a quarter of a step of a display.
 TEST_F(ExtremesTest, FirefliesDoNotSpreadThroughWinograd) {
-  if (most_tile(default_kernels(gpu().info(), Storage::kFloat32)) == 0)
+  if (tile_of(default_kernels(gpu().info(), Storage::kFloat32)).down == 1)
     GTEST_SKIP() << "no Winograd by default here";
   const double brightness = 1e-2;
   Scene scene = make_scene(4, 24, 24, brightness);

@@ -63,11 +63,11 @@ class Choice:
 def entry(side, kernel, device):
     """Returns a tuning's only entry for this side of kernels, so that every shape takes it."""
     shape = dict(height=64, width=64, channels_in=16, channels_out=16, kernel=side, most_tile=4)
-    kernel = DEFAULTS | kernel
-    if kernel["matrix"]:
-        kernel["matrix"] = kernel["matrix"] | sizes(device)
+    shape |= dict(unshuffle=1, shuffle=1)
+    if kernel["algorithm"] == "matrix":
+        kernel = kernel | {"matrix": kernel["matrix"] | sizes(device)}
     elif side == 1:
-        kernel = kernel | POINTWISE
+        kernel = POINTWISE
     return {"shape": shape, "kernel": kernel, "time_ms": 1, "direct_ms": 1}
 
 
@@ -77,13 +77,14 @@ def sizes(device):
     return dict(m=m, n=n, k=k, subgroup_size=device["subgroup_size"], max_invocations=1024, max_shared_bytes=32768)
 
 
-DEFAULTS = dict(tile=0, outputs=16, channels=64, order=8, band=256, matrix=None)
-POINTWISE = dict(tile=1, band=2048)
+PARAMETERS = dict(outputs=16, channels=64, order=8, vector=0)
+POINTWISE = dict(algorithm="pointwise", band=2048) | PARAMETERS
+WINOGRAD = dict(algorithm="winograd", tile=2, band=256) | PARAMETERS
 CHOICES = [
     *(Choice(precision, "direct", ("--kernels", "direct")) for precision in ("fp32", "fp16")),
-    *(Choice(precision, "F(2, 3)", kernel=dict(tile=2, matrix=None)) for precision in ("fp32", "fp16")),
+    *(Choice(precision, "F(2, 3)", kernel=WINOGRAD) for precision in ("fp32", "fp16")),
     *(Choice(precision, "auto") for precision in ("fp32", "fp16")),
 ]
 # Matrices exist in 16 bits only; the profile says whether they were used.
 TILES = dict(outputs=16, rows=2, subgroups=4, channels=16)
-MATRICES = Choice("fp16", "matrices", ("--profile",), kernel=dict(matrix=TILES))
+MATRICES = Choice("fp16", "matrices", ("--profile",), kernel=dict(algorithm="matrix", matrix=TILES))
