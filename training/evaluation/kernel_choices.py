@@ -13,8 +13,8 @@ TINY = pathlib.Path(__file__).resolve().parent.parent.parent / "tests/golden/tin
 class Choice:
     """Describes the kernels of a run.
 
-    `kernel` holds what differs from DEFAULTS in the tuning's entries for 3x3 and 1x1, except for the device's numbers.
-    None leaves the choice to the program.
+    `kernel` is the kernel of 3x3 convolutions as a tuning has it, by matrices without the device's numbers and for 1x1
+    convolutions too. None leaves the choice to the program.
     """
 
     precision: str
@@ -24,7 +24,7 @@ class Choice:
 
     @property
     def uses_matrices(self):
-        return bool(self.kernel and self.kernel["matrix"])
+        return bool(self.kernel and self.kernel["algorithm"] == "matrix")
 
     def start(self, program, folder, driver=None):
         """Returns the arguments with which jobs.fuse() starts the program with these kernels.
@@ -82,9 +82,9 @@ POINTWISE = dict(algorithm="pointwise", band=2048) | PARAMETERS
 WINOGRAD = dict(algorithm="winograd", tile=2, band=256) | PARAMETERS
 CHOICES = [
     *(Choice(precision, "direct", ("--kernels", "direct")) for precision in ("fp32", "fp16")),
-    *(Choice(precision, "F(2, 3)", kernel=WINOGRAD) for precision in ("fp32", "fp16")),
+    *(Choice(precision, "F(2, 3)", ("--profile",), WINOGRAD) for precision in ("fp32", "fp16")),
     *(Choice(precision, "auto") for precision in ("fp32", "fp16")),
 ]
-# Matrices exist in 16 bits only; the profile says whether they were used.
+# Matrices exist in 16 bits only.
 TILES = dict(outputs=16, rows=2, subgroups=4, channels=16)
 MATRICES = Choice("fp16", "matrices", ("--profile",), kernel=dict(algorithm="matrix", matrix=TILES))

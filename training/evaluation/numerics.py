@@ -110,8 +110,8 @@ class Study:
         options = ["--precision", choice.precision, "--overflow", "warn", *choice.options]
         start = choice.start(self.program, self.cache, self.driver)
         report = fuse(self.program, model, *files, output, options=options, **start)
-        if choice.uses_matrices and not any("matrix" in kernel["name"] for kernel in report["kernels"]):
-            raise RuntimeError("the program did not take the matrices it was told to")
+        if choice.kernel and not any(choice.kernel["algorithm"] in kernel["name"] for kernel in report["kernels"]):
+            raise RuntimeError(f"the program did not take the kernels that it was told to, {choice.name}")
         return torch.from_numpy(read(output)).double().permute(2, 0, 1), saturated(report)
 
     def measure(self, model, name, choices):
