@@ -45,11 +45,11 @@ class RaymeldSettings(bpy.types.PropertyGroup):
         name="Scale",
         description="How many times smaller the small render is, in each direction",
         items=[(s, s + "x", "") for s in ("2", "4", "8")],
-        default="4",
+        default="2",
     )
     few: bpy.props.IntProperty(name="Full-size Samples", min=1, default=3)
     many: bpy.props.IntProperty(
-        name="Small Samples", min=0, default=0, description="0: one for each full-size pixel, such as 16 at 4x"
+        name="Small Samples", min=0, default=0, description="0: one for each full-size pixel, such as 4 at 2x"
     )
     quality: bpy.props.EnumProperty(
         name="Quality",

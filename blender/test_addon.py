@@ -94,7 +94,7 @@ class Test(unittest.TestCase):
 
         # A second run replaces the image.
         scene = self.scene
-        scene.raymeld.scale, scene.raymeld.quality, scene.raymeld.folder = "2", "fast", ""
+        scene.raymeld.scale, scene.raymeld.quality, scene.raymeld.folder = "4", "fast", ""
         self.assertEqual(bpy.ops.render.raymeld(), {"FINISHED"})
         self.assertEqual([i.name for i in bpy.data.images if i.name.startswith("Raymeld")], ["Raymeld"])
 
@@ -157,9 +157,9 @@ class Test(unittest.TestCase):
         self.assertNotIn("Raymeld", bpy.data.images)
 
     def test_what_is_wrong_is_said(self):
-        self.scene.render.resolution_x += 4
-        self.expect_failure("98 x 64 pixels is not a multiple of the scale, 4")
-        self.scene.render.resolution_x -= 4
+        self.scene.render.resolution_x += 2
+        self.expect_failure("97 x 64 pixels is not a multiple of the scale, 2")
+        self.scene.render.resolution_x -= 2
         self.preferences.program = "/no/such/program"
         self.expect_failure("no program /no/such/program")
         self.preferences.program = PROGRAM

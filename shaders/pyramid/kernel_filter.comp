@@ -61,7 +61,8 @@ void main() {
   }
   float largest = float(logits.v[pixel + kSide * kSide / 2 * p.plane]);  // that of the pixel itself
   uint logit = pixel;
-  for (int dy = -kReach; dy <= kReach; ++dy) {
+  // Unrolled, both loops would share their logits, and keep them in registers that some GPUs lack.
+  [[dont_unroll]] for (int dy = -kReach; dy <= kReach; ++dy) {
     for (int dx = -kReach; dx <= kReach; ++dx) {
       largest = max(largest, logit_of(logit, tap_at(id, dx, dy), own, factors));
       logit += p.plane;

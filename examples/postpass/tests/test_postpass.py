@@ -73,9 +73,9 @@ class Headless(unittest.TestCase):
         for line in (
             "frame 0: renders x4-fast, 48x40", "frame 3: shows LRHS", "frame 6: shows HRLS", "frame 9: shows converged",
             "frame 13: shows fused", "frame 14: history on", "frame 17: camera still",
-            "frame 20: renders x2-fast, 48x40", "frame 24: renders x2-fast", "frame 28: renders x4-fast",
-            "frame 32: renders x2-fast", "frame 36: device", "frame 40: frames in flight 3",
-            "frame 44: renders x2-fast, 50x37", "frame 48: window minimised", "frame 52: window restored",
+            "frame 20: renders x2-fast, 48x40", "frame 24: renders x2-balanced", "frame 28: renders x4-balanced",
+            "frame 32: renders x4-fast", "frame 36: device", "frame 40: frames in flight 3",
+            "frame 44: renders x4-fast, 50x37", "frame 48: window minimised", "frame 52: window restored",
             "validation messages: 0",
         ):  # fmt: skip
             self.assertIn(line, printed)
