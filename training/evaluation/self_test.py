@@ -23,7 +23,7 @@ from evaluation.changes import CHANGES
 from evaluation.images import Exr, psnr, read, relmse
 from evaluation.input_classes import CLASSES, crop, pair
 from evaluation.jobs import Job, Model, Score, Store
-from evaluation.kernel_choices import Choice
+from evaluation.kernel_choices import WINOGRAD, Choice
 
 SIZE = 64
 LAYERS = ("Combined", "DiffDir", "DiffInd", "DiffCol", "GlossDir", "GlossInd", "GlossCol", "Denoising Albedo")
@@ -321,7 +321,7 @@ class Numerics(unittest.TestCase):
         if not PROGRAM:
             self.skipTest("no program")
         home, cache = self.folder / "home", self.folder / "cache"
-        choice = Choice("fp32", "F(2, 3)", kernel=dict(tile=2, matrix=None))
+        choice = Choice("fp32", "F(2, 3)", kernel=WINOGRAD)
         with mock.patch.dict(os.environ, HOME=str(home)):
             relative = os.path.relpath(cache)
             choice.start(PROGRAM, pathlib.Path(relative))
