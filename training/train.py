@@ -99,7 +99,8 @@ class Run:
         """Starts as a model that is no larger, or with another's fitting tensors; returns how the model was trained."""
         tensors, metadata = safetensors.load(path)
         tensors = {key: torch.tensor(value).float() for key, value in tensors.items()}
-        own, small = self.weights("cpu"), model.Config.parse(metadata)
+        own = {key: value.cpu() for key, value in self.network.state_dict().items()}
+        small = model.Config.parse(metadata)
         if small.network != self.config.network:
             raise SystemExit(f"{path}: its network is a {small.network}, expected a {self.config.network}")
         if small.network == "fusion" and grow.is_smaller(small, self.config):
@@ -112,9 +113,6 @@ class Run:
                 same = {key: value for key, value in same.items() if own[key].shape == value.shape}
         self.network.load_state_dict(own | same)
         return {"started_from": {"name": metadata["name"], "training": json.loads(metadata["training"])}}
-
-    def weights(self, device):
-        return {key: value.to(device) for key, value in self.network.state_dict().items()}
 
     def clock(self):
         """Returns seconds of processor time of each thread, or of the wall where a GPU works."""
@@ -170,8 +168,8 @@ class Run:
         decay = 1 if args.constant else 0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * self.progress()))
         for group in self.optimizer.param_groups:
             group["lr"] = group["factor"] * args.rate * decay * min(1, (self.step + 1) / 200)
-        lrhs, hrls, reference, spp = (batch[i].to(self.device) for i in (0, 1, 2, 4))
-        centered = batch[3]
+        lrhs, hrls, reference, centered, spp = batch
+        lrhs, hrls, reference, spp = (tensor.to(self.device) for tensor in (lrhs, hrls, reference, spp))
         with torch.autocast(self.device.type, torch.bfloat16, enabled=args.precision == "bf16"):
             encoded = model.predict(self.network, *self.inputs(lrhs, hrls), centered, spp=spp)[0]
         error = self.error(encoded.float(), reference)

@@ -35,8 +35,8 @@ struct Tile {
 // Computes (in, h, w) -> (out, h, w) with stride 1 and zero padding: sum + bias, then ReLU if asked, then
 // + residuals in turn. ReLU turns negative values into 0. It keeps NaN and, as a sign of overflow, -infinity.
 //
-// The bound is that of a direct sum or, with a tile of several pixels and a 3x3 kernel, of Winograd's F(m,
-// 3), where each output's magnitude S comes from its whole tile, see winograd_magnitudes(). `units` is the
+// The bound is that of a direct sum. With a tile of several pixels and a 3x3 kernel it is that of Winograd's
+// F(m, 3): each output's magnitude S comes from its whole tile, see winograd_magnitudes(). `units` is the
 // largest error of an operation, in errors of a rounding to nearest: kTensorUnits on tensor cores and in dot
 // products.
 Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precision,

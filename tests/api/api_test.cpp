@@ -228,7 +228,8 @@ TEST_F(ApiTest, StockModelsHaveNames) {
   // The folder hides installed models of the same name, a path is never a name, and a file hides a name.
   std::filesystem::copy(file_, models / "x4-fast.safetensors");
   EXPECT_EQ(SharedModel("x4-fast").info().scale, 2u);
-  EXPECT_FAILURE(RAYMELD_ERROR_MODEL, SharedModel("their"), "no model 'their'", "there are mine, x2-balanced,");
+  EXPECT_FAILURE(RAYMELD_ERROR_MODEL, SharedModel("their"), "no model 'their'",
+                 "there are mine, x2-balanced,");
   EXPECT_FAILURE(RAYMELD_ERROR_MODEL, SharedModel("./mine"), "./mine", "no such file");
   EXPECT_FAILURE(RAYMELD_ERROR_MODEL, SharedModel("mine.safetensors"), "mine.safetensors", "no such file");
   std::filesystem::current_path(folder_.path());

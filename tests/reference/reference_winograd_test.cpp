@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <span>
 
 #include "reference/winograd.h"
 #include "support.h"
@@ -26,8 +27,9 @@ double largest_difference(const Planes& a, const Planes& b) {
   return largest;
 }
 
-// Lists the tiles in the order in which their errors grow.
-constexpr Tile kTiles[] = {{2, 1}, {2, 2}, {4, 1}, {4, 4}};
+// Lists direct sums, and then tiles in the order in which their errors grow.
+constexpr Tile kAll[] = {{1, 1}, {2, 1}, {2, 2}, {4, 1}, {4, 4}};
+constexpr std::span kTiles = std::span(kAll).subspan(1);
 
 TEST(Winograd, IsTheConvolution) {
   const Trial trial;
@@ -59,7 +61,7 @@ TEST(InFloats, AConvolutionKeepsItsBoundAndRounds) {
   const Conv conv = round_to(random_conv(3, 4, 3, Fill::kUniform, 1), Precision::kFp16);
   const Bounded added = exact(residual);
   for (const Precision precision : {Precision::kFp32, Precision::kFp16}) {
-    for (const Tile& tile : {Tile{}, Tile{2, 1}, Tile{2, 2}, Tile{4, 1}, Tile{4, 4}}) {
+    for (const Tile& tile : kAll) {
       const Bounded truth = conv2d(exact(x), conv, true, precision, {&added}, tile);
       const Planes floats = conv2d_in_floats(x, conv, true, precision, {&residual}, tile);
       EXPECT_LE(worst(floats, truth).ratio, 1);
@@ -74,7 +76,7 @@ TEST(InFloats, WholeNumbersAreExact) {
   const Planes x = random_planes(4, 9, 7, Fill::kSigns, 2);
   Conv conv = random_conv(3, 4, 3, Fill::kSigns, 1);
   for (double& w : conv.weight) w *= 576;
-  for (const Tile& tile : {Tile{}, Tile{2, 1}, Tile{2, 2}, Tile{4, 1}, Tile{4, 4}}) {
+  for (const Tile& tile : kAll) {
     EXPECT_EQ(conv2d_in_floats(x, conv, false, Precision::kFp32, {}, tile).data,
               conv2d(exact(x), conv, false, Precision::kFp32).value.data);
   }

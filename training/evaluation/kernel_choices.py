@@ -82,9 +82,9 @@ POINTWISE = dict(algorithm="pointwise", band=2048) | PARAMETERS
 WINOGRAD = dict(algorithm="winograd", tile=2, band=256) | PARAMETERS
 CHOICES = [
     *(Choice(precision, "direct", ("--kernels", "direct")) for precision in ("fp32", "fp16")),
-    *(Choice(precision, "F(2, 3)", ("--profile",), WINOGRAD) for precision in ("fp32", "fp16")),
+    *(Choice(precision, "F(2, 3)", kernel=WINOGRAD) for precision in ("fp32", "fp16")),
     *(Choice(precision, "auto") for precision in ("fp32", "fp16")),
 ]
 # Matrices exist in 16 bits only.
 TILES = dict(outputs=16, rows=2, subgroups=4, channels=16)
-MATRICES = Choice("fp16", "matrices", ("--profile",), kernel=dict(algorithm="matrix", matrix=TILES))
+MATRICES = Choice("fp16", "matrices", kernel=dict(algorithm="matrix", matrix=TILES))

@@ -108,6 +108,7 @@ class Study:
         output = self.folder / f"fused {next(self.numbers)}.exr"
         # The study lets 16 bits overflow.
         options = ["--precision", choice.precision, "--overflow", "warn", *choice.options]
+        options += ["--profile"] if choice.kernel else []  # tells which kernels were taken
         start = choice.start(self.program, self.cache, self.driver)
         report = fuse(self.program, model, *files, output, options=options, **start)
         if choice.kernel and not any(choice.kernel["algorithm"] in kernel["name"] for kernel in report["kernels"]):
