@@ -139,12 +139,12 @@ const uint kStores = kM * kColumns / (kLanes * kRun), kShuffledRow = kColumns * 
   }
 
 // Stores a run of sums of outputs from o on. The first is `across` values right of pixel x0 in shuffled row
-// `rest`.
+// `rest` of these outputs, which need not start at a channel's first row.
 void store(uint o, uint y, uint x0, uint across, uint rest, float values[kRun]) {
   o += rest * kShuffle;
   uint left = kShuffle * x0 + across;
   if (o >= p.channels_out || y >= p.height || left >= kShuffle * p.width) return;
-  uint at = address(o / (kShuffle * kShuffle), kShuffle * y + rest % kShuffle, left, p.plane_out,
+  uint at = address(o / (kShuffle * kShuffle), kShuffle * y + o / kShuffle % kShuffle, left, p.plane_out,
                     kShuffle * p.width);
   [[unroll]] for (uint j = 0; j < kRun; ++j) {
     uint x = (left + j) / kShuffle, borders = kBorders != 0 ? border_case(y, x, p.height, p.width) : 0;

@@ -160,10 +160,10 @@ void check_slices(Check& check, const Target& target, const Method& method, Prec
   check.same_bits(slice(after, 11, 2).value, slice(before, 11, 2).value, "channels after the output");
 }
 
-// Unshuffles the input of a convolution, unless its kernel is pointwise, and shuffles its output.
+// Unshuffles the input of a convolution by r, unless its kernel is pointwise, and shuffles its output.
 void check_shuffled(Check& check, const Target& target, const Method& method, Precision precision,
-                    uint32_t kernel) {
-  const int r = 2, in_channels = 2, out_channels = 3, h = 5, w = 35;
+                    uint32_t kernel, int r) {
+  const int in_channels = 2, out_channels = 3, h = 5, w = 35;
   const int unshuffle = method.kernel.algorithm == Algorithm::kPointwise ? 1 : r;
   const Planes x =
       round_to(random_planes(in_channels, unshuffle * h, unshuffle * w, Fill::kUniform, 1), precision);
@@ -178,7 +178,7 @@ void check_shuffled(Check& check, const Target& target, const Method& method, Pr
           .relu = true,
           .residuals = {run.input("residual", y)},
           .unshuffle = uint32_t(unshuffle),
-          .shuffle = r,
+          .shuffle = uint32_t(r),
           .how = method.kernel});
   run.run();
   const Bounded deep = unshuffle > 1 ? reference::space_to_depth(exact(x), unshuffle) : exact(x);
@@ -250,8 +250,10 @@ void run_values(Collector& collector, std::span<const Trial> trials, uint32_t ke
     };
     run("slices of one tensor, 5 -> 3 of 13 channels, 9 x 7",
         [&](auto&&... arguments) { check_slices(arguments..., kernel); });
-    run("shuffled by 2, ReLU, 1 residual, 5 x 35",
-        [&](auto&&... arguments) { check_shuffled(arguments..., kernel); });
+    for (const int r : {2, 4, 8}) {
+      run(fmt::format("shuffled by {}, ReLU, 1 residual, 5 x 35", r),
+          [&](auto&&... arguments) { check_shuffled(arguments..., kernel, r); });
+    }
     if (kernel == 1) {
       for (const int r : {2, 4, 8}) {
         run(fmt::format("unshuffled by {}, {} -> 13 channels, ReLU, 3 x 19", r, 3 * r * r),
