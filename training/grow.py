@@ -80,3 +80,19 @@ def grow(tensors, small, large, own):
         for width, source, sink in zip(widths, offsets(widths), offsets(large_widths)):
             target[rows, sink : sink + width] = value[:, source : source + width]
     return state
+
+
+def rejoined(tensors, before, after, own):
+    """Returns the state of a pyramid network from `tensors`, the state of one whose LRHS joins another level.
+
+    `before` and `after` are their configs, which differ in the scale, and `own` is the state of the new network. The
+    layer that LRHS leaves goes on without it, and the one that it joins starts without it.
+    """
+    left, joined = f"level.{before.halvings}", f"level.{after.halvings}"
+    same = {key: value for key, value in tensors.items() if key in own and not key.startswith("lrhs.")}
+    features = own[f"{left}.weight"].shape[1]
+    same[f"{left}.weight"] = tensors["lrhs.weight"][:, :features]
+    same[f"{left}.bias"] = tensors.get("lrhs.centered_bias", tensors["lrhs.bias"])
+    same |= {key: tensors[f"{joined}.bias"] for key in ("lrhs.bias", "lrhs.centered_bias") if key in own}
+    same["lrhs.weight"] = overlaid(own["lrhs.weight"], tensors[f"{joined}.weight"])
+    return own | same

@@ -125,6 +125,21 @@ class Pyramid(unittest.TestCase):
         for other in others:
             self.assertGreater(float((other - first).abs().max()), 1e-3)
 
+    def test_at_another_scale_it_starts_as_it_was_without_lrhs(self):
+        half, quarter = random_pyramid(2), random_pyramid(4)
+        own = {key: value.clone() for key, value in quarter.state_dict().items()}
+        own["lrhs.by_spp"] = torch.zeros_like(own["lrhs.by_spp"])
+        quarter.load_state_dict(grow.rejoined(half.state_dict(), half.config, quarter.config, own))
+        half.lrhs.weight.data[:, half.lrhs.weight.shape[0] :] = 0
+        half.lrhs.by_spp.data.zero_()
+        high, (small, smaller) = torch.rand(1, 21, 32, 32), (torch.rand(1, 6, n, n) for n in (16, 8))
+        spp = torch.tensor([4.0, 2.0]).reshape(1, 2, 1, 1)
+        with torch.no_grad():
+            expected = half(high, small, torch.ones(1), spp)
+            result = quarter(high, smaller, torch.ones(1), spp)
+        torch.testing.assert_close(result[0], expected[0])
+        torch.testing.assert_close(result[1], expected[1])
+
     def test_a_batch_is_its_images(self):
         network, lrhs, hrls = random_pyramid(4), torch.rand(2, 3, 4, 4), torch.rand(2, 18, 16, 16)
         centered = torch.tensor([True, False]).reshape(2, 1, 1, 1)

@@ -105,6 +105,8 @@ class Run:
             raise SystemExit(f"{path}: its network is a {small.network}, expected a {self.config.network}")
         if small.network == "fusion" and grow.is_smaller(small, self.config):
             same = grow.grow(tensors, small, self.config, own)
+        elif small.network == "pyramid" and small.scale != self.config.scale:
+            same = grow.rejoined(tensors, small, self.config, own)
         else:
             same = {key: value for key, value in tensors.items() if key in own}
             if small.scale == self.config.scale and small.network == "fusion":
