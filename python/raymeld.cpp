@@ -136,11 +136,11 @@ class Fuser {
     return status;
   }
 
-  py::array_t<float> fuse(const Array& lrhs, const std::map<std::string, Array>& hrls) {
+  py::array_t<float> fuse(const std::optional<Array>& lrhs, const std::map<std::string, Array>& hrls) {
     const size_t full_height = size_t{height_} * scale(), full_width = size_t{width_} * scale();
     const size_t plane = full_height * full_width;
-    std::vector<float> small(3 * size_t{height_} * width_), large, fused(3 * plane);
-    copy_planes(lrhs, "lrhs", height_, width_, small.data());
+    std::vector<float> small(lrhs ? 3 * size_t{height_} * width_ : 0), large, fused(3 * plane);
+    if (lrhs) copy_planes(*lrhs, "lrhs", height_, width_, small.data());
     std::vector<std::string> needed = layers();
     const bool given_variance = reads_variance_ && hrls.contains("variance");
     if (given_variance) needed = model_layers_with_variance();
@@ -159,7 +159,7 @@ class Fuser {
         desc_.compute_variance = !given_variance;
         fusion_.emplace(*context_, *model_, desc_);
       }
-      status_ = fusion_->fuse(small.data(), large.data(), fused.data());
+      status_ = fusion_->fuse(lrhs ? small.data() : nullptr, large.data(), fused.data());
     }
     py::array_t<float> image({full_height, full_width, size_t{3}});
     auto pixels = image.mutable_unchecked<3>();
@@ -225,7 +225,7 @@ PYBIND11_MODULE(raymeld, module) {
       .def_property_readonly("name", [](const SharedModel& model) { return model.info().name; })
       .def_property_readonly(
           "scale", [](const SharedModel& model) { return model.info().scale; },
-          "Full-size pixels for each pixel of LRHS, in each direction.")
+          "Full-size pixels for each pixel of LRHS, in each direction; 1 if the model reads no LRHS.")
       .def_property_readonly("layers", &SharedModel::layers,
                              "The layers of HRLS that the model reads, in order.")
       .def_property_readonly("optional_layers", &SharedModel::optional_layers,
@@ -257,7 +257,8 @@ PYBIND11_MODULE(raymeld, module) {
       .def(
           "fuse", &Fuser::fuse, py::arg("lrhs"), py::arg("hrls"),
           "lrhs is (height, width, 3) and hrls {layer: (scale * height, scale * width, 3)} of all `layers`,\n"
-          "scene linear. A model that reads the variance takes it from hrls, or else computes it from\n"
+          "scene linear. A model of scale 1 reads HRLS alone, and lrhs must be None. A model that reads the "
+          "variance takes it from hrls, or else computes it from\n"
           "the color. Returns (scale * height, scale * width, 3). Other threads run while the device works.\n"
           "Raises Error, ValueError and KeyError.")
       .def_property_readonly("layers", &Fuser::layers, "The layers of HRLS that fuse() asks for.")

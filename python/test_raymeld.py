@@ -130,6 +130,15 @@ class Test(unittest.TestCase):
         with self.assertRaisesRegex(KeyError, "hrls has no 'albedo'"):
             fusion.fuse(self.lrhs, self.hrls)
 
+    def test_a_model_of_scale_1_reads_hrls_alone(self):
+        model = raymeld.Model(os.path.join(os.path.dirname(MODEL), "pyramid-x1.safetensors"))
+        self.assertEqual(model.scale, 1)
+        hrls = {name: image(i, 20, 12) for i, name in enumerate(model.layers)}
+        fusion = raymeld.Fusion(model, 20, 12)
+        self.assertEqual(fusion.fuse(None, hrls).shape, (20, 12, 3))
+        with self.assertRaisesRegex(raymeld.Error, "lrhs must be NULL"):
+            fusion.fuse(hrls["color"], hrls)
+
     def test_other_threads_run_meanwhile(self):
         height, width = 48, 64
         fusion = raymeld.Fusion(self.model, height, width, kernels="direct")

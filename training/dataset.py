@@ -151,7 +151,12 @@ def window(y, x, size):
 
 
 def pick_lrhs(view, scale, high, is_centered, rng):
-    """Returns (name of the render that LRHS is made of, names of the target's parts, which share no noise with it)."""
+    """Returns (name of the render that LRHS is made of, names of the target's parts, which share no noise with it).
+
+    At a scale of 1, LRHS is HRLS itself.
+    """
+    if scale == 1:
+        return high, REFERENCE
     if is_centered:
         is_coarse = scale == 4 and rng.random() < COARSE_SHARE
         return rng.choice(view.small(2 * scale if is_coarse else scale)), REFERENCE
@@ -222,7 +227,9 @@ def pair(view, config, low, high, guides=None, decimated=None, small_scale=None)
     if guides:
         hrls[3:9] = view.read(f"guides-{guides:04}")[:6]
     hrls[RADIANCE] *= exposure
-    if decimated:
+    if not config.reads_lrhs:
+        low, lrhs = high, hrls / exposure
+    elif decimated:
         low, lrhs = view.spp[decimated], view.read(decimated)[:, :: config.scale, :: config.scale].float()
     else:
         lrhs, low = view.read_lrhs(f"lowres-x{small_scale or config.scale}-{low:04}", config.scale)

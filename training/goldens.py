@@ -141,6 +141,20 @@ CASES = {
             widths=("3", "2", "3", "2"),
         ),
     ),
+    "pyramid-x1": (
+        (13, 18),
+        model.Config(
+            1,
+            hrls_layers=("color", "albedo", "normal", "variance"),
+            upscaled_features=3,
+            optional_layers=("variance",),
+            exposure_key=0.3,
+            clip=20.0,
+            knows_spp=True,
+            network="pyramid",
+            widths=("2", "3", "2", "3"),
+        ),
+    ),
     "pyramid-x4": (
         (3, 6),
         model.Config(
@@ -155,7 +169,7 @@ CASES = {
         ),
     ),
 }
-SPP = {"spp-x4": (64.0, 2.0), "pyramid-x2": (8.0, 3.0)}  # samples a pixel of LRHS and HRLS
+SPP = {"spp-x4": (64.0, 2.0), "pyramid-x2": (8.0, 3.0), "pyramid-x1": (1.0, 6.0)}  # samples a pixel of LRHS and HRLS
 CENTERED = ("guided-x4", "joint-x2", "spp-x4", "pyramid-x2")  # LRHS is centered here, nearest samples elsewhere
 
 
@@ -264,6 +278,8 @@ def write_case(folder, name, shape, config):
     generator = torch.Generator().manual_seed(config.scale)
     network = random_network(config, generator)
     lrhs, hrls = random_inputs(shape, config, generator)
+    if not config.reads_lrhs:
+        lrhs = hrls[:, :3]
     tensors = {"lrhs_input": lrhs, "hrls_input": hrls}
     centered = torch.tensor(name in CENTERED)
     exposure = float(numpy.float32(model.exposure(lrhs.double(), config)))

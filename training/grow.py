@@ -86,13 +86,15 @@ def rejoined(tensors, before, after, own):
     """Returns the state of a pyramid network from `tensors`, the state of one whose LRHS joins another level.
 
     `before` and `after` are their configs, which differ in the scale, and `own` is the state of the new network. The
-    layer that LRHS leaves goes on without it, and the one that it joins starts without it.
+    layer that LRHS leaves goes on without it, and the one that it joins, if any, starts without it.
     """
     left, joined = f"level.{before.halvings}", f"level.{after.halvings}"
     same = {key: value for key, value in tensors.items() if key in own and not key.startswith("lrhs.")}
     features = own[f"{left}.weight"].shape[1]
     same[f"{left}.weight"] = tensors["lrhs.weight"][:, :features]
     same[f"{left}.bias"] = tensors.get("lrhs.centered_bias", tensors["lrhs.bias"])
+    if not after.reads_lrhs:
+        return own | same
     same |= {key: tensors[f"{joined}.bias"] for key in ("lrhs.bias", "lrhs.centered_bias") if key in own}
     same["lrhs.weight"] = overlaid(own["lrhs.weight"], tensors[f"{joined}.weight"])
     return own | same

@@ -25,6 +25,7 @@ FIREFLY, FIREFLY_FLOOR = 20.0, 1e-3
 # These entries of the metadata belong to a pyramid network; all but the last two belong to the paper's network too.
 PYRAMID_ENTRIES = ("scale", "hrls_layers", "transfer", "clip", "lrhs_sampling", "optional_layers", "exposure_key")
 PYRAMID_ENTRIES += ("lrhs_certainty", "knows_spp", "upscaled_features", "network", "widths")
+OF_LRHS = ("lrhs_sampling", "lrhs_certainty")  # entries that a network without LRHS has not
 
 
 @dataclasses.dataclass
@@ -62,6 +63,11 @@ class Config:
         self.upscaled_features = self.upscaled_features or self.features
 
     @property
+    def reads_lrhs(self):
+        """At a scale of 1 a network reads HRLS alone."""
+        return self.scale > 1
+
+    @property
     def halvings(self):
         return int(math.log2(self.scale))
 
@@ -79,7 +85,7 @@ class Config:
 
         entries = {key: text(value) for key, value in dataclasses.asdict(self).items()}
         if self.network == "pyramid":
-            return {key: entries[key] for key in PYRAMID_ENTRIES}
+            return {key: entries[key] for key in PYRAMID_ENTRIES if self.reads_lrhs or key not in OF_LRHS}
         return {key: value for key, value in entries.items() if key not in ("network", "widths")}
 
     @classmethod
@@ -405,11 +411,15 @@ def joint_predict(network, lrhs, hrls, upsampled, centered, spp):
 def predict(network, lrhs, hrls, centered=torch.tensor(False), exposure=1.0, spp=None):
     """Fuses lrhs [N, 3, h, w] and hrls [N, K, s*h, s*w], as rendered, to (encoded, scene linear) [N, 3, s*h, s*w].
 
+    A network of scale 1 reads no `lrhs`; the color of HRLS takes its place.
     `centered` and `spp` are those of Network.forward; by default a pixel of LRHS has as many samples as the s x s
     pixels of HRLS that it covers. `exposure` is the factor by which the inputs were multiplied. The linear image
     includes LRHS's radiance above the clip where it is near the clip itself.
     """
-    config, some_centered, centered = network.config, bool(centered.any()), centered.to(lrhs.device)
+    config = network.config
+    if not config.reads_lrhs:
+        lrhs = hrls[:, :3]
+    some_centered, centered = bool(centered.any()), centered.to(hrls.device)
     if spp is None:
         spp = torch.tensor([config.scale**2, 1.0]).reshape(1, 2, 1, 1)
     spp = spp.clamp(min=1).minimum(torch.tensor(SPP_MOST).to(spp)[:, None, None]).to(lrhs)

@@ -47,12 +47,14 @@ class Pyramid(nn.Module):
         levels, joined = len(widths), config.halvings
         inputs = 3 + 3 * len(config.hrls_layers)
         self.hrls = conv(4 * inputs, widths[1])
-        self.lrhs = conv(widths[joined] + 6, widths[joined])
-        if len(config.lrhs_sampling) == 2:
-            self.lrhs.centered_bias = nn.Parameter(self.lrhs.bias.detach().clone())
         if config.knows_spp:
             self.hrls.by_spp = nn.Parameter(torch.zeros(widths[1]))
-            self.lrhs.by_spp = nn.Parameter(torch.zeros(widths[joined]))
+        if config.reads_lrhs:
+            self.lrhs = conv(widths[joined] + 6, widths[joined])
+            if len(config.lrhs_sampling) == 2:
+                self.lrhs.centered_bias = nn.Parameter(self.lrhs.bias.detach().clone())
+            if config.knows_spp:
+                self.lrhs.by_spp = nn.Parameter(torch.zeros(widths[joined]))
         finer = range(1, levels)
         self.level = nn.ModuleDict({str(i): conv(widths[i], widths[i]) for i in finer if i != joined})
         self.down = nn.ModuleDict({str(i + 1): conv(4 * widths[i], widths[i + 1], 1) for i in finer})
@@ -97,12 +99,12 @@ class Pyramid(nn.Module):
     def forward(self, high, low, centered, spp):
         """Returns the output of rec and the logits of each level.
 
-        `high` is the light of HRLS and its encoded layers, `low` the encoded LRHS and its light.
+        `high` is the light of HRLS and its encoded layers, `low` the encoded LRHS and its light, or None.
         """
         dtype = model.multiplied_in(high)
         prepared = lambda x: x.to(dtype, memory_format=torch.channels_last)
         log_spp, centered = torch.log2(spp)[:, :, 0, 0], centered.reshape(-1, 1, 1, 1).to(dtype)
-        low, guide = prepared(low), prepared(high[:, :GUIDE_CHANNELS])
+        low, guide = None if low is None else prepared(low), prepared(high[:, :GUIDE_CHANNELS])
         y = self.biased(self.hrls, self.hrls(prepared(F.pixel_unshuffle(high, 2))), log_spp[:, 1])
         x = self.keep("hrls", F.relu(y))
         skipped = []
@@ -122,9 +124,13 @@ class Pyramid(nn.Module):
 
 
 def lights_of(network, color, albedo, lrhs, spp):
-    """Returns the light of HRLS at full size and of both renders at each level, and that of LRHS alone."""
+    """Returns the light of HRLS at full size and of both renders at each level, and that of LRHS alone, if any."""
     config, keep = network.config, network.keep
     lights = [keep("light", compressed(model.without_fireflies(color) / (albedo + model.ALBEDO_FLOOR)))]
+    if not config.reads_lrhs:
+        for level in range(1, FILTERED_LEVELS + 1):
+            lights.append(keep(f"pool.{level}", F.avg_pool2d(lights[-1], 2)))
+        return lights, None
     cells = F.avg_pool2d(albedo, config.scale) + model.ALBEDO_FLOOR
     own = keep("cell_light", compressed(lrhs / cells))
     pixels = config.scale**2
@@ -163,7 +169,10 @@ def filtered(light, guides, logits, coarse=None):
 
 
 def predict(network, lrhs, hrls, upsampled, centered, spp):
-    """Computes the encoded image of model.predict() for a pyramid network."""
+    """Computes the encoded image of model.predict() for a pyramid network.
+
+    At a scale of 1 `lrhs` is the color of HRLS.
+    """
     config, keep = network.config, network.keep
     multiple = 2 ** len(config.widths)
     low = padded(model.encode(lrhs, ("color",), config), multiple // config.scale)
@@ -174,7 +183,8 @@ def predict(network, lrhs, hrls, upsampled, centered, spp):
     guides = [Guides(high[:, 3:9])]
     for level in range(1, FILTERED_LEVELS + 1):
         guides.append(Guides(keep(f"guides.{level}", F.avg_pool2d(guides[-1].images, 2))))
-    rec, logits = network(torch.cat([lights[0], high], dim=1), torch.cat([low, own], dim=1), centered, spp)
+    both = None if own is None else torch.cat([low, own], dim=1)
+    rec, logits = network(torch.cat([lights[0], high], dim=1), both, centered, spp)
     coarse = None
     for level in reversed(range(1, FILTERED_LEVELS + 1)):
         coarse = keep(f"filter.{level}", filtered(lights[level], guides[level], logits[level], coarse))

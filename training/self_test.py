@@ -126,19 +126,19 @@ class Pyramid(unittest.TestCase):
             self.assertGreater(float((other - first).abs().max()), 1e-3)
 
     def test_at_another_scale_it_starts_as_it_was_without_lrhs(self):
-        half, quarter = random_pyramid(2), random_pyramid(4)
-        own = {key: value.clone() for key, value in quarter.state_dict().items()}
-        own["lrhs.by_spp"] = torch.zeros_like(own["lrhs.by_spp"])
-        quarter.load_state_dict(grow.rejoined(half.state_dict(), half.config, quarter.config, own))
+        half = random_pyramid(2)
         half.lrhs.weight.data[:, half.lrhs.weight.shape[0] :] = 0
         half.lrhs.by_spp.data.zero_()
-        high, (small, smaller) = torch.rand(1, 21, 32, 32), (torch.rand(1, 6, n, n) for n in (16, 8))
-        spp = torch.tensor([4.0, 2.0]).reshape(1, 2, 1, 1)
-        with torch.no_grad():
-            expected = half(high, small, torch.ones(1), spp)
-            result = quarter(high, smaller, torch.ones(1), spp)
-        torch.testing.assert_close(result[0], expected[0])
-        torch.testing.assert_close(result[1], expected[1])
+        high, spp = torch.rand(1, 21, 32, 32), torch.tensor([4.0, 2.0]).reshape(1, 2, 1, 1)
+        for scale in (4, 1):
+            other = random_pyramid(scale)
+            own = {key: value * (key != "lrhs.by_spp") for key, value in other.state_dict().items()}
+            other.load_state_dict(grow.rejoined(half.state_dict(), half.config, other.config, own))
+            with torch.no_grad():
+                expected = half(high, torch.rand(1, 6, 16, 16), torch.ones(1), spp)
+                result = other(high, torch.rand(1, 6, 8, 8) if scale == 4 else None, torch.ones(1), spp)
+            torch.testing.assert_close(result[0], expected[0])
+            torch.testing.assert_close(result[1], expected[1])
 
     def test_a_batch_is_its_images(self):
         network, lrhs, hrls = random_pyramid(4), torch.rand(2, 3, 4, 4), torch.rand(2, 18, 16, 16)

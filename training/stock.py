@@ -1,4 +1,4 @@
-"""Defines the stock models x{2,4}-{full,balanced,fast}."""
+"""Defines the stock models x{2,4}-{full,balanced,fast}, and denoise-balanced, which reads HRLS alone."""
 
 from model import Config
 
@@ -22,16 +22,21 @@ INPUTS = dict(
 HALF = dict(upscale="half", half_features=16, half_layers=2)  # gains nothing in x4-balanced
 # A size is features, growth, dense_layers, blocks, groups, head_features; full has the trunk of Hou et al. 2021.
 SIZES = {"full": (64, 64, 4, 5, 3, 48), "balanced": (48, 32, 4, 3, 2, 32), "fast": (24, 16, 3, 2, 1, 16)}
-# This is a pyramid network: the features of its levels, and of the full size.
-PYRAMIDS = {"x2-balanced": dict(widths=("48", "64", "80", "96"), upscaled_features=24)}
+# These are pyramid networks: the features of their levels, and of the full size.
+PYRAMIDS = dict.fromkeys(
+    ("x2-balanced", "denoise-balanced"), dict(widths=("48", "64", "80", "96"), upscaled_features=24)
+)
 
 
 def config(name, changes=()):
     """Returns the Config of a stock model by its name, with metadata entries changed, ENTRY=VALUE each."""
-    scale, size = name.removeprefix("x").split("-")
-    scale, (*trunk, head_features) = int(scale), SIZES[size]
+    kind, size = name.split("-")
+    scale, (*trunk, head_features) = 1 if kind == "denoise" else int(kind[1:]), SIZES[size]
     certainty = float(scale**2)  # a pixel of LRHS has as many samples as the s x s pixels of HRLS that it covers
-    if name in PYRAMIDS:
+    if scale == 1:
+        inputs = {key: value for key, value in INPUTS.items() if key != "lrhs_sampling"}
+        stock = Config(scale, **inputs, **PYRAMIDS[name], network="pyramid")
+    elif name in PYRAMIDS:
         stock = Config(scale, **INPUTS, **PYRAMIDS[name], network="pyramid", lrhs_certainty=certainty)
     else:
         choices = CHOICES | INPUTS | (HALF if (scale, size) == (4, "fast") else dict(upscale="direct"))
@@ -40,5 +45,5 @@ def config(name, changes=()):
 
 
 def names():
-    return [f"x{scale}-{size}" for scale in (2, 4) for size in SIZES]
+    return [*(f"x{scale}-{size}" for scale in (2, 4) for size in SIZES), "denoise-balanced"]
 

@@ -201,7 +201,10 @@ typedef struct raymeld_buffer_info {
 /* Writes the buffer's Vulkan handle and its size. */
 RAYMELD_API raymeld_result raymeld_buffer_get_info(raymeld_buffer buffer, raymeld_buffer_info* info);
 
-/* ---- A model: a network and its weights ---- */
+/* ---- A model: a network and its weights ----
+ *
+ * A model of scale 1 reads HRLS alone, and denoises it. It takes no LRHS: lrhs must be NULL, and what is said
+ * of the size of LRHS and of its brightness holds for HRLS and its color. */
 
 typedef struct raymeld_model_t* raymeld_model;
 
@@ -226,7 +229,7 @@ RAYMELD_API void raymeld_model_destroy(raymeld_model model); /* ignores NULL */
 typedef struct raymeld_model_info {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_model_info));
   const char* name RAYMELD_IS(NULL);
-  uint32_t scale RAYMELD_IS(0);       /* full-size pixels per LRHS pixel in each direction: 2, 4 or 8 */
+  uint32_t scale RAYMELD_IS(0);       /* full-size pixels per LRHS pixel in each direction: 1, 2, 4 or 8 */
   uint32_t layer_count RAYMELD_IS(0); /* the number of HRLS layers, three channels each */
   uint32_t optional_layer_count RAYMELD_IS(0);
   VkBool32 knows_spp RAYMELD_IS(VK_FALSE); /* VK_TRUE: raymeld_fusion_desc::lrhs_spp and hrls_spp matter */
@@ -234,6 +237,8 @@ typedef struct raymeld_model_info {
   const char* const* layers RAYMELD_IS(NULL);
   const char* const* optional_layers RAYMELD_IS(NULL); /* layers that the model was trained to do without */
   uint64_t parameters RAYMELD_IS(0);                   /* the number of weights and biases */
+  VkBool32 reads_lrhs RAYMELD_IS(VK_FALSE);            /* VK_TRUE: the scale is not 1 */
+  VkBool32 reads_hrls RAYMELD_IS(VK_FALSE);            /* VK_TRUE for all models of today */
 } raymeld_model_info;
 
 /* Writes the description of a model. */
@@ -528,8 +533,8 @@ typedef struct raymeld_status {
  * RAYMELD_ERROR_DEVICE or RAYMELD_ERROR_DEVICE_LOST if a call of Vulkan fails. */
 RAYMELD_API raymeld_result raymeld_take_status(raymeld_fusion fusion, raymeld_status* status);
 
-/* Fuses one frame of host memory, planar and dense: lrhs (3, h, w) and hrls (3 for each of the fusion's
- * layers, s h, s w) to fused (3, s h, s w), where (h, w) is the description's size. Works tile by tile if it
+/* Fuses one frame of host memory, planar and dense: lrhs (3, h, w), if the model reads it, and hrls (3 for
+ * each of the fusion's layers, s h, s w) to fused (3, s h, s w), where (h, w) is the description's size. Works tile by tile if it
  * must, submits to the queue and waits. No recorded frame may be pending. `status` may be NULL. Returns
  * RAYMELD_ERROR_NOT_FINITE if the network's output is not finite, and RAYMELD_ERROR_DEVICE or
  * RAYMELD_ERROR_DEVICE_LOST if a call of Vulkan fails. `fused` may hold some of the tiles after a failure. */

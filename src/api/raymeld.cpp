@@ -346,11 +346,18 @@ const raymeld_image* element(const raymeld_image* first, uint32_t i) {
   return at;
 }
 
+// Throws InvalidArgument if a model that reads no LRHS is given one.
+void check_lrhs(const Model& model, const void* lrhs) {
+  if (lrhs && !model.architecture().reads_lrhs())
+    throw InvalidArgument("model {} reads HRLS alone, so that lrhs must be NULL", model.name());
+}
+
 // Returns the images of a frame by slot; `shapes` are those of a tile.
 FrameBindings bindings_of(const raymeld_frame& frame, const std::array<Shape, 3>& shapes, FrameImages images,
                           std::span<const char* const> layers) {
   FrameBindings bindings;
-  bindings[kLrhsSlot] = binding_of(frame.lrhs, shapes[0], images.inputs, false, {"lrhs"});
+  if (shapes[0].channels > 0)
+    bindings[kLrhsSlot] = binding_of(frame.lrhs, shapes[0], images.inputs, false, {"lrhs"});
   bindings[kHrlsSlot] = binding_of(frame.hrls, shapes[1], images.inputs, false, {"hrls"});
   for (uint32_t i = 1; images.inputs && i < layers.size(); ++i) {
     bindings[layer_slot(i)] =
@@ -601,6 +608,8 @@ raymeld_result raymeld_model_get_info(raymeld_model model, raymeld_model_info* i
     known.optional_layers = state.optional_layers.data();
     known.knows_spp = state.model.architecture().knows_spp;
     known.parameters = state.model.parameters();
+    known.reads_lrhs = state.model.architecture().reads_lrhs();
+    known.reads_hrls = VK_TRUE;
     write(known, given(info, "info"), "raymeld_model_info");
   });
 }
@@ -698,6 +707,7 @@ raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands, c
     raymeld_fusion_t& made = given(fusion, "fusion");
     const raymeld_frame asked = read(given(frame, "frame"), "raymeld_frame");
     if (!commands) throw InvalidArgument("commands is VK_NULL_HANDLE");
+    check_lrhs(made.model->model, asked.lrhs);
     if (made.options.skip_unchanged)
       throw InvalidArgument(
           "raymeld_record() cannot find what changed in the inputs: skip_unchanged is for raymeld_fuse()");
@@ -767,7 +777,9 @@ raymeld_result raymeld_fuse(raymeld_fusion fusion, const float* lrhs, const floa
           "raymeld_submit()");
     if (status) size_of(*status, "raymeld_status");
     fusion->wait_for_submitted();
-    const FuseReport report = fuser.fuse(&given(lrhs, "lrhs"), &given(hrls, "hrls"), &given(fused, "fused"));
+    check_lrhs(made.model->model, lrhs);
+    if (made.model->model.architecture().reads_lrhs()) given(lrhs, "lrhs");
+    const FuseReport report = fuser.fuse(lrhs, &given(hrls, "hrls"), &given(fused, "fused"));
     raymeld_status known;
     known.saturated = report.status.saturated;
     known.not_finite = report.status.not_finite;

@@ -57,10 +57,14 @@ void add_removed(CLI::App& command) {
   }
 }
 
-void add_files(CLI::App& command, FuseArguments& a) {
-  command.add_option("--lrhs", a.lrhs, "Reads the small, many-sample render from this OpenEXR file")
-      ->required()
-      ->type_name("FILE");
+// Says which command an option is added to.
+enum class Command { kFuse, kDenoise };
+
+void add_files(CLI::App& command, Command of, FuseArguments& a) {
+  if (of == Command::kFuse) {
+    command.add_option("--lrhs", a.lrhs, "Reads the small, many-sample render from this OpenEXR file")
+        ->type_name("FILE");
+  }
   command
       .add_option("--hrls", a.hrls,
                   "Reads the full-size, few-sample render and its guide layers from this OpenEXR file")
@@ -84,13 +88,19 @@ void add_files(CLI::App& command, FuseArguments& a) {
       ->allow_extra_args(false);
 }
 
-void add_more_files(CLI::App& command, FuseArguments& a) {
+// Adds an option for the samples a pixel of a render.
+void add_samples(CLI::App& command, const std::string& name, float& count, const char* render) {
   command
-      .add_option(
-          "--guides", a.guides,
-          "Reads albedo and normal from this OpenEXR file instead of HRLS: a render as large as HRLS, "
-          "with more samples")
-      ->type_name("FILE");
+      .add_option(name, count,
+                  fmt::format("Says how many samples a pixel of {} has, for models that know it; Cycles "
+                              "writes it into its files",
+                              render))
+      ->check(CLI::PositiveNumber)
+      ->type_name("N");
+}
+
+// Adds the options about LRHS, which only `fuse` has.
+void add_lrhs(CLI::App& command, FuseArguments& a) {
   command
       .add_option("--map-lrhs", a.lrhs_map, "Maps channels to layers, as --map does, in the LRHS file alone")
       ->type_name("ITEM")
@@ -103,21 +113,23 @@ void add_more_files(CLI::App& command, FuseArguments& a) {
           "pixels of both files)")
       ->check(CLI::IsMember({"auto", "nearest", "centered"}))
       ->capture_default_str();
-  for (const auto& [name, count, file] :
-       {std::tuple("--lrhs-spp", &a.samples.lrhs, "LRHS"), {"--hrls-spp", &a.samples.hrls, "HRLS"}}) {
-    command
-        .add_option(name, *count,
-                    fmt::format("Says how many samples a pixel of {} has, for models that know it; Cycles "
-                                "writes it into its files",
-                                file))
-        ->check(CLI::PositiveNumber)
-        ->type_name("N");
-  }
+  add_samples(command, "--lrhs-spp", a.samples.lrhs, "LRHS");
   add_named<PairCheck>(
       command, "--pair-check", a.pair_check,
       {{"refuse", PairCheck::kRefuse}, {"warn", PairCheck::kWarn}, {"off", PairCheck::kOff}},
       "Refuses files that show different things, warns of them, or does not check; refuse and warn also "
       "make LRHS as bright as HRLS");
+}
+
+void add_more_files(CLI::App& command, Command of, FuseArguments& a) {
+  command
+      .add_option(
+          "--guides", a.guides,
+          "Reads albedo and normal from this OpenEXR file instead of HRLS: a render as large as HRLS, "
+          "with more samples")
+      ->type_name("FILE");
+  if (of == Command::kFuse) add_lrhs(command, a);
+  add_samples(command, "--hrls-spp", a.samples.hrls, "HRLS");
   add_parsed(
       command, "--window", a.window, parse_window,
       "Fuses and writes only this part of HRLS, in pixel coordinates of its file; the result is as in the "
@@ -135,7 +147,8 @@ void add_more_files(CLI::App& command, FuseArguments& a) {
                    "Copies all HRLS channels that are not fused to the output, bit by bit");
   command
       .add_option("--preview-before-after", a.before_after,
-                  "Writes a PNG with bicubic LRHS, HRLS, fused and, if given, the reference side by side")
+                  "Writes a PNG with the inputs, LRHS by bicubic interpolation, the fused image and, if "
+                  "given, the reference side by side")
       ->type_name("FILE")
       ->check(ends_in(".png"));
   command.add_option("--exposure", a.exposure_stops, "Brightens the previews by this many stops")
@@ -194,7 +207,8 @@ void add_run(CLI::App& command, FuseArguments& a) {
   add_parsed(
       command, "--input-exposure", a.input_exposure, parse_exposure,
       "Multiplies the network's input radiance by this factor and divides its output by it: a number, off "
-      "(1), or auto (found from LRHS for models that were trained at one brightness, else 1)")
+      "(1), or auto (found from LRHS, or from HRLS where there is none, for models that were trained at one "
+      "brightness, else 1)")
       ->type_name("auto|off|FACTOR")
       ->default_str("auto");
 }
@@ -226,7 +240,7 @@ CLI::Option* add_frames(CLI::App& command, SequenceArguments& a) {
   return add_parsed(
              command, "--frames", a.frames, parse_frames,
              "Fuses a sequence of frames, such as 1-240, 1-240x2 or 1-10,15. In each file name the last run "
-             "of # stands for the frame's number, padded to the run's length; one of --lrhs and --hrls "
+             "of # stands for the frame's number, padded to the run's length; an input that all frames share "
              "may have none")
       ->type_name("RANGES");
 }
@@ -252,10 +266,10 @@ void add_more_sequence(CLI::App& command, CLI::Option* frames, SequenceArguments
 }
 
 // Each option goes to the group that is set when it is added.
-void add_options(CLI::App& command, FuseArguments& a, SequenceArguments& sequence) {
+void add_options(CLI::App& command, Command of, FuseArguments& a, SequenceArguments& sequence) {
   const auto group = [&](const char* name) { command.option_defaults()->group(name); };
   group("Files");
-  add_files(command, a);
+  add_files(command, of, a);
   add_removed(command);
   group("Model and sequence");
   add_model(command, a);
@@ -264,31 +278,54 @@ void add_options(CLI::App& command, FuseArguments& a, SequenceArguments& sequenc
   add_reports(command, a);
   group(kMoreOptions);
   add_more_sequence(command, frames, sequence, a);
-  add_more_files(command, a);
+  add_more_files(command, of, a);
   add_run(command, a);
   add_more_reports(command, a);
 }
 
-}  // namespace
-
-void add_fuse(CLI::App& app) {
+// Adds a command that makes an image of one render or two.
+CLI::App* add_command(CLI::App& app, Command of, const char* name, const char* description) {
   auto arguments = std::make_shared<FuseArguments>();
   auto sequence = std::make_shared<SequenceArguments>();
-  CLI::App* command = app.add_subcommand("fuse", "Fuses an LRHS and an HRLS render, or sequences of them");
-  add_options(*command, *arguments, *sequence);
-  command->footer(
-      "NaN in the inputs is read as 0 and infinities as +-65504; a warning gives their number.\n\n"
-      "Examples:\n"
-      "  raymeld fuse --lrhs low.exr --hrls high.exr -o fused.exr --preview fused.png\n"
-      "  raymeld fuse --lrhs low.exr --hrls high.exr -o fused.exr --model x4-fast --reference truth.exr\n"
-      "  raymeld fuse --lrhs low.exr --hrls high.exr --map cycles --map albedo=ViewLayer.DiffCol --dry-run\n"
-      "  raymeld fuse --lrhs low.####.exr --hrls high.####.exr -o fused.####.exr --frames 1-240 --resume");
-  command->callback([arguments, sequence] {
+  CLI::App* command = app.add_subcommand(name, description);
+  add_options(*command, of, *arguments, *sequence);
+  command->callback([of, arguments, sequence] {
+    if (of == Command::kFuse && arguments->lrhs.empty())
+      throw CLI::RequiredError("--lrhs is required; raymeld denoise takes --hrls alone",
+                               CLI::ExitCodes::RequiredError);
     if (arguments->output.empty() && !arguments->dry_run) throw CLI::RequiredError("--output");
     if (!sequence->frames.empty()) return run_sequence(*sequence, *arguments);
     check_no_patterns(*arguments);
     run_fuse(*arguments);
   });
+  return command;
+}
+
+constexpr const char* kNotFinite =
+    "NaN in the inputs is read as 0 and infinities as +-65504; a warning gives their number.\n\n";
+
+}  // namespace
+
+void add_fuse(CLI::App& app) {
+  add_command(app, Command::kFuse, "fuse", "Fuses an LRHS and an HRLS render, or sequences of them")
+      ->footer(
+          std::string(kNotFinite) +
+          "Examples:\n"
+          "  raymeld fuse --lrhs low.exr --hrls high.exr -o fused.exr --preview fused.png\n"
+          "  raymeld fuse --lrhs low.exr --hrls high.exr -o fused.exr --model x4-fast --reference truth.exr\n"
+          "  raymeld fuse --lrhs low.exr --hrls high.exr --map cycles --map albedo=ViewLayer.DiffCol "
+          "--dry-run\n"
+          "  raymeld fuse --lrhs low.####.exr --hrls high.####.exr -o fused.####.exr --frames 1-240 "
+          "--resume");
+}
+
+void add_denoise(CLI::App& app) {
+  add_command(app, Command::kDenoise, "denoise",
+              "Denoises an HRLS render, or a sequence of them, without LRHS")
+      ->footer(std::string(kNotFinite) +
+               "Examples:\n"
+               "  raymeld denoise --hrls render.exr -o denoised.exr --preview denoised.png\n"
+               "  raymeld denoise --hrls render.####.exr -o denoised.####.exr --frames 1-240 --resume");
 }
 
 }  // namespace raymeld::cli

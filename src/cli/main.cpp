@@ -41,6 +41,7 @@ void set_up(CLI::App& app) {
       "Exit status: 0 success, 1 internal error, 2 wrong usage, bad input or failing device, 130 "
       "interrupted.");
   add_fuse(app);
+  add_denoise(app);
   add_devices(app);
   add_compare(app);
   add_degrade(app);

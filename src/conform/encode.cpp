@@ -110,7 +110,7 @@ void check_above_clip(Check& check, const Target& target, const Size& size, cons
   const FrameImage frame(target.device, image, frame_layouts()[encoding.layout]);
   LayerRun run(target, precision, method.addressed);
   const Tensor out = run.tensor("out", image.c, image.h, image.w);
-  above_clip(run.graph(), "above_clip", out, encoding.clip);
+  above_clip(run.graph(), "above_clip", kLrhsSlot, out, encoding.clip);
   run.run(frame.frame(kLrhsSlot), encoding.exposure);
   check.within(run.read(out), reference::above_clip(image, encoding.clip, precision, encoding.exposure));
 }

@@ -20,7 +20,7 @@ Planes found(Check& check, const Target& target, const Planes& lrhs, float key, 
              Precision precision) {
   const FrameImage frame(target.device, lrhs, frame_layouts()[layout]);
   LayerRun run(target, precision);
-  exposure(run.graph(), "exposure", uint32_t(lrhs.h), uint32_t(lrhs.w), key);
+  exposure(run.graph(), "exposure", kLrhsSlot, uint32_t(lrhs.h), uint32_t(lrhs.w), key);
   run.run(frame.frame(kLrhsSlot), 7);
   check.that(frame.touched_outside() == 0, "wrote outside the image");
   const Exposure written = run.exposure();

@@ -43,10 +43,12 @@ std::map<std::string, std::string> metadata_of(const Architecture& a) {
       {"transfer", a.transfer == reference::Transfer::kLog ? "log" : "linear"},
       {"clip", fmt::format("{}", a.clip)},
       {"upscaled_features", std::to_string(a.upscaled())},
-      {"lrhs_sampling", a.both_samplings ? "nearest,centered" : "nearest"},
       {"optional_layers", ""},
-      {"exposure_key", "0"},
-      {"lrhs_certainty", fmt::format("{}", a.lrhs_certainty)}};
+      {"exposure_key", "0"}};
+  if (a.scale > 1) {
+    shared.insert({{"lrhs_sampling", a.both_samplings ? "nearest,centered" : "nearest"},
+                   {"lrhs_certainty", fmt::format("{}", a.lrhs_certainty)}});
+  }
   if (a.is_pyramid()) {
     shared.insert({{"network", "pyramid"}, {"widths", fmt::format("{}", fmt::join(a.widths, ","))}});
     return shared;
@@ -140,13 +142,15 @@ Architecture read_architecture(const std::filesystem::path& model) {
     std::vector<int> widths;
     std::istringstream stream(metadata.at("widths"));
     for (std::string width; std::getline(stream, width, ',');) widths.push_back(std::stoi(width));
+    const bool reads_lrhs = number("scale") > 1;
+    const auto text = [&](const char* key) { return reads_lrhs ? metadata.at(key) : ""; };
     return {.scale = number("scale"),
             .hrls_layers = layer_kinds(metadata.at("hrls_layers")),
             .transfer = metadata.at("transfer") == "log" ? Transfer::kLog : Transfer::kLinear,
             .clip = std::stof(metadata.at("clip")),
-            .both_samplings = metadata.at("lrhs_sampling").find(',') != std::string::npos,
+            .both_samplings = text("lrhs_sampling").find(',') != std::string::npos,
             .upscaled_features = number("upscaled_features"),
-            .lrhs_certainty = std::stof(metadata.at("lrhs_certainty")),
+            .lrhs_certainty = reads_lrhs ? std::stof(text("lrhs_certainty")) : 0,
             .knows_spp = metadata.contains("knows_spp") && metadata.at("knows_spp") == "true",
             .widths = widths};
   }

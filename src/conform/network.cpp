@@ -69,10 +69,12 @@ void agree(const Collector& collector, const std::string& name, const NetworkTri
 
 Subject make_subject(const Architecture& a, int height, int width, uint64_t seed) {
   using reference::Fill, reference::random_planes;
-  return {a, reference::random_weights(a, Precision::kFp32, seed),
-          random_planes(3, height, width, Fill::kUniform, seed + 1000),
-          random_planes(3 * int(a.hrls_layers.size()), a.scale * height, a.scale * width, Fill::kUniform,
-                        seed + 2000)};
+  Subject subject{a, reference::random_weights(a, Precision::kFp32, seed),
+                  random_planes(3, height, width, Fill::kUniform, seed + 1000),
+                  random_planes(3 * int(a.hrls_layers.size()), a.scale * height, a.scale * width,
+                                Fill::kUniform, seed + 2000)};
+  if (a.scale == 1) subject.lrhs = slice(reference::exact(subject.hrls), 0, 3).value;
+  return subject;
 }
 
 NetworkRun run_network(const Target& target, const Model& model, const Subject& subject,

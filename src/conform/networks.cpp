@@ -209,7 +209,7 @@ std::vector<Variant> variants() {
                         .joint_widths = {1, 0.5, 2, 3, 1, 1, 1.5, 0.7, 1, 6, 2, 0.8, 8, 2, 1}},
        .height = 1,
        .width = 1},
-      // These are pyramids.
+      // These are pyramids, the last one without LRHS.
       {.architecture = {.scale = 2,
                         .hrls_layers = {kRadiance, kAlbedo, kNormal, kRadiance, kVariance},
                         .transfer = kLog,
@@ -238,6 +238,14 @@ std::vector<Variant> variants() {
                         .widths = {2, 3, 4, 5}},
        .height = 2,
        .width = 1},
+      {.architecture = {.scale = 1,
+                        .hrls_layers = {kRadiance, kAlbedo, kNormal, kVariance},
+                        .transfer = kLog,
+                        .clip = 50,
+                        .upscaled_features = 3,
+                        .widths = {4, 3, 2, 5}},
+       .height = 18,
+       .width = 5},
   };
 }
 
@@ -250,7 +258,9 @@ void conform_network(Collector& collector) {
     const float phase = i % 2 ? (float(a.scale) - 1) / 2 : 0,
                 exposure = std::array{1.0f, 0.037f, 2.3f}[i % 3];
     Subject subject = make_subject(a, height, width, 100 + i);
-    subject.lrhs.at(0, 0, 0) = float(2 * a.clip / exposure);  // half of it is above the clip
+    const auto bright = float(2 * a.clip / exposure);  // half of it is above the clip
+    subject.lrhs.at(0, 0, 0) = bright;
+    if (a.scale == 1) subject.hrls.at(0, 0, 0) = bright;
     const std::string name = fmt::format("{}: x{}, {} features, phase {:g}, {} x {}", i, a.scale,
                                          a.is_pyramid() ? a.widths[0] : a.features, phase, height, width);
     // A quick test runs each method once in each precision, and the network with the joint base by address.

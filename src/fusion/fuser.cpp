@@ -78,7 +78,8 @@ Program& Fuser::exposure_program(TileSize size) {
   const auto [height, width] = size;
   if (!exposures_.contains({height, width})) {
     Graph graph(options_.storage, false, false, options_.frame_images);
-    raymeld::exposure(graph, "exposure", height, width, model_.architecture().exposure_key);
+    const Architecture& a = model_.architecture();
+    raymeld::exposure(graph, "exposure", a.bright_slot(), height, width, a.exposure_key);
     graph.plan();
     exposures_.try_emplace({height, width}, std::move(graph), *program_, cache_);
   }
@@ -179,9 +180,10 @@ void Fuser::prepare_host() {
   if (host_) return;
   auto host = std::make_unique<Host>(device_);
   const auto shapes = image_shapes(plan_.tiling.tile);
-  host->lrhs = Buffer(device_, frame_bytes(shapes[0]), Memory::kDevice, "lrhs");
+  const bool reads_lrhs = shapes[0].channels > 0;
+  if (reads_lrhs) host->lrhs = Buffer(device_, frame_bytes(shapes[0]), Memory::kDevice, "lrhs");
   host->hrls = Buffer(device_, frame_bytes(shapes[1]), Memory::kDevice, "hrls");
-  if (!host->lrhs.mapped() || !host->hrls.mapped())
+  if ((reads_lrhs && !host->lrhs.mapped()) || !host->hrls.mapped())
     host->staging.emplace(device_, shapes[1].width * sizeof(float));
   host->fused = Buffer(device_, frame_bytes(shapes[2]), Memory::kReadback, "fused");
   program_->bind(kHostSet, bindings(dense_view(host->lrhs, shapes[0]), dense_view(host->hrls, shapes[1]),
@@ -211,6 +213,7 @@ void Fuser::record_chunks(Host& host) const {
 void Fuser::check_sizes(const Image& lrhs, const Image& hrls) const {
   const auto shapes = image_shapes(plan_.tiling.frame);
   const auto check_size = [](const char* role, const Image& image, const Shape& shape) {
+    if (shape.channels == 0) return;  // it is not read
     if (image.height == static_cast<int>(shape.height) && image.width == static_cast<int>(shape.width) &&
         image.channels == static_cast<int>(shape.channels)) {
       return;
@@ -235,6 +238,7 @@ FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const
                        float exposure, size_t sequence) {
   if (exposure != 0) check_exposure(exposure);
   if (options_.frame_images.any()) throw Error("fuse() cannot be used with frame_images, expected record()");
+  if (!model_.architecture().reads_lrhs()) lrhs = hrls;  // which begins with its color
   // The default exposure is the whole frame's, so that all tiles have the same.
   const float factor = exposure != 0 ? exposure : this->exposure(lrhs);
   if (options_.skip_unchanged) {

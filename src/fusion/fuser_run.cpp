@@ -136,6 +136,7 @@ std::array<Fuser::ImageWindow, 2> Fuser::windows(const float* lrhs, const float*
 }
 
 void Fuser::upload(const ImageWindow& window, const Buffer& to) {
+  if (window.rows() == 0) return;
   if (to.mapped()) {
     window.copy(0, window.rows(), static_cast<float*>(to.mapped()));
     return to.flush();

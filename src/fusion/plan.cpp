@@ -154,7 +154,8 @@ std::array<Shape, 3> frame_shapes(const Model& model, TileSize tile, const Const
       static_cast<uint32_t>(std::ranges::count_if(a.hrls_layers, [&](const std::string& layer) {
         return !constants.contains(layer) && !(compute_variance && layer == "variance");
       }));
-  return {Shape{tile.height, tile.width, 3}, Shape{height, width, 3 * layers}, Shape{height, width, 3}};
+  return {Shape{tile.height, tile.width, a.reads_lrhs() ? 3u : 0u}, Shape{height, width, 3 * layers},
+          Shape{height, width, 3}};
 }
 
 uint64_t frame_bytes(const Shape& shape) { return shape.pixels() * shape.channels * sizeof(float); }

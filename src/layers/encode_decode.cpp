@@ -102,11 +102,11 @@ void variance(Graph& graph, const std::string& name, const Tensor& out, Transfer
   graph.add(std::move(pass));
 }
 
-void above_clip(Graph& graph, const std::string& name, const Tensor& out, float clip) {
+void above_clip(Graph& graph, const std::string& name, FrameSlot slot, const Tensor& out, float clip) {
   check_clip(name, clip);
   Pass pass =
       pass_of(graph, name, graph.frame_images().inputs ? shaders::kAboveClipImage : shaders::kAboveClip,
-              {frame_binding(graph, kLrhsSlot), exposure_binding(), write_binding(out)});
+              {frame_binding(graph, slot), exposure_binding(), write_binding(out)});
   pass.set_push(params::AboveClip{{}, out.shape.height, out.shape.width, graph.plane(out), clip});
   pass.groups = element_groups(out.shape);
   pass.bytes = elements(out) * static_cast<double>(4 + element_bytes(graph.storage()));

@@ -1,4 +1,4 @@
-// Adds the layer that computes the exposure of LRHS, in two passes.
+// Adds the layer that computes the exposure of an image, in two passes.
 #include <algorithm>
 #include <cmath>
 
@@ -8,7 +8,8 @@
 
 namespace raymeld {
 
-void exposure(Graph& graph, const std::string& name, uint32_t height, uint32_t width, float key) {
+void exposure(Graph& graph, const std::string& name, FrameSlot slot, uint32_t height, uint32_t width,
+              float key) {
   constexpr uint32_t kMostSums = RAYMELD_SUMMANDS;  // a workgroup sums up no more
   const double pixels = double(height) * width;
   const bool possible = pixels > 0 && pixels < double{1u << 31} && key > 0;
@@ -20,7 +21,7 @@ void exposure(Graph& graph, const std::string& name, uint32_t height, uint32_t w
   Pass first;
   first.name = name;
   first.shader = &(graph.frame_images().inputs ? shaders::kExposureSumsImage : shaders::kExposureSums);
-  first.bindings = {frame_binding(graph, kLrhsSlot), write_binding(sums)};
+  first.bindings = {frame_binding(graph, slot), write_binding(sums)};
   first.set_push(params::ExposureSums{{}, height, width, count * RAYMELD_SUMMANDS});
   first.groups = {count, 1, 1};
   first.bytes = 3 * sizeof(float) * pixels;

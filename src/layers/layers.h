@@ -143,9 +143,10 @@ struct Conv2dLink {
 // between them are in memory at a time, unless the graph is to keep() it.
 void conv2d_chain(Graph& graph, std::span<const Conv2dLink> links);
 
-// Writes the recording's exposure for the passes after it: exposure_of() LRHS (h, w, 3), in 32 bits, by sums
-// in a fixed order. Subnormal values may count as 0.
-void exposure(Graph& graph, const std::string& name, uint32_t height, uint32_t width, float key);
+// Writes the recording's exposure for the passes after it: exposure_of() the first three channels (h, w, 3) of
+// the image in `slot`, in 32 bits, by sums in a fixed order. Subnormal values may count as 0.
+void exposure(Graph& graph, const std::string& name, FrameSlot slot, uint32_t height, uint32_t width,
+              float key);
 
 // Says how a channel of an input image is brought into the network's range.
 enum class ChannelKind : uint32_t { kRadiance, kAlbedo, kNormal, kVariance };
@@ -180,9 +181,9 @@ void encode(Graph& graph, const std::string& name, FrameSlot slot, const Tensor&
 void variance(Graph& graph, const std::string& name, const Tensor& out, Transfer transfer, float clip,
               const std::optional<FrameSize>& frame = {});
 
-// Writes the radiance of LRHS above the clip, scene linear (h, w, c): max(0, x - clip / exposure), at
-// most 65504; NaN counts as 0.
-void above_clip(Graph& graph, const std::string& name, const Tensor& out, float clip);
+// Writes the radiance above the clip of the image in `slot`, scene linear (h, w, c): max(0, x - clip /
+// exposure), at most 65504; NaN counts as 0.
+void above_clip(Graph& graph, const std::string& name, FrameSlot slot, const Tensor& out, float clip);
 
 struct DecodeOptions {
   Transfer transfer = Transfer::kLinear;

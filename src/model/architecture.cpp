@@ -187,17 +187,21 @@ Architecture parse_architecture(const Metadata& metadata, const std::string& fil
   if (entries.text("format") != "raymeld.model") entries.reject("format", "\"raymeld.model\"");
   if (entries.text("format_version") != "1") entries.reject("format_version", "\"1\"");
   Architecture a;
-  a.scale = entries.integer("scale", 2, 8);
-  if (a.scale != 2 && a.scale != 4 && a.scale != 8) entries.reject("scale", "2, 4 or 8");
+  const bool pyramid = entries.has("network") && entries.choice("network", "pyramid", "fusion");
+  const std::string scales = pyramid ? "1, 2, 4 or 8" : "2, 4 or 8";
+  a.scale = entries.integer("scale", pyramid ? 1 : 2, 8);
+  if (!std::has_single_bit(a.scale)) entries.reject("scale", scales);
   a.hrls_layers = hrls_layers(entries);
   a.optional_layers = optional_layers(entries, a.hrls_layers);
   a.transfer = entries.choice("transfer", "log", "linear") ? Transfer::kLog : Transfer::kLinear;
   a.clip = entries.number("clip", false);
   a.exposure_key = entries.number("exposure_key", true);
-  a.lrhs_certainty = entries.number("lrhs_certainty", true);
   a.knows_spp = entries.has("knows_spp") && entries.choice("knows_spp", "true", "false");
-  parse_sampling(entries, a);
-  if (entries.has("network") && entries.choice("network", "pyramid", "fusion")) {
+  if (a.reads_lrhs()) {
+    a.lrhs_certainty = entries.number("lrhs_certainty", true);
+    parse_sampling(entries, a);
+  }
+  if (pyramid) {
     parse_pyramid(entries, a);
     return a;
   }

@@ -36,7 +36,8 @@ void Model::check_tensors() const {
     used.insert("lrhs.centered_bias");
   }
   if (architecture_.knows_spp) {  // network() asked for these
-    used.insert({"lrhs.by_spp", "hrls.by_spp"});
+    used.insert("hrls.by_spp");
+    if (architecture_.reads_lrhs()) used.insert("lrhs.by_spp");
     if (architecture_.base == Base::kJoint)
       used.insert({"joint.widths", "joint.widths_by_spp", "joint.certainty"});
   }

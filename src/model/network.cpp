@@ -196,7 +196,7 @@ void add_fusion_network(FusionBuilder& build, uint32_t height, uint32_t width, f
   encode(graph, "encode.lrhs", kLrhsSlot, lrhs.slice(0, 3), lrhs_channels, a.transfer, a.clip);
   build.encode_hrls("encode.hrls", hrls, 0, layers);
   const Tensor bright = build.tensor("above_clip", height, width, 3);
-  above_clip(graph, "above_clip", bright, a.clip);
+  above_clip(graph, "above_clip", kLrhsSlot, bright, a.clip);
   if (joint) build.joint_candidates(lrhs, hrls, filtered, joint_options);
 
   const Tensor convolved = hrls.slice(hrls_channels.unread, k - hrls_channels.unread);

@@ -6,7 +6,7 @@
 
 namespace raymeld {
 
-// Adds the whole network to the graph. It reads LRHS (height, width, 3) in kLrhsSlot, and the K channels of
+// Adds the whole network to the graph. It reads LRHS (height, width, 3) in kLrhsSlot, if at all, and the K channels of
 // image_layers() of HRLS (s height, s width, K) in kHrlsSlot or, as images, each layer in its layer_slot().
 // It writes the fused image (s height, s width, 3). `phase` says where LRHS samples lie in their s x s
 // full-size pixels (see DecodeOptions), and `choose` how each convolution is computed. `exponents` are those

@@ -1,7 +1,8 @@
 // Builds the pyramid network: a U-Net (Ronneberger et al. 2015) of four levels, of half the full size and so
 // on, which predicts kernels for each pixel of the full size and of three of these levels (Bako et al. 2017,
 // Vogels et al. 2018). They filter the light of both renders, from the coarsest to the finest. LRHS joins
-// the level of its own size. Frames are padded to whole pixels of the coarsest level.
+// the level of its own size; a network of scale 1 has none, and filters that of HRLS. Frames are padded to
+// whole pixels of the coarsest level.
 #include <array>
 #include <optional>
 
@@ -28,8 +29,17 @@ struct Pyramid {
   }
   uint32_t features(uint32_t level) const { return a.widths[level - 1]; }
 
+  // Adds LRHS (height, width, 6): its encoded color, and its light.
+  Tensor encoded_lrhs(const Tensor& albedo) const {
+    const std::vector<EncodedChannel> channels{{.channel = 0}, {.channel = 1}, {.channel = 2}};
+    const Tensor lrhs = build.tensor("encode.lrhs", height, width, 6), color = lrhs.slice(0, 3);
+    encode(build.graph, "encode.lrhs", kLrhsSlot, color, channels, a.transfer, a.clip, low_frame);
+    cell_light(build.graph, "cell_light", color, albedo, lrhs.slice(3, 3), a.transfer, a.scale);
+    return lrhs;
+  }
+
   // Adds a 3x3 convolution that adds to its input; that of LRHS's level reads LRHS too.
-  Tensor own_layer(uint32_t level, const Tensor& x, const Tensor& lrhs) const {
+  Tensor own_layer(uint32_t level, const Tensor& x, const std::optional<Tensor>& lrhs) const {
     const bool joins = level == a.levels();
     const std::string name = joins ? "lrhs" : fmt::format("level.{}", level);
     const Tensor out = tensor(name, level, features(level));
@@ -78,24 +88,23 @@ struct Pyramid {
 
   void add() const {
     Graph& graph = build.graph;
-    const std::vector<EncodedChannel> lrhs_channels{{.channel = 0}, {.channel = 1}, {.channel = 2}};
     const auto layers = static_cast<uint32_t>(build.hrls_channels.encoded.size());
-    const Tensor lrhs = build.tensor("encode.lrhs", height, width, 6);
     const Tensor inputs = tensor("encode.hrls", 0, 3 + layers), lit = inputs.slice(0, 3);
     const Tensor hrls = inputs.slice(3, layers), albedo = build.layer(hrls, "albedo");
-    encode(graph, "encode.lrhs", kLrhsSlot, lrhs.slice(0, 3), lrhs_channels, a.transfer, a.clip, low_frame);
+    const Tensor color = build.layer(hrls, "color");
     build.encode_hrls("encode.hrls", hrls, 0, layers, full_frame);
     const Tensor bright = build.tensor("above_clip", low_frame.height, low_frame.width, 3);
-    above_clip(graph, "above_clip", bright, a.clip);
-    light(graph, "light", build.layer(hrls, "color"), albedo, lit, a.transfer);
-    cell_light(graph, "cell_light", lrhs.slice(0, 3), albedo, lrhs.slice(3, 3), a.transfer, a.scale);
+    above_clip(graph, "above_clip", a.bright_slot(), bright, a.clip);
+    light(graph, "light", color, albedo, lit, a.transfer);
+    std::optional<Tensor> lrhs;
+    if (a.reads_lrhs()) lrhs = encoded_lrhs(albedo);
     std::array<Tensor, kFilteredLevels + 1> lights{lit}, guides{hrls.slice(3, 6)};
     for (uint32_t level = 1; level <= kFilteredLevels; ++level) {
       const std::string name = fmt::format("pool.{}", level);
       lights[level] = tensor(name, level, 3);
-      const Blend blend{lrhs.slice(3, 3), lrhs_share()};
-      pool(graph, name, lights[level - 1], lights[level],
-           level == a.levels() ? std::optional(blend) : std::nullopt);
+      std::optional<Blend> blend;
+      if (level == a.levels()) blend = {lrhs->slice(3, 3), lrhs_share()};
+      pool(graph, name, lights[level - 1], lights[level], blend);
       guides[level] = tensor(fmt::format("guides.{}", level), level, 6);
       pool(graph, fmt::format("guides.{}", level), guides[level - 1], guides[level]);
     }
@@ -127,8 +136,8 @@ struct Pyramid {
     const Tensor filtered = tensor("filter.0", 0, 3), fused = tensor("compose", 0, 3);
     kernel_filter(graph, "filter.0", lit, rec.slice(kComposed, kLogits), filtered, kSide,
                   {coarse, guides[0]});
-    compose(graph, "compose", rec.slice(0, kComposed), filtered, guides[0], lrhs.slice(0, 3), fused,
-            a.transfer, a.scale, phase);
+    compose(graph, "compose", rec.slice(0, kComposed), filtered, guides[0], lrhs ? lrhs->slice(0, 3) : color,
+            fused, a.transfer, a.scale, phase);
     decode(graph, "decode", fused, {a.transfer, nullptr, a.scale, phase, &bright, a.clip, full_frame});
   }
 };

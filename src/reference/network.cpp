@@ -212,15 +212,16 @@ Outputs pyramid_outputs(Run& run, const Architecture& a, const Frame& frame, Pre
   const auto& [lrhs, hrls, phase, exposure] = frame;
   const int levels = int(a.widths.size()), grid = a.grid(), s = a.scale;
   const int h = (lrhs.h + grid - 1) / grid * grid, w = (lrhs.w + grid - 1) / grid * grid;
-  const Bounded low =
-      run.keep("encode.lrhs",
-               fitted(encode(lrhs, LayerKind::kRadiance, a.transfer, a.clip, precision, exposure), h, w));
   const Bounded high =
       run.keep("encode.hrls", fitted(encode_all(a, hrls, precision, exposure), s * h, s * w));
+  Bounded low = slice(high, 0, 3), cell;
+  if (s > 1)
+    low = run.keep("encode.lrhs",
+                   fitted(encode(lrhs, LayerKind::kRadiance, a.transfer, a.clip, precision, exposure), h, w));
   const Bounded above = run.keep("above_clip", above_clip(lrhs, a.clip, precision, exposure));
   const Bounded albedo = slice(high, 3, 3);
   std::vector<Bounded> lights{run.keep("light", light(slice(high, 0, 3), albedo, a.transfer, precision))};
-  const Bounded cell = run.keep("cell_light", cell_light(low, albedo, a.transfer, s, precision));
+  if (s > 1) cell = run.keep("cell_light", cell_light(low, albedo, a.transfer, s, precision));
   std::vector<Bounded> guides{slice(high, 3, 6)};
   const double share = a.lrhs_certainty / (a.lrhs_certainty + s * s);
   for (int level = 1; level < levels; ++level) {
@@ -298,6 +299,7 @@ Outputs outputs_of(Run& run, const Architecture& a, const Frame& frame, Precisio
 void take_samples(Architecture& architecture, Weights& weights, double lrhs_spp, double hrls_spp) {
   if (!architecture.knows_spp) return;
   for (const auto& [name, spp] : {std::pair("lrhs", lrhs_spp), {"hrls", hrls_spp}}) {
+    if (!weights.contains(name)) continue;  // a network of scale 1 has no layer for LRHS
     Conv& conv = weights.at(name);
     for (std::vector<double>* bias : {&conv.bias, &conv.centered_bias})
       for (size_t o = 0; o < bias->size(); ++o) (*bias)[o] += conv.by_spp[o] * std::log2(spp);

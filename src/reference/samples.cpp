@@ -91,7 +91,7 @@ Weights random_weights(const Architecture& a, Precision precision, uint64_t seed
   };
   if (a.is_pyramid()) {
     make_pyramid(a, make);
-    add_centered_bias(a.widths[size_t(std::countr_zero(unsigned(a.scale))) - 1]);
+    if (a.scale > 1) add_centered_bias(a.widths[size_t(std::countr_zero(unsigned(a.scale))) - 1]);
     return weights;
   }
   const int features = a.features, steps = std::countr_zero(unsigned(a.scale));

@@ -113,7 +113,7 @@ class FrameTextureTest : public testing::Test {
     desc.input_images = desc.output_image = VK_FALSE;
     Fusion fusion(context_, *model_, desc);
     std::vector<float> fused(lrhs.size() * fusion.info().scale * fusion.info().scale);
-    fusion.fuse(lrhs.data(), hrls.data(), fused.data());
+    fusion.fuse(model_->info().reads_lrhs ? lrhs.data() : nullptr, hrls.data(), fused.data());
     return fused;
   }
 
@@ -140,7 +140,7 @@ class FrameTextureTest : public testing::Test {
   void run(Fusion& fusion, const raymeld_image& lrhs, const std::vector<raymeld_image>& hrls,
            const raymeld_image& fused) {
     raymeld_frame frame;
-    frame.lrhs = &lrhs;
+    if (model_->info().reads_lrhs) frame.lrhs = &lrhs;
     frame.hrls = hrls.data();
     frame.fused = &fused;
     Commands pool(*device_);
@@ -209,6 +209,7 @@ TEST_F(FrameTextureTest, FloatsHaveTheBitsOfBuffers) {
   const Case cases[] = {
       {.subject = make_subject(small_architecture(2), 6, 9, 1)},
       {.subject = make_subject(pyramid_architecture(2), 6, 9, 7)},
+      {.subject = make_subject(pyramid_architecture(1), 17, 9, 8)},
       {.subject = make_subject(small_architecture(2), 10, 9, 2),
        .precision = RAYMELD_PRECISION_FP16,
        .kernels = RAYMELD_KERNELS_DIRECT,

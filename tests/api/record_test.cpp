@@ -5,6 +5,7 @@
 #include "error_of.h"
 #include "fusion/fuser.h"
 #include "fusion/tuner.h"
+#include "golden.h"
 
 namespace raymeld::test {
 namespace {
@@ -151,6 +152,46 @@ TEST_F(RecordTest, EachRecordingHasItsExposure) {
   }
   EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT,
                  record(fusion, pool.begin("none"), lrhs, hrls, images[0], -1), "exposure");
+}
+
+TEST_F(RecordTest, AModelOfScale1TakesNoLrhs) {
+  const Subject subject = make_subject(pyramid_architecture(1), 18, 9, 3);
+  write_model(file_, subject.architecture, subject.weights, {{"exposure_key", "0.2"}});
+  CallerDevice caller;
+  const std::unique_ptr<Device> device = Device::wrap(caller.external());
+  const SharedModel model(file_);
+  EXPECT_EQ(model.info().scale, 1u);
+  EXPECT_FALSE(model.info().reads_lrhs);
+  EXPECT_TRUE(model.info().reads_hrls);
+  Fusion fusion(Context(context_desc(caller.external())), model, fusion_desc(subject));
+  const std::vector<float> hrls_values = floats(subject.hrls);
+  std::vector<float> expected(3 * 18 * 9);
+  fusion.fuse(nullptr, hrls_values.data(), expected.data());
+  EXPECT_NE(fusion.exposure(hrls_values.data()), 1);
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT,
+                 fusion.fuse(hrls_values.data(), hrls_values.data(), expected.data()), "lrhs must be NULL");
+
+  const FrameImage hrls(*device, subject.hrls), fused(*device, Shape{18, 9, 3});
+  const raymeld_image images[] = {image_at(hrls), image_at(fused)};
+  raymeld_frame frame;
+  frame.hrls = &images[0];
+  frame.fused = &images[1];
+  Commands pool(*device);
+  const VkCommandBuffer commands = pool.begin("frame");
+  fusion.record(commands, frame);
+  frame.lrhs = &images[0];
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.record(commands, frame), "lrhs must be NULL");
+  end_and_submit(*device, pool, commands);
+  check(device->vk().DeviceWaitIdle(device->handle()), "waiting");
+  // The device finds the exposure from the color of HRLS, by sums of 32 bits.
+  const std::vector<float> recorded = floats(fused.read());
+  for (size_t i = 0; i < expected.size(); ++i)
+    EXPECT_NEAR(recorded[i], expected[i], 1e-4 * (1 + expected[i]));
+
+  Fusion needs_both(Context(context_desc(caller.external())), SharedModel(golden_model_path(2).string()),
+                    fusion_desc(subject_));
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT,
+                 needs_both.fuse(nullptr, hrls_values.data(), expected.data()), "lrhs is NULL");
 }
 
 TEST_F(RecordTest, ThreeRecordingsInFlight) {

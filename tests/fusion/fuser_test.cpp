@@ -81,6 +81,7 @@ std::vector<Architecture> shapes() {
 TEST_F(FuserTest, TiledAndUntiledGiveTheSameBits) {
   size_t combinations = 0;
   std::vector<Architecture> all = shapes();
+  all.push_back(pyramid_architecture(1));
   for (const int scale : {2, 4, 8}) {
     all.push_back(joint_architecture(scale));
     all.push_back(pyramid_architecture(scale));
@@ -130,7 +131,7 @@ Reach reach_of(const Fuser& fuser, const Planes& fused, int scale, int lit_cell,
 
 // A pixel of a wide frame changes outputs far away, but not beyond the halo, which is rounded up.
 TEST_F(FuserTest, TheHaloOfAPyramidIsEnough) {
-  for (const int scale : {2, 4, 8}) {
+  for (const int scale : {1, 2, 4, 8}) {
     SCOPED_TRACE(fmt::format("x{}", scale));
     Subject subject = make_subject(pyramid_architecture(scale), 1, 1, 3);
     const Model model = model_of(subject);

@@ -40,7 +40,8 @@ struct Choice {
   double loss_db = 0;             // PSNR below that of the best model
 };
 
-// Holds the options for one frame, or for a sequence, of which some paths are patterns.
+// Holds the options for one frame, or for a sequence, of which some paths are patterns. To denoise a frame is
+// to fuse it without LRHS: `lrhs` is empty, and HRLS stands for it at a scale of 1.
 struct FuseArguments {
   std::string lrhs, hrls, guides, output, model, device, reference, preview, before_after, dump;
   Precision precision = Precision::kAuto;
@@ -65,6 +66,7 @@ struct FuseArguments {
   std::vector<std::filesystem::path> outputs() const;
   std::filesystem::path dump_folder() const;  // has no slash at its end
   std::filesystem::path last_dumped() const;  // the file in that folder that is written last
+  bool denoises() const { return lrhs.empty(); }
   // Returns whether the inputs are measured or shown beside the fused image.
   bool compares() const { return !reference.empty() || !before_after.empty(); }
   bool notes() const { return !quiet && !json; }
@@ -81,7 +83,7 @@ enum class PhaseSource { kOption, kFile, kPair, kDefault };
 
 // Holds the open files and all that is known before their pixels are read.
 struct FuseFiles {
-  ExrFile lrhs, hrls;
+  ExrFile lrhs, hrls;  // one file, opened twice, where HRLS is denoised
   LayerMap lrhs_map, hrls_map;
   Windows lrhs_windows, hrls_windows;  // windows of the parts that hold the color
   std::shared_ptr<const Model> model;
@@ -98,6 +100,7 @@ struct FuseFiles {
   std::optional<ExrFile> guides;  // a render of HRLS's guides with more samples
   LayerMap guides_map;            // only layers that are taken from there
 
+  bool denoises() const { return frame.scale == 1; }
   // Returns the factor by which LRHS is upsampled for the model: an x4 model fuses an LRHS of x8 too.
   int upsampling() const { return frame.scale / canvas.scale; }
   // These are FuserOptions::phase and samples, those of the LRHS that the model reads.
@@ -122,7 +125,8 @@ struct Companion {
   Image lrhs, hrls;  // (3, h, w) and (3, s h, s w) of the canvas
 };
 
-// Holds the inputs as the user sees them beside the fused image, (3, H, W) of the window.
+// Holds the inputs as the user sees them beside the fused image, (3, H, W) of the window; `bicubic` is LRHS,
+// and empty where there is none.
 struct ShownInputs {
   Image bicubic, hrls;
 };
@@ -197,6 +201,9 @@ void fuse_companions(FuseFrame& frame, const FuseOne& fuse);
 
 // Returns the canvas's part of an LRHS image that covers `from`, upsampled to the model's scale.
 Image for_canvas(const FuseFiles& files, Image lrhs, const Imath::Box2i& from);
+
+// Replaces values of LRHS that are not finite, and warns of them unless HRLS stands for it.
+void sanitize_lrhs(Image& lrhs, const FuseFiles& files, Console& console);
 
 // Reads the whole frame's LRHS, (3, h, w), all finite.
 Image load_lrhs(FuseFiles& files, Console& console);

@@ -136,7 +136,7 @@ bool load_alpha(FuseFrame& frame, const ExrRawChannel& of_hrls) {
   FuseFiles& files = frame.files;
   auto alphas = varying_alphas(files, of_hrls);
   if (!alphas) return false;
-  sanitize_input(alphas->lrhs, "LRHS", files.lrhs.path(), frame.console);
+  sanitize_lrhs(alphas->lrhs, files, frame.console);
   sanitize_input(alphas->hrls, "HRLS", files.hrls.path(), frame.console);
   frame.images.companions.push_back(
       {kAlpha, 1, for_canvas(files, grey(std::move(alphas->lrhs)), files.lrhs_windows.data),
@@ -148,7 +148,7 @@ void load_light(FuseFrame& frame) {
   FuseFiles& files = frame.files;
   const FuseImages& images = frame.images;
   Image lrhs = load_layers(files.lrhs, files.lrhs_map, kSplitLight);
-  sanitize_input(lrhs, "LRHS", files.lrhs.path(), frame.console);
+  sanitize_lrhs(lrhs, files, frame.console);
   match_brightness(files, lrhs);
   lrhs = for_canvas(files, std::move(lrhs), files.lrhs_windows.data);
   Image hrls = load_layers(files.hrls, files.hrls_map, kSplitLight);

@@ -21,6 +21,14 @@ namespace fs = std::filesystem;
 
 constexpr std::array<int, 3> kScales = {2, 4, 8};
 
+// Throws Error unless a model takes what it is given: one file or two.
+void check_inputs(const FuseArguments& arguments, const Model& model) {
+  if (arguments.denoises() != model.architecture().reads_lrhs()) return;
+  if (arguments.denoises())
+    throw Error("model {} fuses two renders: raymeld fuse takes it, with --lrhs and --hrls", model.name());
+  throw Error("model {} denoises one render: raymeld denoise takes it, with --hrls alone", model.name());
+}
+
 // Drops from LRHS's map what `choice` takes from other channels of HRLS, as LRHS's own would not match.
 void drop_mapped(const LayerChoice& choice, LayerMap& map) {
   for (const auto& [layer, channels] : choice.overrides) {
@@ -219,16 +227,17 @@ void check_written(const FuseArguments& arguments, const Model& model) {
 }  // namespace
 
 FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
-  ExrFile lrhs(arguments.lrhs), hrls(arguments.hrls);
+  ExrFile lrhs(arguments.denoises() ? arguments.hrls : arguments.lrhs), hrls(arguments.hrls);
   const LayerChoice choice = parse_layer_choice(arguments.map);
-  LayerMap hrls_map = map_layers(hrls, choice), lrhs_map = map_lrhs(arguments, lrhs);
+  LayerMap hrls_map = map_layers(hrls, choice);
+  LayerMap lrhs_map = arguments.denoises() ? hrls_map : map_lrhs(arguments, lrhs);
   const Windows lrhs_windows = color_windows(lrhs, lrhs_map), hrls_windows = color_windows(hrls, hrls_map);
   const auto canvas_of = [&](std::span<const int> scales) {
     return find_canvas(lrhs, lrhs_windows, hrls, hrls_windows, scales);
   };
-  const fs::path model_file =
-      arguments.model.empty() ? default_model(canvas_of(kScales).scale) : find_model(arguments.model);
-  auto model = models.load(model_file);
+  const auto scale = [&] { return arguments.denoises() ? 1 : canvas_of(kScales).scale; };
+  auto model = models.load(arguments.model.empty() ? default_model(scale()) : find_model(arguments.model));
+  check_inputs(arguments, *model);
   const Architecture& architecture = model->architecture();
   const Canvas frame = canvas_of(pair_scales(int(architecture.scale)));
   const Imath::Box2i window = find_window(arguments, hrls, hrls_windows.data);
@@ -289,9 +298,17 @@ Image for_canvas(const FuseFiles& files, Image lrhs, const Imath::Box2i& from) {
   return seen_through(std::move(lrhs), upsampled(files.frame, factor).lrhs, files.canvas.lrhs);
 }
 
+void sanitize_lrhs(Image& lrhs, const FuseFiles& files, Console& console) {
+  if (files.denoises()) {
+    sanitize(lrhs);  // a warning of HRLS counts these values
+  } else {
+    sanitize_input(lrhs, "LRHS", files.lrhs.path(), console);
+  }
+}
+
 Image load_lrhs(FuseFiles& files, Console& console) {
   Image lrhs = load_layers(files.lrhs, files.lrhs_map, kColor);
-  sanitize_input(lrhs, "LRHS", files.lrhs.path(), console);
+  sanitize_lrhs(lrhs, files, console);
   if (const uint64_t outside = pixels_outside(files.lrhs_windows, read_from_lrhs(files))) {
     console.warn(
         fmt::format("LRHS '{}': {} pixels that HRLS needs lie outside its data window, whose edge is "
@@ -360,8 +377,10 @@ void load_frame(FuseFrame& frame) {
     // Cubic interpolation reads two LRHS pixels in each direction.
     const Canvas part = part_of(files.frame, files.window, 2);
     const Image lrhs = seen_through(images.lrhs, files.frame.lrhs, part.lrhs);
-    images.shown = {seen_through(upsample_bicubic(lrhs, part.scale, files.phase), part.hrls, files.window),
-                    seen_through(first_channels(images.hrls, 3), files.frame.hrls, files.window)};
+    if (!files.denoises())
+      images.shown.bicubic =
+          seen_through(upsample_bicubic(lrhs, part.scale, files.phase), part.hrls, files.window);
+    images.shown.hrls = seen_through(first_channels(images.hrls, 3), files.frame.hrls, files.window);
   }
   images.lrhs = for_canvas(files, std::move(images.lrhs), files.frame.lrhs);
   images.hrls = seen_through(std::move(images.hrls), files.frame.hrls, files.canvas.hrls);

@@ -219,9 +219,10 @@ void FrameFuser::fuse(FuseFrame& frame, const Progress& progress) try {
   frame.result.report.skipped_share /= count;
   const Tiling& tiling = fuser.plan().tiling;
   if (!fuser.shortage().empty()) {
-    frame.console.warn(fmt::format("{}; fused in {} smaller tiles of {} x {} LRHS pixels instead",
-                                   fuser.shortage(), tiling.count(), tiling.tile.width, tiling.tile.height),
-                       1);
+    frame.console.warn(
+        fmt::format("{}; fused in {} smaller tiles of {} x {} {} instead", fuser.shortage(), tiling.count(),
+                    tiling.tile.width, tiling.tile.height, frame.files.denoises() ? "pixels" : "LRHS pixels"),
+        1);
   }
   frame.result.allocated_bytes = fuser.allocated_bytes();
 } catch (...) {

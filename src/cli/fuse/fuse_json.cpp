@@ -50,24 +50,26 @@ Json to_json(const LayerMap& map) {
 
 Json facts(const FuseFiles& files, const DeviceInfo& device, Storage storage, const Tiling& tiling,
            float exposure) {
-  return {{"device", device.name},
-          {"model", files.model->name()},
-          {"precision", precision_name(storage)},
-          {"scale", files.frame.scale},
-          {"x", files.window.min.x},
-          {"y", files.window.min.y},
-          {"width", width_of(files.window)},
-          {"height", height_of(files.window)},
-          {"lrhs_sampling", sampling_name(files)},
-          {"lrhs_sampling_from", sampling_source(files)},
-          {"lrhs_spp", files.samples.lrhs},
-          {"hrls_spp", files.samples.hrls},
-          {"phase_evidence", files.pair.phase_evidence},
-          {"pair_correlation", files.pair.correlation},
-          {"lrhs_brightness", files.pair.brightness},
-          {"absent_layers", names_of(files.absent_layers)},
-          {"input_exposure", exposure},
-          {"tiles", tiling.count()}};
+  Json json{{"device", device.name},
+            {"model", files.model->name()},
+            {"precision", precision_name(storage)},
+            {"scale", files.frame.scale},
+            {"x", files.window.min.x},
+            {"y", files.window.min.y},
+            {"width", width_of(files.window)},
+            {"height", height_of(files.window)}};
+  if (!files.denoises())
+    json.update({{"lrhs_sampling", sampling_name(files)},
+                 {"lrhs_sampling_from", sampling_source(files)},
+                 {"lrhs_spp", files.samples.lrhs},
+                 {"phase_evidence", files.pair.phase_evidence},
+                 {"pair_correlation", files.pair.correlation},
+                 {"lrhs_brightness", files.pair.brightness}});
+  json.update({{"hrls_spp", files.samples.hrls},
+               {"absent_layers", names_of(files.absent_layers)},
+               {"input_exposure", exposure},
+               {"tiles", tiling.count()}});
+  return json;
 }
 
 Json frame_json(const FuseFrame& frame, const DeviceInfo& device, const QualityTable& quality,

@@ -89,9 +89,9 @@ void stage_previews(FuseFrame& frame) {
     pictures.push_back(picture(image));
     add_label(pictures.back(), label);
   };
-  add(frame.images.shown.bicubic, "BICUBIC LRHS");
+  if (!frame.files.denoises()) add(frame.images.shown.bicubic, "BICUBIC LRHS");
   add(frame.images.shown.hrls, "HRLS");
-  add(fused, "FUSED");
+  add(fused, frame.files.denoises() ? "DENOISED" : "FUSED");
   if (frame.images.reference) add(*frame.images.reference, "REFERENCE");
   stage(arguments.before_after, side_by_side(pictures));
 }
@@ -119,9 +119,11 @@ QualityTable stage_outputs(FuseFrame& frame) {
   stage_image(frame);
   if (!frame.images.reference) return {};
   const Image& reference = *frame.images.reference;
-  return {{"fused", measure(frame.result.fused, reference)},
-          {"bicubic_lrhs", measure(frame.images.shown.bicubic, reference)},
-          {"hrls", measure(frame.images.shown.hrls, reference)}};
+  const ShownInputs& shown = frame.images.shown;
+  QualityTable quality{{"fused", measure(frame.result.fused, reference)}};
+  if (!frame.files.denoises()) quality.push_back({"bicubic_lrhs", measure(shown.bicubic, reference)});
+  quality.push_back({"hrls", measure(shown.hrls, reference)});
+  return quality;
 }
 
 }  // namespace raymeld::cli

@@ -36,7 +36,8 @@ nlohmann::ordered_json plan_json(const FuseArguments& arguments, FuseFiles& file
   json["peak_bytes"] = plan.fusion.peak_bytes();
   json["activation_bytes"] = graph.activation_bytes();
   json["unaliased_bytes"] = graph.unaliased_bytes();
-  json["layers"] = {{"lrhs", to_json(files.lrhs_map)}, {"hrls", to_json(files.hrls_map)}};
+  if (!files.denoises()) json["layers"]["lrhs"] = to_json(files.lrhs_map);
+  json["layers"]["hrls"] = to_json(files.hrls_map);
   if (files.guides) json["layers"]["guides"] = to_json(files.guides_map);
   json["hrls_layers"] = files.model->architecture().hrls_layers;
   return json;
@@ -50,8 +51,9 @@ std::string plan_text(const FuseArguments& arguments, FuseFiles& files, const De
   return fmt::format("{}\n{}\n{}\n{}\ninput exposure {:.4g}\n", read_text(arguments, files),
                      device_text(files, device.info(), plan.options.storage), found_text(findings(files)),
                      channels_text(arguments, files), plan.exposure) +
-         fmt::format("{} tile(s) of {} x {} LRHS pixels, halo {}; {:.3f} GFLOP, {:.1f} % of it for halos\n",
-                     tiling.count(), tiling.tile.width, tiling.tile.height, tiling.halo,
+         fmt::format("{} tile(s) of {} x {} {}, halo {}; {:.3f} GFLOP, {:.1f} % of it for halos\n",
+                     tiling.count(), tiling.tile.width, tiling.tile.height,
+                     files.denoises() ? "pixels" : "LRHS pixels", tiling.halo,
                      plan.runs * plan.fusion.flop * 1e-9, 100 - 100 / tiling.overhead()) +
          (plan.runs == 1 ? ""
                          : fmt::format("{} runs, for the color and what is fused beside it\n", plan.runs)) +

@@ -75,6 +75,8 @@ void check_no_patterns(const FuseArguments& arguments) {
 }
 
 void check_patterns(const FuseArguments& patterns, std::span<const int> frames) {
+  if (patterns.denoises() && !is_pattern(patterns.hrls))
+    throw Error("--frames: --hrls '{}' has no # for the frame's number in its file name", patterns.hrls);
   if (!is_pattern(patterns.lrhs) && !is_pattern(patterns.hrls)) {
     throw Error(
         "--frames: neither --lrhs '{}' nor --hrls '{}' has a # for the frame's number in its file name",

@@ -1,0 +1,124 @@
+// Tests `raymeld denoise`, which makes an image of HRLS alone.
+#include <fmt/format.h>
+
+#include <cmath>
+
+#include "cli_fixture.h"
+
+namespace raymeld::test {
+namespace {
+
+using Json = nlohmann::json;
+
+// Has a render of 96 x 80 pixels, high.exr, with layers and alpha.
+class CliDenoise : public Cli {
+ protected:
+  void SetUp() override {
+    Cli::SetUp();
+    write_image(folder_ / "high.exr", kLayeredNames, high_);
+  }
+
+  static std::vector<std::string> denoise(const std::vector<std::string>& more = {},
+                                          const std::string& output = "out.exr") {
+    std::vector<std::string> arguments = {"denoise", "--hrls",        "high.exr", "-o",
+                                          output,    "--model",       kModel,     "--precision",
+                                          "fp32",    "--output-type", "float"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return arguments;
+  }
+  std::vector<std::string> lines(const std::vector<std::string>& arguments) const {
+    const ProcessResult result = run(arguments);
+    EXPECT_EQ(result.exit_status, 0) << result.err;
+    std::vector<std::string> lines;
+    std::istringstream stream(result.err);
+    for (std::string line; std::getline(stream, line);) lines.push_back(line);
+    return lines;
+  }
+
+  static inline const std::string kModel = source_path("tests/golden/pyramid-x1.safetensors").string();
+  Image high_ = random_image(kLayeredNames, 96, 80, 3);
+};
+
+TEST_F(CliDenoise, SaysWhatItReadAndFound) {
+  const std::vector<std::string> said = lines(denoise({"--hrls-spp", "4"}));
+  const auto has = [&](const std::string& text) { return std::ranges::find(said, text) != said.end(); };
+  EXPECT_TRUE(has("read high.exr, 96 x 80")) << fmt::format("{}", fmt::join(said, "\n"));
+  const auto found = std::ranges::find_if(said, [](const auto& line) { return line.starts_with("found: "); });
+  ASSERT_NE(found, said.end());
+  EXPECT_TRUE(found->starts_with("found: 4 samples a pixel; input exposure ")) << *found;
+  for (const std::string& line : said) EXPECT_EQ(line.find("LRHS"), std::string::npos) << line;
+  EXPECT_EQ(read("out.exr").width, 96);
+}
+
+TEST_F(CliDenoise, ReportsNothingOfLrhs) {
+  write_image(folder_ / "truth.exr", kColorNames, random_image(kColorNames, 96, 80, 4));
+  const Json json = run_json(denoise({"--json", "--reference", "truth.exr"}));
+  EXPECT_EQ(json.at("scale"), 1);
+  EXPECT_EQ(json.at("metrics").size(), 2u);
+  for (const auto& [key, value] : json.items()) EXPECT_EQ(key.find("lrhs"), std::string::npos) << key;
+  const Json plan = run_json(denoise({"--json", "--dry-run"}));
+  EXPECT_FALSE(plan.at("layers").contains("lrhs"));
+  EXPECT_EQ(run(denoise({"--dry-run"})).out.find("LRHS"), std::string::npos);
+}
+
+TEST_F(CliDenoise, APartHasTheBitsOfTheWholeFrame) {
+  const std::vector<std::string> direct{"--kernels", "direct"};
+  ASSERT_EQ(run(denoise(direct, "whole.exr")).exit_status, 0);
+  const Image whole = read("whole.exr");
+  ASSERT_EQ(run(denoise({"--kernels", "direct", "--window", "37,11,21,50"})).exit_status, 0);
+  EXPECT_EQ(read("out.exr").data, crop(whole, 37, 11, 21, 50).data);
+}
+
+TEST_F(CliDenoise, AlphaAndTheKindsOfLightAreDenoisedToo) {
+  std::vector<std::string> names = kLayeredNames;
+  for (const char* layer : {"diffuse", "specular"})
+    for (const char* color : {"R", "G", "B"}) names.push_back(fmt::format("{}.{}", layer, color));
+  write_image(folder_ / "high.exr", names, random_image(names, 96, 80, 5));
+  ASSERT_EQ(run(denoise({"--layers"})).exit_status, 0);
+  const Image color = read("out.exr"), alpha = read("out.exr", {"A"});
+  EXPECT_NE(alpha.data, read("high.exr", {"A"}).data);
+  std::vector<float> sum(color.data.size());
+  for (const char* part : {"diffuse", "specular", "emission"}) {
+    const Image light =
+        read("out.exr", {fmt::format("{}.R", part), fmt::format("{}.G", part), fmt::format("{}.B", part)});
+    for (size_t i = 0; i < sum.size(); ++i) sum[i] += light.data[i];
+  }
+  for (size_t i = 0; i < sum.size(); ++i) ASSERT_NEAR(sum[i], color.data[i], 1e-4 * (1 + color.data[i]));
+}
+
+TEST_F(CliDenoise, ValuesThatAreNotFiniteAreCountedOnce) {
+  high_.at(0, 3, 4) = NAN;
+  write_image(folder_ / "high.exr", kLayeredNames, high_);
+  const Json json = run_json(denoise({"--json"}));
+  EXPECT_EQ(json.at("warnings").size(), 1u) << json.at("warnings");
+}
+
+TEST_F(CliDenoise, DenoisesSequences) {
+  for (const char* name : {"in.1.exr", "in.2.exr"}) write_image(folder_ / name, kLayeredNames, high_);
+  std::vector<std::string> arguments = denoise({"--frames", "1-2"}, "out.#.exr");
+  arguments[2] = "in.#.exr";
+  ASSERT_EQ(run(arguments).exit_status, 0);
+  EXPECT_EQ(read("out.1.exr").data, read("out.2.exr").data);
+  arguments[2] = "high.exr";
+  EXPECT_NE(run(arguments).err.find("--frames: --hrls 'high.exr' has no # for the frame's number"),
+            std::string::npos);
+}
+
+TEST_F(CliDenoise, CommandsAndModelsThatDoNotFitAreNamed) {
+  const auto refused = [&](std::vector<std::string> arguments, const std::string& message) {
+    const ProcessResult result = run(std::move(arguments));
+    EXPECT_EQ(result.exit_status, 2);
+    EXPECT_NE(result.err.find(message), std::string::npos) << result.err;
+  };
+  refused({"fuse", "--hrls", "high.exr", "-o", "out.exr"},
+          "--lrhs is required; raymeld denoise takes --hrls alone");
+  refused({"fuse", "--lrhs", "low.exr", "--hrls", "high.exr", "-o", "out.exr", "--model", kModel},
+          "raymeld denoise takes it, with --hrls alone");
+  refused({"denoise", "--hrls", "high.exr", "-o", "out.exr", "--model", tiny_model()},
+          "raymeld fuse takes it, with --lrhs and --hrls");
+  refused({"denoise", "--lrhs", "low.exr", "--hrls", "high.exr", "-o", "out.exr"}, "--lrhs");
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "out.exr"));
+}
+
+}  // namespace
+}  // namespace raymeld::test
