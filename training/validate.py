@@ -16,8 +16,13 @@ import model
 import safetensors
 from evaluation import baselines
 
-# The pairs cost two, four and eight samples a pixel together.
-SPP = {1: ((2, 2), (4, 4), (8, 8)), 2: ((4, 1), (8, 2), (16, 4)), 4: ((16, 1), (32, 2), (64, 4)), 8: ((64, 1), (128, 2), (256, 4))}
+# The pairs cost two, four and eight samples a pixel together. At a scale of 1 both counts are those of HRLS.
+SPP = {
+    1: ((2, 2), (4, 4), (8, 8)),
+    2: ((4, 1), (8, 2), (16, 4)),
+    4: ((16, 1), (32, 2), (64, 4)),
+    8: ((64, 1), (128, 2), (256, 4)),
+}
 
 # Samples of HRLS, and the full-size render that LRHS is every s-th pixel of.
 DECIMATED = ((1, "0008"), (2, "reference-a"), (4, "reference-a"))

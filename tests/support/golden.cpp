@@ -33,8 +33,8 @@ constexpr const char* kPyramidLayers[] = {"light",    "cell_light", "pool.1",   
 }  // namespace
 
 const std::vector<std::string>& golden_names() {
-  static const std::vector<std::string> names = {"tiny-x2",   "tiny-x4",    "tiny-x8",   "guided-x2",
-                                                 "guided-x4", "guided-x8",  "joint-x2",  "joint-x4",
+  static const std::vector<std::string> names = {"tiny-x2",   "tiny-x4",    "tiny-x8",    "guided-x2",
+                                                 "guided-x4", "guided-x8",  "joint-x2",   "joint-x4",
                                                  "spp-x4",    "pyramid-x1", "pyramid-x2", "pyramid-x4"};
   return names;
 }
