@@ -29,7 +29,7 @@ def parse():
     parser.add_argument("--out", type=pathlib.Path, default=ROOT / "bench/quality")
     only = parser.add_argument_group("only")
     only.add_argument("--tables", nargs="+", choices=TABLES, default=TABLES)
-    only.add_argument("--scales", type=int, nargs="+", default=(2, 4, 8))
+    only.add_argument("--scales", type=int, nargs="+", default=(1, 2, 4, 8), help="1 is HRLS alone")
     only.add_argument("--first", type=int, help="number of views to measure, from the first")
     only.add_argument("--measured", action="store_true", help="write the tables of earlier measurements alone")
     parser.add_argument("--no-check", action="store_true", help="do not compare the program with PyTorch")
@@ -78,16 +78,17 @@ def main():
     torch.set_num_threads(1)
     views = test_set.load(args.views)[: args.first]
     models = models_of(args.models, args.scales)
+    fusing = [model for model in models if model.scale > 1]
     ablations = models_of(sorted(args.ablations.glob("*.safetensors")) if args.ablations else [], args.scales)
     store = Store(args.out / "results.csv", args.program)
 
     plans = {
         "main": [tables.main_plan(models)],
         "paper": [tables.main_plan(models, "paper", test_set.PAPER_PAIRS)],
-        "decimated": [tables.decimated_plan(models)],
-        "robustness": [tables.robustness_plan(models)],
-        "ablations": [tables.ablation_plan(models, ablations)],
-        "equal-time": [tables.equal_time_plan(models), tables.guided_plan(models)],
+        "decimated": [tables.decimated_plan(fusing)],
+        "robustness": [tables.robustness_plan(fusing)],
+        "ablations": [tables.ablation_plan(fusing, ablations)],
+        "equal-time": [tables.equal_time_plan(models), tables.guided_plan(fusing)],
         "grid": [tables.grid_plan(model) for model in models if model.scale == 4],
     }
     plans = [plan for name, group in plans.items() if name in args.tables for plan in group if plan.rows]

@@ -104,9 +104,11 @@ def check(model, view, program):
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
         low, high, reference, fused = (folder / f"{name}.exr" for name in ("low", "high", "reference", "fused"))
-        write_crop(view.folder / lrhs(model.scale, pair[0]), SIZE // model.scale, low)
+        if model.scale > 1:
+            write_crop(view.folder / lrhs(model.scale, pair[0]), SIZE // model.scale, low)
         write_crop(view.folder / render(pair[1]), SIZE, high)
         write_crop(view.folder / "reference-a.exr", SIZE, reference)
+        low = low if model.scale > 1 else high  # HRLS stands for LRHS
         fuse(program, model, low, high, fused)
         own = colour(fused)
         exact, single = (predict(network, low, high, dtype) for dtype in (torch.float64, torch.float32))

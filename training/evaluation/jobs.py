@@ -123,9 +123,13 @@ class Job:
 
 
 def fuse(program, model, lrhs, hrls, output, sampling="centered", options=(), launcher=(), environment=None):
-    """Fuses and returns the program's report; `launcher` is the command that starts the program, if any."""
-    command = [*launcher, program, "fuse", "--json", "--output-type", "float", "--lrhs-sampling", sampling]
-    command += ["--model", model.path.resolve(), "--lrhs", lrhs, "--hrls", hrls, "-o", output, *options]
+    """Fuses, or denoises HRLS with a model of scale 1, and returns the program's report.
+
+    `launcher` is the command that starts the program, if any.
+    """
+    named = ["fuse", "--lrhs", lrhs, "--lrhs-sampling", sampling] if model.scale > 1 else ["denoise"]
+    command = [*launcher, program, *named, "--json", "--output-type", "float"]
+    command += ["--model", model.path.resolve(), "--hrls", hrls, "-o", output, *options]
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True, env=environment)
     if done.returncode:
         raise RuntimeError(f"{' '.join(map(str, command))}: {done.stderr}")

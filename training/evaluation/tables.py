@@ -93,8 +93,12 @@ def bicubic(scale, pair):
     return Job("bicubic", lrhs(scale, pair[0]))
 
 
+def pair_text(low, high):
+    return f"{low}-{high}" if low else f"{high} alone"
+
+
 def pairs_text(pairs):
-    return ", ".join(f"{low}-{high}" for low, high in pairs)
+    return ", ".join(pair_text(*pair) for pair in pairs)
 
 
 def scales(model):
@@ -110,7 +114,7 @@ def pairings(models, pairs=PAIRS):
 
 
 def label(model, scale, pair):
-    return f"{model.name}, {'' if scale == model.scale else f'x{scale}, '}{pair[0]}-{pair[1]}"
+    return f"{model.name}, {'' if scale == model.scale else f'x{scale}, '}{pair_text(*pair)}"
 
 
 def main_plan(models, name="main", pairs=PAIRS):
@@ -122,7 +126,8 @@ def main_plan(models, name="main", pairs=PAIRS):
         ("Open Image Denoise of it", [Job("oidn", hrls=render(spp)) for spp in AVERAGES]),
     ]
     for scale in sorted({scale for model in models for scale in scales(model)}):
-        rows.append((f"bicubic of LRHS, x{scale}", [bicubic(scale, pair) for pair in pairs[scale]]))
+        if scale > 1:
+            rows.append((f"bicubic of LRHS, x{scale}", [bicubic(scale, pair) for pair in pairs[scale]]))
         for model in models:
             if scale in scales(model):
                 what = f"{model.name}, x{scale}" if scale != model.scale else model.name
@@ -370,7 +375,7 @@ def equal_time_sheets(models, views, store):
             results = [equal_time(model, i, view, store, fusing) for view in views]
             if not results or not all(results):
                 continue
-            label = f"{model.name}, {pair[0]}-{pair[1]}"
+            label = f"{model.name}, {pair_text(*pair)}"
             rows += [[f"{view.name} {label}", *equal_time_cells([result])] for view, result in zip(views, results)]
             medians.append([label, *equal_time_cells(results)])
     return Sheet("equal-time", head, medians), Sheet("equal-time-views", head, rows)
