@@ -118,7 +118,8 @@ class Fuser {
     return fusion_ ? fusion_->info().memory_bytes : 0;
   }
   std::string repr() const {
-    return "<raymeld.Fusion of '" + std::string(model_->info().name) + "', LRHS of " +
+    const bool reads_lrhs = model_->info().reads_lrhs;
+    return "<raymeld.Fusion of '" + std::string(model_->info().name) + (reads_lrhs ? "', LRHS of " : "', ") +
            std::to_string(height_) + " x " + std::to_string(width_) + " pixels (height x width), " +
            precision() + ">";
   }
@@ -257,9 +258,10 @@ PYBIND11_MODULE(raymeld, module) {
       .def(
           "fuse", &Fuser::fuse, py::arg("lrhs"), py::arg("hrls"),
           "lrhs is (height, width, 3) and hrls {layer: (scale * height, scale * width, 3)} of all `layers`,\n"
-          "scene linear. A model of scale 1 reads HRLS alone, and lrhs must be None. A model that reads the "
-          "variance takes it from hrls, or else computes it from\n"
-          "the color. Returns (scale * height, scale * width, 3). Other threads run while the device works.\n"
+          "scene linear. A model of scale 1 reads HRLS alone, and lrhs must be None. A model that reads the\n"
+          "variance takes it from hrls, or else computes it from the color. Returns (scale * height, scale "
+          "*\n"
+          "width, 3). Other threads run while the device works.\n"
           "Raises Error, ValueError and KeyError.")
       .def_property_readonly("layers", &Fuser::layers, "The layers of HRLS that fuse() asks for.")
       .def_property_readonly("scale", &Fuser::scale)

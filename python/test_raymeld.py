@@ -135,9 +135,15 @@ class Test(unittest.TestCase):
         self.assertEqual(model.scale, 1)
         hrls = {name: image(i, 20, 12) for i, name in enumerate(model.layers)}
         fusion = raymeld.Fusion(model, 20, 12)
-        self.assertEqual(fusion.fuse(None, hrls).shape, (20, 12, 3))
+        denoised = fusion.fuse(None, hrls)
+        self.assertEqual(denoised.shape, (20, 12, 3))
+        self.assertTrue(numpy.isfinite(denoised).all())
+        darker = fusion.fuse(None, {name: x * (0.5 if name == "color" else 1) for name, x in hrls.items()})
+        self.assertLess(darker.mean(), 0.9 * denoised.mean())
         with self.assertRaisesRegex(raymeld.Error, "lrhs must be NULL"):
             fusion.fuse(hrls["color"], hrls)
+        with self.assertRaisesRegex(raymeld.Error, "lrhs is NULL"):
+            self.fusion().fuse(None, self.hrls)
 
     def test_other_threads_run_meanwhile(self):
         height, width = 48, 64

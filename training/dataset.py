@@ -228,12 +228,13 @@ def pair(view, config, low, high, guides=None, decimated=None, small_scale=None)
         hrls[3:9] = view.read(f"guides-{guides:04}")[:6]
     hrls[RADIANCE] *= exposure
     if not config.reads_lrhs:
-        low, lrhs = high, hrls / exposure
+        low, lrhs = high, hrls
     elif decimated:
         low, lrhs = view.spp[decimated], view.read(decimated)[:, :: config.scale, :: config.scale].float()
     else:
         lrhs, low = view.read_lrhs(f"lowres-x{small_scale or config.scale}-{low:04}", config.scale)
-    lrhs = lrhs[:3] * exposure
+    if config.reads_lrhs:
+        lrhs = lrhs * exposure
     spp = torch.tensor([float(low), float(high)]).reshape(1, 2, 1, 1)
     reference = view.reference([part for part in REFERENCE if part != decimated])
-    return lrhs[None], with_variance(hrls)[None], reference[None, :3] * exposure, exposure, spp
+    return lrhs[None, :3], with_variance(hrls)[None], reference[None, :3] * exposure, exposure, spp

@@ -40,7 +40,8 @@ def blended(state, path, share):
     Fine-tuning on few views forgets some of what more views taught (Wortsman et al., Robust fine-tuning, 2022).
     """
     tensors, metadata = safetensors.load(path)
-    start = {key: grow.overlaid(state[key], torch.tensor(value).float()) for key, value in tensors.items()}
+    tensors = {key: torch.tensor(value).float() for key, value in tensors.items() if key in state}
+    start = {key: grow.overlaid(state[key], value) for key, value in tensors.items()}
     state = state | {key: value.lerp(state[key], share) for key, value in start.items()}
     return state, {"blend": {"share": share, "rest": metadata["name"], "training": json.loads(metadata["training"])}}
 

@@ -1,4 +1,6 @@
-"""Makes a larger network that starts as a smaller one: the same image to the last bit or so, with room to learn more.
+"""Makes a network that starts as another one: a larger one with room to learn more, or a pyramid of another scale.
+
+A larger network computes the same image to the last bit or so.
 
 The larger network's additional parts (features, dense layers, blocks, groups) keep their random weights. The weights
 that read them start at zero, after Chen et al., Net2Net: Accelerating Learning via Knowledge Transfer, 2016.
@@ -28,6 +30,13 @@ def is_smaller(small, large):
         mine <= larger if name in sizes else mine == larger
         for (name, mine), larger in zip(vars(small).items(), vars(large).values())
     )
+
+
+def differs_in_lrhs_alone(before, after):
+    """Says whether two pyramids have other scales, and all that does not concern LRHS is the same."""
+    about_lrhs = ("scale", "lrhs_sampling", "lrhs_certainty")
+    same = all(mine == vars(after)[name] for name, mine in vars(before).items() if name not in about_lrhs)
+    return before.network == "pyramid" and before.scale != after.scale and same
 
 
 def offsets(widths):
@@ -85,16 +94,16 @@ def grow(tensors, small, large, own):
 def rejoined(tensors, before, after, own):
     """Returns the state of a pyramid network from `tensors`, the state of one whose LRHS joins another level.
 
-    `before` and `after` are their configs, which differ in the scale, and `own` is the state of the new network. The
-    layer that LRHS leaves goes on without it, and the one that it joins, if any, starts without it.
+    `before` and `after` are their configs, which differ in what concerns LRHS, and `own` is the state of the new
+    network. The layer that LRHS leaves, if any, goes on without it, and the one that it joins starts without it.
     """
-    left, joined = f"level.{before.halvings}", f"level.{after.halvings}"
     same = {key: value for key, value in tensors.items() if key in own and not key.startswith("lrhs.")}
-    features = own[f"{left}.weight"].shape[1]
-    same[f"{left}.weight"] = tensors["lrhs.weight"][:, :features]
-    same[f"{left}.bias"] = tensors.get("lrhs.centered_bias", tensors["lrhs.bias"])
-    if not after.reads_lrhs:
-        return own | same
-    same |= {key: tensors[f"{joined}.bias"] for key in ("lrhs.bias", "lrhs.centered_bias") if key in own}
-    same["lrhs.weight"] = overlaid(own["lrhs.weight"], tensors[f"{joined}.weight"])
+    if before.reads_lrhs:
+        left = f"level.{before.halvings}"
+        same[f"{left}.weight"] = tensors["lrhs.weight"][:, : own[f"{left}.weight"].shape[1]]
+        same[f"{left}.bias"] = tensors.get("lrhs.centered_bias", tensors["lrhs.bias"])
+    if after.reads_lrhs:
+        joined = f"level.{after.halvings}"
+        same |= {key: tensors[f"{joined}.bias"] for key in ("lrhs.bias", "lrhs.centered_bias") if key in own}
+        same["lrhs.weight"] = overlaid(own["lrhs.weight"], tensors[f"{joined}.weight"])
     return own | same

@@ -25,7 +25,7 @@ FIREFLY, FIREFLY_FLOOR = 20.0, 1e-3
 # These entries of the metadata belong to a pyramid network; all but the last two belong to the paper's network too.
 PYRAMID_ENTRIES = ("scale", "hrls_layers", "transfer", "clip", "lrhs_sampling", "optional_layers", "exposure_key")
 PYRAMID_ENTRIES += ("lrhs_certainty", "knows_spp", "upscaled_features", "network", "widths")
-OF_LRHS = ("lrhs_sampling", "lrhs_certainty")  # entries that a network without LRHS has not
+OF_LRHS = ("lrhs_sampling", "lrhs_certainty")  # entries that a network without LRHS does not have
 
 
 @dataclasses.dataclass

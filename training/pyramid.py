@@ -175,8 +175,10 @@ def predict(network, lrhs, hrls, upsampled, centered, spp):
     """
     config, keep = network.config, network.keep
     multiple = 2 ** len(config.widths)
-    low = padded(model.encode(lrhs, ("color",), config), multiple // config.scale)
     high = padded(model.encode(hrls, config.hrls_layers, config), multiple)
+    low = high[:, :3]
+    if config.reads_lrhs:
+        low = padded(model.encode(lrhs, ("color",), config), multiple // config.scale)
     albedo = high[:, 3:6]
     color, linear_lrhs = (model.decode(x, config.transfer) for x in (high[:, :3], low))
     lights, own = lights_of(network, color, albedo, linear_lrhs, spp)

@@ -110,8 +110,8 @@ class Pyramid(unittest.TestCase):
         torch.testing.assert_close(*gradients, rtol=1e-4, atol=1e-6)
 
     def test_any_size_has_its_output(self):
-        for scale in (2, 4, 8):
-            lrhs, hrls = torch.rand(2, 3, 3, 5), torch.rand(2, 18, 3 * scale, 5 * scale)
+        for scale in (1, 2, 4, 8):
+            lrhs, hrls = torch.rand(2, 3, 3, 5) if scale > 1 else None, torch.rand(2, 18, 3 * scale, 5 * scale)
             y, fused = model.predict(random_pyramid(scale), lrhs, hrls, torch.tensor(True))
             self.assertEqual(tuple(fused.shape), (2, 3, 3 * scale, 5 * scale))
             self.assertTrue(torch.isfinite(y).all())
@@ -139,6 +139,10 @@ class Pyramid(unittest.TestCase):
                 result = other(high, torch.rand(1, 6, 8, 8) if scale == 4 else None, torch.ones(1), spp)
             torch.testing.assert_close(result[0], expected[0])
             torch.testing.assert_close(result[1], expected[1])
+        back = grow.rejoined(other.state_dict(), other.config, half.config, half.state_dict())
+        self.assertEqual(back.keys(), half.state_dict().keys())
+        self.assertTrue(torch.equal(back["lrhs.weight"][:, :8], other.state_dict()["level.1.weight"]))
+        self.assertFalse(grow.differs_in_lrhs_alone(half.config, stock.config("x4-fast")))
 
     def test_a_batch_is_its_images(self):
         network, lrhs, hrls = random_pyramid(4), torch.rand(2, 3, 4, 4), torch.rand(2, 18, 16, 16)

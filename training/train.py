@@ -43,7 +43,7 @@ def parse():
         "--choice", nargs="*", default=[], metavar="ENTRY=VALUE", help="metadata entries unlike the stock model's"
     )
     parser.add_argument("--without", choices=WITHOUT, default="none", help="ablation: blank an input, or all but RGB")
-    parser.add_argument("--init", help="model to start from: a smaller one, or one whose fitting tensors are taken")
+    parser.add_argument("--init", help="start from a smaller model, a pyramid of another scale, or fitting tensors")
     parser.add_argument("--loss", choices=(*ENCODED_LOSSES, "robust"), default="rms")
     parser.add_argument("--beta", type=float, default=0.1, help="beta of the robust loss")
     parser.add_argument("--minutes", type=float, required=True, help="training time and length of the cosine decay")
@@ -96,7 +96,7 @@ class Run:
         return [{"params": rest, "factor": 1}, {"params": joint, "factor": JOINT_RATE}]
 
     def start_from(self, path):
-        """Starts as a model that is no larger, or with another's fitting tensors; returns how the model was trained."""
+        """Starts as another model, as far as grow.py can, or with its fitting tensors; returns how it was trained."""
         tensors, metadata = safetensors.load(path)
         tensors = {key: torch.tensor(value).float() for key, value in tensors.items()}
         own = {key: value.cpu() for key, value in self.network.state_dict().items()}
@@ -105,7 +105,7 @@ class Run:
             raise SystemExit(f"{path}: its network is a {small.network}, expected a {self.config.network}")
         if small.network == "fusion" and grow.is_smaller(small, self.config):
             same = grow.grow(tensors, small, self.config, own)
-        elif small.network == "pyramid" and small.scale != self.config.scale:
+        elif grow.differs_in_lrhs_alone(small, self.config):
             same = grow.rejoined(tensors, small, self.config, own)
         else:
             same = {key: value for key, value in tensors.items() if key in own}

@@ -203,8 +203,8 @@ RAYMELD_API raymeld_result raymeld_buffer_get_info(raymeld_buffer buffer, raymel
 
 /* ---- A model: a network and its weights ----
  *
- * A model of scale 1 reads HRLS alone, and denoises it. It takes no LRHS: lrhs must be NULL, and what is said
- * of the size of LRHS and of its brightness holds for HRLS and its color. */
+ * A model of scale 1 reads HRLS alone, and denoises it. raymeld_fuse() and raymeld_frame then take NULL for
+ * lrhs, and what is said of the size of LRHS and of its brightness holds for HRLS and its color. */
 
 typedef struct raymeld_model_t* raymeld_model;
 
@@ -238,7 +238,7 @@ typedef struct raymeld_model_info {
   const char* const* optional_layers RAYMELD_IS(NULL); /* layers that the model was trained to do without */
   uint64_t parameters RAYMELD_IS(0);                   /* the number of weights and biases */
   VkBool32 reads_lrhs RAYMELD_IS(VK_FALSE);            /* VK_TRUE: the scale is not 1 */
-  VkBool32 reads_hrls RAYMELD_IS(VK_FALSE);            /* VK_TRUE for all models of today */
+  uint32_t reserved RAYMELD_IS(0);
 } raymeld_model_info;
 
 /* Writes the description of a model. */
@@ -534,18 +534,20 @@ typedef struct raymeld_status {
 RAYMELD_API raymeld_result raymeld_take_status(raymeld_fusion fusion, raymeld_status* status);
 
 /* Fuses one frame of host memory, planar and dense: lrhs (3, h, w), if the model reads it, and hrls (3 for
- * each of the fusion's layers, s h, s w) to fused (3, s h, s w), where (h, w) is the description's size. Works tile by tile if it
- * must, submits to the queue and waits. No recorded frame may be pending. `status` may be NULL. Returns
- * RAYMELD_ERROR_NOT_FINITE if the network's output is not finite, and RAYMELD_ERROR_DEVICE or
- * RAYMELD_ERROR_DEVICE_LOST if a call of Vulkan fails. `fused` may hold some of the tiles after a failure. */
+ * each of the fusion's layers, s h, s w) to fused (3, s h, s w), where (h, w) is the description's size.
+ * Works tile by tile if it must, submits to the queue and waits. No recorded frame may be pending. `status`
+ * may be NULL. Returns RAYMELD_ERROR_NOT_FINITE if the network's output is not finite, and
+ * RAYMELD_ERROR_DEVICE or RAYMELD_ERROR_DEVICE_LOST if a call of Vulkan fails. `fused` may hold some of the
+ * tiles after a failure. */
 RAYMELD_API raymeld_result raymeld_fuse(raymeld_fusion fusion, const float* lrhs, const float* hrls,
                                         float* fused, raymeld_status* status);
 
 /* Computes the exposure that raymeld_fuse() would use for lrhs (3, h, w) in host memory, planar and dense.
- * This is the description's exposure or, if that is 0, the factor that brings LRHS to the brightness that the
- * model was trained at: k / m^2, clamped to [2^-24, 2^24]. Here m is the mean over LRHS of the square root of
- * luminance (Rec. 709), with colors clamped to [0, 65504] and NaN as 0, and k is the model's exposure_key.
- * The exposure is 1 if LRHS is black or the model has no key. */
+ * For a model of scale 1, lrhs is the color of HRLS. This is the description's exposure or, if that is 0, the
+ * factor that brings LRHS to the brightness that the model was trained at: k / m^2, clamped to [2^-24, 2^24].
+ * Here m is the mean over LRHS of the square root of luminance (Rec. 709), with colors clamped to [0, 65504]
+ * and NaN as 0, and k is the model's exposure_key. The exposure is 1 if LRHS is black or the model has no
+ * key. */
 RAYMELD_API raymeld_result raymeld_exposure(raymeld_fusion fusion, const float* lrhs, float* exposure);
 
 #ifdef __cplusplus

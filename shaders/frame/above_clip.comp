@@ -1,4 +1,4 @@
-// Computes the radiance of LRHS above the clip, scene linear and not exposed: max(0, x - clip / exposure), at
+// Computes an image's radiance above the clip, scene linear and not exposed: max(0, x - clip / exposure), at
 // most 65504 whatever the exposure; NaN counts as 0. Each invocation computes one element; z is the channel.
 #version 450
 #extension GL_GOOGLE_include_directive : require

@@ -1,9 +1,9 @@
-// Decodes the network's output: adds the upsampled encoded LRHS where the model predicts a residual, inverts
-// the transfer, divides by the exposure, adds the radiance above the clip and clamps to [0, 65504].
-// The network sees nothing above the clip. The radiance that LRHS has there is added only where the output is
-// near the clip: nothing below an eighth of it, and all from a quarter on, so that the edges that the network
-// drew stay.
-// Each invocation decodes a strip of elements, z being the channel; with FRAME_IMAGE a strip of pixels.
+// Decodes the network's output: adds the upsampled encoded LRHS where the model predicts a residual,
+// inverts the transfer, divides by the exposure, adds the radiance above the clip and clamps to [0, 65504].
+// The network sees nothing above the clip. The radiance that above_clip.comp found is added only where the
+// output is near the clip: nothing below an eighth of it, and all from a quarter on, so that the edges that
+// the network drew stay. Each invocation decodes a strip of elements, z being the channel; with FRAME_IMAGE
+// a strip of pixels.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"

@@ -1,5 +1,6 @@
 // Computes the exposure of a recording and its inverse from the sums that exposure_sums.comp wrote: the key
-// over the squared mean, clamped to [2^-24, 2^24], or 1 where all of LRHS is black. It runs as one workgroup.
+// over the squared mean, clamped to [2^-24, 2^24], or 1 where all of the image is black. It runs as one
+// workgroup.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"

@@ -1,5 +1,5 @@
-// Sums up the square roots of LRHS's luminance (Rec. 709), of colors clamped to [0, 65504] and with NaN as 0.
-// An invocation takes every p.stride-th pixel, and a workgroup writes one sum.
+// Sums up the square roots of an image's luminance (Rec. 709), of colors clamped to [0, 65504] and with NaN
+// as 0. An invocation takes every p.stride-th pixel, and a workgroup writes one sum.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"

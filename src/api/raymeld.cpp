@@ -609,7 +609,6 @@ raymeld_result raymeld_model_get_info(raymeld_model model, raymeld_model_info* i
     known.knows_spp = state.model.architecture().knows_spp;
     known.parameters = state.model.parameters();
     known.reads_lrhs = state.model.architecture().reads_lrhs();
-    known.reads_hrls = VK_TRUE;
     write(known, given(info, "info"), "raymeld_model_info");
   });
 }

@@ -62,7 +62,8 @@ enum class Command { kFuse, kDenoise };
 
 void add_files(CLI::App& command, Command of, FuseArguments& a) {
   if (of == Command::kFuse) {
-    command.add_option("--lrhs", a.lrhs, "Reads the small, many-sample render from this OpenEXR file")
+    command
+        .add_option("--lrhs", a.lrhs, "Reads the small, many-sample render from this OpenEXR file (required)")
         ->type_name("FILE");
   }
   command
@@ -72,11 +73,11 @@ void add_files(CLI::App& command, Command of, FuseArguments& a) {
       ->type_name("FILE");
   command
       .add_option("-o,--output", a.output,
-                  "Writes the fused image to this OpenEXR file; windows and attributes are those of "
+                  "Writes the result to this OpenEXR file; windows and attributes are those of "
                   "HRLS")
       ->type_name("FILE")
       ->check(ends_in(".exr", "; --preview writes a PNG"));
-  command.add_option("--preview", a.preview, "Writes the fused image as an sRGB PNG too")
+  command.add_option("--preview", a.preview, "Writes the result as an sRGB PNG too")
       ->type_name("FILE")
       ->check(ends_in(".png"));
   command
@@ -132,7 +133,7 @@ void add_more_files(CLI::App& command, Command of, FuseArguments& a) {
   add_samples(command, "--hrls-spp", a.samples.hrls, "HRLS");
   add_parsed(
       command, "--window", a.window, parse_window,
-      "Fuses and writes only this part of HRLS, in pixel coordinates of its file; the result is as in the "
+      "Computes and writes only this part of HRLS, in pixel coordinates of its file; the result is as in the "
       "whole frame, and takes about as long as a frame of this size")
       ->type_name("X,Y,W,H");
   command
@@ -141,13 +142,13 @@ void add_more_files(CLI::App& command, Command of, FuseArguments& a) {
       ->check(CLI::IsMember({"auto", "half", "float"}))
       ->capture_default_str();
   command.add_flag("--layers", a.layers,
-                   "Also writes the diffuse, specular and other (emission) light of the fused image, which "
-                   "add up to it; both files need diffuse and specular, and it takes four times as long");
+                   "Also writes the diffuse, specular and other (emission) light of the result, which "
+                   "add up to it; the inputs need diffuse and specular, and it takes four times as long");
   command.add_flag("--keep-layers", a.keep_layers,
-                   "Copies all HRLS channels that are not fused to the output, bit by bit");
+                   "Copies all HRLS channels that are not computed to the output, bit by bit");
   command
       .add_option("--preview-before-after", a.before_after,
-                  "Writes a PNG with the inputs, LRHS by bicubic interpolation, the fused image and, if "
+                  "Writes a PNG with the inputs, LRHS by bicubic interpolation, the result and, if "
                   "given, the reference side by side")
       ->type_name("FILE")
       ->check(ends_in(".png"));
@@ -157,13 +158,12 @@ void add_more_files(CLI::App& command, Command of, FuseArguments& a) {
 }
 
 // Adds the options that choose the model by name, quality or time.
-void add_model(CLI::App& command, FuseArguments& a) {
-  CLI::Option* model =
-      command
-          .add_option("--model", a.model,
-                      "Uses this model: a name, a scale such as x4, or a file; without it the "
-                      "scale follows from the sizes of the images")
-          ->type_name("MODEL");
+void add_model(CLI::App& command, Command of, FuseArguments& a) {
+  const char* description = of == Command::kFuse
+                                ? "Uses this model: a name, a scale such as x4, or a file; without it the "
+                                  "scale follows from the sizes of the images"
+                                : "Uses this model: a name or a file";
+  CLI::Option* model = command.add_option("--model", a.model, description)->type_name("MODEL");
   CLI::Option* quality =
       add_parsed(
           command, "--quality", a.request, parse_quality,
@@ -172,7 +172,7 @@ void add_model(CLI::App& command, FuseArguments& a) {
           ->type_name("high|balanced|fast|N")
           ->excludes(model);
   add_parsed(command, "--budget", a.request, parse_budget,
-             "Chooses the best model that fuses a frame in this time, such as 16ms or 2s, without reading "
+             "Chooses the best model that computes a frame in this time, such as 16ms or 2s, without reading "
              "and writing files; measures the models at this size, once on each device")
       ->type_name("TIME")
       ->group(kMoreOptions)
@@ -223,7 +223,7 @@ void add_reports(CLI::App& command, FuseArguments& a) {
 }
 
 void add_more_reports(CLI::App& command, FuseArguments& a) {
-  command.add_option("--reference", a.reference, "Measures the fused image against this OpenEXR file")
+  command.add_option("--reference", a.reference, "Measures the result against this OpenEXR file")
       ->type_name("FILE");
   command
       .add_flag("--profile", a.profile,
@@ -239,7 +239,7 @@ void add_more_reports(CLI::App& command, FuseArguments& a) {
 CLI::Option* add_frames(CLI::App& command, SequenceArguments& a) {
   return add_parsed(
              command, "--frames", a.frames, parse_frames,
-             "Fuses a sequence of frames, such as 1-240, 1-240x2 or 1-10,15. In each file name the last run "
+             "Takes a sequence of frames, such as 1-240, 1-240x2 or 1-10,15. In each file name the last run "
              "of # stands for the frame's number, padded to the run's length; an input that all frames share "
              "may have none")
       ->type_name("RANGES");
@@ -247,7 +247,7 @@ CLI::Option* add_frames(CLI::App& command, SequenceArguments& a) {
 
 void add_more_sequence(CLI::App& command, CLI::Option* frames, SequenceArguments& a, FuseArguments& frame) {
   add_parsed(command, "--shard", a.shard, parse_shard,
-             "Fuses part I of N of the sequence: every N-th frame, from the I-th on")
+             "Takes part I of N of the sequence: every N-th frame, from the I-th on")
       ->type_name("I/N")
       ->needs(frames);
   command
@@ -272,7 +272,7 @@ void add_options(CLI::App& command, Command of, FuseArguments& a, SequenceArgume
   add_files(command, of, a);
   add_removed(command);
   group("Model and sequence");
-  add_model(command, a);
+  add_model(command, of, a);
   CLI::Option* frames = add_frames(command, sequence);
   group("Messages");
   add_reports(command, a);

@@ -22,9 +22,10 @@ void show(const GraphArguments& arguments) {
   network(graph, model, lrhs.height, lrhs.width, 0);
   graph.plan();
   if (arguments.dot) return print(graph_dot(graph, model.name()));
-  print(fmt::format("model {}, {} parameters, {} x {} pixels, {}, halo {} LRHS pixels\n\n", model.name(),
+  const Architecture& architecture = model.architecture();
+  print(fmt::format("model {}, {} parameters, {} x {} pixels, {}, halo {} {}\n\n", model.name(),
                     model.parameters(), full.width, full.height, arguments.precision,
-                    receptive_halo(model.architecture())));
+                    receptive_halo(architecture), architecture.reads_lrhs() ? "LRHS pixels" : "pixels"));
   print(passes_text(graph) + "\n" + memory_text(graph));
 }
 

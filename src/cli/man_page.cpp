@@ -65,7 +65,7 @@ std::string command_text(const CLI::App& command) {
 std::string man_page(const CLI::App& app) {
   std::string text = fmt::format(
       ".TH RAYMELD 1 \"\" \"raymeld {}\" \"User Commands\"\n"
-      ".SH NAME\nraymeld \\- fuses two cheap renders into a good one\n"
+      ".SH NAME\nraymeld \\- makes a good render of one or two cheap ones\n"
       ".SH SYNOPSIS\n\\fBraymeld\\fR \\fICOMMAND\\fR [\\fIOPTIONS\\fR]\n"
       ".SH DESCRIPTION\n{}.\n.SH COMMANDS\n",
       RAYMELD_VERSION, roff(app.get_description()));

@@ -143,14 +143,14 @@ Architecture read_architecture(const std::filesystem::path& model) {
     std::istringstream stream(metadata.at("widths"));
     for (std::string width; std::getline(stream, width, ',');) widths.push_back(std::stoi(width));
     const bool reads_lrhs = number("scale") > 1;
-    const auto text = [&](const char* key) { return reads_lrhs ? metadata.at(key) : ""; };
+    const auto text = [&](const char* key) { return reads_lrhs ? metadata.at(key) : "0"; };
     return {.scale = number("scale"),
             .hrls_layers = layer_kinds(metadata.at("hrls_layers")),
             .transfer = metadata.at("transfer") == "log" ? Transfer::kLog : Transfer::kLinear,
             .clip = std::stof(metadata.at("clip")),
             .both_samplings = text("lrhs_sampling").find(',') != std::string::npos,
             .upscaled_features = number("upscaled_features"),
-            .lrhs_certainty = reads_lrhs ? std::stof(text("lrhs_certainty")) : 0,
+            .lrhs_certainty = std::stof(text("lrhs_certainty")),
             .knows_spp = metadata.contains("knows_spp") && metadata.at("knows_spp") == "true",
             .widths = widths};
   }

@@ -238,7 +238,7 @@ FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const
                        float exposure, size_t sequence) {
   if (exposure != 0) check_exposure(exposure);
   if (options_.frame_images.any()) throw Error("fuse() cannot be used with frame_images, expected record()");
-  if (!model_.architecture().reads_lrhs()) lrhs = hrls;  // which begins with its color
+  if (!model_.architecture().reads_lrhs()) lrhs = hrls;  // HRLS begins with its color
   // The default exposure is the whole frame's, so that all tiles have the same.
   const float factor = exposure != 0 ? exposure : this->exposure(lrhs);
   if (options_.skip_unchanged) {

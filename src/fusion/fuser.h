@@ -105,22 +105,24 @@ class Fuser {
   // Returns which of the kFramesInFlight recordings the next one takes the place of.
   uint32_t next_frame() const { return next_set_; }
 
-  // Returns the exposure that fuse() uses for this LRHS (3, h, w), planar and dense.
+  // Returns the exposure that fuse() uses for this LRHS (3, h, w), planar and dense, or for the color of HRLS
+  // where the model reads it alone.
   float exposure(const float* lrhs) const;
 
   // Does all work of the first fuse() but the fusing: allocates, records, and runs passes without workgroups,
   // since some drivers compile a kernel when it first runs. Throws as fuse() does.
   void prepare_fuse(const Progress& progress = {});
 
-  // Fuses one frame: lrhs (3, h, w) and hrls (K, s h, s w) to fused (3, s h, s w), scene linear. Runs tile by
-  // tile and waits. The first call allocates and records, and so does the first that computes a tile again;
-  // other calls only submit. No frame of record() may be pending. When the device runs out of memory, the
-  // frame starts again with smaller tiles, unless record(), or prepare() of another size, was called before:
-  // recordings may still be submitted. Throws NotFinite, Cancelled and Error, also with
-  // FuserOptions::frame_images; `fused` may then hold some tiles, and the next call works if the device does.
-  // FuserOptions::skip_unchanged keeps the inputs and the output for the next call of the same `sequence`,
-  // and the bits are those of a first call. `exposure` is the factor of radiance for the network, to be given
-  // for parts of a larger frame; 0 means exposure().
+  // Fuses one frame: lrhs (3, h, w) and hrls (K, s h, s w) to fused (3, s h, s w), scene linear. `lrhs` is
+  // not read, and may be null, where the model reads HRLS alone. Runs tile by tile and waits. The first call
+  // allocates and records, and so does the first that computes a tile again; other calls only submit. No
+  // frame of record() may be pending. When the device runs out of memory, the frame starts again with smaller
+  // tiles, unless record(), or prepare() of another size, was called before: recordings may still be
+  // submitted. Throws NotFinite, Cancelled and Error, also with FuserOptions::frame_images; `fused` may then
+  // hold some tiles, and the next call works if the device does. FuserOptions::skip_unchanged keeps the
+  // inputs and the output for the next call of the same `sequence`, and the bits are those of a first call.
+  // `exposure` is the factor of radiance for the network, to be given for parts of a larger frame; 0 means
+  // exposure().
   FuseReport fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress = {},
                   float exposure = 0, size_t sequence = 0);
   // Does the same on planar, dense memory of the caller's, whose sizes are not checked.

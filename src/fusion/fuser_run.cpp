@@ -97,8 +97,9 @@ Image Fuser::redo_tile(const ImageWindow& lrhs, const ImageWindow& hrls, const P
   }
   std::vector<float> copies[2];
   const auto dense = [](const ImageWindow& window, std::vector<float>& copy) -> const float* {
-    if (window.row_stride == window.width && window.plane == size_t{window.width} * window.height)
-      return window.values;
+    const bool is_dense =
+        window.row_stride == window.width && window.plane == size_t{window.width} * window.height;
+    if (is_dense || window.rows() == 0) return window.values;
     copy.resize(window.rows() * window.width);
     window.copy(0, window.rows(), copy.data());
     return copy.data();

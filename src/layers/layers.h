@@ -143,8 +143,8 @@ struct Conv2dLink {
 // between them are in memory at a time, unless the graph is to keep() it.
 void conv2d_chain(Graph& graph, std::span<const Conv2dLink> links);
 
-// Writes the recording's exposure for the passes after it: exposure_of() the first three channels (h, w, 3) of
-// the image in `slot`, in 32 bits, by sums in a fixed order. Subnormal values may count as 0.
+// Writes the recording's exposure for the passes after it: exposure_of() the first three channels (h, w, 3)
+// of the image in `slot`, in 32 bits, by sums in a fixed order. Subnormal values may count as 0.
 void exposure(Graph& graph, const std::string& name, FrameSlot slot, uint32_t height, uint32_t width,
               float key);
 

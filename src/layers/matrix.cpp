@@ -82,8 +82,9 @@ bool is_possible(const MatrixTiles& tiles, uint32_t kernel) {
     if (size == 0 || size > kMost) return false;
   }
   // Rows of shuffled pixels come from up to 8 outputs, which one matrix must hold.
-  return kMatrixColumns % matrix.n == 0 && matrix.m % 8 == 0 && matrix.k % kStep == 0 && tiles.outputs % matrix.m == 0 &&
-         tiles.channels % matrix.k == 0 && tiles.subgroups * matrix.subgroup_size <= matrix.max_invocations &&
+  return kMatrixColumns % matrix.n == 0 && matrix.m % 8 == 0 && matrix.k % kStep == 0 &&
+         tiles.outputs % matrix.m == 0 && tiles.channels % matrix.k == 0 &&
+         tiles.subgroups * matrix.subgroup_size <= matrix.max_invocations &&
          shared_bytes(tiles, kernel) <= matrix.max_shared_bytes;
 }
 

@@ -188,9 +188,8 @@ Architecture parse_architecture(const Metadata& metadata, const std::string& fil
   if (entries.text("format_version") != "1") entries.reject("format_version", "\"1\"");
   Architecture a;
   const bool pyramid = entries.has("network") && entries.choice("network", "pyramid", "fusion");
-  const std::string scales = pyramid ? "1, 2, 4 or 8" : "2, 4 or 8";
   a.scale = entries.integer("scale", pyramid ? 1 : 2, 8);
-  if (!std::has_single_bit(a.scale)) entries.reject("scale", scales);
+  if (!std::has_single_bit(a.scale)) entries.reject("scale", pyramid ? "1, 2, 4 or 8" : "2, 4 or 8");
   a.hrls_layers = hrls_layers(entries);
   a.optional_layers = optional_layers(entries, a.hrls_layers);
   a.transfer = entries.choice("transfer", "log", "linear") ? Transfer::kLog : Transfer::kLinear;

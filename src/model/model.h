@@ -30,7 +30,7 @@ enum class Base { kNone, kBilinear, kJoint };
 
 // Holds the parameters of a network, all of them from the model's file. The letters are those of the paper.
 struct Architecture {
-  uint32_t scale = 0;                        // s: 2, 4 or 8; a network of scale 1 reads HRLS alone
+  uint32_t scale = 0;                        // s: 1, 2, 4 or 8; with 1 only HRLS is read
   uint32_t features = 0;                     // C
   uint32_t growth = 0;                       // R
   uint32_t dense_layers = 0;                 // D, in each block
@@ -65,8 +65,8 @@ struct Architecture {
 
   bool is_pyramid() const { return !widths.empty(); }
   bool reads_lrhs() const { return scale > 1; }
-  // Returns the slot of the image that sets the exposure, and whose radiance above the clip is added: LRHS, or
-  // HRLS, which begins with its color.
+  // Returns the slot of the image that sets the exposure, and whose radiance above the clip is added. It is
+  // LRHS or HRLS, which begins with its color.
   FrameSlot bright_slot() const { return reads_lrhs() ? kLrhsSlot : kHrlsSlot; }
   // Returns the LRHS pixels in each direction of a pixel of the coarsest level; tiles start at multiples.
   uint32_t grid() const { return is_pyramid() ? (1u << widths.size()) / scale : 1; }

@@ -162,7 +162,6 @@ TEST_F(RecordTest, AModelOfScale1TakesNoLrhs) {
   const SharedModel model(file_);
   EXPECT_EQ(model.info().scale, 1u);
   EXPECT_FALSE(model.info().reads_lrhs);
-  EXPECT_TRUE(model.info().reads_hrls);
   Fusion fusion(Context(context_desc(caller.external())), model, fusion_desc(subject));
   const std::vector<float> hrls_values = floats(subject.hrls);
   std::vector<float> expected(3 * 18 * 9);

@@ -58,15 +58,42 @@ TEST_F(CliDenoise, ReportsNothingOfLrhs) {
   for (const auto& [key, value] : json.items()) EXPECT_EQ(key.find("lrhs"), std::string::npos) << key;
   const Json plan = run_json(denoise({"--json", "--dry-run"}));
   EXPECT_FALSE(plan.at("layers").contains("lrhs"));
-  EXPECT_EQ(run(denoise({"--dry-run"})).out.find("LRHS"), std::string::npos);
+  const ProcessResult text = run(denoise({"--dry-run"}));
+  EXPECT_NE(text.out.find("1 tile(s) of 96 x 80 pixels, halo"), std::string::npos) << text.out;
+  EXPECT_EQ(text.out.find("LRHS"), std::string::npos) << text.out;
 }
 
+// The network reaches less far than to the ends of the frame.
 TEST_F(CliDenoise, APartHasTheBitsOfTheWholeFrame) {
-  const std::vector<std::string> direct{"--kernels", "direct"};
-  ASSERT_EQ(run(denoise(direct, "whole.exr")).exit_status, 0);
+  write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 700, 24, 6));
+  ASSERT_EQ(run(denoise({"--kernels", "direct"}, "whole.exr")).exit_status, 0);
   const Image whole = read("whole.exr");
-  ASSERT_EQ(run(denoise({"--kernels", "direct", "--window", "37,11,21,50"})).exit_status, 0);
-  EXPECT_EQ(read("out.exr").data, crop(whole, 37, 11, 21, 50).data);
+  ASSERT_EQ(run(denoise({"--kernels", "direct", "--window", "327,5,21,11"})).exit_status, 0);
+  EXPECT_EQ(read("out.exr").data, crop(whole, 327, 5, 21, 11).data);
+  EXPECT_LT(run_json(denoise({"--json", "--dry-run", "--window", "327,5,21,11"})).at("gflop"),
+            run_json(denoise({"--json", "--dry-run"})).at("gflop"));
+}
+
+TEST_F(CliDenoise, TilesHaveTheBitsOfTheWholeFrame) {
+  write_image(folder_ / "high.exr", kLayeredNames, random_image(kLayeredNames, 2000, 24, 7));
+  ASSERT_EQ(run(denoise({"--kernels", "direct"}, "whole.exr")).exit_status, 0);
+  const Json json = run_json(denoise({"--kernels", "direct", "--max-memory", "6", "--json"}));
+  EXPECT_GT(json.at("tiles"), 1);
+  EXPECT_EQ(read("out.exr").data, read("whole.exr").data);
+}
+
+TEST_F(CliDenoise, GuidesAndPicturesAreThoseOfHrls) {
+  Image guides = high_;
+  for (int c = 3; c < 9; ++c) std::fill_n(guides.plane(c), guides.plane_size(), 0.5f);
+  write_image(folder_ / "guides.exr", kLayeredNames, guides);
+  ASSERT_EQ(run(denoise({}, "without.exr")).exit_status, 0);
+  ASSERT_EQ(run(denoise({"--guides", "guides.exr", "--preview", "out.png", "--preview-before-after",
+                         "both.png", "--keep-layers"}))
+                .exit_status,
+            0);
+  EXPECT_NE(read("out.exr").data, read("without.exr").data);
+  EXPECT_EQ(read("out.exr", {"normal.X"}).data, read("high.exr", {"normal.X"}).data);
+  EXPECT_TRUE(std::filesystem::exists(folder_ / "both.png"));
 }
 
 TEST_F(CliDenoise, AlphaAndTheKindsOfLightAreDenoisedToo) {
@@ -90,15 +117,19 @@ TEST_F(CliDenoise, ValuesThatAreNotFiniteAreCountedOnce) {
   high_.at(0, 3, 4) = NAN;
   write_image(folder_ / "high.exr", kLayeredNames, high_);
   const Json json = run_json(denoise({"--json"}));
-  EXPECT_EQ(json.at("warnings").size(), 1u) << json.at("warnings");
+  ASSERT_EQ(json.at("warnings").size(), 1u) << json.at("warnings");
+  EXPECT_EQ(json.at("warnings").at(0).at("count"), 1);
 }
 
 TEST_F(CliDenoise, DenoisesSequences) {
-  for (const char* name : {"in.1.exr", "in.2.exr"}) write_image(folder_ / name, kLayeredNames, high_);
+  write_image(folder_ / "in.1.exr", kLayeredNames, high_);
+  write_image(folder_ / "in.2.exr", kLayeredNames, random_image(kLayeredNames, 96, 80, 8));
+  ASSERT_EQ(run(denoise()).exit_status, 0);
   std::vector<std::string> arguments = denoise({"--frames", "1-2"}, "out.#.exr");
   arguments[2] = "in.#.exr";
   ASSERT_EQ(run(arguments).exit_status, 0);
-  EXPECT_EQ(read("out.1.exr").data, read("out.2.exr").data);
+  EXPECT_EQ(read("out.1.exr").data, read("out.exr").data);
+  EXPECT_NE(read("out.2.exr").data, read("out.exr").data);
   arguments[2] = "high.exr";
   EXPECT_NE(run(arguments).err.find("--frames: --hrls 'high.exr' has no # for the frame's number"),
             std::string::npos);
@@ -118,6 +149,7 @@ TEST_F(CliDenoise, CommandsAndModelsThatDoNotFitAreNamed) {
           "raymeld fuse takes it, with --lrhs and --hrls");
   refused({"denoise", "--lrhs", "low.exr", "--hrls", "high.exr", "-o", "out.exr"}, "--lrhs");
   EXPECT_FALSE(std::filesystem::exists(folder_ / "out.exr"));
+  EXPECT_NE(run({"fuse", "--help"}).out.find("OpenEXR file (required)"), std::string::npos);
 }
 
 }  // namespace

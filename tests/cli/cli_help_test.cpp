@@ -8,8 +8,8 @@
 namespace raymeld::test {
 namespace {
 
-const std::vector<std::string> kCommands = {"fuse",    "devices", "compare", "degrade", "graph",
-                                            "compile", "tune",    "trade",   "conform"};
+const std::vector<std::string> kCommands = {"fuse",  "denoise", "devices", "compare", "degrade",
+                                            "graph", "compile", "tune",    "trade",   "conform"};
 
 class CliHelp : public Cli {
  protected:
@@ -91,7 +91,7 @@ TEST_F(CliHelp, ManualAndCompletionHaveEveryOption) {
 }
 
 TEST_F(CliHelp, CompletionOffersCommandsAndValues) {
-  EXPECT_EQ(completions({"raymeld", "de"}), (std::set<std::string>{"degrade", "devices"}));
+  EXPECT_EQ(completions({"raymeld", "de"}), (std::set<std::string>{"degrade", "denoise", "devices"}));
   EXPECT_EQ(completions({"raymeld", "fuse", "--precision", ""}),
             (std::set<std::string>{"auto", "fp16", "fp32"}));
   EXPECT_EQ(completions({"raymeld", "fuse", "--quality", "b"}), (std::set<std::string>{"balanced"}));

@@ -202,6 +202,35 @@ TEST_F(ChangedTest, WhatOverflowsIsComputedAgainAsAWhole) {
   }
 }
 
+// A model without LRHS skips tiles and computes tiles again as others do. Its levels reach far, so that the
+// frame is wide.
+TEST_F(ChangedTest, AModelOfHrlsAloneDoesTheSame) {
+  if (!gpu().info().storage_16bit) GTEST_SKIP() << "no 16-bit storage";
+  constexpr uint32_t kRows = 3, kColumns = 700;
+  const Architecture a = pyramid_architecture(1);
+  Subject subject = make_subject(a, kRows, kColumns, 5);
+  for (double& w : subject.weights.at("kernel.1").weight) w = w < 0 ? -6e4 : 6e4;
+  const Model model = model_of(a, subject.weights);
+  FuserOptions options{.storage = Storage::kFloat16, .fp32_kernels = Kernels{}};
+  const auto make_for = [&](const FuserOptions& with) {
+    return Fuser(gpu(), model, kRows, kColumns, with, shared_cache_folder());
+  };
+  Fuser whole = make_for(options);
+  options.skip_unchanged = true;
+  options.max_memory_bytes = whole.plan().peak_bytes();
+  Fuser fuser = make_for(options);
+  ASSERT_GT(fuser.plan().tiling.count(), 1u);
+  Image hrls = image_of(subject.hrls), fused, expected;
+  const FuseReport first = fuser.fuse({}, hrls, fused);
+  EXPECT_GT(first.redone_tiles, 0u);
+  EXPECT_GT(whole.fuse({}, hrls, expected).redone_tiles, 0u);
+  EXPECT_TRUE(same_bits(fused.data, expected.data));
+  hrls.at(0, 1, 5) += 1;
+  fuser.fuse({}, hrls, fused, {}, first.exposure);
+  whole.fuse({}, hrls, expected, {}, first.exposure);
+  EXPECT_TRUE(same_bits(fused.data, expected.data));
+}
+
 // Frames of different sequences are not compared with each other.
 TEST_F(ChangedTest, EachSequenceHasALastFrame) {
   const Architecture a = small_architecture(2);

@@ -184,6 +184,15 @@ TEST_F(ModelTest, APyramidHasWidthsAndGuides) {
     EXPECT_TRUE(contains(error("widths", widths), "expected 4 integers from 1 to 1024")) << widths;
   EXPECT_TRUE(contains(error("widths", "3,2,3,4"), "tensor down.4.weight has shape"));
   EXPECT_TRUE(contains(error("network", "unet"), "\"pyramid\" or \"fusion\""));
+  for (const char* scale : {"0", "9"})
+    EXPECT_TRUE(contains(error("scale", scale), "expected an integer from 1 to 8")) << scale;
+  EXPECT_TRUE(contains(error("scale", "3"), "expected 1, 2, 4 or 8"));
+  // At a scale of 1 no layer reads LRHS.
+  EXPECT_TRUE(contains(error("scale", "1"), "tensor level.1.weight of shape [3, 3, 3, 3] is missing"));
+  SafeTensors content = read_safetensors(golden_model_path("pyramid-x1"));
+  content.tensors["lrhs.by_spp"] = content.tensors.at("hrls.by_spp");
+  write_safetensors(file_, content);
+  EXPECT_TRUE(contains(error_of([&] { Model model(file_); }), "tensor lrhs.by_spp belongs to no layer"));
   EXPECT_TRUE(contains(error("hrls_layers", "color,normal,albedo,variance"), "color,albedo,normal first"));
 }
 
@@ -191,7 +200,7 @@ TEST_F(ModelTest, WrongEntriesAreNamed) {
   const std::map<std::string, std::vector<std::string>> wrong{
       {"format", {"", "raymeld", "onnx"}},
       {"format_version", {"2", "1.0", ""}},
-      {"scale", {"3", "0", "16", "-4", "4.0", "four", "", " 4"}},
+      {"scale", {"1", "3", "0", "16", "-4", "4.0", "four", "", " 4"}},
       {"features", {"0", "-1", "1025", "5x", "99999999999999999999", ""}},
       {"growth", {"0", "1025", "3.5"}},
       {"dense_layers", {"0", "65"}},

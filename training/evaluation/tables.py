@@ -205,6 +205,7 @@ def rival(method, scale, pair, i):
 
 def lead(model, scale, pair, i, view, store, rivals):
     """Returns (decibels, RelMSE of the best baseline over the model's), or None if one of them was not measured."""
+    rivals = [method for method in rivals if scale > 1 or method != "bicubic"]  # there is no LRHS
     jobs = [fused(model, pair, scale=scale), *(rival(method, scale, pair, i) for method in rivals)]
     scores = [store.get(job, view) for job in jobs]
     if not all(scores):

@@ -11,12 +11,11 @@ from evaluation.images import read
 
 # PAIRS and PAPER_PAIRS hold samples a pixel of LRHS and HRLS by scale. Their average, spp_LRHS / s^2 + spp_HRLS, is one
 # of AVERAGES. In PAIRS LRHS has one sample for each full-size pixel, and HRLS all others; in PAPER_PAIRS both have more
-# (Table 2 of Hou et al. 2021).
-# A model of scale 1 has all samples in HRLS.
-PAIRS = {scale: tuple((scale**2, high) for high in (1, 3, 7)) for scale in (2, 4, 8)}
-PAPER_PAIRS = {2: ((4, 1), (8, 2), (16, 4)), 4: ((16, 1), (32, 2), (64, 4)), 8: ((64, 1), (128, 2), (256, 4))}
+# (Table 2 of Hou et al. 2021). At a scale of 1 HRLS has all samples.
 AVERAGES = (2, 4, 8)
-PAIRS[1] = PAPER_PAIRS[1] = tuple((0, spp) for spp in AVERAGES)
+ALONE = {1: tuple((0, spp) for spp in AVERAGES)}
+PAIRS = ALONE | {scale: tuple((scale**2, spp - 1) for spp in AVERAGES) for scale in (2, 4, 8)}
+PAPER_PAIRS = ALONE | {scale: tuple((scale**2 * n, n) for n in (1, 2, 4)) for scale in (2, 4, 8)}
 PLAIN = (1, 2, 4, 8, 16, 32)
 ALL_PLAIN = sum(PLAIN)  # samples of the mean of all plain renders, weighted by samples; they share no noise
 

@@ -40,6 +40,8 @@ std::vector<CurvePoint> models_of(int scale) {
   });
   const auto is_own = [&](const CurvePoint& point) { return int(point.scale) == scale; };
   if (std::ranges::any_of(points, is_own)) std::erase_if(points, std::not_fn(is_own));
+  if (points.empty() && scale == 1)
+    throw Error("there is no stock model that denoises; --model names one; {}", what_models_there_are());
   if (points.empty()) throw Error("there is no model for scale {}; {}", scale, what_models_there_are());
   return points;
 }

@@ -1,5 +1,5 @@
-// Declares the parts of the command `fuse`, in the order in which it runs them. A frame is opened, read,
-// fused and written; a sequence (sequence.h) runs these same steps in threads.
+// Declares the parts of the commands `fuse` and `denoise`, in the order in which it runs them. A frame is
+// opened, read, fused and written; a sequence (sequence.h) runs these same steps in threads.
 #pragma once
 
 #include <algorithm>
@@ -101,6 +101,7 @@ struct FuseFiles {
   LayerMap guides_map;            // only layers that are taken from there
 
   bool denoises() const { return frame.scale == 1; }
+  const char* pixels() const { return denoises() ? "pixels" : "LRHS pixels"; }  // what tiles are counted in
   // Returns the factor by which LRHS is upsampled for the model: an x4 model fuses an LRHS of x8 too.
   int upsampling() const { return frame.scale / canvas.scale; }
   // These are FuserOptions::phase and samples, those of the LRHS that the model reads.
@@ -168,7 +169,7 @@ struct FuseFrame {
   std::vector<Phase> phases = {};  // finished phases, in their order
 
   // Drops what only the network reads, often the largest part of a frame's memory.
-  void drop_inputs() { images.hrls = {}; }
+  void drop_inputs() { images.lrhs = images.hrls = {}; }
 };
 
 // Runs the command for one frame. Throws Error and Cancelled, and then leaves no output behind.
@@ -202,7 +203,7 @@ void fuse_companions(FuseFrame& frame, const FuseOne& fuse);
 // Returns the canvas's part of an LRHS image that covers `from`, upsampled to the model's scale.
 Image for_canvas(const FuseFiles& files, Image lrhs, const Imath::Box2i& from);
 
-// Replaces values of LRHS that are not finite, and warns of them unless HRLS stands for it.
+// Replaces values of a part of LRHS that are not finite, and warns of them unless HRLS stands for it.
 void sanitize_lrhs(Image& lrhs, const FuseFiles& files, Console& console);
 
 // Reads the whole frame's LRHS, (3, h, w), all finite.

@@ -308,7 +308,7 @@ void sanitize_lrhs(Image& lrhs, const FuseFiles& files, Console& console) {
 
 Image load_lrhs(FuseFiles& files, Console& console) {
   Image lrhs = load_layers(files.lrhs, files.lrhs_map, kColor);
-  sanitize_lrhs(lrhs, files, console);
+  sanitize_input(lrhs, "LRHS", files.lrhs.path(), console);
   if (const uint64_t outside = pixels_outside(files.lrhs_windows, read_from_lrhs(files))) {
     console.warn(
         fmt::format("LRHS '{}': {} pixels that HRLS needs lie outside its data window, whose edge is "
@@ -339,8 +339,9 @@ Image load_hrls(FuseFiles& files, std::span<const std::string> layers, Console& 
 ColorPair load_colors(const FuseArguments& arguments, FuseFiles& files, Console& console) {
   std::vector<std::string> layers = image_layers(files.model->architecture(), files.absent_layers);
   std::erase_if(layers, [](const std::string& layer) { return layer != "color" && !is_guide(layer); });
-  Image lrhs = load_lrhs(files, console), hrls = load_hrls(files, layers, console);
+  Image lrhs, hrls = load_hrls(files, layers, console);
   hrls = seen_through(std::move(hrls), files.hrls_windows.data, files.frame.hrls);
+  lrhs = files.denoises() ? first_channels(hrls, 3) : load_lrhs(files, console);
   examine(arguments, files, lrhs, hrls, layers, console);
   return {std::move(lrhs), std::move(hrls)};
 }
@@ -364,12 +365,13 @@ void load_frame(FuseFrame& frame) {
   const PhaseTimer timer(frame, "read");
   FuseFiles& files = frame.files;
   FuseImages& images = frame.images;
-  images.lrhs = load_lrhs(files, frame.console);
+  if (!files.denoises()) images.lrhs = load_lrhs(files, frame.console);
   const Architecture& model = files.model->architecture();
   images.constants = files.absent_layers;
   images.hrls = load_hrls(files, image_layers(model, images.constants), frame.console);
   take_constant_layers(model, images.hrls, images.constants);
   images.hrls = seen_through(std::move(images.hrls), files.hrls_windows.data, files.frame.hrls);
+  if (files.denoises()) images.lrhs = first_channels(images.hrls, 3);
   examine(frame.arguments, files, images.lrhs, images.hrls, image_layers(model, images.constants),
           frame.console);
   images.exposure = exposure_for(frame.arguments, *files.model, images.lrhs);

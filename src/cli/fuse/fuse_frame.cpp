@@ -220,8 +220,8 @@ void FrameFuser::fuse(FuseFrame& frame, const Progress& progress) try {
   const Tiling& tiling = fuser.plan().tiling;
   if (!fuser.shortage().empty()) {
     frame.console.warn(
-        fmt::format("{}; fused in {} smaller tiles of {} x {} {} instead", fuser.shortage(), tiling.count(),
-                    tiling.tile.width, tiling.tile.height, frame.files.denoises() ? "pixels" : "LRHS pixels"),
+        fmt::format("{}; computed in {} smaller tiles of {} x {} {} instead", fuser.shortage(),
+                    tiling.count(), tiling.tile.width, tiling.tile.height, frame.files.pixels()),
         1);
   }
   frame.result.allocated_bytes = fuser.allocated_bytes();

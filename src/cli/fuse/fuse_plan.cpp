@@ -52,8 +52,7 @@ std::string plan_text(const FuseArguments& arguments, FuseFiles& files, const De
                      device_text(files, device.info(), plan.options.storage), found_text(findings(files)),
                      channels_text(arguments, files), plan.exposure) +
          fmt::format("{} tile(s) of {} x {} {}, halo {}; {:.3f} GFLOP, {:.1f} % of it for halos\n",
-                     tiling.count(), tiling.tile.width, tiling.tile.height,
-                     files.denoises() ? "pixels" : "LRHS pixels", tiling.halo,
+                     tiling.count(), tiling.tile.width, tiling.tile.height, files.pixels(), tiling.halo,
                      plan.runs * plan.fusion.flop * 1e-9, 100 - 100 / tiling.overhead()) +
          (plan.runs == 1 ? ""
                          : fmt::format("{} runs, for the color and what is fused beside it\n", plan.runs)) +

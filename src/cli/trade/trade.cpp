@@ -54,7 +54,10 @@ std::vector<TradeSetting> plain_ones(const std::vector<TradeSetting>& settings) 
 std::vector<std::string> usable_models(const std::vector<std::string>& asked, const TestView& view) {
   std::vector<std::string> models;
   for (const std::string& name : asked.empty() ? stock_models() : asked) {
-    const uint32_t scale = Model(find_model(name)).architecture().scale;
+    const Architecture architecture = Model(find_model(name)).architecture();
+    if (!asked.empty() && !architecture.reads_lrhs())
+      throw Error("model {} denoises one render, and trade measures models of pairs", name);
+    const uint32_t scale = architecture.scale;
     const bool has_lrhs = std::ranges::find(view.lrhs, scale, &TestRender::scale) != view.lrhs.end();
     if (has_lrhs || !asked.empty()) models.push_back(name);
   }
