@@ -140,10 +140,17 @@ class Test(unittest.TestCase):
         self.assertTrue(numpy.isfinite(denoised).all())
         darker = fusion.fuse(None, {name: x * (0.5 if name == "color" else 1) for name, x in hrls.items()})
         self.assertLess(darker.mean(), 0.9 * denoised.mean())
-        with self.assertRaisesRegex(raymeld.Error, "lrhs must be NULL"):
+        with self.assertRaisesRegex(raymeld.Error, "lrhs, which must be NULL"):
             fusion.fuse(hrls["color"], hrls)
         with self.assertRaisesRegex(raymeld.Error, "lrhs is NULL"):
             self.fusion().fuse(None, self.hrls)
+
+    def test_a_model_that_upscales_reads_lrhs_alone(self):
+        model = raymeld.Model(os.path.join(os.path.dirname(MODEL), "edsr-x4.safetensors"))
+        self.assertEqual(model.layers, [])
+        upscaled = raymeld.Fusion(model, HEIGHT, WIDTH).fuse(self.lrhs, {})
+        self.assertEqual(upscaled.shape, (4 * HEIGHT, 4 * WIDTH, 3))
+        self.assertTrue(numpy.isfinite(upscaled).all())
 
     def test_other_threads_run_meanwhile(self):
         height, width = 48, 64

@@ -141,6 +141,18 @@ CASES = {
             widths=("3", "2", "3", "2"),
         ),
     ),
+    "edsr-x4": (
+        (5, 7),
+        model.Config(
+            4,
+            5,
+            blocks=2,
+            clip=50.0,
+            lrhs_sampling=("centered",),
+            exposure_key=0.2,
+            network="edsr",
+        ),
+    ),
     "pyramid-x1": (
         (13, 18),
         model.Config(
@@ -170,7 +182,7 @@ CASES = {
     ),
 }
 SPP = {"spp-x4": (64.0, 2.0), "pyramid-x2": (8.0, 3.0), "pyramid-x1": (1.0, 6.0)}  # samples a pixel of LRHS and HRLS
-CENTERED = ("guided-x4", "joint-x2", "spp-x4", "pyramid-x2")  # LRHS is centered here, nearest samples elsewhere
+CENTERED = ("guided-x4", "joint-x2", "spp-x4", "edsr-x4", "pyramid-x2")  # LRHS is centered here, else nearest samples
 
 
 def random_network(config, generator):
@@ -195,7 +207,7 @@ def random_inputs(shape, config, generator):
         lrhs, hrls[:, 3:] = 1 + lrhs / 64, hrls[:, 3:] / 8
     lrhs[0, :, 1, 2] = torch.tensor([5000.0, 20.0, 60000.0])
     hrls[0, :, 3, 4] = 300.0
-    hrls[0, 0, -1, -1] = 60000.0
+    hrls[0, :1, -1, -1] = 60000.0
     if "normal" in config.hrls_layers:
         normal = 3 * config.hrls_layers.index("normal")
         hrls[:, normal : normal + 3] -= 1.5
@@ -229,7 +241,7 @@ def parts_of_joint_base(seen):
 
 def layer_outputs(network, run):
     """Returns the output of each layer by name, after its activation, shuffle or addition."""
-    if network.config.network == "pyramid":
+    if network.config.network in ("pyramid", "edsr"):
         network.outputs = {}
         return {"output": run()[1]} | network.outputs
     seen = {}
@@ -270,6 +282,8 @@ def layer_outputs(network, run):
 def exposed(hrls, config, exposure):
     """Exposes the layers of HRLS as a network with an exposure_key reads them."""
     power = {"albedo": 0, "normal": 0, "variance": 2}
+    if not config.hrls_layers:
+        return hrls
     layers = zip(hrls.split(3, dim=1), config.hrls_layers, strict=True)
     return torch.cat([layer * exposure ** power.get(name, 1) for layer, name in layers], dim=1)
 
@@ -280,7 +294,7 @@ def write_case(folder, name, shape, config):
     lrhs, hrls = random_inputs(shape, config, generator)
     if not config.reads_lrhs:
         lrhs = hrls[:, :3]
-    tensors = {"lrhs_input": lrhs, "hrls_input": hrls}
+    tensors = {"lrhs_input": lrhs} | ({"hrls_input": hrls} if config.hrls_layers else {})
     centered = torch.tensor(name in CENTERED)
     exposure = float(numpy.float32(model.exposure(lrhs.double(), config)))
 

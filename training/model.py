@@ -25,6 +25,7 @@ FIREFLY, FIREFLY_FLOOR = 20.0, 1e-3
 # These entries of the metadata belong to a pyramid network; all but the last two belong to the paper's network too.
 PYRAMID_ENTRIES = ("scale", "hrls_layers", "transfer", "clip", "lrhs_sampling", "optional_layers", "exposure_key")
 PYRAMID_ENTRIES += ("lrhs_certainty", "knows_spp", "upscaled_features", "network", "widths")
+EDSR_ENTRIES = ("scale", "features", "blocks", "transfer", "clip", "lrhs_sampling", "exposure_key", "network")
 OF_LRHS = ("lrhs_sampling", "lrhs_certainty")  # entries that a network without LRHS does not have
 
 
@@ -56,11 +57,13 @@ class Config:
     optional_layers: tuple = ()
     exposure_key: float = 0.0
     knows_spp: bool = False
-    network: str = "fusion"  # or "pyramid"
+    network: str = "fusion"  # or "pyramid" or "edsr"
     widths: tuple = ()  # the features of a pyramid's levels
 
     def __post_init__(self):
         self.upscaled_features = self.upscaled_features or self.features
+        if self.network == "edsr":
+            self.hrls_layers = ()
 
     @property
     def reads_lrhs(self):
@@ -84,6 +87,8 @@ class Config:
             return f"{value:g}" if isinstance(value, float) else str(value)
 
         entries = {key: text(value) for key, value in dataclasses.asdict(self).items()}
+        if self.network == "edsr":
+            return {key: entries[key] for key in EDSR_ENTRIES}
         if self.network == "pyramid":
             return {key: entries[key] for key in PYRAMID_ENTRIES if self.reads_lrhs or key not in OF_LRHS}
         return {key: value for key, value in entries.items() if key not in ("network", "widths")}
@@ -200,7 +205,7 @@ def through(layers, y):
 
 def create(config):
     """Returns the network that `config` describes, with random weights."""
-    return pyramid.Pyramid(config) if config.network == "pyramid" else Network(config)
+    return {"fusion": Network, "pyramid": pyramid.Pyramid, "edsr": edsr.Edsr}[config.network](config)
 
 
 class Network(nn.Module):
@@ -411,7 +416,7 @@ def joint_predict(network, lrhs, hrls, upsampled, centered, spp):
 def predict(network, lrhs, hrls, centered=torch.tensor(False), exposure=1.0, spp=None):
     """Fuses lrhs [N, 3, h, w] and hrls [N, K, s*h, s*w], as rendered, to (encoded, scene linear) [N, 3, s*h, s*w].
 
-    A network of scale 1 reads no `lrhs`; the color of HRLS takes its place.
+    A network of scale 1 reads no `lrhs`; the color of HRLS takes its place. EDSR reads no `hrls`.
     `centered` and `spp` are those of Network.forward; by default a pixel of LRHS has as many samples as the s x s
     pixels of HRLS that it covers. `exposure` is the factor by which the inputs were multiplied. The linear image
     includes LRHS's radiance above the clip where it is near the clip itself.
@@ -419,7 +424,7 @@ def predict(network, lrhs, hrls, centered=torch.tensor(False), exposure=1.0, spp
     config = network.config
     if not config.reads_lrhs:
         lrhs = hrls[:, :3]
-    some_centered, centered = bool(centered.any()), centered.to(hrls.device)
+    some_centered, centered = bool(centered.any()), centered.to((lrhs if config.reads_lrhs else hrls).device)
     if spp is None:
         spp = torch.tensor([config.scale**2, 1.0]).reshape(1, 2, 1, 1)
     spp = spp.clamp(min=1).minimum(torch.tensor(SPP_MOST).to(spp)[:, None, None]).to(lrhs)
@@ -430,7 +435,9 @@ def predict(network, lrhs, hrls, centered=torch.tensor(False), exposure=1.0, spp
             bases.append(bilinear(x, config.scale, (config.scale - 1) / 2))
         return torch.where(centered, bases[-1], bases[0])
 
-    if config.network == "pyramid":
+    if config.network == "edsr":
+        y = edsr.predict(network, lrhs, upsampled)
+    elif config.network == "pyramid":
         y = pyramid.predict(network, lrhs, hrls, upsampled, centered, spp)
     elif config.base == "joint":
         y = joint_predict(network, lrhs, hrls, upsampled, centered, spp)
@@ -465,4 +472,5 @@ def exposure(lrhs, config):
     return min(max(config.exposure_key / mean, 2.0**-24), 2.0**24) if mean > 0 else 1.0
 
 
-import pyramid  # noqa: E402, as it imports this module
+import edsr  # noqa: E402, as it imports this module
+import pyramid  # noqa: E402

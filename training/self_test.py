@@ -277,6 +277,22 @@ class Knowing(unittest.TestCase):
         self.assertFalse(torch.equal(*images))
 
 
+class Edsr(unittest.TestCase):
+    def test_it_begins_with_the_upsampled_lrhs(self):
+        torch.manual_seed(4)
+        config = bent(stock.config("x4-edsr"), features=6, blocks=2)
+        network, lrhs = model.create(config), torch.rand(2, 3, 3, 5)
+        encoded, fused = model.predict(network, lrhs, torch.zeros(2, 0, 12, 20), torch.tensor(True))
+        self.assertEqual(tuple(fused.shape), (2, 3, 12, 20))
+        network.rec.weight.data.zero_()
+        network.rec.bias.data.zero_()
+        encoded = model.predict(network, lrhs, torch.zeros(2, 0, 12, 20), torch.tensor(True))[0]
+        low = model.encode(lrhs, ("color",), config)
+        torch.testing.assert_close(encoded, model.bilinear(low, 4, 1.5))
+        whole = stock.config("x4-edsr")
+        self.assertEqual(model.Config.parse(whole.metadata()), whole)
+
+
 class OtherDevices(unittest.TestCase):
     def test_an_image_is_computed_where_its_inputs_are(self):
         """Takes PyTorch's device without values, which refuses arithmetic with values of another device."""

@@ -1,4 +1,7 @@
-"""Defines the stock models x{2,4}-{full,balanced,fast}, and denoise-balanced, which reads HRLS alone."""
+"""Defines the stock models x{2,4}-{full,balanced,fast}, denoise-balanced and x{2,4}-edsr.
+
+denoise-balanced reads HRLS alone, and those of EDSR read LRHS alone.
+"""
 
 from model import Config
 
@@ -26,24 +29,28 @@ SIZES = {"full": (64, 64, 4, 5, 3, 48), "balanced": (48, 32, 4, 3, 2, 32), "fast
 PYRAMIDS = dict.fromkeys(
     ("x2-balanced", "denoise-balanced"), dict(widths=("48", "64", "80", "96"), upscaled_features=24)
 )
+EDSR = dict(features=32, blocks=16)
 
 
 def config(name, changes=()):
     """Returns the Config of a stock model by its name, with metadata entries changed, ENTRY=VALUE each."""
     kind, size = name.split("-")
-    scale, (*trunk, head_features) = 1 if kind == "denoise" else int(kind[1:]), SIZES[size]
+    scale = 1 if kind == "denoise" else int(kind[1:])
     certainty = float(scale**2)  # a pixel of LRHS has as many samples as the s x s pixels of HRLS that it covers
-    if scale == 1:
+    if size == "edsr":
+        stock = Config(scale, **EDSR, lrhs_sampling=("centered",), exposure_key=0.18, clip=100.0, network="edsr")
+    elif scale == 1:
         inputs = {key: value for key, value in INPUTS.items() if key != "lrhs_sampling"}
         stock = Config(scale, **inputs, **PYRAMIDS[name], network="pyramid")
     elif name in PYRAMIDS:
         stock = Config(scale, **INPUTS, **PYRAMIDS[name], network="pyramid", lrhs_certainty=certainty)
     else:
+        *trunk, head_features = SIZES[size]
         choices = CHOICES | INPUTS | (HALF if (scale, size) == (4, "fast") else dict(upscale="direct"))
         stock = Config(scale, *trunk, **choices, head_features=head_features, lrhs_certainty=certainty)
     return Config.parse(stock.metadata() | dict(change.split("=") for change in changes))
 
 
 def names():
-    return [*(f"x{scale}-{size}" for scale in (2, 4) for size in SIZES), "denoise-balanced"]
+    return [*(f"x{scale}-{size}" for scale in (2, 4) for size in (*SIZES, "edsr")), "denoise-balanced"]
 

@@ -12,7 +12,7 @@ Models::Models(const std::filesystem::path& folder) {
   for (const auto& file : std::filesystem::directory_iterator(folder)) {
     if (file.path().extension() != ".safetensors") continue;
     raymeld::SharedModel model(file.path().string());
-    if (!model.info().reads_lrhs) continue;  // frames here have both renders
+    if (!model.info().reads_lrhs || !model.info().reads_hrls) continue;  // frames here have both renders
     const uint32_t scale = model.info().scale;
     all_.push_back({file.path().stem().string(), std::move(model), scale});
   }

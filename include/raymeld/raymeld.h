@@ -203,8 +203,9 @@ RAYMELD_API raymeld_result raymeld_buffer_get_info(raymeld_buffer buffer, raymel
 
 /* ---- A model: a network and its weights ----
  *
- * A model of scale 1 reads HRLS alone, and denoises it. raymeld_fuse() and raymeld_frame then take NULL for
- * lrhs, and what is said of the size of LRHS and of its brightness holds for HRLS and its color. */
+ * A model may read one of the renders alone. raymeld_fuse() and raymeld_frame then take NULL for the other. A
+ * model that reads HRLS alone denoises it. Its scale is 1, and what is said of the size of LRHS and of its
+ * brightness holds for HRLS and its color. A model that reads LRHS alone upscales it, and has no layers. */
 
 typedef struct raymeld_model_t* raymeld_model;
 
@@ -238,7 +239,7 @@ typedef struct raymeld_model_info {
   const char* const* optional_layers RAYMELD_IS(NULL); /* layers that the model was trained to do without */
   uint64_t parameters RAYMELD_IS(0);                   /* the number of weights and biases */
   VkBool32 reads_lrhs RAYMELD_IS(VK_FALSE);            /* VK_TRUE: the scale is not 1 */
-  uint32_t reserved RAYMELD_IS(0);
+  VkBool32 reads_hrls RAYMELD_IS(VK_FALSE);            /* VK_TRUE: there are layers */
 } raymeld_model_info;
 
 /* Writes the description of a model. */

@@ -346,10 +346,15 @@ const raymeld_image* element(const raymeld_image* first, uint32_t i) {
   return at;
 }
 
-// Throws InvalidArgument if a model that reads no LRHS is given one.
-void check_lrhs(const Model& model, const void* lrhs) {
-  if (lrhs && !model.architecture().reads_lrhs())
-    throw InvalidArgument("model {} reads HRLS alone, so that lrhs must be NULL", model.name());
+// Throws InvalidArgument unless exactly those renders are given that a model reads.
+void check_renders(const Model& model, const void* lrhs, const void* hrls) {
+  const Architecture& a = model.architecture();
+  for (const auto& [render, reads, name] :
+       {std::tuple(lrhs, a.reads_lrhs(), "lrhs"), {hrls, a.reads_hrls(), "hrls"}}) {
+    if (reads && !render) throw InvalidArgument("{} is NULL", name);
+    if (!reads && render)
+      throw InvalidArgument("model {} does not read {}, which must be NULL", model.name(), name);
+  }
 }
 
 // Returns the images of a frame by slot; `shapes` are those of a tile.
@@ -358,7 +363,8 @@ FrameBindings bindings_of(const raymeld_frame& frame, const std::array<Shape, 3>
   FrameBindings bindings;
   if (shapes[0].channels > 0)
     bindings[kLrhsSlot] = binding_of(frame.lrhs, shapes[0], images.inputs, false, {"lrhs"});
-  bindings[kHrlsSlot] = binding_of(frame.hrls, shapes[1], images.inputs, false, {"hrls"});
+  if (shapes[1].channels > 0)
+    bindings[kHrlsSlot] = binding_of(frame.hrls, shapes[1], images.inputs, false, {"hrls"});
   for (uint32_t i = 1; images.inputs && i < layers.size(); ++i) {
     bindings[layer_slot(i)] =
         binding_of(element(frame.hrls, i), shapes[1], true, false, {"hrls", i, layers[i]});
@@ -609,6 +615,7 @@ raymeld_result raymeld_model_get_info(raymeld_model model, raymeld_model_info* i
     known.knows_spp = state.model.architecture().knows_spp;
     known.parameters = state.model.parameters();
     known.reads_lrhs = state.model.architecture().reads_lrhs();
+    known.reads_hrls = state.model.architecture().reads_hrls();
     write(known, given(info, "info"), "raymeld_model_info");
   });
 }
@@ -706,7 +713,7 @@ raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands, c
     raymeld_fusion_t& made = given(fusion, "fusion");
     const raymeld_frame asked = read(given(frame, "frame"), "raymeld_frame");
     if (!commands) throw InvalidArgument("commands is VK_NULL_HANDLE");
-    check_lrhs(made.model->model, asked.lrhs);
+    check_renders(made.model->model, asked.lrhs, asked.hrls);
     if (made.options.skip_unchanged)
       throw InvalidArgument(
           "raymeld_record() cannot find what changed in the inputs: skip_unchanged is for raymeld_fuse()");
@@ -776,9 +783,8 @@ raymeld_result raymeld_fuse(raymeld_fusion fusion, const float* lrhs, const floa
           "raymeld_submit()");
     if (status) size_of(*status, "raymeld_status");
     fusion->wait_for_submitted();
-    check_lrhs(made.model->model, lrhs);
-    if (made.model->model.architecture().reads_lrhs()) given(lrhs, "lrhs");
-    const FuseReport report = fuser.fuse(lrhs, &given(hrls, "hrls"), &given(fused, "fused"));
+    check_renders(made.model->model, lrhs, hrls);
+    const FuseReport report = fuser.fuse(lrhs, hrls, &given(fused, "fused"));
     raymeld_status known;
     known.saturated = report.status.saturated;
     known.not_finite = report.status.not_finite;

@@ -53,7 +53,9 @@ std::string key_of(const Model& model, const FusePlan& plan, const FuserOptions&
                      options.storage == Storage::kFloat16 ? "fp16" : "fp32", kernels);
 }
 
+// Returns noise, or an empty image for a render that the model does not read.
 Image noise(const Shape& shape, uint32_t seed) {
+  if (shape.channels == 0) return {};
   Image image(int(shape.width), int(shape.height), int(shape.channels));
   std::minstd_rand random(seed);
   for (float& value : image.data) value = float(random() % 1024) / 1024;

@@ -49,6 +49,12 @@ std::map<std::string, std::string> metadata_of(const Architecture& a) {
     shared.insert({{"lrhs_sampling", a.both_samplings ? "nearest,centered" : "nearest"},
                    {"lrhs_certainty", fmt::format("{}", a.lrhs_certainty)}});
   }
+  if (a.is_edsr) {
+    shared.insert({{"network", "edsr"},
+                   {"features", std::to_string(a.features)},
+                   {"blocks", std::to_string(a.blocks)}});
+    return shared;
+  }
   if (a.is_pyramid()) {
     shared.insert({{"network", "pyramid"}, {"widths", fmt::format("{}", fmt::join(a.widths, ","))}});
     return shared;
@@ -138,7 +144,16 @@ Architecture read_architecture(const std::filesystem::path& model) {
   const auto optional_number = [&](const char* key, int absent) {
     return metadata.contains(key) ? number(key) : absent;
   };
-  if (metadata.contains("network") && metadata.at("network") == "pyramid") {
+  const std::string network = metadata.contains("network") ? metadata.at("network") : "fusion";
+  if (network == "edsr") {
+    return {.is_edsr = true,
+            .scale = number("scale"),
+            .features = number("features"),
+            .blocks = number("blocks"),
+            .transfer = metadata.at("transfer") == "log" ? Transfer::kLog : Transfer::kLinear,
+            .clip = std::stof(metadata.at("clip"))};
+  }
+  if (network == "pyramid") {
     std::vector<int> widths;
     std::istringstream stream(metadata.at("widths"));
     for (std::string width; std::getline(stream, width, ',');) widths.push_back(std::stoi(width));

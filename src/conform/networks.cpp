@@ -246,6 +246,18 @@ std::vector<Variant> variants() {
                         .widths = {4, 3, 2, 5}},
        .height = 18,
        .width = 5},
+      // These are EDSR, which reads LRHS alone.
+      {.architecture = {.is_edsr = true, .scale = 2, .features = 5, .blocks = 2, .clip = 20},
+       .height = 9,
+       .width = 5},
+      {.architecture =
+           {.is_edsr = true, .scale = 4, .features = 3, .blocks = 1, .transfer = kLog, .clip = 100},
+       .height = 1,
+       .width = 7},
+      {.architecture =
+           {.is_edsr = true, .scale = 8, .features = 2, .blocks = 3, .transfer = kLog, .clip = 50},
+       .height = 3,
+       .width = 1},
   };
 }
 

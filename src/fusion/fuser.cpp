@@ -180,11 +180,13 @@ void Fuser::prepare_host() {
   if (host_) return;
   auto host = std::make_unique<Host>(device_);
   const auto shapes = image_shapes(plan_.tiling.tile);
-  const bool reads_lrhs = shapes[0].channels > 0;
-  if (reads_lrhs) host->lrhs = Buffer(device_, frame_bytes(shapes[0]), Memory::kDevice, "lrhs");
-  host->hrls = Buffer(device_, frame_bytes(shapes[1]), Memory::kDevice, "hrls");
-  if ((reads_lrhs && !host->lrhs.mapped()) || !host->hrls.mapped())
-    host->staging.emplace(device_, shapes[1].width * sizeof(float));
+  const auto make = [&](Buffer& buffer, const Shape& shape, const char* name) {
+    if (shape.channels == 0) return;
+    buffer = Buffer(device_, frame_bytes(shape), Memory::kDevice, name);
+    if (!buffer.mapped() && !host->staging) host->staging.emplace(device_, shapes[1].width * sizeof(float));
+  };
+  make(host->lrhs, shapes[0], "lrhs");
+  make(host->hrls, shapes[1], "hrls");
   host->fused = Buffer(device_, frame_bytes(shapes[2]), Memory::kReadback, "fused");
   program_->bind(kHostSet, bindings(dense_view(host->lrhs, shapes[0]), dense_view(host->hrls, shapes[1]),
                                     dense_view(host->fused, shapes[2])));
@@ -228,9 +230,9 @@ void Fuser::check_sizes(const Image& lrhs, const Image& hrls) const {
 FuseReport Fuser::fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress,
                        float exposure, size_t sequence) {
   check_sizes(lrhs, hrls);
-  if (fused.width != hrls.width || fused.height != hrls.height || fused.channels != 3) {
-    fused = Image(hrls.width, hrls.height, 3);
-  }
+  const Shape shape = image_shapes(plan_.tiling.frame)[2];
+  if (fused.width != int(shape.width) || fused.height != int(shape.height) || fused.channels != 3)
+    fused = Image(int(shape.width), int(shape.height), 3);
   return fuse(lrhs.data.data(), hrls.data.data(), fused.data.data(), progress, exposure, sequence);
 }
 

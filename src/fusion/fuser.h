@@ -113,8 +113,8 @@ class Fuser {
   // since some drivers compile a kernel when it first runs. Throws as fuse() does.
   void prepare_fuse(const Progress& progress = {});
 
-  // Fuses one frame: lrhs (3, h, w) and hrls (K, s h, s w) to fused (3, s h, s w), scene linear. `lrhs` is
-  // not read, and may be null, where the model reads HRLS alone. Runs tile by tile and waits. The first call
+  // Fuses one frame: lrhs (3, h, w) and hrls (K, s h, s w) to fused (3, s h, s w), scene linear. A render
+  // that the model does not read may be null. Runs tile by tile and waits. The first call
   // allocates and records, and so does the first that computes a tile again; other calls only submit. No
   // frame of record() may be pending. When the device runs out of memory, the frame starts again with smaller
   // tiles, unless record(), or prepare() of another size, was called before: recordings may still be

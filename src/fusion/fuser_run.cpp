@@ -125,7 +125,7 @@ std::array<Fuser::ImageWindow, 2> Fuser::windows(const float* lrhs, const float*
   const auto shapes = image_shapes(plan_.tiling.tile);
   const auto window = [&](const float* image, const Shape& shape, uint32_t scale) {
     const size_t stride = size_t{scale} * plan_.tiling.frame.width;
-    return ImageWindow{.values = image + scale * at.y * stride + scale * at.x,
+    return ImageWindow{.values = image ? image + scale * at.y * stride + scale * at.x : nullptr,
                        .row_stride = stride,
                        .plane = scale * plan_.tiling.frame.height * stride,
                        .channels = shape.channels,

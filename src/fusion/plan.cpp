@@ -84,15 +84,15 @@ std::optional<std::string> obstacle(const FusePlan& plan, std::span<const Shape>
   return std::nullopt;
 }
 
-// Does the same before the graph is made, which takes the host's memory in proportion to the tile. HRLS is a
-// tensor of the graph, and no tensor has more bytes than 32 bits count.
+// Does the same before the graph is made, which takes the host's memory in proportion to the tile. HRLS, or
+// what takes its place, is a tensor of the graph, and no tensor has more bytes than 32 bits count.
 std::optional<std::string> early_obstacle(const Model& model, TileSize tile, uint64_t most_bytes,
                                           const FuserOptions& options) {
   const Shape hrls = frame_shapes(model, tile, options.constants, options.compute_variance)[1];
-  const uint64_t bytes = hrls.pixels() * hrls.channels * element_bytes(options.storage);
+  const uint64_t bytes = hrls.pixels() * std::max(hrls.channels, 3u) * element_bytes(options.storage);
   const uint64_t allowed = std::min<uint64_t>(most_bytes, UINT32_MAX);
   if (bytes <= allowed) return std::nullopt;
-  return fmt::format("HRLS alone needs {:.1f} MiB, more than the {:.1f} MiB allowed",
+  return fmt::format("its full size alone needs {:.1f} MiB, more than the {:.1f} MiB allowed",
                      double(bytes) / kMebibyte, double(allowed) / kMebibyte);
 }
 

@@ -110,7 +110,7 @@ void check_lrhs_size(TileSize size);
 Graph graph_within(const FusePlan& plan, const Model& model, TileSize size, const FuserOptions& options);
 
 // Returns the shapes of a tile's images as frames bring and take them: LRHS, HRLS by image_layers(), fused.
-// LRHS has no channels where the model does not read it.
+// A render that the model does not read has no channels.
 std::array<Shape, 3> frame_shapes(const Model& model, TileSize tile, const ConstantLayers& constants = {},
                                   bool compute_variance = false);
 

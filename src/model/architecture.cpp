@@ -168,6 +168,23 @@ void parse_pyramid(const Entries& entries, Architecture& a) {
   a.upscaled_features = entries.integer("upscaled_features", 1, kMostChannels);
 }
 
+// Sets features, blocks, base and the sampling of LRHS, of which there is one.
+void parse_edsr(const Entries& entries, Architecture& a) {
+  a.features = entries.integer("features", 1, kMostChannels);
+  a.blocks = entries.integer("blocks", 1, kMostRepeats);
+  a.base = Base::kBilinear;
+  a.lrhs_centered = entries.choice("lrhs_sampling", "centered", "nearest");
+}
+
+NetworkKind network_kind(const Entries& entries) {
+  if (!entries.has("network")) return NetworkKind::kFusion;
+  const std::string& name = entries.text("network");
+  if (name == "edsr") return NetworkKind::kEdsr;
+  if (name == "pyramid") return NetworkKind::kPyramid;
+  if (name != "fusion") entries.reject("network", "\"fusion\", \"pyramid\" or \"edsr\"");
+  return NetworkKind::kFusion;
+}
+
 Base base(const Entries& entries, std::span<const std::string> hrls_layers) {
   if (entries.text("base") != "joint") {
     return entries.choice("base", "bilinear", "none") ? Base::kBilinear : Base::kNone;
@@ -187,20 +204,24 @@ Architecture parse_architecture(const Metadata& metadata, const std::string& fil
   if (entries.text("format") != "raymeld.model") entries.reject("format", "\"raymeld.model\"");
   if (entries.text("format_version") != "1") entries.reject("format_version", "\"1\"");
   Architecture a;
-  const bool pyramid = entries.has("network") && entries.choice("network", "pyramid", "fusion");
-  a.scale = entries.integer("scale", pyramid ? 1 : 2, 8);
-  if (!std::has_single_bit(a.scale)) entries.reject("scale", pyramid ? "1, 2, 4 or 8" : "2, 4 or 8");
-  a.hrls_layers = hrls_layers(entries);
-  a.optional_layers = optional_layers(entries, a.hrls_layers);
+  a.kind = network_kind(entries);
+  a.scale = entries.integer("scale", a.is_pyramid() ? 1 : 2, 8);
+  if (!std::has_single_bit(a.scale)) entries.reject("scale", a.is_pyramid() ? "1, 2, 4 or 8" : "2, 4 or 8");
   a.transfer = entries.choice("transfer", "log", "linear") ? Transfer::kLog : Transfer::kLinear;
   a.clip = entries.number("clip", false);
   a.exposure_key = entries.number("exposure_key", true);
+  if (a.kind == NetworkKind::kEdsr) {
+    parse_edsr(entries, a);
+    return a;
+  }
+  a.hrls_layers = hrls_layers(entries);
+  a.optional_layers = optional_layers(entries, a.hrls_layers);
   a.knows_spp = entries.has("knows_spp") && entries.choice("knows_spp", "true", "false");
   if (a.reads_lrhs()) {
     a.lrhs_certainty = entries.number("lrhs_certainty", true);
     parse_sampling(entries, a);
   }
-  if (pyramid) {
+  if (a.is_pyramid()) {
     parse_pyramid(entries, a);
     return a;
   }

@@ -46,9 +46,10 @@ void Builder::conv(const std::string& name, const Tensor& in, const Tensor& out,
 }
 
 Tensor Builder::shuffled(std::vector<Conv2dLink>& links, const std::string& name, const Tensor& x,
-                         uint32_t factor, uint32_t features, uint32_t kernel) {
+                         uint32_t factor, uint32_t features, Conv2dOptions options) {
   const Tensor next = tensor(name, factor * x.shape.height, factor * x.shape.width, features);
-  links.push_back(link(name, x, next, {.kernel = kernel, .relu = true, .shuffle = factor}));
+  options.shuffle = factor;
+  links.push_back(link(name, x, next, options));
   return next;
 }
 

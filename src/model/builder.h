@@ -25,9 +25,9 @@ struct Builder {
   void conv(const std::string& name, const Tensor& in, const Tensor& out, const Conv2dOptions& options,
             const std::string& bias = "bias");
 
-  // Adds a convolution that upscales `x` by `factor` into as many `features`.
+  // Adds a convolution that upscales `x` by `factor` into as many `features`; `options` says all else of it.
   Tensor shuffled(std::vector<Conv2dLink>& links, const std::string& name, const Tensor& x, uint32_t factor,
-                  uint32_t features, uint32_t kernel = 3);
+                  uint32_t features, Conv2dOptions options = {.kernel = 3, .relu = true});
 
   // Encodes channels [first, last) of `hrls`: from one buffer, or each layer from its own image. The variance
   // is written by variance() where the device computes it.
@@ -38,7 +38,8 @@ struct Builder {
   Tensor layer(const Tensor& hrls, const std::string& name) const;
 };
 
-// Adds the pyramid network of docs/model-format.md.
+// These add networks of docs/model-format.md.
 void add_pyramid(Builder build, uint32_t height, uint32_t width, float phase);
+void add_edsr(Builder build, uint32_t height, uint32_t width, float phase);
 
 }  // namespace raymeld

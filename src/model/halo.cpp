@@ -47,6 +47,11 @@ uint32_t pyramid_halo(const Architecture& a, bool compute_variance) {
 // other one.
 uint32_t receptive_halo(const Architecture& a, bool compute_variance) {
   if (a.is_pyramid()) return pyramid_halo(a, compute_variance);
+  if (a.kind == NetworkKind::kEdsr) {
+    uint32_t x = a.scale;                                     // rec
+    for (uint32_t i = 0; i < a.levels(); ++i) x = x / 2 + 1;  // up.i
+    return x + 1 + 2 * a.blocks + 1;                          // body, blocks.i, head
+  }
   uint32_t x = a.scale - 1;
   x += a.head_layers + 1;  // head.i, rec
   switch (a.upscale) {

@@ -28,8 +28,12 @@ enum class Upscale { kStages, kDirect, kHalf };
 // candidates that the network weights pixel by pixel (layers.h: mix).
 enum class Base { kNone, kBilinear, kJoint };
 
+// Lists the networks: that of Hou et al. 2021, a U-Net that predicts kernels, and EDSR (Lim et al. 2017).
+enum class NetworkKind { kFusion, kPyramid, kEdsr };
+
 // Holds the parameters of a network, all of them from the model's file. The letters are those of the paper.
 struct Architecture {
+  NetworkKind kind = NetworkKind::kFusion;
   uint32_t scale = 0;                        // s: 1, 2, 4 or 8; with 1 only HRLS is read
   uint32_t features = 0;                     // C
   uint32_t growth = 0;                       // R
@@ -60,11 +64,13 @@ struct Architecture {
       0;                   // certainty of a pixel of LRHS, where one of HRLS has 1; see docs/model-format.md
   bool knows_spp = false;  // biases and certainty depend on SampleCounts
   // Has the features of the levels of a pyramid network, of half the full size and so on. It is empty for the
-  // network of the paper. C, R, D, B and G, the heads and the bases belong to that network alone.
+  // others. The heads and the bases belong to the network of the paper alone, and so do C, R, D, B and G, but
+  // that EDSR has C features and B blocks.
   std::vector<uint32_t> widths;
 
-  bool is_pyramid() const { return !widths.empty(); }
+  bool is_pyramid() const { return kind == NetworkKind::kPyramid; }
   bool reads_lrhs() const { return scale > 1; }
+  bool reads_hrls() const { return kind != NetworkKind::kEdsr; }
   // Returns the slot of the image that sets the exposure, and whose radiance above the clip is added. It is
   // LRHS or HRLS, which begins with its color.
   FrameSlot bright_slot() const { return reads_lrhs() ? kLrhsSlot : kHrlsSlot; }

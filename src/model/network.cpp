@@ -222,9 +222,15 @@ void add_fusion_network(FusionBuilder& build, uint32_t height, uint32_t width, f
 }
 
 void add_network(const Builder& build, uint32_t height, uint32_t width, float phase) {
-  if (build.a.is_pyramid()) return add_pyramid(build, height, width, phase);
-  FusionBuilder fusion{build};
-  add_fusion_network(fusion, height, width, phase);
+  switch (build.a.kind) {
+    case NetworkKind::kPyramid:
+      return add_pyramid(build, height, width, phase);
+    case NetworkKind::kEdsr:
+      return add_edsr(build, height, width, phase);
+    case NetworkKind::kFusion:
+      FusionBuilder fusion{build};
+      add_fusion_network(fusion, height, width, phase);
+  }
 }
 
 // Encodes radiance as shaders/include/transfer.glsl does. Encoded radiance is at most the encoded clip.

@@ -7,12 +7,12 @@
 namespace raymeld {
 
 // Adds the whole network to the graph. It reads LRHS (height, width, 3) in kLrhsSlot, if at all, and the K
-// channels of image_layers() of HRLS (s height, s width, K) in kHrlsSlot or, as images, each layer in its
-// layer_slot(). It writes the fused image (s height, s width, 3). `phase` says where LRHS samples lie in
-// their s x s full-size pixels (see DecodeOptions), and `choose` how each convolution is computed.
-// `exponents` are those of the tensors that it makes. `constants` become part of the convolutions' biases,
-// but those of a pyramid are encoded. `compute_variance` is that of image_layers(). `samples` matter to a
-// model that knows_spp. Throws an Error that names the layer.
+// channels of image_layers() of HRLS (s height, s width, K) in kHrlsSlot, if K is not 0, or, as images, each
+// layer in its layer_slot(). It writes the fused image (s height, s width, 3). `phase` says where LRHS
+// samples lie in their s x s full-size pixels (see DecodeOptions), and `choose` how each convolution is
+// computed. `exponents` are those of the tensors that it makes. `constants` become part of the convolutions'
+// biases, but those of a pyramid are encoded. `compute_variance` is that of image_layers(). `samples` matter
+// to a model that knows_spp. Throws an Error that names the layer.
 void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase,
              const Conv2dChoice& choose = conv2d_direct, const StorageExponents& exponents = {},
              const ConstantLayers& constants = {}, bool compute_variance = false,

@@ -59,7 +59,8 @@ struct Pyramid {
   // Upscales `x` to `level` and convolves it together with `skip`.
   Tensor up(uint32_t level, uint32_t channels, const Tensor& x, const Tensor& skip) const {
     std::vector<Conv2dLink> links;
-    const Tensor larger = build.shuffled(links, fmt::format("up.{}", level), x, 2, channels, 1);
+    const Tensor larger =
+        build.shuffled(links, fmt::format("up.{}", level), x, 2, channels, {.kernel = 1, .relu = true});
     conv2d_chain(build.graph, links);
     const std::string name = fmt::format("join.{}", level);
     const Tensor out = tensor(name, level, channels);

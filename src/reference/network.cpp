@@ -45,8 +45,8 @@ class Run {
     return keep("lrhs", convolve(x, conv, true, residuals));
   }
 
-  Bounded conv_and_shuffle(const std::string& name, const Bounded& x, int r) {
-    return keep(name, pixel_shuffle(convolve(x, weights(name), true), r));
+  Bounded conv_and_shuffle(const std::string& name, const Bounded& x, int r, bool relu = true) {
+    return keep(name, pixel_shuffle(convolve(x, weights(name), relu), r));
   }
 
   Outputs take() { return std::move(outputs_); }
@@ -269,7 +269,29 @@ Outputs pyramid_outputs(Run& run, const Architecture& a, const Frame& frame, Pre
   return run.take();
 }
 
+// Runs the network of src/model/edsr.cpp.
+Outputs edsr_outputs(Run& run, const Architecture& a, const Frame& frame, Precision precision) {
+  const auto& [lrhs, hrls, phase, exposure] = frame;
+  const Bounded low =
+      run.keep("encode.lrhs", encode(lrhs, LayerKind::kRadiance, a.transfer, a.clip, precision, exposure));
+  const Bounded above = run.keep("above_clip", above_clip(lrhs, a.clip, precision, exposure));
+  const Bounded head = run.conv("head", low, false);
+  Bounded x = head;
+  for (int block = 0; block < a.blocks; ++block) {
+    const std::string name = "blocks." + std::to_string(block);
+    const Bounded inner = run.conv(name + ".0", x);
+    x = run.conv(name + ".1", name + ".1", inner, false, {&x});
+  }
+  x = run.conv("body", "body", x, false, {&head});
+  for (int i = 0; 1 << i < a.scale; ++i) x = run.conv_and_shuffle("up." + std::to_string(i), x, 2, false);
+  x = run.conv("rec", x, false);
+  const Bounded base = bilinear(low, a.scale, phase), upsampled = self_weighted(above, a.scale, phase);
+  run.keep("output", decode(x, &base, a.transfer, Precision::kFp32, exposure, &upsampled, a.clip));
+  return run.take();
+}
+
 Outputs outputs_of(Run& run, const Architecture& a, const Frame& frame, Precision precision) {
+  if (a.is_edsr) return edsr_outputs(run, a, frame, precision);
   if (a.is_pyramid()) return pyramid_outputs(run, a, frame, precision);
   const auto& [lrhs, hrls, phase, exposure] = frame;
   const bool joint = a.base == Base::kJoint;

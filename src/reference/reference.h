@@ -171,6 +171,7 @@ enum class Upscale { kStages, kDirect, kHalf };
 
 // Holds the architecture that a model file's metadata describe.
 struct Architecture {
+  bool is_edsr = false;  // has features, blocks, transfer and clip, and reads LRHS alone
   int scale = 0, features = 0, growth = 0, dense_layers = 0, blocks = 0, groups = 0;
   std::vector<LayerKind> hrls_layers = {};  // 3 channels each, in the order of the HRLS input
   bool long_skip_fused = false, merge_relu = false;

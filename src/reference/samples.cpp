@@ -95,6 +95,16 @@ Weights random_weights(const Architecture& a, Precision precision, uint64_t seed
     return weights;
   }
   const int features = a.features, steps = std::countr_zero(unsigned(a.scale));
+  if (a.is_edsr) {
+    make("head", features, 3, 3);
+    for (int block = 0; block < a.blocks; ++block)
+      for (const char* part : {".0", ".1"})
+        make(fmt::format("blocks.{}{}", block, part), features, features, 3);
+    make("body", features, features, 3);
+    for (int i = 0; i < steps; ++i) make(fmt::format("up.{}", i), 4 * features, features, 3);
+    make("rec", 3, features, 3);
+    return weights;
+  }
   const int hrls = a.hrls_channels();
   make("lrhs", features, a.lrhs_channels(), 3);
   add_centered_bias(features);

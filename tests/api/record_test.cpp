@@ -168,7 +168,8 @@ TEST_F(RecordTest, AModelOfScale1TakesNoLrhs) {
   fusion.fuse(nullptr, hrls_values.data(), expected.data());
   EXPECT_NE(fusion.exposure(hrls_values.data()), 1);
   EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT,
-                 fusion.fuse(hrls_values.data(), hrls_values.data(), expected.data()), "lrhs must be NULL");
+                 fusion.fuse(hrls_values.data(), hrls_values.data(), expected.data()),
+                 "lrhs, which must be NULL");
 
   const FrameImage hrls(*device, subject.hrls), fused(*device, Shape{18, 9, 3});
   const raymeld_image images[] = {image_at(hrls), image_at(fused)};
@@ -179,7 +180,7 @@ TEST_F(RecordTest, AModelOfScale1TakesNoLrhs) {
   const VkCommandBuffer commands = pool.begin("frame");
   fusion.record(commands, frame);
   frame.lrhs = &images[0];
-  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.record(commands, frame), "lrhs must be NULL");
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.record(commands, frame), "lrhs, which must be NULL");
   end_and_submit(*device, pool, commands);
   check(device->vk().DeviceWaitIdle(device->handle()), "waiting");
   // The device finds the exposure from the color of HRLS, by sums of 32 bits.
@@ -191,6 +192,35 @@ TEST_F(RecordTest, AModelOfScale1TakesNoLrhs) {
                     fusion_desc(subject_));
   EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT,
                  needs_both.fuse(nullptr, hrls_values.data(), expected.data()), "lrhs is NULL");
+}
+
+TEST_F(RecordTest, AModelThatUpscalesTakesNoHrls) {
+  const Subject subject = make_subject(edsr_architecture(2), 6, 9, 3);
+  write_model(file_, subject.architecture, subject.weights);
+  CallerDevice caller;
+  const std::unique_ptr<Device> device = Device::wrap(caller.external());
+  const SharedModel model(file_);
+  EXPECT_TRUE(model.info().reads_lrhs);
+  EXPECT_FALSE(model.info().reads_hrls);
+  EXPECT_TRUE(model.layers().empty());
+  Fusion fusion(Context(context_desc(caller.external())), model, fusion_desc(subject));
+  const std::vector<float> lrhs_values = floats(subject.lrhs);
+  std::vector<float> expected(3 * 12 * 18);
+  fusion.fuse(lrhs_values.data(), nullptr, expected.data());
+
+  const FrameImage lrhs(*device, subject.lrhs), fused(*device, Shape{12, 18, 3});
+  const raymeld_image images[] = {image_at(lrhs), image_at(fused)};
+  raymeld_frame frame;
+  frame.lrhs = &images[0];
+  frame.fused = &images[1];
+  Commands pool(*device);
+  const VkCommandBuffer commands = pool.begin("frame");
+  fusion.record(commands, frame);
+  frame.hrls = &images[0];
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.record(commands, frame), "hrls, which must be NULL");
+  end_and_submit(*device, pool, commands);
+  check(device->vk().DeviceWaitIdle(device->handle()), "waiting");
+  EXPECT_TRUE(same_bits(floats(fused.read()), expected));
 }
 
 TEST_F(RecordTest, ThreeRecordingsInFlight) {

@@ -51,6 +51,12 @@ TEST_F(FrameTimesTest, AreKeptByWhatTheyDependOn) {
   EXPECT_FALSE(times.known(model_, 6, 8, other));
 }
 
+TEST_F(FrameTimesTest, ModelsThatReadOneRenderAreMeasured) {
+  for (const char* name : {"pyramid-x1", "edsr-x4"})
+    EXPECT_GT(FrameTimes(gpu(), folder_.path()).measure(Model(golden_model_path(name)), 16, 16, {}).first_ms,
+              0);
+}
+
 // The test's clock decides how long every frame takes.
 TEST_F(FrameTimesTest, AreTheFirstAndTheMedianOfTheFurther) {
   const std::vector<double> frames_ms{50, 9, 2, 7};

@@ -85,6 +85,7 @@ TEST_F(FuserTest, TiledAndUntiledGiveTheSameBits) {
   for (const int scale : {2, 4, 8}) {
     all.push_back(joint_architecture(scale));
     all.push_back(pyramid_architecture(scale));
+    all.push_back(edsr_architecture(scale));
   }
   all.push_back(unshuffled_architecture(4));
   for (const Architecture& a : all) {
@@ -156,6 +157,26 @@ TEST_F(FuserTest, TheHaloOfAPyramidIsEnough) {
     }
     EXPECT_LE(reached, halo);
     EXPECT_GT(reached, halo - 2 * grid);
+  }
+}
+
+TEST_F(FuserTest, TheHaloOfEdsrIsNeededAndEnough) {
+  for (const int scale : {2, 4, 8}) {
+    SCOPED_TRACE(fmt::format("x{}", scale));
+    Subject subject = make_subject(edsr_architecture(scale), 1, 1, 1);
+    for (auto& [name, conv] : subject.weights) {
+      std::ranges::fill(conv.weight, 0.25);
+      std::ranges::fill(conv.bias, 0);
+    }
+    const Model model = model_of(subject);
+    const int halo = int(receptive_halo(model.architecture())), lit = halo + 2, width = 2 * lit + 1;
+    subject.lrhs = Planes(3, 1, width);
+    subject.lrhs.at(0, 0, lit) = 1;
+    Fuser fuser = make_fuser(model, subject, {});
+    const std::vector<float> fused = fuse(fuser, subject.lrhs, subject.hrls);
+    const Reach reach = reach_of(fuser, planes(3, scale, scale * width, fused), scale, lit, false);
+    EXPECT_EQ(reach.least, -halo);
+    EXPECT_EQ(reach.most, halo);
   }
 }
 

@@ -183,7 +183,7 @@ TEST_F(ModelTest, APyramidHasWidthsAndGuides) {
   for (const char* widths : {"", "3,2,3", "3,2,3,2,1", "3,2,0,2", "3,2,x,2", "3,2,3,2,"})
     EXPECT_TRUE(contains(error("widths", widths), "expected 4 integers from 1 to 1024")) << widths;
   EXPECT_TRUE(contains(error("widths", "3,2,3,4"), "tensor down.4.weight has shape"));
-  EXPECT_TRUE(contains(error("network", "unet"), "\"pyramid\" or \"fusion\""));
+  EXPECT_TRUE(contains(error("network", "unet"), "\"fusion\", \"pyramid\" or \"edsr\""));
   for (const char* scale : {"0", "9"})
     EXPECT_TRUE(contains(error("scale", scale), "expected an integer from 1 to 8")) << scale;
   EXPECT_TRUE(contains(error("scale", "3"), "expected 1, 2, 4 or 8"));
@@ -194,6 +194,24 @@ TEST_F(ModelTest, APyramidHasWidthsAndGuides) {
   write_safetensors(file_, content);
   EXPECT_TRUE(contains(error_of([&] { Model model(file_); }), "tensor lrhs.by_spp belongs to no layer"));
   EXPECT_TRUE(contains(error("hrls_layers", "color,normal,albedo,variance"), "color,albedo,normal first"));
+}
+
+TEST_F(ModelTest, EdsrReadsLrhsAlone) {
+  const Architecture a = Model(golden_model_path("edsr-x4")).architecture();
+  EXPECT_FALSE(a.reads_hrls());
+  EXPECT_TRUE(a.hrls_layers.empty());
+  EXPECT_TRUE(a.lrhs_centered);
+  const auto error = [&](const std::string& key, const std::string& value) {
+    SafeTensors content = read_safetensors(golden_model_path("edsr-x4"));
+    content.metadata[key] = value;
+    write_safetensors(file_, content);
+    return error_of([&] { Model model(file_); });
+  };
+  EXPECT_TRUE(contains(error("scale", "1"), "\"scale\" is \"1\""));
+  EXPECT_TRUE(contains(error("blocks", "0"), "\"blocks\" is \"0\", expected an integer from 1 to 64"));
+  EXPECT_TRUE(contains(error("blocks", "1"), "tensor blocks.1.0.bias belongs to no layer"));
+  EXPECT_TRUE(contains(error("features", "6"), "tensor head.weight has shape"));
+  EXPECT_TRUE(contains(error("lrhs_sampling", "nearest,centered"), "\"centered\" or \"nearest\""));
 }
 
 TEST_F(ModelTest, WrongEntriesAreNamed) {

@@ -33,9 +33,9 @@ constexpr const char* kPyramidLayers[] = {"light",    "cell_light", "pool.1",   
 }  // namespace
 
 const std::vector<std::string>& golden_names() {
-  static const std::vector<std::string> names = {"tiny-x2",   "tiny-x4",    "tiny-x8",    "guided-x2",
-                                                 "guided-x4", "guided-x8",  "joint-x2",   "joint-x4",
-                                                 "spp-x4",    "pyramid-x1", "pyramid-x2", "pyramid-x4"};
+  static const std::vector<std::string> names = {
+      "tiny-x2",  "tiny-x4", "tiny-x8", "guided-x2",  "guided-x4",  "guided-x8", "joint-x2",
+      "joint-x4", "spp-x4",  "edsr-x4", "pyramid-x1", "pyramid-x2", "pyramid-x4"};
   return names;
 }
 
@@ -57,7 +57,9 @@ Golden load_golden(const std::string& name) {
     take_samples(golden.architecture, golden.weights, golden.samples.lrhs, golden.samples.hrls);
   }
   golden.lrhs = take_planes(tensors, "lrhs_input");
-  golden.hrls = take_planes(tensors, "hrls_input");
+  golden.hrls = golden.architecture.is_edsr ? Planes(0, golden.architecture.scale * golden.lrhs.h,
+                                                     golden.architecture.scale * golden.lrhs.w)
+                                            : take_planes(tensors, "hrls_input");
   golden.outputs["output"] = take_planes(tensors, "output");
   for (const auto& [name, conv] : golden.weights) golden.outputs[name] = take_planes(tensors, name);
   if (golden.architecture.base == Base::kJoint) {

@@ -61,6 +61,15 @@ Architecture pyramid_architecture(int scale) {
           .widths = {4, 3, 3, 2}};
 }
 
+Architecture edsr_architecture(int scale) {
+  return {.is_edsr = true,
+          .scale = scale,
+          .features = 3,
+          .blocks = 2,
+          .transfer = reference::Transfer::kLog,
+          .clip = 100};
+}
+
 Model saved_model(const std::filesystem::path& folder, const Subject& subject,
                   const std::map<std::string, std::string>& metadata) {
   const std::filesystem::path file = folder / "model.safetensors";
@@ -79,6 +88,7 @@ bool has_guards(const Graph& graph) {
 }
 
 Image image_of(const Planes& planes) {
+  if (planes.c == 0) return {};
   Image image(planes.w, planes.h, planes.c);
   image.data = floats(planes);
   return image;

@@ -23,6 +23,8 @@ reference::Architecture joint_architecture(int scale);
 reference::Architecture unshuffled_architecture(int scale);
 // Returns a pyramid network, whose frames are padded to multiples of 16 / scale LRHS pixels.
 reference::Architecture pyramid_architecture(int scale);
+// Returns EDSR, which reads LRHS alone.
+reference::Architecture edsr_architecture(int scale);
 
 // Writes a subject's network to a file in `folder` and loads it. `metadata` is that of the file.
 Model saved_model(const std::filesystem::path& folder, const Subject& subject,
@@ -31,6 +33,7 @@ Model saved_model(const std::filesystem::path& folder, const Subject& subject,
 // Returns whether Graph::kGuardBytes lie before and after all tensors.
 bool has_guards(const Graph& graph);
 
+// Returns the planes as an image, which is empty without planes.
 Image image_of(const reference::Planes& planes);
 reference::Planes planes_of(const Image& image);
 

@@ -23,6 +23,8 @@ constexpr std::array<int, 3> kScales = {2, 4, 8};
 
 // Throws Error unless a model takes what it is given: one file or two.
 void check_inputs(const FuseArguments& arguments, const Model& model) {
+  if (!model.architecture().reads_hrls())
+    throw Error("model {} upscales one small render, which the library alone does", model.name());
   if (arguments.denoises() != model.architecture().reads_lrhs()) return;
   if (arguments.denoises())
     throw Error("model {} fuses two renders: raymeld fuse takes it, with --lrhs and --hrls", model.name());

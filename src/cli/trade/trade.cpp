@@ -55,11 +55,12 @@ std::vector<std::string> usable_models(const std::vector<std::string>& asked, co
   std::vector<std::string> models;
   for (const std::string& name : asked.empty() ? stock_models() : asked) {
     const Architecture architecture = Model(find_model(name)).architecture();
-    if (!asked.empty() && !architecture.reads_lrhs())
-      throw Error("model {} denoises one render, and trade measures models of pairs", name);
+    const bool fuses = architecture.reads_lrhs() && architecture.reads_hrls();
+    if (!asked.empty() && !fuses)
+      throw Error("model {} reads one render, and trade measures models of pairs", name);
     const uint32_t scale = architecture.scale;
     const bool has_lrhs = std::ranges::find(view.lrhs, scale, &TestRender::scale) != view.lrhs.end();
-    if (has_lrhs || !asked.empty()) models.push_back(name);
+    if ((has_lrhs && fuses) || !asked.empty()) models.push_back(name);
   }
   return models;
 }
