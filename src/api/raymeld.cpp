@@ -713,10 +713,10 @@ raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands, c
     raymeld_fusion_t& made = given(fusion, "fusion");
     const raymeld_frame asked = read(given(frame, "frame"), "raymeld_frame");
     if (!commands) throw InvalidArgument("commands is VK_NULL_HANDLE");
-    check_renders(made.model->model, asked.lrhs, asked.hrls);
     if (made.options.skip_unchanged)
       throw InvalidArgument(
           "raymeld_record() cannot find what changed in the inputs: skip_unchanged is for raymeld_fuse()");
+    check_renders(made.model->model, asked.lrhs, asked.hrls);
     check_given_exposure(asked.exposure);
     if (made.ring && made.ring->is_pending(made.fuser.next_frame()))
       throw InvalidArgument(
