@@ -259,9 +259,8 @@ PYBIND11_MODULE(raymeld, module) {
           "fuse", &Fuser::fuse, py::arg("lrhs"), py::arg("hrls"),
           "lrhs is (height, width, 3) and hrls {layer: (scale * height, scale * width, 3)} of all `layers`,\n"
           "scene linear. A model of scale 1 reads HRLS alone, and lrhs must be None. A model that reads the\n"
-          "variance takes it from hrls, or else computes it from the color. Returns (scale * height, scale "
-          "*\n"
-          "width, 3). Other threads run while the device works.\n"
+          "variance takes it from hrls, or else computes it from the color.\n"
+          "Returns (scale * height, scale * width, 3). Other threads run while the device works.\n"
           "Raises Error, ValueError and KeyError.")
       .def_property_readonly("layers", &Fuser::layers, "The layers of HRLS that fuse() asks for.")
       .def_property_readonly("scale", &Fuser::scale)

@@ -53,6 +53,11 @@ Tensor Builder::shuffled(std::vector<Conv2dLink>& links, const std::string& name
   return next;
 }
 
+void Builder::encode_lrhs(const Tensor& lrhs, const std::optional<FrameSize>& frame) {
+  const std::array<EncodedChannel, 3> channels{{{.channel = 0}, {.channel = 1}, {.channel = 2}}};
+  encode(graph, "encode.lrhs", kLrhsSlot, lrhs, channels, a.transfer, a.clip, frame);
+}
+
 void Builder::encode_hrls(const std::string& name, const Tensor& hrls, uint32_t first, uint32_t last,
                           const std::optional<FrameSize>& frame) {
   const std::span<const EncodedChannel> channels = hrls_channels.encoded;

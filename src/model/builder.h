@@ -29,6 +29,9 @@ struct Builder {
   Tensor shuffled(std::vector<Conv2dLink>& links, const std::string& name, const Tensor& x, uint32_t factor,
                   uint32_t features, Conv2dOptions options = {.kernel = 3, .relu = true});
 
+  // Encodes the color of LRHS (h, w, 3).
+  void encode_lrhs(const Tensor& lrhs, const std::optional<FrameSize>& frame = {});
+
   // Encodes channels [first, last) of `hrls`: from one buffer, or each layer from its own image. The variance
   // is written by variance() where the device computes it.
   void encode_hrls(const std::string& name, const Tensor& hrls, uint32_t first, uint32_t last,

@@ -8,9 +8,8 @@ namespace raymeld {
 void add_edsr(Builder build, uint32_t height, uint32_t width, float phase) {
   const Architecture& a = build.a;
   Graph& graph = build.graph;
-  const std::vector<EncodedChannel> channels{{.channel = 0}, {.channel = 1}, {.channel = 2}};
   const Tensor lrhs = build.tensor("encode.lrhs", height, width, 3);
-  encode(graph, "encode.lrhs", kLrhsSlot, lrhs, channels, a.transfer, a.clip);
+  build.encode_lrhs(lrhs);
   const Tensor bright = build.tensor("above_clip", height, width, 3);
   above_clip(graph, "above_clip", kLrhsSlot, bright, a.clip);
 

@@ -183,7 +183,6 @@ void add_fusion_network(FusionBuilder& build, uint32_t height, uint32_t width, f
   Graph& graph = build.graph;
   const uint32_t full_height = a.scale * height, full_width = a.scale * width;
   const HrlsChannels& hrls_channels = build.hrls_channels;
-  const std::vector<EncodedChannel> lrhs_channels{{.channel = 0}, {.channel = 1}, {.channel = 2}};
   const bool joint = a.base == Base::kJoint;
   const JointOptions joint_options{a.transfer, a.scale, phase, build.lrhs_certainty()};
 
@@ -193,7 +192,7 @@ void add_fusion_network(FusionBuilder& build, uint32_t height, uint32_t width, f
   const uint32_t k = layers + (joint ? 3 * kFilteredCandidates : 0);
   const Tensor hrls = build.tensor("encode.hrls", full_height, full_width, k);
   const Tensor filtered = hrls.slice(layers, k - layers);
-  encode(graph, "encode.lrhs", kLrhsSlot, lrhs.slice(0, 3), lrhs_channels, a.transfer, a.clip);
+  build.encode_lrhs(lrhs.slice(0, 3));
   build.encode_hrls("encode.hrls", hrls, 0, layers);
   const Tensor bright = build.tensor("above_clip", height, width, 3);
   above_clip(graph, "above_clip", kLrhsSlot, bright, a.clip);

@@ -31,9 +31,8 @@ struct Pyramid {
 
   // Adds LRHS (height, width, 6): its encoded color, and its light.
   Tensor encoded_lrhs(const Tensor& albedo) const {
-    const std::vector<EncodedChannel> channels{{.channel = 0}, {.channel = 1}, {.channel = 2}};
     const Tensor lrhs = build.tensor("encode.lrhs", height, width, 6), color = lrhs.slice(0, 3);
-    encode(build.graph, "encode.lrhs", kLrhsSlot, color, channels, a.transfer, a.clip, low_frame);
+    build.encode_lrhs(color, low_frame);
     cell_light(build.graph, "cell_light", color, albedo, lrhs.slice(3, 3), a.transfer, a.scale);
     return lrhs;
   }

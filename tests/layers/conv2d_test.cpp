@@ -26,6 +26,7 @@ TEST(MatrixTiles, MustBeWholeMatricesAndFitSharedMemory) {
   EXPECT_FALSE(is_possible({.matrix = matrix, .rows = 0}, 3));
   EXPECT_FALSE(is_possible({.matrix = matrix, .outputs = 16, .rows = 1, .subgroups = 64}, 1));
   EXPECT_FALSE(is_possible(with(&CooperativeMatrix::n, 12), 3));
+  EXPECT_FALSE(is_possible(with(&CooperativeMatrix::m, 4), 3));  // shuffled pixels need 8 outputs
   EXPECT_FALSE(is_possible(with(&CooperativeMatrix::max_invocations, 64), 3));
   EXPECT_FALSE(is_possible(with(&CooperativeMatrix::max_shared_bytes, 16384), 3));
 }
