@@ -11,13 +11,12 @@ def conv(inputs, outputs):
     return nn.Conv2d(inputs, outputs, 3, padding=1)
 
 
-class Edsr(nn.Module):
+class Edsr(model.Kept):
     """Maps encoded LRHS [N, 3, h, w] to the encoded image less the upsampled LRHS [N, 3, s*h, s*w]."""
 
     def __init__(self, config):
         super().__init__()
         self.config = config
-        self.outputs = None  # a dictionary that takes each layer's output
         c = config.features
         self.head = conv(3, c)
         self.blocks = nn.ModuleList(nn.ModuleList((conv(c, c), conv(c, c))) for _ in range(config.blocks))
@@ -27,11 +26,6 @@ class Edsr(nn.Module):
         for _, last in self.blocks:
             last.weight.data.mul_(0.1)  # the paper's residual scaling
         self.rec.weight.data.mul_(0.1)
-
-    def keep(self, name, y):
-        if self.outputs is not None:
-            self.outputs[name] = y
-        return y
 
     def forward(self, low):
         head = x = self.keep("head", self.head(low))

@@ -203,6 +203,17 @@ def through(layers, y):
     return y
 
 
+class Kept(nn.Module):
+    """Keeps the output of each layer in the dictionary `outputs`, if there is one."""
+
+    outputs = None
+
+    def keep(self, name, y):
+        if self.outputs is not None:
+            self.outputs[name] = y
+        return y
+
+
 def create(config):
     """Returns the network that `config` describes, with random weights."""
     return {"fusion": Network, "pyramid": pyramid.Pyramid, "edsr": edsr.Edsr}[config.network](config)

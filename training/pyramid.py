@@ -36,13 +36,12 @@ def padded(x, multiple):
     return F.pad(x, (0, -width % multiple, 0, -height % multiple), mode="replicate")
 
 
-class Pyramid(nn.Module):
+class Pyramid(model.Kept):
     """Maps encoded inputs of padded sizes to logits of kernels, and at full size to what else makes the output."""
 
     def __init__(self, config):
         super().__init__()
         self.config = config
-        self.outputs = None  # a dictionary that takes each layer's output
         widths = dict(enumerate(map(int, config.widths), 1))
         levels, joined = len(widths), config.halvings
         inputs = 3 + 3 * len(config.hrls_layers)
@@ -70,11 +69,6 @@ class Pyramid(nn.Module):
         # At first the filtered light counts most, and a pixel's own albedo seven tenths in its filtered one.
         self.rec.bias.data[3] = 2
         self.rec.bias.data[4 + ALBEDO_SIDE**2 // 2] = 3
-
-    def keep(self, name, y):
-        if self.outputs is not None:
-            self.outputs[name] = y
-        return y
 
     def biased(self, conv, y, log_spp, centered=None):
         """Adds what the bias of a convolution's result has more than conv.bias."""
@@ -127,17 +121,15 @@ def lights_of(network, color, albedo, lrhs, spp):
     """Returns the light of HRLS at full size and of both renders at each level, and that of LRHS alone, if any."""
     config, keep = network.config, network.keep
     lights = [keep("light", compressed(model.without_fireflies(color) / (albedo + model.ALBEDO_FLOOR)))]
-    if not config.reads_lrhs:
-        for level in range(1, FILTERED_LEVELS + 1):
-            lights.append(keep(f"pool.{level}", F.avg_pool2d(lights[-1], 2)))
-        return lights, None
-    cells = F.avg_pool2d(albedo, config.scale) + model.ALBEDO_FLOOR
-    own = keep("cell_light", compressed(lrhs / cells))
-    pixels = config.scale**2
-    certainty = config.lrhs_certainty
-    if config.knows_spp:
-        certainty = certainty * spp[:, :1] / (spp[:, 1:] * pixels)
-    share = torch.as_tensor(certainty / (certainty + pixels)).to(own)
+    own = share = None
+    if config.reads_lrhs:
+        cells = F.avg_pool2d(albedo, config.scale) + model.ALBEDO_FLOOR
+        own = keep("cell_light", compressed(lrhs / cells))
+        pixels = config.scale**2
+        certainty = config.lrhs_certainty
+        if config.knows_spp:
+            certainty = certainty * spp[:, :1] / (spp[:, 1:] * pixels)
+        share = torch.as_tensor(certainty / (certainty + pixels)).to(own)
     for level in range(1, FILTERED_LEVELS + 1):
         mean = F.avg_pool2d(lights[-1], 2)
         lights.append(keep(f"pool.{level}", mean.lerp(own, share) if level == config.halvings else mean))

@@ -144,14 +144,16 @@ Architecture read_architecture(const std::filesystem::path& model) {
   const auto optional_number = [&](const char* key, int absent) {
     return metadata.contains(key) ? number(key) : absent;
   };
+  const Transfer transfer = metadata.at("transfer") == "log" ? Transfer::kLog : Transfer::kLinear;
+  const double clip = std::stof(metadata.at("clip"));
   const std::string network = metadata.contains("network") ? metadata.at("network") : "fusion";
   if (network == "edsr") {
     return {.is_edsr = true,
             .scale = number("scale"),
             .features = number("features"),
             .blocks = number("blocks"),
-            .transfer = metadata.at("transfer") == "log" ? Transfer::kLog : Transfer::kLinear,
-            .clip = std::stof(metadata.at("clip"))};
+            .transfer = transfer,
+            .clip = clip};
   }
   if (network == "pyramid") {
     std::vector<int> widths;
@@ -161,8 +163,8 @@ Architecture read_architecture(const std::filesystem::path& model) {
     const auto text = [&](const char* key) { return reads_lrhs ? metadata.at(key) : "0"; };
     return {.scale = number("scale"),
             .hrls_layers = layer_kinds(metadata.at("hrls_layers")),
-            .transfer = metadata.at("transfer") == "log" ? Transfer::kLog : Transfer::kLinear,
-            .clip = std::stof(metadata.at("clip")),
+            .transfer = transfer,
+            .clip = clip,
             .both_samplings = text("lrhs_sampling").find(',') != std::string::npos,
             .upscaled_features = number("upscaled_features"),
             .lrhs_certainty = std::stof(text("lrhs_certainty")),
@@ -179,8 +181,8 @@ Architecture read_architecture(const std::filesystem::path& model) {
           .long_skip_fused = metadata.at("long_skip") == "fused",
           .merge_relu = metadata.at("merge_relu") == "true",
           .base = base_of(metadata.at("base")),
-          .transfer = metadata.at("transfer") == "log" ? Transfer::kLog : Transfer::kLinear,
-          .clip = std::stof(metadata.at("clip")),
+          .transfer = transfer,
+          .clip = clip,
           .hrls_unshuffled = metadata.at("hrls_encoder") == "unshuffled",
           .hrls_guide = metadata.at("guide") == "hrls",
           .both_samplings = metadata.at("lrhs_sampling").find(',') != std::string::npos,

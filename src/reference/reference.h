@@ -223,8 +223,8 @@ void take_samples(Architecture& architecture, Weights& weights, double lrhs_spp,
 // `lrhs` (3, h, w) and `hrls` (3 * layers, s*h, s*w) are raw images, and phase > 0 is centered. A network of
 // scale 1, which is a pyramid, takes the color of `hrls` as `lrhs`, and has neither encode.lrhs nor
 // cell_light. Layers named in `given` are computed, and then later layers read the given values as exact.
-// With a device's own outputs each layer is thus checked for the inputs that it had on the device, and bounds
-// do not pile up. See conv2d() for `units`, and for `tile`, which applies to 3x3 convolutions.
+// Each layer is thus checked for the inputs that it had on a device, if `given` has the device's outputs, and
+// bounds do not pile up. See conv2d() for `units`, and for `tile`, which applies to 3x3 convolutions.
 Outputs network(const Architecture& architecture, const Weights& weights, const Planes& lrhs,
                 const Planes& hrls, double phase, Precision precision,
                 const std::map<std::string, Planes>& given = {}, double exposure = 1, const Tile& tile = {},

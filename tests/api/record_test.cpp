@@ -154,6 +154,27 @@ TEST_F(RecordTest, EachRecordingHasItsExposure) {
                  record(fusion, pool.begin("none"), lrhs, hrls, images[0], -1), "exposure");
 }
 
+// Records a frame with one render, refuses it with the `other` one too, and returns the image.
+std::vector<float> record_alone(const Device& device, Fusion& fusion, const Planes& render,
+                                const raymeld_image* raymeld_frame::*own,
+                                const raymeld_image* raymeld_frame::*other, const char* refusal) {
+  const uint32_t scale = fusion.info().scale;
+  const FrameImage input(device, render);
+  const FrameImage fused(device, Shape{scale * uint32_t(render.h), scale * uint32_t(render.w), 3});
+  const raymeld_image images[] = {image_at(input), image_at(fused)};
+  raymeld_frame frame;
+  frame.*own = &images[0];
+  frame.fused = &images[1];
+  Commands pool(device);
+  const VkCommandBuffer commands = pool.begin("frame");
+  fusion.record(commands, frame);
+  frame.*other = &images[0];
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.record(commands, frame), refusal);
+  end_and_submit(device, pool, commands);
+  check(device.vk().DeviceWaitIdle(device.handle()), "waiting");
+  return floats(fused.read());
+}
+
 TEST_F(RecordTest, AModelOfScale1TakesNoLrhs) {
   const Subject subject = make_subject(pyramid_architecture(1), 18, 9, 3);
   write_model(file_, subject.architecture, subject.weights, {{"exposure_key", "0.2"}});
@@ -171,20 +192,9 @@ TEST_F(RecordTest, AModelOfScale1TakesNoLrhs) {
                  fusion.fuse(hrls_values.data(), hrls_values.data(), expected.data()),
                  "lrhs, which must be NULL");
 
-  const FrameImage hrls(*device, subject.hrls), fused(*device, Shape{18, 9, 3});
-  const raymeld_image images[] = {image_at(hrls), image_at(fused)};
-  raymeld_frame frame;
-  frame.hrls = &images[0];
-  frame.fused = &images[1];
-  Commands pool(*device);
-  const VkCommandBuffer commands = pool.begin("frame");
-  fusion.record(commands, frame);
-  frame.lrhs = &images[0];
-  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.record(commands, frame), "lrhs, which must be NULL");
-  end_and_submit(*device, pool, commands);
-  check(device->vk().DeviceWaitIdle(device->handle()), "waiting");
   // The device finds the exposure from the color of HRLS, by sums of 32 bits.
-  const std::vector<float> recorded = floats(fused.read());
+  const std::vector<float> recorded = record_alone(*device, fusion, subject.hrls, &raymeld_frame::hrls,
+                                                   &raymeld_frame::lrhs, "lrhs, which must be NULL");
   for (size_t i = 0; i < expected.size(); ++i)
     EXPECT_NEAR(recorded[i], expected[i], 1e-4 * (1 + expected[i]));
 
@@ -208,19 +218,9 @@ TEST_F(RecordTest, AModelThatUpscalesTakesNoHrls) {
   std::vector<float> expected(3 * 12 * 18);
   fusion.fuse(lrhs_values.data(), nullptr, expected.data());
 
-  const FrameImage lrhs(*device, subject.lrhs), fused(*device, Shape{12, 18, 3});
-  const raymeld_image images[] = {image_at(lrhs), image_at(fused)};
-  raymeld_frame frame;
-  frame.lrhs = &images[0];
-  frame.fused = &images[1];
-  Commands pool(*device);
-  const VkCommandBuffer commands = pool.begin("frame");
-  fusion.record(commands, frame);
-  frame.hrls = &images[0];
-  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.record(commands, frame), "hrls, which must be NULL");
-  end_and_submit(*device, pool, commands);
-  check(device->vk().DeviceWaitIdle(device->handle()), "waiting");
-  EXPECT_TRUE(same_bits(floats(fused.read()), expected));
+  EXPECT_TRUE(same_bits(record_alone(*device, fusion, subject.lrhs, &raymeld_frame::lrhs,
+                                     &raymeld_frame::hrls, "hrls, which must be NULL"),
+                        expected));
 }
 
 TEST_F(RecordTest, ThreeRecordingsInFlight) {
