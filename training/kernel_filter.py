@@ -18,13 +18,13 @@ def taps(x, side):
 
 def slow_kernel_filter(x, logits):
     """Does the same as kernel_filter() in any precision and on any device, by PyTorch's own operations."""
-    weights = torch.softmax(logits, dim=1).split(1, dim=1)
-    return sum(weight * tap for weight, tap in zip(weights, taps(x, int(logits.shape[1] ** 0.5)), strict=True))
+    weights = torch.softmax(logits, dim=1)
+    return (weights[:, :, None] * torch.stack(taps(x, int(logits.shape[1] ** 0.5)), dim=1)).sum(1)
 
 
 def slow_squared_distances(x, side):
     """Does the same as squared_distances() in any precision and on any device."""
-    return torch.cat([((tap - x) ** 2).sum(1, keepdim=True) for tap in taps(x, side)], dim=1)
+    return ((torch.stack(taps(x, side), dim=1) - x[:, None]) ** 2).sum(2)
 
 
 class KernelFilter(torch.autograd.Function):
