@@ -17,7 +17,6 @@ import torch
 sys.path.insert(0, str(pathlib.Path(__file__).parent.parent / "training"))
 
 import model as networks
-from evaluation.agreement import load
 
 SECONDS, FRAMES = 3.0, 3  # the least that a measurement takes
 
@@ -29,7 +28,7 @@ def main(path, size, precision, folder, eager=False):
     device = "cuda" if torch.cuda.is_available() else "cpu"
     dtype = torch.float16 if precision == "fp16" else torch.bfloat16
     width, height = map(int, size.split("x"))
-    network = load(path).to(memory_format=torch.channels_last)
+    network = networks.load(path).to(memory_format=torch.channels_last)
     scale, layers = network.config.scale, len(network.config.hrls_layers)
 
     def image(name, channels, h, w):

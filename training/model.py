@@ -7,6 +7,7 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
+import safetensors
 from joint_filter import joint_filter
 
 LAYERS = ("color", "albedo", "normal", "diffuse", "specular", "variance")
@@ -217,6 +218,14 @@ class Kept(nn.Module):
 def create(config):
     """Returns the network that `config` describes, with random weights."""
     return {"fusion": Network, "pyramid": pyramid.Pyramid, "edsr": edsr.Edsr}[config.network](config)
+
+
+def load(path):
+    """Returns the network of a model file, with its weights in fp32."""
+    tensors, metadata = safetensors.load(path)
+    network = create(Config.parse(metadata))
+    network.load_state_dict({key: torch.from_numpy(value.astype("float32")) for key, value in tensors.items()})
+    return network.eval()
 
 
 class Network(nn.Module):

@@ -13,7 +13,6 @@ import torch
 import dataset
 import loss
 import model
-import safetensors
 from evaluation import baselines
 
 # The pairs cost two, four and eight samples a pixel together. At a scale of 1 both counts are those of HRLS.
@@ -39,15 +38,11 @@ def parse():
 
 
 def load(path):
-    if path.suffix == ".pt":
-        saved = torch.load(path, map_location="cpu")
-        config, tensors = model.Config(**saved["config"]), saved["average"]
-    else:
-        tensors, metadata = safetensors.load(path)
-        config = model.Config.parse(metadata)
-        tensors = {key: torch.tensor(value).float() for key, value in tensors.items()}
-    network = model.create(config)
-    network.load_state_dict(tensors)
+    if path.suffix != ".pt":
+        return model.load(path)
+    saved = torch.load(path, map_location="cpu")
+    network = model.create(model.Config(**saved["config"]))
+    network.load_state_dict(saved["average"])
     return network
 
 

@@ -19,6 +19,7 @@ constexpr size_t kLeastRounds = 3, kMostRounds = 15;
 constexpr double kCpuBudgetMs = 60, kGpuBudgetMs = 10;  // time of all rounds of a kernel
 constexpr double kWarmMs = 20;                          // time that a GPU works before it is measured
 constexpr uint32_t kLeastRows = 32;
+constexpr double kGpuPixels = 1 << 18;  // fill any GPU; more would only take longer to upload
 
 // Returns random values, which repeat: making as many as a large image has would take longer than measuring.
 std::vector<float> random_values(size_t count) {
@@ -34,27 +35,40 @@ std::vector<float> random_values(size_t count) {
   return values;
 }
 
+// Describes the first rows of a layer by one kernel.
+struct Rows {
+  Rows(Storage storage, bool addressed, const Conv2dShape& shape, uint32_t rows, const Conv2dKernel& kernel)
+      : share(double(rows) / shape.height), graph(storage, addressed) {
+    const uint32_t u = shape.unshuffle, s = shape.shuffle;
+    const std::vector<float> weight =
+        random_values(size_t{shape.channels_out} * shape.channels_in * shape.kernel * shape.kernel);
+    const std::vector<float> bias = random_values(shape.channels_out);
+    in = graph.input("in", {rows * u, shape.width * u, shape.channels_in / (u * u)});
+    const Tensor out = graph.tensor("out", {rows * s, shape.width * s, shape.channels_out / (s * s)});
+    conv2d(graph, "conv2d", in, out, {weight, bias},
+           {.kernel = shape.kernel, .relu = true, .unshuffle = u, .shuffle = s, .how = kernel});
+    graph.plan();
+  }
+
+  double share;
+  Graph graph;
+  Tensor in;
+};
+
 // Holds a layer by one kernel, recorded once.
 class Trial {
  public:
   Trial(const Device& device, PipelineCache& cache, Storage storage, bool addressed, const Conv2dShape& shape,
         uint32_t rows, const Conv2dKernel& kernel)
-      : device_(device), share_(double(rows) / shape.height), graph_(storage, addressed), pool_(device) {
-    const uint32_t u = shape.unshuffle, s = shape.shuffle;
-    const std::vector<float> weight =
-        random_values(size_t{shape.channels_out} * shape.channels_in * shape.kernel * shape.kernel);
-    const std::vector<float> bias = random_values(shape.channels_out);
-    const Tensor in = graph_.input("in", {rows * u, shape.width * u, shape.channels_in / (u * u)});
-    const Tensor out = graph_.tensor("out", {rows * s, shape.width * s, shape.channels_out / (s * s)});
-    conv2d(graph_, "conv2d", in, out, {weight, bias},
-           {.kernel = shape.kernel, .relu = true, .unshuffle = u, .shuffle = s, .how = kernel});
-    graph_.plan();
-    program_.emplace(device, graph_, cache, 1);
-    program_->write(in, random_values(in.shape.pixels() * in.shape.channels));
+      : device_(device),
+        layer_(storage, addressed, shape, rows, kernel),
+        program_(device, layer_.graph, cache, 1),
+        pool_(device) {
+    program_.write(layer_.in, random_values(layer_.in.shape.pixels() * layer_.in.shape.channels));
     if (!device.info().is_cpu && device.info().timestamp_period_ns > 0) timestamps_.emplace(device, 1);
     commands_ = pool_.begin("conv2d");
     if (timestamps_) timestamps_->start(commands_);
-    program_->record(commands_, 0, 0, graph_.passes().size());
+    program_.record(commands_, 0, 0, layer_.graph.passes().size());
     if (timestamps_) timestamps_->mark(commands_, 0);
     pool_.end(commands_);
   }
@@ -69,28 +83,48 @@ class Trial {
   }
 
   // Returns the share of the layer's rows that a run computes.
-  double share() const { return share_; }
+  double share() const { return layer_.share; }
 
  private:
   const Device& device_;
-  double share_;
-  Graph graph_;
-  std::optional<Program> program_;
+  Rows layer_;
+  Program program_;
   std::optional<Timestamps> timestamps_;
   Commands pool_;
   VkCommandBuffer commands_ = VK_NULL_HANDLE;
 };
 
-// Returns how many rows a GPU computes in one submit without its watchdog ending it.
-uint32_t most_rows(const Device& device, const Conv2dShape& shape) {
+// Returns how many rows a GPU is measured by: they fit one submit, whose watchdog does not end it.
+uint32_t rows_for_gpu(const Device& device, const Conv2dShape& shape) {
   const double rows = limits_for(device.info()).submit_work / (shape.flop() / shape.height);
-  return uint32_t(std::clamp(rows, 1.0, double(shape.height)));
+  return uint32_t(std::clamp(std::min(rows, kGpuPixels / shape.width), 1.0, double(shape.height)));
+}
+
+// Compiles all kernels for a GPU at once, with as many threads as the host has, and returns what the trials
+// of them find compiled. One that cannot be had is left to its trial, which fails.
+std::vector<std::shared_ptr<const Kernel>> compile_for_gpu(const Device& device, PipelineCache& cache,
+                                                           Storage storage, bool addressed,
+                                                           const Conv2dShape& shape,
+                                                           std::span<const Conv2dKernel> kernels) {
+  std::vector<KernelRecipe> recipes;
+  for (const Conv2dKernel& kernel : kernels) {
+    try {
+      const Rows layer(storage, addressed, shape, rows_for_gpu(device, shape), kernel);
+      std::ranges::move(kernel_recipes(layer.graph, device.info()), std::back_inserter(recipes));
+    } catch (const Error&) {
+    }
+  }
+  try {
+    return device.kernels().get(device, cache.handle(), recipes);
+  } catch (const Error&) {
+    return {};
+  }
 }
 
 // Makes a trial of so many rows that its time can be measured, and runs it for the first time.
 std::unique_ptr<Trial> make_trial(const Device& device, PipelineCache& cache, Storage storage, bool addressed,
                                   const Conv2dShape& shape, const Conv2dKernel& kernel) {
-  const uint32_t most = device.info().is_cpu ? shape.height : most_rows(device, shape);
+  const uint32_t most = device.info().is_cpu ? shape.height : rows_for_gpu(device, shape);
   uint32_t rows = device.info().is_cpu ? std::min(most, kLeastRows) : most;
   while (true) {
     auto trial = std::make_unique<Trial>(device, cache, storage, addressed, shape, rows, kernel);
@@ -140,6 +174,8 @@ std::vector<double> time_in_turns(bool is_cpu, const std::vector<std::unique_ptr
 
 std::vector<double> time_conv2d(const Device& device, PipelineCache& cache, Storage storage, bool addressed,
                                 const Conv2dShape& shape, std::span<const Conv2dKernel> kernels) {
+  std::vector<std::shared_ptr<const Kernel>> compiled;
+  if (!device.info().is_cpu) compiled = compile_for_gpu(device, cache, storage, addressed, shape, kernels);
   std::vector<std::unique_ptr<Trial>> trials;
   const auto make_trials = [&] {
     for (const Conv2dKernel& kernel : kernels) {

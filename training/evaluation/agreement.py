@@ -12,7 +12,6 @@ import torch
 import pack
 import loss
 import model as networks
-import safetensors
 from evaluation.images import Exr, read
 from evaluation.jobs import fuse
 from evaluation.test_set import PAIRS, lrhs, render
@@ -22,13 +21,6 @@ SIZE = 128  # side of the part that is fused, in pixels of HRLS
 # with another device's logarithm and exponential, so it may be off by ROUNDING times as much.
 ROUNDING = 16
 PSNR_DB, RELMSE = 1e-3, 1e-4  # largest differences of the metrics; RelMSE's is relative
-
-
-def load(path):
-    tensors, metadata = safetensors.load(path)
-    network = networks.create(networks.Config.parse(metadata))
-    network.load_state_dict({key: torch.from_numpy(value.astype("float32")) for key, value in tensors.items()})
-    return network.eval()
 
 
 def layers_of(path, names):
@@ -100,7 +92,7 @@ def compare(program, image, reference):
 @torch.no_grad()
 def check(model, view, program):
     """Returns {comparison: (value, limit)}; the program agrees if no value is beyond its limit."""
-    network, pair = load(model.path), PAIRS[model.scale][0]
+    network, pair = networks.load(model.path), PAIRS[model.scale][0]
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
         low, high, reference, fused = (folder / f"{name}.exr" for name in ("low", "high", "reference", "fused"))

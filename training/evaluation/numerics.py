@@ -117,7 +117,7 @@ class Study:
 
     def measure(self, model, name, choices):
         files = self.inputs(model.scale, name)
-        network = agreement.load(model.path)
+        network = networks.load(model.path)
         exposure = networks.exposure(agreement.layers_of(files[0], ("color",))["color"].double(), EXPOSED)
         exact, magnitudes = agreement.predict_watched(network, *files)
         largest = max(magnitudes.values())

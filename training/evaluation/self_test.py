@@ -16,6 +16,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent))
 import numpy
 import torch
 
+import model as networks
 import safetensors
 from evaluation import agreement, numerics, numerics_pages, oidn, tables, test_set
 from evaluation.baselines import FILTERS, TUNED, bicubic
@@ -311,7 +312,7 @@ class Numerics(unittest.TestCase):
         safetensors.save(self.folder / "off.safetensors", tensors, metadata)
         files = self.study.inputs(4, "as rendered")
         exact, off = (
-            agreement.predict(agreement.load(path), *files, torch.float64)
+            agreement.predict(networks.load(path), *files, torch.float64)
             for path in (MODEL, self.folder / "off.safetensors")
         )
         self.assertGreater(float(numerics.relative(off, exact, 1).max()), 3 * most)
