@@ -60,7 +60,7 @@ def main(path, size, precision, folder, eager=False):
         frame()
         times.append(time.perf_counter() - start)
     fused.clamp(0, 65504).cpu().numpy().tofile(folder / "pytorch.raw")
-    print(json.dumps({"time_s": statistics.median(times)}))
+    print(json.dumps({"time_s": statistics.median(times), "size": size}))
 
 
 if __name__ == "__main__":

@@ -158,8 +158,8 @@ def pick_lrhs(view, scale, high, is_centered, rng):
     if scale == 1:
         return high, REFERENCE
     if is_centered:
-        is_coarse = scale == 4 and rng.random() < COARSE_SHARE
-        return rng.choice(view.small(2 * scale if is_coarse else scale)), REFERENCE
+        coarse = view.small(2 * scale) if scale == 4 and rng.random() < COARSE_SHARE else []
+        return rng.choice(coarse or view.small(scale)), REFERENCE
     low = rng.choice([*REFERENCE, *REFERENCE, *(name for name in view.full_size()[1:] if name != high)])
     return low, [part for part in REFERENCE if part != low]
 
@@ -204,6 +204,7 @@ class Batches(torch.utils.data.Dataset):
     """Has a batch of random crops for every seed."""
 
     def __init__(self, views, config, size, count):
+        views = [view for view in views if config.scale == 1 or view.small(config.scale)]
         self.arguments = views, config, size, count
 
     def __getitem__(self, seed):

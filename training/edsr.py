@@ -35,8 +35,7 @@ class Edsr(model.Kept):
         x = self.keep("body", head + self.body(x))
         for i, up in enumerate(self.up):
             x = self.keep(f"up.{i}", F.pixel_shuffle(up(x), 2))
-        y = self.keep("rec", self.rec(x))
-        return y.float() if y.dtype == torch.bfloat16 else y
+        return model.widened(self.keep("rec", self.rec(x)))
 
 
 def predict(network, lrhs, upsampled):

@@ -156,9 +156,15 @@ def bilinear(x, scale, phase=0.0):
 
 
 def multiplied_in(x):
-    """Returns the type in which a network multiplies x: bfloat16 under autocast on x's device."""
-    on = torch.is_autocast_cpu_enabled() if x.device.type == "cpu" else torch.is_autocast_enabled()
-    return torch.bfloat16 if on else x.dtype
+    """Returns the type in which a network multiplies x, which autocast on x's device chooses."""
+    if x.device.type == "cpu":
+        return torch.get_autocast_cpu_dtype() if torch.is_autocast_cpu_enabled() else x.dtype
+    return torch.get_autocast_gpu_dtype() if torch.is_autocast_enabled() else x.dtype
+
+
+def widened(y):
+    """Returns what a network multiplied in 16 bits in 32."""
+    return y.float() if y.dtype in (torch.bfloat16, torch.float16) else y
 
 
 class Block(nn.Module):
@@ -317,8 +323,7 @@ class Network(nn.Module):
             y = F.pixel_shuffle(F.relu(conv(y)), config.scale if config.upscale == "direct" else 2)
         if config.guide == "hrls":
             y = torch.cat([y, hrls], dim=1)
-        y = self.rec(through(self.head, y))
-        return y.float() if y.dtype == torch.bfloat16 else y
+        return widened(self.rec(through(self.head, y)))
 
     def forward(self, lrhs, hrls, centered=torch.tensor(False), spp=None):
         """Computes the output from encoded inputs.

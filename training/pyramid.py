@@ -113,8 +113,7 @@ class Pyramid(model.Kept):
             x = self.joined(level, x, skipped[level - 1])
             logits[level] = self.keep(f"kernel.{level}", self.kernel[str(level)](x))
         rec = self.keep("rec", self.rec(self.joined(0, x, guide)))
-        wide = lambda x: x.float() if x.dtype == torch.bfloat16 else x
-        return wide(rec), {level: wide(y) for level, y in logits.items()}
+        return model.widened(rec), {level: model.widened(y) for level, y in logits.items()}
 
 
 def lights_of(network, color, albedo, lrhs, spp):

@@ -38,11 +38,11 @@ std::vector<float> random_values(size_t count) {
 // Describes the first rows of a layer by one kernel.
 struct Rows {
   Rows(Storage storage, bool addressed, const Conv2dShape& shape, uint32_t rows, const Conv2dKernel& kernel)
-      : share(double(rows) / shape.height), graph(storage, addressed) {
+      : share(double(rows) / shape.height),
+        weight(random_values(size_t{shape.channels_out} * shape.channels_in * shape.kernel * shape.kernel)),
+        bias(random_values(shape.channels_out)),
+        graph(storage, addressed) {
     const uint32_t u = shape.unshuffle, s = shape.shuffle;
-    const std::vector<float> weight =
-        random_values(size_t{shape.channels_out} * shape.channels_in * shape.kernel * shape.kernel);
-    const std::vector<float> bias = random_values(shape.channels_out);
     in = graph.input("in", {rows * u, shape.width * u, shape.channels_in / (u * u)});
     const Tensor out = graph.tensor("out", {rows * s, shape.width * s, shape.channels_out / (s * s)});
     conv2d(graph, "conv2d", in, out, {weight, bias},
@@ -51,6 +51,7 @@ struct Rows {
   }
 
   double share;
+  std::vector<float> weight, bias;
   Graph graph;
   Tensor in;
 };
