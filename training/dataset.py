@@ -178,13 +178,15 @@ def sample(views, config, size, rng):
     low, parts = pick_lrhs(view, scale, high, is_centered, rng)
     y, x = (rng.randint(0, (side - size) // scale) * scale for side in view.read(high).shape[-2:])
     here = window(y, x, size)
-    hrls, reference = view.read(high)[:LAYER_CHANNELS][here].float(), view.reference(parts, here)
+    reference = view.reference(parts, here)
+    reads_hrls = bool(config.hrls_layers)
+    hrls = view.read(high)[:LAYER_CHANNELS][here].float() if reads_hrls else torch.zeros_like(reference)
     if is_centered:
         lrhs, low_spp = view.read_lrhs(low, scale)
         lrhs = lrhs[window(*(n // scale for n in (y, x, size)))]
     else:
         lrhs, low_spp = view.read(low)[:LAYER_CHANNELS][here].float(), view.spp[low]
-    if view.guides() and rng.random() < GUIDES_SHARE:
+    if reads_hrls and view.guides() and rng.random() < GUIDES_SHARE:
         hrls[3:9] = view.read(rng.choice(view.guides()))[:6][here]
     images = [hrls, reference, lrhs]
     reweigh(images, rng)

@@ -100,7 +100,7 @@ def main():
         sheets += [tables.scenes_sheet(models, views, store)]
     if "equal-time" in args.tables:
         sheets += tables.equal_time_sheets(models, views, store)
-        sheets.append(tables.equal_seconds_sheet(models, ablations, views, store))
+        sheets.append(tables.equal_seconds_sheet(models, views, store))
     for sheet in sheets:
         sheet.write_csv(args.out)
         print(f"\n{sheet.name}\n{sheet.markdown()}")

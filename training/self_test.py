@@ -13,6 +13,7 @@ from unittest import mock
 import numpy
 import torch
 
+import compact
 import compiled
 import dataset
 import grow
@@ -371,6 +372,38 @@ class Packed(unittest.TestCase):
             numpy.testing.assert_array_equal(held_out[0].read("0001").numpy(), render)
             numpy.testing.assert_array_equal(held_out[0].read("guides-0002").numpy(), render[:7] / 2)
             self.assertEqual(held_out[0].spp, {"0001": 1})
+
+
+class Compact(unittest.TestCase):
+    def setUp(self):
+        self.rng = numpy.random.default_rng(2)
+        self.x = (self.rng.lognormal(0, 2, (19, 48, 48)) * (self.rng.random((19, 48, 48)) < 0.8)).astype(numpy.float16)
+        self.x[3:9] = self.rng.uniform(-1, 1, (6, 48, 48))
+
+    def test_light_and_guides_come_nearly_back(self):
+        for name, bits in (("0004", 4), ("reference-a", 5)):
+            back = compact.restored(compact.shrunk(name, self.x, self.rng)).astype(float)
+            light = self.x[compact.LIGHT].astype(float)
+            numpy.testing.assert_allclose(back[compact.LIGHT], light, rtol=2.0**-bits, atol=1e-6)
+            self.assertTrue((back[compact.LIGHT][light == 0] == 0).all())
+            self.assertAlmostEqual((back[compact.LIGHT] / light.clip(1e-7))[light > 1e-3].mean(), 1, delta=2e-3)
+        back = compact.restored(compact.shrunk("0004", self.x, self.rng))
+        numpy.testing.assert_allclose(back[3:9], self.x[3:9], atol=0.51 / 127)
+        guides = compact.restored(compact.shrunk("guides-0002", self.x[3:10], self.rng))
+        numpy.testing.assert_allclose(guides, self.x[3:9], atol=0.51 / 127)
+
+    def test_a_view_is_packed_whole(self):
+        with tempfile.TemporaryDirectory() as name:
+            folder = pathlib.Path(name)
+            record = {"files": {"0001.exr": {"spp": 1}, "guides-0002.exr": {"spp": 2}}}
+            tensors = {"0001": self.x, "guides-0002": self.x[:7]}
+            safetensors.save(folder / "view-00001-0.safetensors", tensors, {"view": json.dumps(record)})
+            compact.pack(folder / "view-00001-0.safetensors", folder)
+            compact.unpack(folder / "view-00001-0.xz", folder)
+            view = dataset.View(folder / "view-00001-0.safetensors")
+            self.assertEqual(view.record, record)
+            self.assertEqual(tuple(view.read("0001").shape), (15, 48, 48))
+            self.assertEqual(tuple(view.read("guides-0002").shape), (6, 48, 48))
 
 
 class Pairs(unittest.TestCase):

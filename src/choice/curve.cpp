@@ -1,6 +1,7 @@
 #include "choice/curve.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -13,15 +14,26 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr int kCurveVersion = 2;
+constexpr int kCurveVersion = 3;
+constexpr std::array kTaskNames{"fuse", "denoise", "upscale"};  // the commands, by Task
+
+Task task_from(const std::string& name) {
+  const auto found = std::ranges::find(kTaskNames, name);
+  if (found == kTaskNames.end()) throw Error("task '{}' is unknown", name);
+  return Task(found - kTaskNames.begin());
+}
 
 Json to_json(const CurvePoint& point) {
-  return {
-      {"model", point.model}, {"scale", point.scale}, {"time_ms", point.time_ms}, {"psnr_db", point.psnr_db}};
+  return {{"model", point.model},
+          {"task", kTaskNames.at(size_t(point.task))},
+          {"scale", point.scale},
+          {"time_ms", point.time_ms},
+          {"psnr_db", point.psnr_db}};
 }
 
 CurvePoint point_from(const Json& json) {
-  const CurvePoint point{json.at("model"), json.at("scale"), json.at("time_ms"), json.at("psnr_db")};
+  const CurvePoint point{json.at("model"), json.at("scale"), json.at("time_ms"), json.at("psnr_db"),
+                         task_from(json.at("task"))};
   if (!(point.time_ms > 0)) throw Error("model {} takes {} ms", point.model, point.time_ms);
   return point;
 }

@@ -9,11 +9,15 @@
 
 namespace raymeld {
 
+// Names what a model does: it fuses both renders, or denoises HRLS or upscales LRHS alone.
+enum class Task { kFuse, kDenoise, kUpscale };
+
 struct CurvePoint {
   std::string model;
   uint32_t scale = 0;
   double time_ms = 0;  // time of a frame of the test set
   double psnr_db = 0;  // mean over the test set's scenes, with the fewest samples
+  Task task = Task::kFuse;
 };
 
 struct Curve {

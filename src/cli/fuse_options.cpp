@@ -57,24 +57,26 @@ void add_removed(CLI::App& command) {
   }
 }
 
-// Says which command an option is added to.
-enum class Command { kFuse, kDenoise };
-
-void add_files(CLI::App& command, Command of, FuseArguments& a) {
-  if (of == Command::kFuse) {
+void add_files(CLI::App& command, Task of, FuseArguments& a) {
+  if (of != Task::kDenoise) {
     command
         .add_option("--lrhs", a.lrhs, "Reads the small, many-sample render from this OpenEXR file (required)")
         ->type_name("FILE");
   }
-  command
-      .add_option("--hrls", a.hrls,
-                  "Reads the full-size, few-sample render and its guide layers from this OpenEXR file")
-      ->required()
-      ->type_name("FILE");
+  if (of != Task::kUpscale) {
+    command
+        .add_option(
+            "--hrls", a.hrls,
+            "Reads the full-size, few-sample render and its guide layers from this OpenEXR file (required)")
+        ->type_name("FILE");
+  }
   command
       .add_option("-o,--output", a.output,
-                  "Writes the result to this OpenEXR file; windows and attributes are those of "
-                  "HRLS")
+                  of == Task::kUpscale
+                      ? "Writes the result to this OpenEXR file; attributes are those of LRHS, "
+                        "and windows are the scale times its own"
+                      : "Writes the result to this OpenEXR file; windows and attributes are "
+                        "those of HRLS")
       ->type_name("FILE")
       ->check(ends_in(".exr", "; --preview writes a PNG"));
   command.add_option("--preview", a.preview, "Writes the result as an sRGB PNG too")
@@ -100,12 +102,7 @@ void add_samples(CLI::App& command, const std::string& name, float& count, const
       ->type_name("N");
 }
 
-// Adds the options about LRHS, which only `fuse` has.
-void add_lrhs(CLI::App& command, FuseArguments& a) {
-  command
-      .add_option("--map-lrhs", a.lrhs_map, "Maps channels to layers, as --map does, in the LRHS file alone")
-      ->type_name("ITEM")
-      ->allow_extra_args(false);
+void add_lrhs_sampling(CLI::App& command, FuseArguments& a) {
   command
       .add_option(
           "--lrhs-sampling", a.sampling,
@@ -114,6 +111,15 @@ void add_lrhs(CLI::App& command, FuseArguments& a) {
           "pixels of both files)")
       ->check(CLI::IsMember({"auto", "nearest", "centered"}))
       ->capture_default_str();
+}
+
+// Adds the options about how LRHS goes with HRLS.
+void add_pair(CLI::App& command, FuseArguments& a) {
+  command
+      .add_option("--map-lrhs", a.lrhs_map, "Maps channels to layers, as --map does, in the LRHS file alone")
+      ->type_name("ITEM")
+      ->allow_extra_args(false);
+  add_lrhs_sampling(command, a);
   add_samples(command, "--lrhs-spp", a.samples.lrhs, "LRHS");
   add_named<PairCheck>(
       command, "--pair-check", a.pair_check,
@@ -122,30 +128,35 @@ void add_lrhs(CLI::App& command, FuseArguments& a) {
       "make LRHS as bright as HRLS");
 }
 
-void add_more_files(CLI::App& command, Command of, FuseArguments& a) {
-  command
-      .add_option(
-          "--guides", a.guides,
-          "Reads albedo and normal from this OpenEXR file instead of HRLS: a render as large as HRLS, "
-          "with more samples")
-      ->type_name("FILE");
-  if (of == Command::kFuse) add_lrhs(command, a);
-  add_samples(command, "--hrls-spp", a.samples.hrls, "HRLS");
+void add_more_files(CLI::App& command, Task of, FuseArguments& a) {
+  if (of != Task::kUpscale) {
+    command
+        .add_option(
+            "--guides", a.guides,
+            "Reads albedo and normal from this OpenEXR file instead of HRLS: a render as large as HRLS, "
+            "with more samples")
+        ->type_name("FILE");
+  }
+  if (of == Task::kFuse) add_pair(command, a);
+  if (of == Task::kUpscale) add_lrhs_sampling(command, a);
+  if (of != Task::kUpscale) add_samples(command, "--hrls-spp", a.samples.hrls, "HRLS");
   add_parsed(
       command, "--window", a.window, parse_window,
-      "Computes and writes only this part of HRLS, in pixel coordinates of its file; the result is as in the "
-      "whole frame, and takes about as long as a frame of this size")
+      "Computes and writes only this part of the whole result, in its pixel coordinates; the part is as in "
+      "the whole frame, and takes about as long as a frame of this size")
       ->type_name("X,Y,W,H");
   command
       .add_option("--output-type", a.output_type,
-                  "Writes channels of this type; auto is the type of HRLS's color")
+                  fmt::format("Writes channels of this type; auto is the type of {}'s color",
+                              of == Task::kUpscale ? "LRHS" : "HRLS"))
       ->check(CLI::IsMember({"auto", "half", "float"}))
       ->capture_default_str();
   command.add_flag("--layers", a.layers,
                    "Also writes the diffuse, specular and other (emission) light of the result, which "
                    "add up to it; the inputs need diffuse and specular, and it takes four times as long");
-  command.add_flag("--keep-layers", a.keep_layers,
-                   "Copies all HRLS channels that are not computed to the output, bit by bit");
+  if (of != Task::kUpscale)
+    command.add_flag("--keep-layers", a.keep_layers,
+                     "Copies all HRLS channels that are not computed to the output, bit by bit");
   command
       .add_option("--preview-before-after", a.before_after,
                   "Writes a PNG with the inputs, LRHS by bicubic interpolation, the result and, if "
@@ -158,8 +169,17 @@ void add_more_files(CLI::App& command, Command of, FuseArguments& a) {
 }
 
 // Adds the options that choose the model by name, quality or time.
-void add_model(CLI::App& command, Command of, FuseArguments& a) {
-  const char* description = of == Command::kFuse
+void add_model(CLI::App& command, Task of, FuseArguments& a) {
+  if (of == Task::kUpscale) {
+    command
+        .add_option(
+            "--scale", a.scale,
+            fmt::format("Makes the result this many times as wide and as high as LRHS; by default {}, "
+                        "or what the model of --model does",
+                        kUpscaledBy))
+        ->check(CLI::IsMember({2, 4, 8}));
+  }
+  const char* description = of == Task::kFuse
                                 ? "Uses this model: a name, a scale such as x4, or a file; without it the "
                                   "scale follows from the sizes of the images"
                                 : "Uses this model: a name or a file";
@@ -266,7 +286,7 @@ void add_more_sequence(CLI::App& command, CLI::Option* frames, SequenceArguments
 }
 
 // Each option goes to the group that is set when it is added.
-void add_options(CLI::App& command, Command of, FuseArguments& a, SequenceArguments& sequence) {
+void add_options(CLI::App& command, Task of, FuseArguments& a, SequenceArguments& sequence) {
   const auto group = [&](const char* name) { command.option_defaults()->group(name); };
   group("Files");
   add_files(command, of, a);
@@ -283,16 +303,27 @@ void add_options(CLI::App& command, Command of, FuseArguments& a, SequenceArgume
   add_more_reports(command, a);
 }
 
+// Throws CLI::RequiredError unless the files are given that a command reads.
+void check_files(Task of, const FuseArguments& arguments) {
+  const auto require = [&](const std::string& file, const char* name, const std::string& hint) {
+    if (file.empty()) throw CLI::RequiredError(name + (" is required" + hint), CLI::ExitCodes::RequiredError);
+  };
+  const bool both = of == Task::kFuse;
+  if (of != Task::kDenoise)
+    require(arguments.lrhs, "--lrhs",
+            both && !arguments.hrls.empty() ? "; raymeld denoise takes --hrls alone" : "");
+  if (of != Task::kUpscale)
+    require(arguments.hrls, "--hrls", both ? "; raymeld upscale takes --lrhs alone" : "");
+}
+
 // Adds a command that makes an image of one render or two.
-CLI::App* add_command(CLI::App& app, Command of, const char* name, const char* description) {
+CLI::App* add_command(CLI::App& app, Task of, const char* name, const char* description) {
   auto arguments = std::make_shared<FuseArguments>();
   auto sequence = std::make_shared<SequenceArguments>();
   CLI::App* command = app.add_subcommand(name, description);
   add_options(*command, of, *arguments, *sequence);
   command->callback([of, arguments, sequence] {
-    if (of == Command::kFuse && arguments->lrhs.empty())
-      throw CLI::RequiredError("--lrhs is required; raymeld denoise takes --hrls alone",
-                               CLI::ExitCodes::RequiredError);
+    check_files(of, *arguments);
     if (arguments->output.empty() && !arguments->dry_run) throw CLI::RequiredError("--output");
     if (!sequence->frames.empty()) return run_sequence(*sequence, *arguments);
     check_no_patterns(*arguments);
@@ -307,7 +338,7 @@ constexpr const char* kNotFinite =
 }  // namespace
 
 void add_fuse(CLI::App& app) {
-  add_command(app, Command::kFuse, "fuse", "Fuses an LRHS and an HRLS render, or sequences of them")
+  add_command(app, Task::kFuse, "fuse", "Fuses an LRHS and an HRLS render, or sequences of them")
       ->footer(
           std::string(kNotFinite) +
           "Examples:\n"
@@ -320,12 +351,19 @@ void add_fuse(CLI::App& app) {
 }
 
 void add_denoise(CLI::App& app) {
-  add_command(app, Command::kDenoise, "denoise",
-              "Denoises an HRLS render, or a sequence of them, without LRHS")
+  add_command(app, Task::kDenoise, "denoise", "Denoises an HRLS render, or a sequence of them, without LRHS")
       ->footer(std::string(kNotFinite) +
                "Examples:\n"
                "  raymeld denoise --hrls render.exr -o denoised.exr --preview denoised.png\n"
                "  raymeld denoise --hrls render.####.exr -o denoised.####.exr --frames 1-240 --resume");
+}
+
+void add_upscale(CLI::App& app) {
+  add_command(app, Task::kUpscale, "upscale", "Upscales an LRHS render, or a sequence of them, without HRLS")
+      ->footer(std::string(kNotFinite) +
+               "Examples:\n"
+               "  raymeld upscale --lrhs small.exr -o large.exr --preview large.png\n"
+               "  raymeld upscale --lrhs small.####.exr -o large.####.exr --scale 4 --frames 1-240 --resume");
 }
 
 }  // namespace raymeld::cli

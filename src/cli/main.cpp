@@ -42,6 +42,7 @@ void set_up(CLI::App& app) {
       "interrupted.");
   add_fuse(app);
   add_denoise(app);
+  add_upscale(app);
   add_devices(app);
   add_compare(app);
   add_degrade(app);

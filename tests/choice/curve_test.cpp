@@ -51,10 +51,11 @@ TEST(Curve, BudgetIsKept) {
 
 TEST(Curve, IsKeptInAFile) {
   const TemporaryDirectory folder;
-  const Curve curve{.device = "device",
-                    .data = "set",
-                    .points = {{.model = "x2-a", .scale = 2, .time_ms = 12.5, .psnr_db = 33.25},
-                               {.model = "x4-b", .scale = 4, .time_ms = 1, .psnr_db = 30}}};
+  const Curve curve{
+      .device = "device",
+      .data = "set",
+      .points = {{.model = "x2-a", .scale = 2, .time_ms = 12.5, .psnr_db = 33.25},
+                 {.model = "x4-b", .scale = 4, .time_ms = 1, .psnr_db = 30, .task = Task::kUpscale}}};
   save_curve(folder / "curve.json", curve);
   const Curve loaded = load_curve(folder / "curve.json");
   EXPECT_EQ(loaded.device, "device");
@@ -64,6 +65,8 @@ TEST(Curve, IsKeptInAFile) {
   EXPECT_EQ(loaded.points[0].scale, 2u);
   EXPECT_EQ(loaded.points[0].time_ms, 12.5);
   EXPECT_EQ(loaded.points[0].psnr_db, 33.25);
+  EXPECT_EQ(loaded.points[0].task, Task::kFuse);
+  EXPECT_EQ(loaded.points[1].task, Task::kUpscale);
 }
 
 TEST(Curve, BadFilesAreErrorsThatNameThem) {
@@ -74,8 +77,8 @@ TEST(Curve, BadFilesAreErrorsThatNameThem) {
     return error_of([&] { load_curve(file); });
   };
   EXPECT_NE(error("{").find("curve '" + file.string() + "'"), std::string::npos);
-  EXPECT_NE(error(R"({"format_version": 9})").find("its format_version is 9, expected 2"), std::string::npos);
-  EXPECT_NE(error(R"({"format_version": 2, "device": "", "data": "", "points": [{"model": "x2-a"}]})")
+  EXPECT_NE(error(R"({"format_version": 9})").find("its format_version is 9, expected 3"), std::string::npos);
+  EXPECT_NE(error(R"({"format_version": 3, "device": "", "data": "", "points": [{"model": "x2-a"}]})")
                 .find("scale"),
             std::string::npos);
   std::filesystem::remove(file);

@@ -281,25 +281,18 @@ def rendering_s(job, view):
     return sum(view.seconds_of(file) for file in files if file)
 
 
-def timed_jobs(models, ablations):
-    """Yields (label, job) for the table of equal seconds.
-
-    The last rows are networks without LRHS, which have all samples in HRLS.
-    """
+def timed_jobs(models):
+    """Yields (label, job) for the table of equal seconds."""
     for model, scale, pair, _ in pairings(models):
         yield label(model, scale, pair), fused(model, pair, scale=scale)
         if model.scale == scale == 4:
             yield f"{label(model, scale, pair)}, guides of {GUIDES_SPP}", guided(model, pair)
-    for model in ablations:
-        if model.trained("without") == "lrhs":
-            for spp in AVERAGES:
-                yield f"{model.name}, {spp}", without_lrhs(model, spp)
 
 
-def equal_seconds_sheet(models, ablations, views, store):
+def equal_seconds_sheet(models, views, store):
     """Makes the table of leads over the filter when rendering the inputs takes as long as its render."""
     rows = []
-    for label, job in timed_jobs(models, ablations):
+    for label, job in timed_jobs(models):
         leads = []
         for view in views:
             own = store.get(job, view)

@@ -7,6 +7,7 @@ namespace raymeld::cli {
 
 void add_fuse(CLI::App& app);
 void add_denoise(CLI::App& app);
+void add_upscale(CLI::App& app);
 void add_devices(CLI::App& app);
 void add_compare(CLI::App& app);
 void add_degrade(CLI::App& app);

@@ -23,32 +23,41 @@ std::optional<int> scale_of(const std::string& text) {
 
 }  // namespace
 
+Task task_of(const Architecture& architecture) {
+  if (!architecture.reads_hrls()) return Task::kUpscale;
+  return architecture.reads_lrhs() ? Task::kFuse : Task::kDenoise;
+}
+
 fs::path find_model(const std::string& wanted) {
   const auto scale = scale_of(wanted);
-  return scale && find_stock_model(wanted).empty() ? default_model(*scale) : model_file(wanted);
+  return scale && find_stock_model(wanted).empty() ? default_model(Task::kFuse, *scale) : model_file(wanted);
 }
 
 std::vector<int> pair_scales(int model_scale) {
   return model_scale == 4 ? std::vector{4, 8} : std::vector{model_scale};
 }
 
-std::vector<CurvePoint> models_of(int scale) {
+std::vector<CurvePoint> models_of(Task task, int scale) {
   std::vector<CurvePoint> points = stock_curve().points;
   std::erase_if(points, [&](const CurvePoint& point) {
-    return std::ranges::count(pair_scales(int(point.scale)), scale) == 0 ||
+    const auto scales = task == Task::kFuse ? pair_scales(int(point.scale)) : std::vector{int(point.scale)};
+    return point.task != task || std::ranges::count(scales, scale) == 0 ||
            find_stock_model(point.model).empty();
   });
   const auto is_own = [&](const CurvePoint& point) { return int(point.scale) == scale; };
   if (std::ranges::any_of(points, is_own)) std::erase_if(points, std::not_fn(is_own));
-  if (points.empty() && scale == 1)
+  if (points.empty() && task == Task::kDenoise)
     throw Error("there is no stock model that denoises; --model names one; {}", what_models_there_are());
+  if (points.empty() && task == Task::kUpscale)
+    throw Error("there is no stock model that upscales by {}; --model names one; {}", scale,
+                what_models_there_are());
   if (points.empty()) throw Error("there is no model for scale {}; {}", scale, what_models_there_are());
   return points;
 }
 
-fs::path default_model(int scale) {
+fs::path default_model(Task task, int scale) {
   std::vector<Candidate> candidates;
-  for (const CurvePoint& point : models_of(scale)) candidates.push_back({point, point.time_ms});
+  for (const CurvePoint& point : models_of(task, scale)) candidates.push_back({point, point.time_ms});
   return find_stock_model(at_level(front_of(std::move(candidates)), kBalanced).point.model);
 }
 

@@ -11,19 +11,21 @@
 
 namespace raymeld::cli {
 
-// Returns model_file() of a name or a file, and default_model() of a scale such as "x4". Throws Error,
-// listing the models that exist.
+Task task_of(const Architecture& architecture);
+
+// Returns model_file() of a name or a file, and of a scale such as "x4" the default_model() that fuses.
+// Throws Error, listing the models that exist.
 std::filesystem::path find_model(const std::string& wanted);
 
 // Returns the scales of the pairs that a model fuses, its own first: a model of x4 fuses pairs of x8 too.
 std::vector<int> pair_scales(int model_scale);
 
-// Returns the points of stock_curve() for the stock models of a scale or, where there are none, for those
-// that fuse its pairs too. Throws Error when there are none of either.
-std::vector<CurvePoint> models_of(int scale);
+// Returns the points of stock_curve() for a task's stock models of a scale or, where there are none, for
+// those that fuse its pairs too. Throws Error when there are none of either.
+std::vector<CurvePoint> models_of(Task task, int scale);
 
 // Returns the file of the model at the level kBalanced of the curve.
-std::filesystem::path default_model(int scale);
+std::filesystem::path default_model(Task task, int scale);
 
 // Loads curve.json from the first of model_folders() that has one. Throws Error.
 Curve stock_curve();

@@ -117,7 +117,7 @@ Choice choose_model(const FuseArguments& arguments, bool sequence, const Device&
                     Console& console) {
   const ModelRequest& request = arguments.request.value();
   FuseFiles files = open_files(arguments, models);
-  const std::vector<CurvePoint> points = models_of(files.frame.scale);
+  const std::vector<CurvePoint> points = models_of(arguments.task(), files.frame.scale);
   Timer timer{arguments, device, models, console, files, sequence};
   const Candidates candidates = candidates_of(points, timer, request.kind == ModelRequest::Kind::kBudget);
   const std::vector<Candidate> front = front_of(candidates.all);

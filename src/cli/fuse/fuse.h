@@ -1,5 +1,5 @@
-// Declares the parts of the commands `fuse` and `denoise`, in the order in which it runs them. A frame is
-// opened, read, fused and written; a sequence (sequence.h) runs these same steps in threads.
+// Declares the parts of the commands `fuse`, `denoise` and `upscale`, in the order in which it runs them. A
+// frame is opened, read, fused and written; a sequence (sequence.h) runs these same steps in threads.
 #pragma once
 
 #include <algorithm>
@@ -41,7 +41,8 @@ struct Choice {
 };
 
 // Holds the options for one frame, or for a sequence, of which some paths are patterns. To denoise a frame is
-// to fuse it without LRHS: `lrhs` is empty, and HRLS stands for it at a scale of 1.
+// to fuse it without LRHS: `lrhs` is empty, and HRLS stands for it at a scale of 1. To upscale a frame is to
+// fuse it without HRLS: `hrls` is empty.
 struct FuseArguments {
   std::string lrhs, hrls, guides, output, model, device, reference, preview, before_after, dump;
   Precision precision = Precision::kAuto;
@@ -51,6 +52,7 @@ struct FuseArguments {
   std::string sampling = "auto", output_type = "auto";
   std::vector<std::string> map, lrhs_map;
   SampleCounts samples = {};  // 0: as the files say
+  int scale = 0;              // what LRHS alone is upscaled by; 0: the model's, or kUpscaledBy
   float exposure_stops = 0;
   float input_exposure = 0;  // 0: the exposure that the model asks for
   uint64_t max_memory_mib = 0;
@@ -66,7 +68,7 @@ struct FuseArguments {
   std::vector<std::filesystem::path> outputs() const;
   std::filesystem::path dump_folder() const;  // has no slash at its end
   std::filesystem::path last_dumped() const;  // the file in that folder that is written last
-  bool denoises() const { return lrhs.empty(); }
+  Task task() const { return lrhs.empty() ? Task::kDenoise : hrls.empty() ? Task::kUpscale : Task::kFuse; }
   // Returns whether the inputs are measured or shown beside the fused image.
   bool compares() const { return !reference.empty() || !before_after.empty(); }
   bool notes() const { return !quiet && !json; }
@@ -77,15 +79,18 @@ struct FuseArguments {
   }
 };
 
+inline constexpr int kUpscaledBy = 2;
+
 // Names the source of the phase of LRHS samples. If neither an option nor the file gives it, it is found from
 // the pixels of both files; if these do not show it, LRHS is taken for an ordinary small render.
 enum class PhaseSource { kOption, kFile, kPair, kDefault };
 
-// Holds the open files and all that is known before their pixels are read.
+// Holds the open files and all that is known before their pixels are read. Where the model reads one render,
+// `lrhs` and `hrls` are one file, opened twice.
 struct FuseFiles {
-  ExrFile lrhs, hrls;  // one file, opened twice, where HRLS is denoised
+  ExrFile lrhs, hrls;  // `hrls` gives the output its attributes
   LayerMap lrhs_map, hrls_map;
-  Windows lrhs_windows, hrls_windows;  // windows of the parts that hold the color
+  Windows lrhs_windows, hrls_windows;  // windows of the parts that hold the color, and of the output
   std::shared_ptr<const Model> model;
   Canvas frame;                  // the whole frame as the files have it
   Canvas canvas;                 // the part that is fused at the model's scale: the window and a halo
@@ -100,8 +105,10 @@ struct FuseFiles {
   std::optional<ExrFile> guides;  // a render of HRLS's guides with more samples
   LayerMap guides_map;            // only layers that are taken from there
 
-  bool denoises() const { return frame.scale == 1; }
-  const char* pixels() const { return denoises() ? "pixels" : "LRHS pixels"; }  // what tiles are counted in
+  bool reads_lrhs() const { return model->architecture().reads_lrhs(); }
+  bool reads_hrls() const { return model->architecture().reads_hrls(); }
+  bool reads_both() const { return reads_lrhs() && reads_hrls(); }
+  const char* pixels() const { return reads_lrhs() ? "LRHS pixels" : "pixels"; }  // what tiles are counted in
   // Returns the factor by which LRHS is upsampled for the model: an x4 model fuses an LRHS of x8 too.
   int upsampling() const { return frame.scale / canvas.scale; }
   // These are FuserOptions::phase and samples, those of the LRHS that the model reads.
@@ -123,17 +130,17 @@ inline const std::vector<std::string> kSplitLight = {"diffuse", "specular"};
 struct Companion {
   std::string name;
   size_t sequence;   // see Fuser::fuse(); the color's is 0
-  Image lrhs, hrls;  // (3, h, w) and (3, s h, s w) of the canvas
+  Image lrhs, hrls;  // (3, h, w) and (3, s h, s w) of the canvas; `hrls` is empty where LRHS is upscaled
 };
 
-// Holds the inputs as the user sees them beside the fused image, (3, H, W) of the window; `bicubic` is LRHS,
-// and empty where there is none.
+// Holds the inputs as the user sees them beside the fused image, (3, H, W) of the window; `bicubic` is LRHS.
+// That which the model does not read is empty.
 struct ShownInputs {
   Image bicubic, hrls;
 };
 
 struct FuseImages {
-  Image lrhs, hrls;                   // the canvas: (3, h, w) and (K, s h, s w), all finite
+  Image lrhs, hrls;                   // the canvas: (3, h, w) and (K, s h, s w) or empty, all finite
   ShownInputs shown;                  // empty unless the fused image is compared with them
   ConstantLayers constants;           // constant and absent layers, which `hrls` does not hold
   float exposure = 1;                 // the whole frame's exposure, see FuserOptions
@@ -188,6 +195,10 @@ std::string light_channel(const std::string& part, int c);
 // Takes HRLS's alpha as a companion if LRHS has one too, and returns whether it did. An alpha that is the
 // same everywhere is to be copied. Throws Error.
 bool load_alpha(FuseFrame& frame, const ExrRawChannel& of_hrls);
+
+// Takes LRHS's alpha as a companion where LRHS is upscaled. One that is the same everywhere is so in the
+// output. Throws Error.
+void load_lrhs_alpha(FuseFrame& frame);
 
 // Reads the parts of the light as companions, after the color. Throws Error.
 void load_light(FuseFrame& frame);

@@ -43,16 +43,21 @@ struct AlphaPair {
   Image lrhs, hrls;
 };
 
-// Returns whether both files have an alpha of floats that lies as the color does.
+bool is_plain(const ExrChannel& channel) {
+  return channel.type != Imf::UINT && channel.x_sampling == 1 && channel.y_sampling == 1;
+}
+
+// Returns whether LRHS has an alpha of floats that lies as the color does.
+bool has_plain_alpha(const FuseFiles& files) {
+  if (!files.lrhs_map.alpha) return false;
+  const ExrChannel& alpha = files.lrhs.channel(*files.lrhs_map.alpha);
+  return is_plain(alpha) && files.lrhs.header(alpha.part).dataWindow() == files.lrhs_windows.data;
+}
+
+// Returns whether both files have such an alpha.
 bool have_alphas(const FuseFiles& files) {
-  if (!files.hrls_map.alpha || !files.lrhs_map.alpha) return false;
-  const ExrChannel &own = files.lrhs.channel(*files.lrhs_map.alpha),
-                   &other = files.hrls.channel(*files.hrls_map.alpha);
-  const auto is_plain = [](const ExrChannel& channel) {
-    return channel.type != Imf::UINT && channel.x_sampling == 1 && channel.y_sampling == 1;
-  };
-  return is_plain(own) && is_plain(other) &&
-         files.lrhs.header(own.part).dataWindow() == files.lrhs_windows.data;
+  return files.hrls_map.alpha && has_plain_alpha(files) &&
+         is_plain(files.hrls.channel(*files.hrls_map.alpha));
 }
 
 // Returns the alphas if they are to be fused. One that is the same everywhere is copied.
@@ -82,6 +87,7 @@ std::array<Image, 3> parts_of(const Image& color, const Image& split) {
 // Returns the HRLS image of a companion. It has a surface of the same normals that sends out nothing but the
 // companion's light. For alpha an albedo that the image holds is white where the pixel is covered.
 Image hrls_of(const FuseFrame& frame, const Companion& companion) {
+  if (!frame.files.reads_hrls()) return {};
   const bool is_alpha = companion.name == kAlpha;
   Image hrls = frame.images.hrls;
   const size_t count = 3 * hrls.plane_size();
@@ -102,14 +108,17 @@ Image hrls_of(const FuseFrame& frame, const Companion& companion) {
 }
 
 // Limits a fused alpha to what HRLS has in the 3x3 pixels around, and LRHS in the cell: only edges change.
+// Where there is no HRLS, the 3x3 pixels are LRHS's.
 void limit_alpha(Image& fused, const Companion& alpha, int scale) {
-  const int height = fused.height, width = fused.width;
-  for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < width; ++x) {
+  const bool has_hrls = !alpha.hrls.data.empty();
+  const Image& around = has_hrls ? alpha.hrls : alpha.lrhs;
+  for (int y = 0; y < fused.height; ++y) {
+    for (int x = 0; x < fused.width; ++x) {
       float least = alpha.lrhs.at(0, y / scale, x / scale), most = least;
-      for (int near_y = std::max(y - 1, 0); near_y <= std::min(y + 1, height - 1); ++near_y) {
-        for (int near_x = std::max(x - 1, 0); near_x <= std::min(x + 1, width - 1); ++near_x) {
-          const float value = alpha.hrls.at(0, near_y, near_x);
+      const int at_y = has_hrls ? y : y / scale, at_x = has_hrls ? x : x / scale;
+      for (int near_y = std::max(at_y - 1, 0); near_y <= std::min(at_y + 1, around.height - 1); ++near_y) {
+        for (int near_x = std::max(at_x - 1, 0); near_x <= std::min(at_x + 1, around.width - 1); ++near_x) {
+          const float value = around.at(0, near_y, near_x);
           least = std::min(least, value), most = std::max(most, value);
         }
       }
@@ -144,6 +153,31 @@ bool load_alpha(FuseFrame& frame, const ExrRawChannel& of_hrls) {
   return true;
 }
 
+void load_lrhs_alpha(FuseFrame& frame) {
+  FuseFiles& files = frame.files;
+  if (!files.lrhs_map.alpha) return;
+  ExrRawChannel alpha = files.lrhs.read_raw(*files.lrhs_map.alpha);
+  if (is_even(alpha)) {
+    const std::vector<char> value(alpha.bytes.begin(),
+                                  alpha.bytes.begin() + ptrdiff_t(size_bytes_of(alpha.type)));
+    alpha.x_sampling = alpha.y_sampling = 1;
+    alpha.data_window = files.window;
+    alpha.bytes.clear();
+    for (int64_t i = int64_t{width_of(files.window)} * height_of(files.window); i > 0; --i)
+      alpha.bytes.insert(alpha.bytes.end(), value.begin(), value.end());
+    sanitize_passed(alpha, true, files.lrhs.path(), frame.console);
+    frame.images.passed.push_back(std::move(alpha));
+    return;
+  }
+  if (!has_plain_alpha(files))
+    throw Error("LRHS '{}': alpha '{}' must have floats, one for each pixel of the color, to be upscaled",
+                files.lrhs.path().string(), alpha.name);
+  Image values = as_floats(alpha);
+  sanitize_lrhs(values, files, frame.console);
+  frame.images.companions.push_back(
+      {kAlpha, 1, for_canvas(files, grey(std::move(values)), files.lrhs_windows.data), {}});
+}
+
 void load_light(FuseFrame& frame) {
   FuseFiles& files = frame.files;
   const FuseImages& images = frame.images;
@@ -151,6 +185,10 @@ void load_light(FuseFrame& frame) {
   sanitize_lrhs(lrhs, files, frame.console);
   match_brightness(files, lrhs);
   lrhs = for_canvas(files, std::move(lrhs), files.lrhs_windows.data);
+  auto low = parts_of(images.lrhs, lrhs);
+  for (size_t i = 0; i < kLightParts.size(); ++i)
+    frame.images.companions.push_back({kLightParts[i], 2 + i, std::move(low[i]), {}});
+  if (!files.reads_hrls()) return;
   Image hrls = load_layers(files.hrls, files.hrls_map, kSplitLight);
   const auto& layers = files.model->architecture().hrls_layers;
   const auto is_read = [&](const std::string& layer) { return std::ranges::count(layers, layer) > 0; };
@@ -160,14 +198,18 @@ void load_light(FuseFrame& frame) {
     sanitize_input(hrls, "HRLS", files.hrls.path(), frame.console);
   }
   hrls = seen_through(std::move(hrls), files.hrls_windows.data, files.canvas.hrls);
-  auto low = parts_of(images.lrhs, lrhs), high = parts_of(first_channels(images.hrls, 3), hrls);
-  for (size_t i = 0; i < kLightParts.size(); ++i)
-    frame.images.companions.push_back({kLightParts[i], 2 + i, std::move(low[i]), std::move(high[i])});
+  auto high = parts_of(first_channels(images.hrls, 3), hrls);
+  const auto parts = frame.images.companions.end() - ptrdiff_t(kLightParts.size());
+  for (size_t i = 0; i < kLightParts.size(); ++i) parts[ptrdiff_t(i)].hrls = std::move(high[i]);
 }
 
 int count_runs(FuseFiles& files, const FuseArguments& arguments) {
   const auto& alpha = files.hrls_map.alpha;
-  const bool fuses_alpha = alpha && have_alphas(files) && varying_alphas(files, files.hrls.read_raw(*alpha));
+  const auto varies = [&] {
+    const ExrRawChannel own = files.hrls.read_raw(*alpha);
+    return files.reads_hrls() ? varying_alphas(files, own).has_value() : !is_even(own);
+  };
+  const bool fuses_alpha = alpha && varies();
   return 1 + (fuses_alpha ? 1 : 0) + (arguments.layers ? int(kLightParts.size()) : 0);
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
+#include <climits>
 #include <cmath>
 
 #include "cli/common/inputs.h"
@@ -21,14 +22,21 @@ namespace fs = std::filesystem;
 
 constexpr std::array<int, 3> kScales = {2, 4, 8};
 
-// Throws Error unless a model takes what it is given: one file or two.
-void check_inputs(const FuseArguments& arguments, const Model& model) {
-  if (!model.architecture().reads_hrls())
-    throw Error("model {} upscales one small render, which the library alone does", model.name());
-  if (arguments.denoises() != model.architecture().reads_lrhs()) return;
-  if (arguments.denoises())
-    throw Error("model {} fuses two renders: raymeld fuse takes it, with --lrhs and --hrls", model.name());
-  throw Error("model {} denoises one render: raymeld denoise takes it, with --hrls alone", model.name());
+// Throws Error unless a model does what is asked for.
+void check_task(const FuseArguments& arguments, const Model& model) {
+  const uint32_t scale = model.architecture().scale;
+  if (arguments.scale != 0 && arguments.scale != int(scale))
+    throw Error("model {} has a scale of {}, and --scale is {}", model.name(), scale, arguments.scale);
+  const Task task = task_of(model.architecture());
+  if (task == arguments.task()) return;
+  switch (task) {
+    case Task::kFuse:
+      throw Error("model {} fuses two renders: raymeld fuse takes it, with --lrhs and --hrls", model.name());
+    case Task::kDenoise:
+      throw Error("model {} denoises one render: raymeld denoise takes it, with --hrls alone", model.name());
+    case Task::kUpscale:
+      throw Error("model {} upscales one render: raymeld upscale takes it, with --lrhs alone", model.name());
+  }
 }
 
 // Drops from LRHS's map what `choice` takes from other channels of HRLS, as LRHS's own would not match.
@@ -53,6 +61,18 @@ LayerMap map_lrhs(const FuseArguments& arguments, const ExrFile& lrhs) try {
 Windows color_windows(const ExrFile& file, const LayerMap& map) {
   require_layers(map, kColor, file.path().string());
   return windows_of(file.header(file.channel(map.layers.at("color").terms[0][0]).part));
+}
+
+// Returns a window of LRHS in the pixels of its upscaled image. Throws Error if these do not fit 32 bits.
+Imath::Box2i times(const Imath::Box2i& window, int scale) {
+  const auto scaled = [&](int64_t at) {
+    if (std::abs(at * scale) >= INT_MAX)
+      throw Error("a window of LRHS from {},{} to {},{} is too large for an image {} times as large",
+                  window.min.x, window.min.y, window.max.x, window.max.y, scale);
+    return int(at * scale);
+  };
+  const auto end = [&](int at) { return scaled(int64_t{at} + 1) - 1; };
+  return {{scaled(window.min.x), scaled(window.min.y)}, {end(window.max.x), end(window.max.y)}};
 }
 
 std::string size_text(const Imath::Box2i& window) {
@@ -149,22 +169,28 @@ std::pair<std::vector<std::string>, std::vector<std::string>> split_layers(
   return split;
 }
 
-// Throws Error unless the reference is as large as HRLS.
-void check_reference(const ExrFile& reference, const LayerMap& map, const ExrFile& hrls,
-                     const Imath::Box2i& hrls_window) {
-  const Imath::Box2i window = color_windows(reference, map).data;
-  if (window.size() == hrls_window.size()) return;
-  throw Error("the reference '{}' is {}, and HRLS '{}' is {}: the sizes must be equal",
-              reference.path().string(), size_text(window), hrls.path().string(), size_text(hrls_window));
+// Names the image that the output is as large as.
+std::string full_size_name(const FuseArguments& arguments, const ExrFile& hrls) {
+  const char* what = arguments.task() == Task::kUpscale ? "the upscaled LRHS" : "HRLS";
+  return fmt::format("{} '{}'", what, hrls.path().string());
 }
 
-// Returns the window to write: HRLS's data window, or the part of it that --window asks for. Throws Error.
+// Throws Error unless the reference is as large as the output's data window.
+void check_reference(const FuseArguments& arguments, const ExrFile& reference, const LayerMap& map,
+                     const ExrFile& hrls, const Imath::Box2i& data) {
+  const Imath::Box2i window = color_windows(reference, map).data;
+  if (window.size() == data.size()) return;
+  throw Error("the reference '{}' is {}, and {} is {}: the sizes must be equal", reference.path().string(),
+              size_text(window), full_size_name(arguments, hrls), size_text(data));
+}
+
+// Returns the window to write: the data window, or the part of it that --window asks for. Throws Error.
 Imath::Box2i find_window(const FuseArguments& arguments, const ExrFile& hrls, const Imath::Box2i& data) {
   if (!arguments.window) return data;
   const Imath::Box2i& window = *arguments.window;
   if (data.intersects(window.min) && data.intersects(window.max)) return window;
-  throw Error("--window {} is not within the data window {} of HRLS '{}'", window_text(window),
-              window_text(data), hrls.path().string());
+  throw Error("--window {} is not within the data window {} of {}", window_text(window), window_text(data),
+              full_size_name(arguments, hrls));
 }
 
 // Returns the part of `frame` that is computed for a window. The variance of companions is found within it.
@@ -229,18 +255,29 @@ void check_written(const FuseArguments& arguments, const Model& model) {
 }  // namespace
 
 FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
-  ExrFile lrhs(arguments.denoises() ? arguments.hrls : arguments.lrhs), hrls(arguments.hrls);
+  const Task task = arguments.task();
+  ExrFile lrhs(task == Task::kDenoise ? arguments.hrls : arguments.lrhs),
+      hrls(task == Task::kUpscale ? arguments.lrhs : arguments.hrls);
   const LayerChoice choice = parse_layer_choice(arguments.map);
   LayerMap hrls_map = map_layers(hrls, choice);
-  LayerMap lrhs_map = arguments.denoises() ? hrls_map : map_lrhs(arguments, lrhs);
-  const Windows lrhs_windows = color_windows(lrhs, lrhs_map), hrls_windows = color_windows(hrls, hrls_map);
+  LayerMap lrhs_map = task == Task::kFuse ? map_lrhs(arguments, lrhs) : hrls_map;
+  const Windows lrhs_windows = color_windows(lrhs, lrhs_map);
+  Windows hrls_windows = color_windows(hrls, hrls_map);
   const auto canvas_of = [&](std::span<const int> scales) {
     return find_canvas(lrhs, lrhs_windows, hrls, hrls_windows, scales);
   };
-  const auto scale = [&] { return arguments.denoises() ? 1 : canvas_of(kScales).scale; };
-  auto model = models.load(arguments.model.empty() ? default_model(scale()) : find_model(arguments.model));
-  check_inputs(arguments, *model);
+  const auto scale = [&] {
+    if (task == Task::kUpscale) return arguments.scale != 0 ? arguments.scale : kUpscaledBy;
+    return task == Task::kDenoise ? 1 : canvas_of(kScales).scale;
+  };
+  auto model =
+      models.load(arguments.model.empty() ? default_model(task, scale()) : find_model(arguments.model));
+  check_task(arguments, *model);
   const Architecture& architecture = model->architecture();
+  if (task == Task::kUpscale) {
+    const int factor = int(architecture.scale);
+    hrls_windows = {times(hrls_windows.data, factor), times(hrls_windows.display, factor)};
+  }
   const Canvas frame = canvas_of(pair_scales(int(architecture.scale)));
   const Imath::Box2i window = find_window(arguments, hrls, hrls_windows.data);
   const Canvas canvas =
@@ -263,7 +300,7 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
   if (!arguments.reference.empty()) {
     reference.emplace(arguments.reference);
     reference_map = map_color(*reference, choice);
-    check_reference(*reference, reference_map, hrls, hrls_windows.data);
+    check_reference(arguments, *reference, reference_map, hrls, hrls_windows.data);
   }
   const auto [phase, phase_source] = said_phase(arguments.sampling, lrhs, uint32_t(frame.scale));
   const SampleCounts samples{known_spp(arguments.samples.lrhs, lrhs, lrhs_map),
@@ -301,7 +338,7 @@ Image for_canvas(const FuseFiles& files, Image lrhs, const Imath::Box2i& from) {
 }
 
 void sanitize_lrhs(Image& lrhs, const FuseFiles& files, Console& console) {
-  if (files.denoises()) {
+  if (!files.reads_lrhs()) {
     sanitize(lrhs);  // a warning of HRLS counts these values
   } else {
     sanitize_input(lrhs, "LRHS", files.lrhs.path(), console);
@@ -341,9 +378,12 @@ Image load_hrls(FuseFiles& files, std::span<const std::string> layers, Console& 
 ColorPair load_colors(const FuseArguments& arguments, FuseFiles& files, Console& console) {
   std::vector<std::string> layers = image_layers(files.model->architecture(), files.absent_layers);
   std::erase_if(layers, [](const std::string& layer) { return layer != "color" && !is_guide(layer); });
-  Image lrhs, hrls = load_hrls(files, layers, console);
-  hrls = seen_through(std::move(hrls), files.hrls_windows.data, files.frame.hrls);
-  lrhs = files.denoises() ? first_channels(hrls, 3) : load_lrhs(files, console);
+  Image lrhs, hrls;
+  if (files.reads_hrls()) {
+    hrls = load_hrls(files, layers, console);
+    hrls = seen_through(std::move(hrls), files.hrls_windows.data, files.frame.hrls);
+  }
+  lrhs = files.reads_lrhs() ? load_lrhs(files, console) : first_channels(hrls, 3);
   examine(arguments, files, lrhs, hrls, layers, console);
   return {std::move(lrhs), std::move(hrls)};
 }
@@ -367,13 +407,15 @@ void load_frame(FuseFrame& frame) {
   const PhaseTimer timer(frame, "read");
   FuseFiles& files = frame.files;
   FuseImages& images = frame.images;
-  if (!files.denoises()) images.lrhs = load_lrhs(files, frame.console);
+  if (files.reads_lrhs()) images.lrhs = load_lrhs(files, frame.console);
   const Architecture& model = files.model->architecture();
   images.constants = files.absent_layers;
-  images.hrls = load_hrls(files, image_layers(model, images.constants), frame.console);
-  take_constant_layers(model, images.hrls, images.constants);
-  images.hrls = seen_through(std::move(images.hrls), files.hrls_windows.data, files.frame.hrls);
-  if (files.denoises()) images.lrhs = first_channels(images.hrls, 3);
+  if (files.reads_hrls()) {
+    images.hrls = load_hrls(files, image_layers(model, images.constants), frame.console);
+    take_constant_layers(model, images.hrls, images.constants);
+    images.hrls = seen_through(std::move(images.hrls), files.hrls_windows.data, files.frame.hrls);
+  }
+  if (!files.reads_lrhs()) images.lrhs = first_channels(images.hrls, 3);
   examine(frame.arguments, files, images.lrhs, images.hrls, image_layers(model, images.constants),
           frame.console);
   images.exposure = exposure_for(frame.arguments, *files.model, images.lrhs);
@@ -381,13 +423,15 @@ void load_frame(FuseFrame& frame) {
     // Cubic interpolation reads two LRHS pixels in each direction.
     const Canvas part = part_of(files.frame, files.window, 2);
     const Image lrhs = seen_through(images.lrhs, files.frame.lrhs, part.lrhs);
-    if (!files.denoises())
+    if (files.reads_lrhs())
       images.shown.bicubic =
           seen_through(upsample_bicubic(lrhs, part.scale, files.phase), part.hrls, files.window);
-    images.shown.hrls = seen_through(first_channels(images.hrls, 3), files.frame.hrls, files.window);
+    if (files.reads_hrls())
+      images.shown.hrls = seen_through(first_channels(images.hrls, 3), files.frame.hrls, files.window);
   }
   images.lrhs = for_canvas(files, std::move(images.lrhs), files.frame.lrhs);
-  images.hrls = seen_through(std::move(images.hrls), files.frame.hrls, files.canvas.hrls);
+  if (files.reads_hrls())
+    images.hrls = seen_through(std::move(images.hrls), files.frame.hrls, files.canvas.hrls);
   if (files.reference) {
     images.reference = load_layers(*files.reference, files.reference_map, kColor);
     sanitize_input(*images.reference, "reference", files.reference->path(), frame.console);
@@ -400,6 +444,7 @@ void load_frame(FuseFrame& frame) {
     images.passed.push_back(cropped(std::move(channel), files.window));
     sanitize_passed(images.passed.back(), !keeps, files.hrls.path(), frame.console);
   }
+  if (!files.reads_hrls()) load_lrhs_alpha(frame);
   if (frame.arguments.layers) load_light(frame);
 }
 

@@ -58,17 +58,17 @@ Json facts(const FuseFiles& files, const DeviceInfo& device, Storage storage, co
             {"y", files.window.min.y},
             {"width", width_of(files.window)},
             {"height", height_of(files.window)}};
-  if (!files.denoises())
+  if (files.reads_lrhs())
     json.update({{"lrhs_sampling", sampling_name(files)},
                  {"lrhs_sampling_from", sampling_source(files)},
-                 {"lrhs_spp", files.samples.lrhs},
-                 {"phase_evidence", files.pair.phase_evidence},
+                 {"lrhs_spp", files.samples.lrhs}});
+  if (files.reads_both())
+    json.update({{"phase_evidence", files.pair.phase_evidence},
                  {"pair_correlation", files.pair.correlation},
                  {"lrhs_brightness", files.pair.brightness}});
-  json.update({{"hrls_spp", files.samples.hrls},
-               {"absent_layers", names_of(files.absent_layers)},
-               {"input_exposure", exposure},
-               {"tiles", tiling.count()}});
+  if (files.reads_hrls())
+    json.update({{"hrls_spp", files.samples.hrls}, {"absent_layers", names_of(files.absent_layers)}});
+  json.update({{"input_exposure", exposure}, {"tiles", tiling.count()}});
   return json;
 }
 

@@ -1,5 +1,6 @@
 #include <OpenEXR/ImfStringAttribute.h>
 
+#include <array>
 #include <set>
 
 #include "cli/fuse/fuse.h"
@@ -31,6 +32,7 @@ Imf::Header output_header(const FuseFiles& files, const FuseResult& result) {
     header.insert(name, Imf::StringAttribute(value));
   };
   header.dataWindow() = files.window;
+  header.displayWindow() = files.hrls_windows.display;
   header.erase("raymeldSampling");  // true of HRLS, not of the fused image
   set("raymeldVersion", RAYMELD_VERSION);
   set("raymeldPrecision", precision_text(result));
@@ -89,9 +91,10 @@ void stage_previews(FuseFrame& frame) {
     pictures.push_back(picture(image));
     add_label(pictures.back(), label);
   };
-  if (!frame.files.denoises()) add(frame.images.shown.bicubic, "BICUBIC LRHS");
-  add(frame.images.shown.hrls, "HRLS");
-  add(fused, frame.files.denoises() ? "DENOISED" : "FUSED");
+  if (frame.files.reads_lrhs()) add(frame.images.shown.bicubic, "BICUBIC LRHS");
+  if (frame.files.reads_hrls()) add(frame.images.shown.hrls, "HRLS");
+  constexpr std::array kLabels{"FUSED", "DENOISED", "UPSCALED"};  // by Task
+  add(fused, kLabels.at(size_t(arguments.task())));
   if (frame.images.reference) add(*frame.images.reference, "REFERENCE");
   stage(arguments.before_after, side_by_side(pictures));
 }
@@ -101,6 +104,7 @@ void stage_previews(FuseFrame& frame) {
 std::string light_channel(const std::string& part, int c) { return part + '.' + "RGB"[c]; }
 
 std::vector<std::string> passed_channels(const FuseFiles& files, const FuseArguments& arguments) {
+  if (!files.reads_hrls()) return {};
   const auto& alpha = files.hrls_map.alpha;
   if (!arguments.keep_layers) return alpha ? std::vector{*alpha} : std::vector<std::string>{};
   const ChannelTriple& color = files.hrls_map.layers.at("color").terms[0];
@@ -121,8 +125,8 @@ QualityTable stage_outputs(FuseFrame& frame) {
   const Image& reference = *frame.images.reference;
   const ShownInputs& shown = frame.images.shown;
   QualityTable quality{{"fused", measure(frame.result.fused, reference)}};
-  if (!frame.files.denoises()) quality.push_back({"bicubic_lrhs", measure(shown.bicubic, reference)});
-  quality.push_back({"hrls", measure(shown.hrls, reference)});
+  if (frame.files.reads_lrhs()) quality.push_back({"bicubic_lrhs", measure(shown.bicubic, reference)});
+  if (frame.files.reads_hrls()) quality.push_back({"hrls", measure(shown.hrls, reference)});
   return quality;
 }
 

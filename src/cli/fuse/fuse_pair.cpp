@@ -32,7 +32,7 @@ std::string refusal(const FuseFiles& files) {
 
 void examine(const FuseArguments& arguments, FuseFiles& files, Image& lrhs, const Image& hrls,
              std::span<const std::string> layers, Console& console) {
-  if (files.denoises()) return;
+  if (!files.reads_both()) return;
   const bool has_phase =
       files.phase_source == PhaseSource::kOption || files.phase_source == PhaseSource::kFile;
   if (has_phase && arguments.pair_check == PairCheck::kOff) return;

@@ -5,8 +5,8 @@ namespace raymeld::cli {
 namespace fs = std::filesystem;
 
 std::vector<fs::path> FuseArguments::inputs() const {
-  std::vector<fs::path> paths = {hrls};
-  for (const std::string& path : {lrhs, guides, reference}) {
+  std::vector<fs::path> paths;
+  for (const std::string& path : {hrls, lrhs, guides, reference}) {
     if (!path.empty()) paths.push_back(path);
   }
   return paths;

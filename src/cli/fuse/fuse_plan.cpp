@@ -36,8 +36,8 @@ nlohmann::ordered_json plan_json(const FuseArguments& arguments, FuseFiles& file
   json["peak_bytes"] = plan.fusion.peak_bytes();
   json["activation_bytes"] = graph.activation_bytes();
   json["unaliased_bytes"] = graph.unaliased_bytes();
-  if (!files.denoises()) json["layers"]["lrhs"] = to_json(files.lrhs_map);
-  json["layers"]["hrls"] = to_json(files.hrls_map);
+  if (files.reads_lrhs()) json["layers"]["lrhs"] = to_json(files.lrhs_map);
+  if (files.reads_hrls()) json["layers"]["hrls"] = to_json(files.hrls_map);
   if (files.guides) json["layers"]["guides"] = to_json(files.guides_map);
   json["hrls_layers"] = files.model->architecture().hrls_layers;
   return json;

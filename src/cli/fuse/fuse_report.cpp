@@ -3,6 +3,8 @@
 
 #include <fmt/ranges.h>
 
+#include <array>
+
 #include "cli/fuse/layer_costs.h"
 #include "io/exr_window.h"
 
@@ -87,7 +89,8 @@ std::string sampling_text(const FuseFiles& files) {
       case PhaseSource::kPair:
         return "as the pixels show";
       case PhaseSource::kDefault:
-        return "as the pixels do not show another kind";
+        return files.reads_hrls() ? "as the pixels do not show another kind"
+                                  : "as neither its file nor --lrhs-sampling says otherwise";
     }
     return "";
   };
@@ -97,7 +100,7 @@ std::string sampling_text(const FuseFiles& files) {
 // Says how many samples the model takes the renders to have.
 std::string samples_text(const FuseFiles& files) {
   const auto [lrhs, hrls] = files.model_samples().known(uint32_t(files.canvas.scale));
-  if (files.denoises())
+  if (!files.reads_lrhs())
     return fmt::format("{:g} samples a pixel{}", hrls,
                        files.samples.hrls > 0 ? "" : ", as the file does not say (--hrls-spp)");
   const int upsampled = files.upsampling() * files.upsampling();
@@ -134,15 +137,15 @@ ConstantLayers found_constants(const FuseFrame& frame) {
 
 std::vector<std::string> findings(const FuseFiles& files) {
   std::vector<std::string> found;
-  if (!files.denoises()) found.push_back(sampling_text(files));
+  if (files.reads_lrhs()) found.push_back(sampling_text(files));
   if (files.frame.lrhs == files.lrhs_windows.data &&
       !starts_agree(files.lrhs_windows, files.hrls_windows, files.frame.scale))
     found.push_back("the data windows start at different places and are taken for the same view");
   if (files.model->architecture().knows_spp) found.push_back(samples_text(files));
-  if (!files.denoises()) add_view_layers("LRHS", files.lrhs_map, found);
-  add_view_layers("HRLS", files.hrls_map, found);
+  if (files.reads_lrhs()) add_view_layers("LRHS", files.lrhs_map, found);
+  if (files.reads_hrls()) add_view_layers("HRLS", files.hrls_map, found);
   if (!files.absent_layers.empty()) found.push_back(absent_text(files.absent_layers));
-  if (!files.denoises() && !files.model->architecture().trained_on(files.model_phase() > 0))
+  if (files.reads_lrhs() && !files.model->architecture().trained_on(files.model_phase() > 0))
     found.push_back(fmt::format("{} was not trained on {} LRHS", files.model->name(),
                                 files.model_phase() > 0 ? "centered" : "nearest"));
   return found;
@@ -158,15 +161,19 @@ std::vector<std::string> findings(const FuseFrame& frame) {
 }
 
 std::string read_text(const FuseArguments& names, const FuseFiles& files) {
-  if (files.denoises())
+  if (!files.reads_lrhs())
     return fmt::format("read {}, {}{}", names.hrls, size_text(files.hrls_windows.data), window_text(files));
+  if (!files.reads_hrls())
+    return fmt::format("read {}, {}{}: scale {}", names.lrhs, size_text(files.lrhs_windows.data),
+                       window_text(files), files.frame.scale);
   return fmt::format("read {}, {}, and {}, {}{}: scale {}", names.lrhs, size_text(files.lrhs_windows.data),
                      names.hrls, size_text(files.hrls_windows.data), window_text(files), files.frame.scale);
 }
 
 std::string device_text(const FuseFiles& files, const DeviceInfo& device, Storage storage) {
-  return fmt::format("{} on {} with {} in {}", files.denoises() ? "denoising" : "fusing", device.name,
-                     files.model->name(), precision_name(storage));
+  constexpr std::array kDoing{"fusing", "denoising", "upscaling"};  // by Task
+  return fmt::format("{} on {} with {} in {}", kDoing.at(size_t(task_of(files.model->architecture()))),
+                     device.name, files.model->name(), precision_name(storage));
 }
 
 std::string found_text(const std::vector<std::string>& findings) {
@@ -181,14 +188,17 @@ std::vector<std::string> opening_lines(const FuseArguments& names, const FuseFra
 }
 
 std::string channels_text(const FuseArguments& names, const FuseFiles& files) {
+  const std::string takes = fmt::format("model {} takes ", files.model->name());
+  if (!files.reads_hrls())
+    return fmt::format("LRHS {}: {}{}color", names.lrhs, layer_map_text(files.lrhs_map), takes);
   const std::string guides =
       files.guides ? fmt::format("guides {}: {}", names.guides, layer_map_text(files.guides_map)) : "";
-  const std::string lrhs = files.denoises()
-                               ? ""
-                               : fmt::format("LRHS {}: color from {}\n", names.lrhs,
-                                             fmt::join(files.lrhs_map.layers.at("color").terms[0], ", "));
-  return fmt::format("{}HRLS {}: {}{}model {} takes {}", lrhs, names.hrls, layer_map_text(files.hrls_map),
-                     guides, files.model->name(), fmt::join(files.model->architecture().hrls_layers, ", "));
+  const std::string lrhs = files.reads_lrhs()
+                               ? fmt::format("LRHS {}: color from {}\n", names.lrhs,
+                                             fmt::join(files.lrhs_map.layers.at("color").terms[0], ", "))
+                               : "";
+  return fmt::format("{}HRLS {}: {}{}{}{}", lrhs, names.hrls, layer_map_text(files.hrls_map), guides, takes,
+                     fmt::join(files.model->architecture().hrls_layers, ", "));
 }
 
 std::string took_text(const FuseFrame& frame, double total_ms) {

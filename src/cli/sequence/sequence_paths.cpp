@@ -75,8 +75,11 @@ void check_no_patterns(const FuseArguments& arguments) {
 }
 
 void check_patterns(const FuseArguments& patterns, std::span<const int> frames) {
-  if (patterns.denoises() && !is_pattern(patterns.hrls))
+  const Task task = patterns.task();
+  if (task == Task::kDenoise && !is_pattern(patterns.hrls))
     throw Error("--frames: --hrls '{}' has no # for the frame's number in its file name", patterns.hrls);
+  if (task == Task::kUpscale && !is_pattern(patterns.lrhs))
+    throw Error("--frames: --lrhs '{}' has no # for the frame's number in its file name", patterns.lrhs);
   if (!is_pattern(patterns.lrhs) && !is_pattern(patterns.hrls)) {
     throw Error(
         "--frames: neither --lrhs '{}' nor --hrls '{}' has a # for the frame's number in its file name",

@@ -1,0 +1,155 @@
+// Tests `raymeld upscale`, which makes an image of LRHS alone.
+#include <fmt/format.h>
+
+#include "cli_fixture.h"
+
+namespace raymeld::test {
+namespace {
+
+using Json = nlohmann::json;
+
+// Has a render of 24 x 20 pixels, low.exr, with alpha, and upscales by 4.
+class CliUpscale : public Cli {
+ protected:
+  void SetUp() override {
+    Cli::SetUp();
+    write_image(folder_ / "low.exr", kAlphaNames, low_);
+  }
+
+  static std::vector<std::string> upscale(const std::vector<std::string>& more = {},
+                                          const std::string& output = "out.exr") {
+    std::vector<std::string> arguments = {"upscale", "--lrhs",        "low.exr", "-o",
+                                          output,    "--model",       kModel,    "--precision",
+                                          "fp32",    "--output-type", "float"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return arguments;
+  }
+  static inline const std::string kModel = source_path("tests/golden/edsr-x4.safetensors").string();
+  Image low_ = random_image(kAlphaNames, 24, 20, 3);
+};
+
+TEST_F(CliUpscale, SaysWhatItReadAndFound) {
+  const ProcessResult result = run(upscale());
+  ASSERT_EQ(result.exit_status, 0) << result.err;
+  EXPECT_NE(result.err.find("read low.exr, 24 x 20: scale 4\n"), std::string::npos) << result.err;
+  EXPECT_NE(result.err.find("upscaling on "), std::string::npos) << result.err;
+  EXPECT_NE(result.err.find("LRHS is an ordinary small render"), std::string::npos) << result.err;
+  EXPECT_EQ(result.err.find("HRLS"), std::string::npos) << result.err;
+  const Image out = read("out.exr");
+  EXPECT_EQ(std::pair(out.width, out.height), std::pair(96, 80));
+}
+
+TEST_F(CliUpscale, ReportsNothingOfHrls) {
+  write_image(folder_ / "truth.exr", kColorNames, random_image(kColorNames, 96, 80, 4));
+  const Json json = run_json(
+      upscale({"--json", "--reference", "truth.exr", "--preview-before-after", "both.png", "--profile"}));
+  EXPECT_EQ(json.at("scale"), 4);
+  EXPECT_EQ(json.at("lrhs_sampling"), "centered");
+  EXPECT_EQ(json.at("metrics").size(), 2u);
+  for (const auto& [key, value] : json.items()) EXPECT_EQ(key.find("hrls"), std::string::npos) << key;
+  EXPECT_TRUE(std::filesystem::exists(folder_ / "both.png"));
+  const Json plan = run_json(upscale({"--json", "--dry-run"}));
+  EXPECT_FALSE(plan.at("layers").contains("hrls"));
+  EXPECT_EQ(plan.at("runs"), 2);
+  const ProcessResult text = run(upscale({"--dry-run"}));
+  EXPECT_NE(text.out.find("1 tile(s) of 24 x 20 LRHS pixels, halo"), std::string::npos) << text.out;
+}
+
+TEST_F(CliUpscale, WindowsAreTheScaleTimesThoseOfLrhs) {
+  write_image(folder_ / "low.exr", kColorNames, random_image(kColorNames, 24, 20, 3), window(-3, 5, 24, 20),
+              window(0, 0, 100, 60));
+  ASSERT_EQ(run(upscale()).exit_status, 0);
+  const ExrFile out(folder_ / "out.exr");
+  EXPECT_EQ(out.header().dataWindow(), window(-12, 20, 96, 80));
+  EXPECT_EQ(out.header().displayWindow(), window(0, 0, 400, 240));
+}
+
+TEST_F(CliUpscale, PartsAndTilesHaveTheBitsOfTheWholeFrame) {
+  write_image(folder_ / "low.exr", kAlphaNames, random_image(kAlphaNames, 400, 24, 6));
+  ASSERT_EQ(run(upscale({"--kernels", "direct"}, "whole.exr")).exit_status, 0);
+  const Image whole = read("whole.exr");
+  ASSERT_EQ(run(upscale({"--kernels", "direct", "--window", "327,5,21,11"})).exit_status, 0);
+  EXPECT_EQ(read("out.exr").data, crop(whole, 327, 5, 21, 11).data);
+  const Json json = run_json(upscale({"--kernels", "direct", "--max-memory", "4", "--json"}));
+  EXPECT_GT(json.at("tiles"), 1);
+  EXPECT_EQ(read("out.exr").data, whole.data);
+}
+
+TEST_F(CliUpscale, AlphaStaysWithinWhatIsAround) {
+  low_ = random_image(kAlphaNames, 24, 20, 7);
+  for (int y = 0; y < 20; ++y)
+    for (int x = 0; x < 24; ++x) low_.at(3, y, x) = x < 12 ? 0.25f : 0.75f;
+  write_image(folder_ / "low.exr", kAlphaNames, low_, Imf::FLOAT);
+  ASSERT_EQ(run(upscale()).exit_status, 0);
+  const Image alpha = read("out.exr", {"A"});
+  int between = 0;
+  for (int y = 0; y < 80; ++y) {
+    for (int x = 0; x < 96; ++x) {
+      const float value = alpha.at(0, y, x);
+      // Beside the two middle columns of LRHS the 3x3 pixels around have one alpha.
+      ASSERT_GE(value, x / 4 > 12 ? 0.75f : 0.25f) << x;
+      ASSERT_LE(value, x / 4 < 11 ? 0.25f : 0.75f) << x;
+      between += value != 0.25f && value != 0.75f;
+    }
+  }
+  EXPECT_GT(between, 0);
+}
+
+TEST_F(CliUpscale, AnEvenAlphaStaysEven) {
+  std::fill_n(low_.plane(3), low_.plane_size(), 0.5f);
+  write_image(folder_ / "low.exr", kAlphaNames, low_);
+  ASSERT_EQ(run(upscale({"--window", "4,8,20,12"})).exit_status, 0);
+  const Image alpha = read("out.exr", {"A"});
+  EXPECT_EQ(alpha.data, std::vector<float>(20 * 12, 0.5f));
+}
+
+TEST_F(CliUpscale, KindsOfLightAddUpToTheColor) {
+  std::vector<std::string> names = kColorNames;
+  for (const char* layer : {"diffuse", "specular"})
+    for (const char* color : {"R", "G", "B"}) names.push_back(fmt::format("{}.{}", layer, color));
+  write_image(folder_ / "low.exr", names, random_image(names, 24, 20, 5));
+  ASSERT_EQ(run(upscale({"--layers"})).exit_status, 0);
+  const Image color = read("out.exr");
+  std::vector<float> sum(color.data.size());
+  for (const char* part : {"diffuse", "specular", "emission"}) {
+    const Image light =
+        read("out.exr", {fmt::format("{}.R", part), fmt::format("{}.G", part), fmt::format("{}.B", part)});
+    for (size_t i = 0; i < sum.size(); ++i) sum[i] += light.data[i];
+  }
+  for (size_t i = 0; i < sum.size(); ++i) ASSERT_NEAR(sum[i], color.data[i], 1e-4 * (1 + color.data[i]));
+}
+
+TEST_F(CliUpscale, UpscalesSequences) {
+  write_image(folder_ / "in.1.exr", kAlphaNames, low_);
+  write_image(folder_ / "in.2.exr", kAlphaNames, random_image(kAlphaNames, 24, 20, 8));
+  ASSERT_EQ(run(upscale()).exit_status, 0);
+  std::vector<std::string> arguments =
+      upscale({"--frames", "1-2", "--skip-unchanged", "--input-exposure", "off"}, "out.#.exr");
+  arguments[2] = "in.#.exr";
+  ASSERT_EQ(run(upscale({"--input-exposure", "off"})).exit_status, 0);
+  ASSERT_EQ(run(arguments).exit_status, 0);
+  EXPECT_EQ(read("out.1.exr").data, read("out.exr").data);
+  EXPECT_NE(read("out.2.exr").data, read("out.exr").data);
+  arguments[2] = "low.exr";
+  EXPECT_NE(run(arguments).err.find("--frames: --lrhs 'low.exr' has no # for the frame's number"),
+            std::string::npos);
+}
+
+TEST_F(CliUpscale, CommandsModelsAndSizesThatDoNotFitAreNamed) {
+  expect_error({"fuse", "--lrhs", "low.exr", "-o", "out.exr"},
+               {"--hrls is required; raymeld upscale takes --lrhs alone"});
+  expect_error({"fuse", "--lrhs", "low.exr", "--hrls", "low.exr", "-o", "out.exr", "--model", kModel},
+               {"raymeld upscale takes it, with --lrhs alone"});
+  expect_error({"upscale", "--lrhs", "low.exr", "-o", "out.exr", "--model", tiny_model()},
+               {"raymeld fuse takes it, with --lrhs and --hrls"});
+  expect_error({"upscale", "-o", "out.exr"}, {"--lrhs is required"});
+  expect_error({"upscale", "--hrls", "low.exr", "-o", "out.exr"}, {"--hrls"});
+  expect_error(upscale({"--scale", "2"}), {"has a scale of 4, and --scale is 2"});
+  expect_error(upscale({"--window", "90,70,10,10"}),
+               {"data window 0,0,96,80 of the upscaled LRHS 'low.exr'"});
+  write_image(folder_ / "truth.exr", kColorNames, random_image(kColorNames, 24, 20, 4));
+  expect_error(upscale({"--reference", "truth.exr"}), {"the upscaled LRHS 'low.exr' is 96 x 80"});
+}
+
+}  // namespace
+}  // namespace raymeld::test
