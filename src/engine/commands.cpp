@@ -47,14 +47,20 @@ void show_host(const Device& device, VkCommandBuffer commands) {
                                  0, 1, &barrier, 0, nullptr, 0, nullptr);
 }
 
-void record_copy(const Device& device, VkCommandBuffer commands, VkBuffer from, VkBuffer to,
-                 const VkBufferCopy& region) {
+namespace {
+
+// Makes transfers wait for the shaders of earlier submits.
+void begin_transfer(const Device& device, VkCommandBuffer commands) {
   auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
   barrier.srcAccessMask = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT;
   barrier.dstAccessMask = VK_ACCESS_TRANSFER_READ_BIT | VK_ACCESS_TRANSFER_WRITE_BIT;
   device.vk().CmdPipelineBarrier(commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT,
                                  VK_PIPELINE_STAGE_TRANSFER_BIT, 0, 1, &barrier, 0, nullptr, 0, nullptr);
-  device.vk().CmdCopyBuffer(commands, from, to, 1, &region);
+}
+
+// Makes later shaders and the host see what transfers wrote.
+void end_transfer(const Device& device, VkCommandBuffer commands) {
+  auto barrier = vk_struct<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
   barrier.srcAccessMask = VK_ACCESS_TRANSFER_WRITE_BIT;
   barrier.dstAccessMask = VK_ACCESS_HOST_READ_BIT | VK_ACCESS_SHADER_READ_BIT;
   device.vk().CmdPipelineBarrier(commands, VK_PIPELINE_STAGE_TRANSFER_BIT,
@@ -62,13 +68,36 @@ void record_copy(const Device& device, VkCommandBuffer commands, VkBuffer from, 
                                  &barrier, 0, nullptr, 0, nullptr);
 }
 
-void copy_now(const Device& device, VkBuffer from, VkBuffer to, const VkBufferCopy& region,
-              const std::string& name) {
+// Submits what `record` records, and waits.
+template <typename Record>
+void do_now(const Device& device, const std::string& name, const Record& record) {
   Commands pool(device);
   const VkCommandBuffer commands = pool.begin(name);
-  record_copy(device, commands, from, to, region);
+  record(commands);
   pool.end(commands);
   device.submit_and_wait(commands);
+}
+
+}  // namespace
+
+void record_copy(const Device& device, VkCommandBuffer commands, VkBuffer from, VkBuffer to,
+                 const VkBufferCopy& region) {
+  begin_transfer(device, commands);
+  device.vk().CmdCopyBuffer(commands, from, to, 1, &region);
+  end_transfer(device, commands);
+}
+
+void copy_now(const Device& device, VkBuffer from, VkBuffer to, const VkBufferCopy& region,
+              const std::string& name) {
+  do_now(device, name, [&](VkCommandBuffer commands) { record_copy(device, commands, from, to, region); });
+}
+
+void fill_now(const Device& device, VkBuffer to, const FillRegion& region, const std::string& name) {
+  do_now(device, name, [&](VkCommandBuffer commands) {
+    begin_transfer(device, commands);
+    device.vk().CmdFillBuffer(commands, to, region.offset_bytes, region.size_bytes, region.pattern);
+    end_transfer(device, commands);
+  });
 }
 
 }  // namespace raymeld

@@ -38,4 +38,13 @@ void record_copy(const Device& device, VkCommandBuffer commands, VkBuffer from, 
 void copy_now(const Device& device, VkBuffer from, VkBuffer to, const VkBufferCopy& region,
               const std::string& name);
 
+// Names the bytes of a buffer that 32 bits are repeated in; both numbers are multiples of 4.
+struct FillRegion {
+  uint64_t offset_bytes, size_bytes;
+  uint32_t pattern;
+};
+
+// Fills a part of a buffer: submits and waits. Throws Error.
+void fill_now(const Device& device, VkBuffer to, const FillRegion& region, const std::string& name);
+
 }  // namespace raymeld

@@ -417,6 +417,14 @@ void Program::write(const Tensor& tensor, std::span<const float> values) {
            {0, graph_.offset_bytes(tensor), size_bytes}, "tensor upload");
 }
 
+void Program::fill(const Tensor& tensor, float value) {
+  const float stored = std::ldexp(value, -graph_.exponent(tensor));
+  const bool half = graph_.storage() == Storage::kFloat16;
+  const uint32_t pattern = half ? Imath::half(stored).bits() * 0x10001u : std::bit_cast<uint32_t>(stored);
+  fill_now(device_, common_->activations.handle(),
+           {graph_.offset_bytes(tensor), graph_.size_bytes(tensor), pattern}, "tensor fill");
+}
+
 std::vector<float> Program::read(const Tensor& tensor) const {
   const uint64_t size_bytes = graph_.size_bytes(tensor), pixels = tensor.shape.pixels();
   if (graph_.rows_mask(tensor) != ~0u) throw Error("reading a tensor that does not keep all of its rows");

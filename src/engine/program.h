@@ -89,6 +89,8 @@ class Program {
   // overwritten are lost, unless the graph keeps its activations.
   void write(const Tensor& tensor, std::span<const float> values);
   std::vector<float> read(const Tensor& tensor) const;
+  // Stores one value everywhere in a tensor, without a copy from the host. The device must be idle.
+  void fill(const Tensor& tensor, float value);
 
   // Returns the allocated bytes: with constants that other Programs have as well, without activations in the
   // caller's memory.

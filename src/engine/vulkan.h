@@ -81,6 +81,7 @@
   X(CmdDispatchBase)                \
   X(CmdPipelineBarrier)             \
   X(CmdCopyBuffer)                  \
+  X(CmdFillBuffer)                  \
   X(CmdResetQueryPool)              \
   X(CmdWriteTimestamp)
 

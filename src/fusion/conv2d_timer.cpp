@@ -1,7 +1,6 @@
 #include "fusion/conv2d_timer.h"
 
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <limits>
 #include <memory>
@@ -19,19 +18,13 @@ constexpr size_t kLeastRounds = 3, kMostRounds = 15;
 constexpr double kCpuBudgetMs = 60, kGpuBudgetMs = 10;  // time of all rounds of a kernel
 constexpr double kWarmMs = 20;                          // time that a GPU works before it is measured
 constexpr uint32_t kLeastRows = 32;
-constexpr double kGpuPixels = 1 << 18;  // fill any GPU; more would only take longer to upload
+constexpr double kGpuPixels = 1 << 18;  // fill any GPU
 
-// Returns random values, which repeat: making as many as a large image has would take longer than measuring.
 std::vector<float> random_values(size_t count) {
-  static const auto some = [] {
-    std::mt19937 generator(1);
-    std::uniform_real_distribution<float> distribution(-0.1f, 0.1f);
-    std::array<float, 4093> values;
-    for (float& value : values) value = distribution(generator);
-    return values;
-  }();
+  std::mt19937 generator(1);
+  std::uniform_real_distribution<float> distribution(-0.1f, 0.1f);
   std::vector<float> values(count);
-  for (size_t i = 0; i < count; ++i) values[i] = some[i % some.size()];
+  for (float& value : values) value = distribution(generator);
   return values;
 }
 
@@ -65,7 +58,7 @@ class Trial {
         layer_(storage, addressed, shape, rows, kernel),
         program_(device, layer_.graph, cache, 1),
         pool_(device) {
-    program_.write(layer_.in, random_values(layer_.in.shape.pixels() * layer_.in.shape.channels));
+    program_.fill(layer_.in, 0.1f);
     if (!device.info().is_cpu && device.info().timestamp_period_ns > 0) timestamps_.emplace(device, 1);
     commands_ = pool_.begin("conv2d");
     if (timestamps_) timestamps_->start(commands_);

@@ -14,11 +14,11 @@ namespace raymeld {
 using Conv2dTimer =
     std::function<std::vector<double>(bool addressed, const Conv2dShape&, std::span<const Conv2dKernel>)>;
 
-// Measures a layer on random values, its shuffles included: the kernels run in turns, and the median counts.
-// Where they do not fit the memory side by side, they run one after another. On GPUs the device's clock
-// tells, after enough work for the device to have reached its speed. Large images are measured by their first
-// rows, and the time is scaled; the first run does not count, in which drivers compile. Throws Error where
-// the device cannot compute the direct kernel, and DeviceLost.
+// Measures a layer with random weights, its shuffles included: the kernels run in turns, and the median
+// counts. Where they do not fit the memory side by side, they run one after another. On GPUs the device's
+// clock tells, after enough work for the device to have reached its speed. Large images are measured by their
+// first rows, and the time is scaled; the first run does not count, in which drivers compile. Throws Error
+// where the device cannot compute the direct kernel, and DeviceLost.
 std::vector<double> time_conv2d(const Device& device, PipelineCache& cache, Storage storage, bool addressed,
                                 const Conv2dShape& shape, std::span<const Conv2dKernel> kernels);
 

@@ -294,6 +294,22 @@ TEST_F(GraphTest, KeepingAllActivationsMakesTheSameBits) {
   }
 }
 
+TEST_F(GraphTest, AFilledTensorHasOneValueAndOthersStay) {
+  for (const Storage storage : {Storage::kFloat32, Storage::kFloat16}) {
+    Graph graph(storage, false, true);
+    const Tensor in = graph.input("in", {5, 7, 3});
+    const Tensor other = graph.input("other", {3, 2, 2});
+    const std::vector<float> weight(3), bias(1);
+    conv2d(graph, "conv", in, graph.tensor("out", {5, 7, 1}), {weight, bias}, {.kernel = 1});
+    graph.plan();
+    Program program(gpu(), graph, shared_cache(), 1);
+    program.write(other, std::vector<float>(12, 2.0f));
+    program.fill(in, 0.5f);
+    EXPECT_EQ(program.read(in), std::vector<float>(105, 0.5f));
+    EXPECT_EQ(program.read(other), std::vector<float>(12, 2.0f));
+  }
+}
+
 // Returns each pass's reads and writes of activations, whether it finds them by address or by buffer.
 std::vector<std::vector<std::tuple<std::string, uint32_t, Access>>> accesses_of(const Graph& graph) {
   std::vector<std::vector<std::tuple<std::string, uint32_t, Access>>> all;
