@@ -26,7 +26,7 @@ PAPER = "{scale},64,64,4,5,3"  # the network of the paper: scale,features,growth
 
 FRAMES = ["x4-fast 256x256", "x4-fast 512x512", "x4-fast 1024x1024", "x4-fast 1920x1080", "x4-balanced 256x256",
           "x4-balanced 512x512", "x4-full 256x256", "x4-full 512x512", "x4-full 1024x1024", "x2-fast 512x512",
-          "x2-full 256x256"]
+          "x2-balanced 512x512", "x2-full 256x256"]
 
 def metadata(path):
     """Returns the metadata of a safetensors file."""

@@ -15,7 +15,7 @@ import functools
 import json
 import lzma
 import pathlib
-import pickle
+import tempfile
 
 import numpy
 
@@ -40,31 +40,31 @@ def is_clean(name):
     return name.startswith(("reference", "lowres"))
 
 
+def has_light(name):
+    return not name.startswith("guides")
+
+
 def shrunk(name, x, rng):
-    """Returns a render of dataset.View as a dictionary of bytes, whose alike bytes lie together."""
-    parts = {"size": x.shape[1:]}
-    if not name.startswith("guides"):
+    """Returns a render of dataset.View as uint8 [planes, H, W]: the upper bytes of light, the lower ones, and guides."""
+    planes = []
+    if has_light(name):
         light = rounded(x[LIGHT], CLEAN_BITS if is_clean(name) else NOISY_BITS, rng)
-        parts["light"] = (light >> 8).astype(numpy.uint8).tobytes() + light.astype(numpy.uint8).tobytes()
+        planes += [light >> 8, light & 255]
     if not is_clean(name):
-        guides = x[:6] if name.startswith("guides") else x[GUIDE_CHANNELS]
-        guides = numpy.nan_to_num(guides.astype(numpy.float32)) * STEPS
-        parts["guides"] = guides.clip(-STEPS, STEPS).round().astype(numpy.int8).tobytes()
-    return parts
+        guides = numpy.nan_to_num((x[GUIDE_CHANNELS] if has_light(name) else x[:6]).astype(numpy.float32)) * STEPS
+        planes.append(guides.clip(-STEPS, STEPS).round() + STEPS)
+    return numpy.concatenate(planes).astype(numpy.uint8)
 
 
-def restored(parts):
+def restored(name, planes):
     """Inverts shrunk(); what it dropped is 0."""
-    height, width = parts["size"]
-    guides = None
-    if "guides" in parts:
-        guides = numpy.frombuffer(parts["guides"], numpy.int8).reshape(6, height, width) / numpy.float32(STEPS)
-    if "light" not in parts:
+    guides = (planes[-6:].astype(numpy.float32) - STEPS) / STEPS
+    if not has_light(name):
         return guides.astype(numpy.float16)
-    high, low = numpy.frombuffer(parts["light"], numpy.uint8).reshape(2, len(LIGHT), height, width)
-    x = numpy.zeros((CHANNELS, height, width), numpy.float16)
+    x = numpy.zeros((CHANNELS, *planes.shape[1:]), numpy.float16)
+    high, low = planes[: len(LIGHT)], planes[len(LIGHT) : 2 * len(LIGHT)]
     x[LIGHT] = (high.astype(numpy.uint16) << 8 | low).view(numpy.float16)
-    if guides is not None:
+    if not is_clean(name):
         x[GUIDE_CHANNELS] = guides
     return x
 
@@ -73,14 +73,21 @@ def pack(path, out):
     file, rng = safetensors.Lazy(path), numpy.random.default_rng(1)
     record = json.loads(file.metadata["view"])
     names = [name.removesuffix(".exr") for name in record["files"]]
-    view = record, {name: shrunk(name, file.read(name), rng) for name in names}
-    write_whole(out / f"{path.stem}.xz", lambda partial: partial.write_bytes(lzma.compress(pickle.dumps(view))))
+    renders = {name: shrunk(name, file.read(name), rng) for name in names}
+    write_whole(out / f"{path.stem}.xz", lambda partial: write_compressed(partial, renders, file.metadata))
+
+
+def write_compressed(path, tensors, metadata):
+    with tempfile.NamedTemporaryFile() as plain:
+        safetensors.save(plain.name, tensors, metadata)
+        path.write_bytes(lzma.compress(pathlib.Path(plain.name).read_bytes()))
 
 
 def unpack(path, out):
-    record, renders = pickle.loads(lzma.decompress(path.read_bytes()))
-    tensors = {name: restored(parts) for name, parts in renders.items()}
-    metadata = {"view": json.dumps(record)}
+    with tempfile.NamedTemporaryFile() as plain:
+        pathlib.Path(plain.name).write_bytes(lzma.decompress(path.read_bytes()))
+        renders, metadata = safetensors.load(plain.name)
+        tensors = {name: restored(name, planes) for name, planes in renders.items()}
     write_whole(out / f"{path.stem}.safetensors", lambda partial: safetensors.save(partial, tensors, metadata))
 
 

@@ -24,7 +24,7 @@ GUIDES_SHARE = 0.25  # share of crops whose albedo and normal are a render of th
 class View:
     """Holds a packed view (pack.py), and reads a render only when a sample takes it.
 
-    A render is float16 [C, H, W] with the channels of pack.CHANNELS, LAYERS first.
+    A render is float16 [C, H, W] whose first channels are those of LAYERS.
     """
 
     def __init__(self, path):
@@ -78,6 +78,12 @@ def load(folder):
     paths = sorted(pathlib.Path(folder).glob("view-*.safetensors"))
     held_out = [path for path in paths if int(path.stem.split("-")[1]) % 10 == 0]
     return [View(path) for path in paths if path not in set(held_out)], [View(path) for path in held_out]
+
+
+def trainable(views, config):
+    """Returns the views that have what a config's training may read: some lack small renders of a scale."""
+    needs_small = config.scale > 1 and "centered" in config.lrhs_sampling
+    return [view for view in views if view.small(config.scale) or not needs_small]
 
 
 def with_variance(layers):
@@ -206,8 +212,7 @@ class Batches(torch.utils.data.Dataset):
     """Has a batch of random crops for every seed."""
 
     def __init__(self, views, config, size, count):
-        views = [view for view in views if config.scale == 1 or view.small(config.scale)]
-        self.arguments = views, config, size, count
+        self.arguments = trainable(views, config), config, size, count
 
     def __getitem__(self, seed):
         return batch(*self.arguments, seed)

@@ -16,7 +16,7 @@ from evaluation import agreement, pictures, tables, test_set
 from evaluation.jobs import Model, Store
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-TABLES = ("main", "paper", "decimated", "grid", "ablations", "robustness", "equal-time")
+TABLES = ("main", "paper", "upscale", "decimated", "grid", "ablations", "robustness", "equal-time")
 SHOWN = "x4-balanced"  # the model in the pictures
 
 
@@ -77,14 +77,16 @@ def main():
     args = parse()
     torch.set_num_threads(1)
     views = test_set.load(args.views)[: args.first]
-    models = models_of(args.models, args.scales)
-    fusing = [model for model in models if model.scale > 1]
+    everything = models_of(args.models, args.scales)
+    models = [model for model in everything if model.reads_hrls]
+    fusing = [model for model in models if model.reads_lrhs]
     ablations = models_of(sorted(args.ablations.glob("*.safetensors")) if args.ablations else [], args.scales)
     store = Store(args.out / "results.csv", args.program)
 
     plans = {
         "main": [tables.main_plan(models)],
         "paper": [tables.main_plan(models, "paper", test_set.PAPER_PAIRS)],
+        "upscale": [tables.upscale_plan([model for model in everything if not model.reads_hrls])],
         "decimated": [tables.decimated_plan(fusing)],
         "robustness": [tables.robustness_plan(fusing)],
         "ablations": [tables.ablation_plan(fusing, ablations)],
@@ -106,7 +108,7 @@ def main():
         print(f"\n{sheet.name}\n{sheet.markdown()}")
     if args.write_docs:
         write_docs(sheets, models, views, store)
-    if not args.no_check and not check([*models, *ablations], views[0], args.program):
+    if not args.no_check and not check([*everything, *ablations], views[0], args.program):
         sys.exit("the program and PyTorch do not agree")
 
 

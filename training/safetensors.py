@@ -5,7 +5,7 @@ import struct
 
 import numpy
 
-TYPES = {"float32": "F32", "float16": "F16"}
+TYPES = {"float32": "F32", "float16": "F16", "uint8": "U8"}
 
 
 def save(path, tensors, metadata):

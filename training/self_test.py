@@ -382,14 +382,14 @@ class Compact(unittest.TestCase):
 
     def test_light_and_guides_come_nearly_back(self):
         for name, bits in (("0004", 4), ("reference-a", 5)):
-            back = compact.restored(compact.shrunk(name, self.x, self.rng)).astype(float)
+            back = compact.restored(name, compact.shrunk(name, self.x, self.rng)).astype(float)
             light = self.x[compact.LIGHT].astype(float)
             numpy.testing.assert_allclose(back[compact.LIGHT], light, rtol=2.0**-bits, atol=1e-6)
             self.assertTrue((back[compact.LIGHT][light == 0] == 0).all())
             self.assertAlmostEqual((back[compact.LIGHT] / light.clip(1e-7))[light > 1e-3].mean(), 1, delta=2e-3)
-        back = compact.restored(compact.shrunk("0004", self.x, self.rng))
+        back = compact.restored("0004", compact.shrunk("0004", self.x, self.rng))
         numpy.testing.assert_allclose(back[3:9], self.x[3:9], atol=0.51 / 127)
-        guides = compact.restored(compact.shrunk("guides-0002", self.x[3:10], self.rng))
+        guides = compact.restored("guides-0002", compact.shrunk("guides-0002", self.x[3:10], self.rng))
         numpy.testing.assert_allclose(guides, self.x[3:9], atol=0.51 / 127)
 
     def test_a_view_is_packed_whole(self):
@@ -404,6 +404,14 @@ class Compact(unittest.TestCase):
             self.assertEqual(view.record, record)
             self.assertEqual(tuple(view.read("0001").shape), (15, 48, 48))
             self.assertEqual(tuple(view.read("guides-0002").shape), (6, 48, 48))
+
+
+class Trainable(unittest.TestCase):
+    def test_views_without_small_renders_are_left_to_models_that_need_none(self):
+        views = [types.SimpleNamespace(small=lambda scale, has=has: ["lowres"] * (scale in has)) for has in ((2, 4), (2,))]
+        left = lambda scale, *sampling: len(dataset.trainable(views, model.Config(scale, lrhs_sampling=sampling)))
+        counts = left(4, "centered", "nearest"), left(2, "centered"), left(4, "nearest"), left(1)
+        self.assertEqual(counts, (1, 2, 2, 2))
 
 
 class Pairs(unittest.TestCase):

@@ -229,6 +229,14 @@ class Run:
         print(*row, flush=True)
 
 
+def load(folder, config):
+    """Returns the (training views, validation views) that have what the network reads."""
+    training, held_out = (dataset.trainable(views, config) for views in dataset.load(folder))
+    if not training:
+        raise SystemExit(f"{folder}: no view has small renders for x{config.scale}")
+    return training, held_out
+
+
 def work(rank, args, meeting):
     """Trains; each process does the same, and that of rank 0 validates and saves."""
     torch.set_num_threads(args.threads)
@@ -237,7 +245,7 @@ def work(rank, args, meeting):
             "gloo", f"file://{meeting}", datetime.timedelta(days=1), args.processes, rank
         )
     run = Run(args, rank)
-    training, held_out = dataset.load(args.views)
+    training, held_out = load(args.views, run.config)
     batches, run.counted = run.batches(training), run.clock()
     mean_error, next_validation = 0.0, run.seconds + 60 * args.validate_every
     while run.progress() < 1:
@@ -248,7 +256,7 @@ def work(rank, args, meeting):
             if rank == 0:
                 run.log(mean_error, len(training), held_out)
                 run.save(len(training))
-            training, held_out = dataset.load(args.views)  # more views may have been rendered
+            training, held_out = load(args.views, run.config)  # more views may have been rendered
             batches, run.counted = run.batches(training), run.clock()  # validation does not count
 
 

@@ -1,7 +1,6 @@
 #include "choice/curve.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -15,17 +14,16 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr int kCurveVersion = 3;
-constexpr std::array kTaskNames{"fuse", "denoise", "upscale"};  // the commands, by Task
 
 Task task_from(const std::string& name) {
-  const auto found = std::ranges::find(kTaskNames, name);
-  if (found == kTaskNames.end()) throw Error("task '{}' is unknown", name);
-  return Task(found - kTaskNames.begin());
+  for (const Task task : {Task::kFuse, Task::kDenoise, Task::kUpscale})
+    if (name == words_of(task).command) return task;
+  throw Error("task '{}' is unknown", name);
 }
 
 Json to_json(const CurvePoint& point) {
   return {{"model", point.model},
-          {"task", kTaskNames.at(size_t(point.task))},
+          {"task", words_of(point.task).command},
           {"scale", point.scale},
           {"time_ms", point.time_ms},
           {"psnr_db", point.psnr_db}};

@@ -12,6 +12,22 @@ namespace raymeld {
 // Names what a model does: it fuses both renders, or denoises HRLS or upscales LRHS alone.
 enum class Task { kFuse, kDenoise, kUpscale };
 
+// Holds words for a task: its command, what that does, and what it made.
+struct TaskWords {
+  const char *command, *doing, *done;
+};
+inline constexpr TaskWords words_of(Task task) {
+  switch (task) {
+    case Task::kFuse:
+      return {"fuse", "fusing", "FUSED"};
+    case Task::kDenoise:
+      return {"denoise", "denoising", "DENOISED"};
+    case Task::kUpscale:
+      return {"upscale", "upscaling", "UPSCALED"};
+  }
+  return {};
+}
+
 struct CurvePoint {
   std::string model;
   uint32_t scale = 0;

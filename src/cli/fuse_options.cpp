@@ -102,13 +102,17 @@ void add_samples(CLI::App& command, const std::string& name, float& count, const
       ->type_name("N");
 }
 
-void add_lrhs_sampling(CLI::App& command, FuseArguments& a) {
+void add_lrhs_sampling(CLI::App& command, Task of, FuseArguments& a) {
+  const char* automatic = of == Task::kFuse
+                              ? "found from the file's attributes, else from the pixels of both files"
+                              : "as the file's attributes say, else centered";
   command
       .add_option(
           "--lrhs-sampling", a.sampling,
-          "Sets how LRHS was sampled: centered (an ordinary small render), nearest (every scale-th pixel of "
-          "a full render, as degrade makes it) or auto (found from the file's attributes, else from the "
-          "pixels of both files)")
+          fmt::format(
+              "Sets how LRHS was sampled: centered (an ordinary small render), nearest (every scale-th "
+              "pixel of a full render, as degrade makes it) or auto ({})",
+              automatic))
       ->check(CLI::IsMember({"auto", "nearest", "centered"}))
       ->capture_default_str();
 }
@@ -119,7 +123,7 @@ void add_pair(CLI::App& command, FuseArguments& a) {
       .add_option("--map-lrhs", a.lrhs_map, "Maps channels to layers, as --map does, in the LRHS file alone")
       ->type_name("ITEM")
       ->allow_extra_args(false);
-  add_lrhs_sampling(command, a);
+  add_lrhs_sampling(command, Task::kFuse, a);
   add_samples(command, "--lrhs-spp", a.samples.lrhs, "LRHS");
   add_named<PairCheck>(
       command, "--pair-check", a.pair_check,
@@ -138,7 +142,7 @@ void add_more_files(CLI::App& command, Task of, FuseArguments& a) {
         ->type_name("FILE");
   }
   if (of == Task::kFuse) add_pair(command, a);
-  if (of == Task::kUpscale) add_lrhs_sampling(command, a);
+  if (of == Task::kUpscale) add_lrhs_sampling(command, of, a);
   if (of != Task::kUpscale) add_samples(command, "--hrls-spp", a.samples.hrls, "HRLS");
   add_parsed(
       command, "--window", a.window, parse_window,

@@ -74,8 +74,8 @@ int main(int argc, char** argv) try {
   Imf::setGlobalThreadCount(int(std::thread::hardware_concurrency()));
   wants_json = std::find(argv, argv + argc, std::string_view("--json")) != argv + argc;
   CLI::App app(
-      "raymeld: fuses a small many-sample render (LRHS) with a full-size few-sample one (HRLS), or "
-      "denoises the latter",
+      "raymeld: fuses a small many-sample render (LRHS) with a full-size few-sample one (HRLS), "
+      "upscales the former or denoises the latter",
       "raymeld");
   set_up(app);
   const int status = parse_and_run(app, argc, argv);

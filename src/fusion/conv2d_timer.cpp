@@ -18,7 +18,6 @@ constexpr size_t kLeastRounds = 3, kMostRounds = 15;
 constexpr double kCpuBudgetMs = 60, kGpuBudgetMs = 10;  // time of all rounds of a kernel
 constexpr double kWarmMs = 20;                          // time that a GPU works before it is measured
 constexpr uint32_t kLeastRows = 32;
-constexpr double kGpuPixels = 1 << 18;  // fill any GPU
 
 std::vector<float> random_values(size_t count) {
   std::mt19937 generator(1);
@@ -88,14 +87,14 @@ class Trial {
   VkCommandBuffer commands_ = VK_NULL_HANDLE;
 };
 
-// Returns how many rows a GPU is measured by: they fit one submit, whose watchdog does not end it.
-uint32_t rows_for_gpu(const Device& device, const Conv2dShape& shape) {
+// Returns how many rows a GPU computes in one submit without its watchdog ending it.
+uint32_t most_rows(const Device& device, const Conv2dShape& shape) {
   const double rows = limits_for(device.info()).submit_work / (shape.flop() / shape.height);
-  return uint32_t(std::clamp(std::min(rows, kGpuPixels / shape.width), 1.0, double(shape.height)));
+  return uint32_t(std::clamp(rows, 1.0, double(shape.height)));
 }
 
 // Compiles all kernels for a GPU at once, with as many threads as the host has, and returns what the trials
-// of them find compiled. One that cannot be had is left to its trial, which fails.
+// of them find compiled. If one cannot be had, all are left to the trials, of which that one fails.
 std::vector<std::shared_ptr<const Kernel>> compile_for_gpu(const Device& device, PipelineCache& cache,
                                                            Storage storage, bool addressed,
                                                            const Conv2dShape& shape,
@@ -103,7 +102,7 @@ std::vector<std::shared_ptr<const Kernel>> compile_for_gpu(const Device& device,
   std::vector<KernelRecipe> recipes;
   for (const Conv2dKernel& kernel : kernels) {
     try {
-      const Rows layer(storage, addressed, shape, rows_for_gpu(device, shape), kernel);
+      const Rows layer(storage, addressed, shape, most_rows(device, shape), kernel);
       std::ranges::move(kernel_recipes(layer.graph, device.info()), std::back_inserter(recipes));
     } catch (const Error&) {
     }
@@ -118,7 +117,7 @@ std::vector<std::shared_ptr<const Kernel>> compile_for_gpu(const Device& device,
 // Makes a trial of so many rows that its time can be measured, and runs it for the first time.
 std::unique_ptr<Trial> make_trial(const Device& device, PipelineCache& cache, Storage storage, bool addressed,
                                   const Conv2dShape& shape, const Conv2dKernel& kernel) {
-  const uint32_t most = device.info().is_cpu ? shape.height : rows_for_gpu(device, shape);
+  const uint32_t most = device.info().is_cpu ? shape.height : most_rows(device, shape);
   uint32_t rows = device.info().is_cpu ? std::min(most, kLeastRows) : most;
   while (true) {
     auto trial = std::make_unique<Trial>(device, cache, storage, addressed, shape, rows, kernel);

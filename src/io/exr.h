@@ -86,7 +86,7 @@ struct ExrPlane {
 };
 
 struct ExrOutput {
-  // The windows, the pixel aspect ratio and the attributes are those of this header, the HRLS file's own.
+  // The windows, the pixel aspect ratio and the attributes are those of this header, an input file's own.
   // Attributes that would be wrong for the output (channels, tiles, preview, names of layers that are not
   // written) are dropped.
   Imf::Header source;

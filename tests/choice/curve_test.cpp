@@ -81,6 +81,10 @@ TEST(Curve, BadFilesAreErrorsThatNameThem) {
   EXPECT_NE(error(R"({"format_version": 3, "device": "", "data": "", "points": [{"model": "x2-a"}]})")
                 .find("scale"),
             std::string::npos);
+  EXPECT_NE(error(R"({"format_version": 3, "device": "", "data": "", "points": [{"model": "x2-a", "scale": 2,
+                      "time_ms": 1, "psnr_db": 30, "task": "guess"}]})")
+                .find("task 'guess' is unknown"),
+            std::string::npos);
   std::filesystem::remove(file);
   EXPECT_NE(error_of([&] { load_curve(file); }).find("cannot be read"), std::string::npos);
 }

@@ -8,7 +8,7 @@
 namespace raymeld::test {
 namespace {
 
-const std::vector<std::string> kCommands = {"fuse",  "denoise", "devices", "compare", "degrade",
+const std::vector<std::string> kCommands = {"fuse",  "denoise", "upscale", "devices", "compare", "degrade",
                                             "graph", "compile", "tune",    "trade",   "conform"};
 
 class CliHelp : public Cli {

@@ -61,7 +61,7 @@ TEST_F(Cli, HelpAndVersion) {
   const ProcessResult help = run({"--help"});
   EXPECT_EQ(help.exit_status, 0);
   for (const char* command :
-       {"fuse", "denoise", "devices", "compare", "degrade", "graph", "tune", "conform"}) {
+       {"fuse", "denoise", "upscale", "devices", "compare", "degrade", "graph", "tune", "conform"}) {
     EXPECT_NE(help.out.find(command), std::string::npos);
     const ProcessResult its_help = run({command, "--help"});
     EXPECT_EQ(its_help.exit_status, 0);

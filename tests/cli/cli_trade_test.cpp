@@ -6,6 +6,7 @@
 #include <fstream>
 #include <set>
 
+#include "choice/curve.h"
 #include "cli_fixture.h"
 
 namespace raymeld::test {
@@ -238,9 +239,12 @@ TEST_F(CliTrade, ThePageHoldsTheMeasurementsAndNothingFromElsewhere) {
 
 TEST_F(CliTrade, CurveIsWrittenForFuseToChooseBy) {
   for (uint64_t view = 0; view < 8; ++view) write_view(fmt::format("set/{}", view), 10 * view);
+  const CurvePoint of_another_task{"x4-up", 4, 1, 20, Task::kUpscale}, measured_anew{"x4-tiny", 4, 1, 20};
+  save_curve(folder_ / "models/curve.json", {"", "", {measured_anew, of_another_task}});
   ASSERT_EQ(trade({"--curve", "models/curve.json"}).exit_status, 0);
   const Json curve = read_json("models/curve.json"), report = read_json("report/trade.json");
-  ASSERT_EQ(curve.at("points").size(), 1u);
+  ASSERT_EQ(curve.at("points").size(), 2u);
+  EXPECT_EQ(curve.at("points")[1].at("model"), "x4-up");
   EXPECT_EQ(curve.at("points")[0].at("model"), "x4-tiny");
   EXPECT_EQ(curve.at("points")[0].at("psnr_db"), report.at("settings")[0].at("psnr_db"));
   EXPECT_EQ(curve.at("points")[0].at("time_ms"), report.at("settings")[0].at("time_ms").at("median"));

@@ -1,12 +1,38 @@
 // Tests `raymeld upscale`, which makes an image of LRHS alone.
+#include <OpenEXR/ImfChannelList.h>
+#include <OpenEXR/ImfFrameBuffer.h>
+#include <OpenEXR/ImfOutputFile.h>
 #include <fmt/format.h>
 
+#include <cmath>
+
+#include "choice/curve.h"
 #include "cli_fixture.h"
 
 namespace raymeld::test {
 namespace {
 
 using Json = nlohmann::json;
+
+// Writes a black image whose alpha are counts, not all the same.
+void write_with_counts(const std::filesystem::path& path, int width, int height) {
+  Imf::Header header(width, height);
+  Imf::FrameBuffer frame;
+  std::vector<half> color(size_t(width) * size_t(height));
+  std::vector<unsigned> counts(color.size());
+  counts[1] = 1;
+  for (const char* name : {"R", "G", "B"}) {
+    header.channels().insert(name, Imf::Channel(Imf::HALF));
+    frame.insert(name, Imf::Slice(Imf::HALF, reinterpret_cast<char*>(color.data()), sizeof(half),
+                                  sizeof(half) * size_t(width)));
+  }
+  header.channels().insert("A", Imf::Channel(Imf::UINT));
+  frame.insert("A", Imf::Slice(Imf::UINT, reinterpret_cast<char*>(counts.data()), sizeof(unsigned),
+                               sizeof(unsigned) * size_t(width)));
+  Imf::OutputFile file(path.c_str(), header);
+  file.setFrameBuffer(frame);
+  file.writePixels(height);
+}
 
 // Has a render of 24 x 20 pixels, low.exr, with alpha, and upscales by 4.
 class CliUpscale : public Cli {
@@ -50,6 +76,7 @@ TEST_F(CliUpscale, ReportsNothingOfHrls) {
   EXPECT_TRUE(std::filesystem::exists(folder_ / "both.png"));
   const Json plan = run_json(upscale({"--json", "--dry-run"}));
   EXPECT_FALSE(plan.at("layers").contains("hrls"));
+  for (const auto& [key, value] : plan.items()) EXPECT_EQ(key.find("hrls"), std::string::npos) << key;
   EXPECT_EQ(plan.at("runs"), 2);
   const ProcessResult text = run(upscale({"--dry-run"}));
   EXPECT_NE(text.out.find("1 tile(s) of 24 x 20 LRHS pixels, halo"), std::string::npos) << text.out;
@@ -103,6 +130,20 @@ TEST_F(CliUpscale, AnEvenAlphaStaysEven) {
   EXPECT_EQ(alpha.data, std::vector<float>(20 * 12, 0.5f));
 }
 
+TEST_F(CliUpscale, AlphasThatCannotBeUpscaledAreErrorsAndOthersAreMended) {
+  write_with_counts(folder_ / "low.exr", 24, 20);
+  for (const char* run : {"--quiet", "--dry-run"})
+    expect_error(upscale({run}), {"alpha 'A' must have floats"});
+  std::fill_n(low_.plane(3), low_.plane_size(), NAN);
+  write_image(folder_ / "low.exr", kAlphaNames, low_);
+  const Json json = run_json(upscale({"--json"}));
+  ASSERT_EQ(json.at("warnings").size(), 1u) << json.at("warnings");
+  EXPECT_EQ(json.at("warnings").at(0).at("count"), 24 * 20);
+  EXPECT_NE(json.at("warnings").at(0).at("message").get<std::string>().find("LRHS 'low.exr'"),
+            std::string::npos);
+  EXPECT_EQ(read("out.exr", {"A"}).data, std::vector<float>(96 * 80, 0.0f));
+}
+
 TEST_F(CliUpscale, KindsOfLightAddUpToTheColor) {
   std::vector<std::string> names = kColorNames;
   for (const char* layer : {"diffuse", "specular"})
@@ -117,12 +158,32 @@ TEST_F(CliUpscale, KindsOfLightAddUpToTheColor) {
     for (size_t i = 0; i < sum.size(); ++i) sum[i] += light.data[i];
   }
   for (size_t i = 0; i < sum.size(); ++i) ASSERT_NEAR(sum[i], color.data[i], 1e-4 * (1 + color.data[i]));
+  const Image diffuse = read("out.exr", {"diffuse.R", "diffuse.G", "diffuse.B"});
+  EXPECT_NE(diffuse.data, read("out.exr", {"specular.R", "specular.G", "specular.B"}).data);
+  EXPECT_NE(diffuse.data, color.data);
+}
+
+// The model's own command and scale choose it.
+TEST_F(CliUpscale, TheStockModelOfTheScaleIsTheDefault) {
+  std::filesystem::create_directory(folder_ / "models");
+  std::filesystem::copy_file(kModel, folder_ / "models/x4-up.safetensors");
+  std::filesystem::copy_file(tiny_model(), folder_ / "models/x4-tiny.safetensors");
+  save_curve(folder_ / "models/curve.json",
+             {"", "", {{"x4-tiny", 4, 1, 40}, {"x4-up", 4, 1, 30, Task::kUpscale}}});
+  environment_["RAYMELD_MODELS"] = (folder_ / "models").string();
+  for (const std::vector<std::string>& chosen :
+       {std::vector<std::string>{"--scale", "4"}, {"--model", "x4"}, {"--scale", "4", "--quality", "high"}}) {
+    std::vector<std::string> arguments = {"upscale", "--lrhs", "low.exr", "-o", "out.exr", "--json"};
+    arguments.insert(arguments.end(), chosen.begin(), chosen.end());
+    EXPECT_EQ(run_json(arguments).at("model"), "edsr-x4");
+  }
+  std::filesystem::remove(folder_ / "out.exr");
+  expect_error({"upscale", "--lrhs", "low.exr", "-o", "out.exr"}, {"no stock model that upscales by 2"});
 }
 
 TEST_F(CliUpscale, UpscalesSequences) {
   write_image(folder_ / "in.1.exr", kAlphaNames, low_);
   write_image(folder_ / "in.2.exr", kAlphaNames, random_image(kAlphaNames, 24, 20, 8));
-  ASSERT_EQ(run(upscale()).exit_status, 0);
   std::vector<std::string> arguments =
       upscale({"--frames", "1-2", "--skip-unchanged", "--input-exposure", "off"}, "out.#.exr");
   arguments[2] = "in.#.exr";

@@ -49,9 +49,10 @@ def predict(network, lrhs_path, hrls_path, dtype):
     config = network.config
     factor = exposure(network, lrhs_path)
     low = layers_of(lrhs_path, ("color",))["color"].to(dtype)
-    layers = {name: layer.to(dtype) for name, layer in layers_of(hrls_path, config.hrls_layers).items()}
-    power = {"albedo": 0, "normal": 0, "variance": 2}
-    hrls = torch.cat([layer * factor ** power.get(name, 1) for name, layer in layers.items()], dim=1)
+    hrls, power = None, {"albedo": 0, "normal": 0, "variance": 2}
+    if config.hrls_layers:
+        layers = {name: layer.to(dtype) for name, layer in layers_of(hrls_path, config.hrls_layers).items()}
+        hrls = torch.cat([layer * factor ** power.get(name, 1) for name, layer in layers.items()], dim=1)
     fused = networks.predict(network.to(dtype), low * factor, hrls, torch.tensor(True), factor)[1]
     return (fused[0].double() / factor).clamp(max=networks.HALF_MAX)
 
@@ -96,11 +97,11 @@ def check(model, view, program):
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
         low, high, reference, fused = (folder / f"{name}.exr" for name in ("low", "high", "reference", "fused"))
-        if model.scale > 1:
+        if model.reads_lrhs:
             write_crop(view.folder / lrhs(model.scale, pair[0]), SIZE // model.scale, low)
         write_crop(view.folder / render(pair[1]), SIZE, high)
         write_crop(view.folder / "reference-a.exr", SIZE, reference)
-        low = low if model.scale > 1 else high  # HRLS stands for LRHS
+        low = low if model.reads_lrhs else high  # HRLS stands for LRHS
         fuse(program, model, low, high, fused)
         own = colour(fused)
         exact, single = (predict(network, low, high, dtype) for dtype in (torch.float64, torch.float32))

@@ -22,12 +22,18 @@ class Model:
     path: pathlib.Path
     digest: str
     scale: int
-    training: str = dataclasses.field(compare=False)  # JSON
+    reads_hrls: bool = True
+    training: str = dataclasses.field(default="{}", compare=False)  # JSON
 
     @classmethod
     def load(cls, path):
         metadata = safetensors.load(path)[1]
-        return cls(path, test_set.digest(path), int(metadata["scale"]), metadata.get("training", "{}"))
+        reads_hrls = metadata.get("network") != "edsr"
+        return cls(path, test_set.digest(path), int(metadata["scale"]), reads_hrls, metadata.get("training", "{}"))
+
+    @property
+    def reads_lrhs(self):
+        return self.scale > 1
 
     @property
     def name(self):
@@ -123,13 +129,15 @@ class Job:
 
 
 def fuse(program, model, lrhs, hrls, output, sampling="centered", options=(), launcher=(), environment=None):
-    """Fuses, or denoises HRLS with a model of scale 1, and returns the program's report.
+    """Fuses, or denoises HRLS or upscales LRHS alone, as the model does, and returns the program's report.
 
     `launcher` is the command that starts the program, if any.
     """
-    named = ["fuse", "--lrhs", lrhs, "--lrhs-sampling", sampling] if model.scale > 1 else ["denoise"]
-    command = [*launcher, program, *named, "--json", "--output-type", "float"]
-    command += ["--model", model.path.resolve(), "--hrls", hrls, "-o", output, *options]
+    inputs = ["--lrhs", lrhs, "--lrhs-sampling", sampling] if model.reads_lrhs else []
+    inputs += ["--hrls", hrls] if model.reads_hrls else []
+    does = "upscale" if not model.reads_hrls else "fuse" if model.reads_lrhs else "denoise"
+    command = [*launcher, program, does, *inputs, "--json", "--output-type", "float"]
+    command += ["--model", model.path.resolve(), "-o", output, *options]
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True, env=environment)
     if done.returncode:
         raise RuntimeError(f"{' '.join(map(str, command))}: {done.stderr}")

@@ -191,7 +191,7 @@ class Views(unittest.TestCase):
         self.assertNotEqual(job.key(test_set.View(self.view.folder)), before)
 
     def test_a_lead_is_over_the_best_rival(self):
-        model = Model(pathlib.Path("x4.safetensors"), "", 4, "{}")
+        model = Model(pathlib.Path("x4.safetensors"), "", 4)
         store, filtered = Store(self.path / "results.csv", None), Score(30, 0.02, 1)
         for method, score in (("render", Score(20, 0.1, 1)), ("atrous", filtered), ("bicubic", Score(25, 0.01, 1))):
             store.scores[tables.rival(method, 4, (16, 1), 0).key(self.view)] = score
@@ -209,7 +209,7 @@ class Views(unittest.TestCase):
             self.assertAlmostEqual(tables.filtered_psnr(self.view, store, seconds), 30 + numpy.log2(seconds), 1)
 
     def test_x4_models_are_measured_with_pairs_of_x8_too(self):
-        model = Model(pathlib.Path("x4.safetensors"), "", 4, "{}")
+        model = Model(pathlib.Path("x4.safetensors"), "", 4)
         labels = [tables.label(*one[:3]) for one in tables.pairings([model])]
         self.assertEqual(labels[::5], ["x4, 16-1", "x4, x8, 64-7"])
 

@@ -161,10 +161,6 @@ ABLATIONS = {
 }
 
 
-def without_lrhs(model, spp):
-    return fused(model, (model.scale**2, spp), "no-lrhs")
-
-
 def ablation_plan(models, ablations):
     """Plans the ablations; `ablations` are models whose `training` says what they were trained without."""
     firsts = [(scale, PAIRS[scale][0]) for scale in sorted({model.scale for model in ablations})]
@@ -224,6 +220,17 @@ def spread(decibels):
     return [f"{value:+.2f}" for value in (statistics.median(decibels), min(decibels), max(decibels))]
 
 
+def upscale_plan(models):
+    """Plans the table of images that LRHS alone makes, with as many samples as 1, 2 and 4 a full-size pixel."""
+    rows = []
+    for scale in sorted({model.scale for model in models}):
+        pairs = PAPER_PAIRS[scale]
+        rows.append((f"bicubic, x{scale}", [bicubic(scale, pair) for pair in pairs]))
+        for model in (model for model in models if model.scale == scale):
+            rows.append((model.name, [Job("fused", lrhs(scale, low), model=model) for low, _ in pairs]))
+    return Plan("upscale", "", [f"{high} spp" for _, high in PAPER_PAIRS[2]], rows)
+
+
 def lead_sheet(name, models, views, store):
     rows, (pairs, rivals) = [], LEADS[name]
     for model, scale, pair, i in pairings(models, pairs):
@@ -276,9 +283,8 @@ def guided_plan(models):
 
 
 def rendering_s(job, view):
-    """Returns the seconds of rendering a fusion's inputs. A network without LRHS needs none."""
-    files = [job.hrls, job.guides, "" if job.change == "no-lrhs" else job.lrhs]
-    return sum(view.seconds_of(file) for file in files if file)
+    """Returns the seconds of rendering a fusion's inputs."""
+    return sum(view.seconds_of(file) for file in (job.hrls, job.guides, job.lrhs) if file)
 
 
 def timed_jobs(models):

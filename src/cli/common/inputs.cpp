@@ -45,12 +45,12 @@ NonFinite sanitize_raw(ExrRawChannel& channel, bool mends) {
 
 }  // namespace
 
-void sanitize_passed(ExrRawChannel& channel, bool mends, const std::filesystem::path& path,
+void sanitize_passed(ExrRawChannel& channel, bool mends, const char* role, const std::filesystem::path& path,
                      Console& console) {
   const NonFinite counts = sanitize_raw(channel, mends);
   const auto warn = [&](size_t count, const char* what, const char* becomes) {
     if (count > 0)
-      console.warn(fmt::format("HRLS '{}': {} values of channel '{}' are {}; {}", path.string(), count,
+      console.warn(fmt::format("{} '{}': {} values of channel '{}' are {}; {}", role, path.string(), count,
                                channel.name, what, becomes),
                    count);
   };

@@ -16,6 +16,7 @@ void sanitize_input(Image& image, const char* role, const std::filesystem::path&
 
 // Warns of values that are not finite in a channel that is copied to the output. If `mends`, NaN becomes 0
 // and an infinity +-65504. If not, values stay, and infinities, which a depth may have, cause no warning.
-void sanitize_passed(ExrRawChannel& channel, bool mends, const std::filesystem::path& path, Console& console);
+void sanitize_passed(ExrRawChannel& channel, bool mends, const char* role, const std::filesystem::path& path,
+                     Console& console);
 
 }  // namespace raymeld::cli

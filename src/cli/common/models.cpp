@@ -28,9 +28,9 @@ Task task_of(const Architecture& architecture) {
   return architecture.reads_lrhs() ? Task::kFuse : Task::kDenoise;
 }
 
-fs::path find_model(const std::string& wanted) {
+fs::path find_model(const std::string& wanted, Task task) {
   const auto scale = scale_of(wanted);
-  return scale && find_stock_model(wanted).empty() ? default_model(Task::kFuse, *scale) : model_file(wanted);
+  return scale && find_stock_model(wanted).empty() ? default_model(task, *scale) : model_file(wanted);
 }
 
 std::vector<int> pair_scales(int model_scale) {

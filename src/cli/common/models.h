@@ -13,9 +13,9 @@ namespace raymeld::cli {
 
 Task task_of(const Architecture& architecture);
 
-// Returns model_file() of a name or a file, and of a scale such as "x4" the default_model() that fuses.
-// Throws Error, listing the models that exist.
-std::filesystem::path find_model(const std::string& wanted);
+// Returns model_file() of a name or a file, and of a scale such as "x4" the task's default_model(). Throws
+// Error, listing the models that exist.
+std::filesystem::path find_model(const std::string& wanted, Task task = Task::kFuse);
 
 // Returns the scales of the pairs that a model fuses, its own first: a model of x4 fuses pairs of x8 too.
 std::vector<int> pair_scales(int model_scale);

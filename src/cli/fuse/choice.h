@@ -1,4 +1,5 @@
-// Chooses the model of fuse or denoise when the user asks for a quality or a time and names no model.
+// Chooses the model of fuse, denoise or upscale when the user asks for a quality or a time and names no
+// model.
 #pragma once
 
 #include <nlohmann/json.hpp>

@@ -1,4 +1,4 @@
-// Declares the parts of the commands `fuse`, `denoise` and `upscale`, in the order in which it runs them. A
+// Declares the parts of the commands `fuse`, `denoise` and `upscale`, in the order in which they run them. A
 // frame is opened, read, fused and written; a sequence (sequence.h) runs these same steps in threads.
 #pragma once
 
@@ -58,7 +58,7 @@ struct FuseArguments {
   uint64_t max_memory_mib = 0;
   std::optional<ModelRequest> request = {};
   std::optional<Choice> choice = {};        // the choice of `model`, if no name was given
-  std::optional<Imath::Box2i> window = {};  // the part to fuse, in HRLS's pixels; none: its data window
+  std::optional<Imath::Box2i> window = {};  // the part to write, in full-size pixels; none: all
   bool skip_unchanged = false;              // compute only changes since a sequence's last frame
   bool layers = false;                      // also write the parts of the light
   bool keep_layers = false, profile = false, dry_run = false, json = false, quiet = false, verbose = false;

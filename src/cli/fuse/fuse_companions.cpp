@@ -16,6 +16,16 @@ bool is_even(const ExrRawChannel& channel) {
   return std::memcmp(bytes.data(), bytes.data() + size, bytes.size() - size) == 0;
 }
 
+// Returns a channel with the first value of another one in each pixel of a window.
+ExrRawChannel repeated(const ExrRawChannel& channel, const Imath::Box2i& window) {
+  ExrRawChannel all{.name = channel.name, .type = channel.type, .data_window = window, .bytes = {}};
+  const size_t size = size_bytes_of(channel.type);
+  all.bytes.resize(size * size_t(width_of(window)) * size_t(height_of(window)));
+  for (size_t at = 0; at < all.bytes.size(); at += size)
+    std::memcpy(&all.bytes[at], channel.bytes.data(), size);
+  return all;
+}
+
 Image as_floats(const ExrRawChannel& channel) {
   Image image(width_of(channel.data_window), height_of(channel.data_window), 1);
   if (channel.type == Imf::HALF) {
@@ -58,6 +68,14 @@ bool has_plain_alpha(const FuseFiles& files) {
 bool have_alphas(const FuseFiles& files) {
   return files.hrls_map.alpha && has_plain_alpha(files) &&
          is_plain(files.hrls.channel(*files.hrls_map.alpha));
+}
+
+// Returns whether LRHS's alpha is to be upscaled. Throws Error if it cannot be.
+bool varies(const FuseFiles& files, const ExrRawChannel& of_lrhs) {
+  if (is_even(of_lrhs)) return false;
+  if (has_plain_alpha(files)) return true;
+  throw Error("LRHS '{}': alpha '{}' must have floats, one for each pixel of the color, to be upscaled",
+              files.lrhs.path().string(), of_lrhs.name);
 }
 
 // Returns the alphas if they are to be fused. One that is the same everywhere is copied.
@@ -157,21 +175,11 @@ void load_lrhs_alpha(FuseFrame& frame) {
   FuseFiles& files = frame.files;
   if (!files.lrhs_map.alpha) return;
   ExrRawChannel alpha = files.lrhs.read_raw(*files.lrhs_map.alpha);
-  if (is_even(alpha)) {
-    const std::vector<char> value(alpha.bytes.begin(),
-                                  alpha.bytes.begin() + ptrdiff_t(size_bytes_of(alpha.type)));
-    alpha.x_sampling = alpha.y_sampling = 1;
-    alpha.data_window = files.window;
-    alpha.bytes.clear();
-    for (int64_t i = int64_t{width_of(files.window)} * height_of(files.window); i > 0; --i)
-      alpha.bytes.insert(alpha.bytes.end(), value.begin(), value.end());
-    sanitize_passed(alpha, true, files.lrhs.path(), frame.console);
-    frame.images.passed.push_back(std::move(alpha));
+  if (!varies(files, alpha)) {
+    sanitize_passed(alpha, true, "LRHS", files.lrhs.path(), frame.console);
+    frame.images.passed.push_back(repeated(alpha, files.window));
     return;
   }
-  if (!has_plain_alpha(files))
-    throw Error("LRHS '{}': alpha '{}' must have floats, one for each pixel of the color, to be upscaled",
-                files.lrhs.path().string(), alpha.name);
   Image values = as_floats(alpha);
   sanitize_lrhs(values, files, frame.console);
   frame.images.companions.push_back(
@@ -205,11 +213,10 @@ void load_light(FuseFrame& frame) {
 
 int count_runs(FuseFiles& files, const FuseArguments& arguments) {
   const auto& alpha = files.hrls_map.alpha;
-  const auto varies = [&] {
-    const ExrRawChannel own = files.hrls.read_raw(*alpha);
-    return files.reads_hrls() ? varying_alphas(files, own).has_value() : !is_even(own);
+  const auto is_fused = [&](const ExrRawChannel& own) {
+    return files.reads_hrls() ? varying_alphas(files, own).has_value() : varies(files, own);
   };
-  const bool fuses_alpha = alpha && varies();
+  const bool fuses_alpha = alpha && is_fused(files.hrls.read_raw(*alpha));
   return 1 + (fuses_alpha ? 1 : 0) + (arguments.layers ? int(kLightParts.size()) : 0);
 }
 

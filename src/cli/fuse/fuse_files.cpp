@@ -271,7 +271,7 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
     return task == Task::kDenoise ? 1 : canvas_of(kScales).scale;
   };
   auto model =
-      models.load(arguments.model.empty() ? default_model(task, scale()) : find_model(arguments.model));
+      models.load(arguments.model.empty() ? default_model(task, scale()) : find_model(arguments.model, task));
   check_task(arguments, *model);
   const Architecture& architecture = model->architecture();
   if (task == Task::kUpscale) {
@@ -442,7 +442,7 @@ void load_frame(FuseFrame& frame) {
     ExrRawChannel channel = files.hrls.read_raw(name);
     if (name == files.hrls_map.alpha && load_alpha(frame, channel)) continue;
     images.passed.push_back(cropped(std::move(channel), files.window));
-    sanitize_passed(images.passed.back(), !keeps, files.hrls.path(), frame.console);
+    sanitize_passed(images.passed.back(), !keeps, "HRLS", files.hrls.path(), frame.console);
   }
   if (!files.reads_hrls()) load_lrhs_alpha(frame);
   if (frame.arguments.layers) load_light(frame);

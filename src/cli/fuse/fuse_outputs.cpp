@@ -1,6 +1,5 @@
 #include <OpenEXR/ImfStringAttribute.h>
 
-#include <array>
 #include <set>
 
 #include "cli/fuse/fuse.h"
@@ -33,7 +32,7 @@ Imf::Header output_header(const FuseFiles& files, const FuseResult& result) {
   };
   header.dataWindow() = files.window;
   header.displayWindow() = files.hrls_windows.display;
-  header.erase("raymeldSampling");  // true of HRLS, not of the fused image
+  header.erase("raymeldSampling");  // true of an input, not of the result
   set("raymeldVersion", RAYMELD_VERSION);
   set("raymeldPrecision", precision_text(result));
   const auto& metadata = files.model->metadata();
@@ -93,8 +92,7 @@ void stage_previews(FuseFrame& frame) {
   };
   if (frame.files.reads_lrhs()) add(frame.images.shown.bicubic, "BICUBIC LRHS");
   if (frame.files.reads_hrls()) add(frame.images.shown.hrls, "HRLS");
-  constexpr std::array kLabels{"FUSED", "DENOISED", "UPSCALED"};  // by Task
-  add(fused, kLabels.at(size_t(arguments.task())));
+  add(fused, words_of(arguments.task()).done);
   if (frame.images.reference) add(*frame.images.reference, "REFERENCE");
   stage(arguments.before_after, side_by_side(pictures));
 }

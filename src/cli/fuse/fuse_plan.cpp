@@ -39,7 +39,7 @@ nlohmann::ordered_json plan_json(const FuseArguments& arguments, FuseFiles& file
   if (files.reads_lrhs()) json["layers"]["lrhs"] = to_json(files.lrhs_map);
   if (files.reads_hrls()) json["layers"]["hrls"] = to_json(files.hrls_map);
   if (files.guides) json["layers"]["guides"] = to_json(files.guides_map);
-  json["hrls_layers"] = files.model->architecture().hrls_layers;
+  if (files.reads_hrls()) json["hrls_layers"] = files.model->architecture().hrls_layers;
   return json;
 }
 

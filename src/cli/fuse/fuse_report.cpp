@@ -3,8 +3,6 @@
 
 #include <fmt/ranges.h>
 
-#include <array>
-
 #include "cli/fuse/layer_costs.h"
 #include "io/exr_window.h"
 
@@ -15,7 +13,7 @@ std::string size_text(const Imath::Box2i& window) {
   return fmt::format("{} x {}", width_of(window), height_of(window));
 }
 
-// Returns an empty text if all of HRLS is fused.
+// Returns an empty text if the whole data window is written.
 std::string window_text(const FuseFiles& files) {
   const Imath::Box2i& window = files.window;
   if (window == files.hrls_windows.data) return "";
@@ -171,8 +169,7 @@ std::string read_text(const FuseArguments& names, const FuseFiles& files) {
 }
 
 std::string device_text(const FuseFiles& files, const DeviceInfo& device, Storage storage) {
-  constexpr std::array kDoing{"fusing", "denoising", "upscaling"};  // by Task
-  return fmt::format("{} on {} with {} in {}", kDoing.at(size_t(task_of(files.model->architecture()))),
+  return fmt::format("{} on {} with {} in {}", words_of(task_of(files.model->architecture())).doing,
                      device.name, files.model->name(), precision_name(storage));
 }
 

@@ -16,7 +16,8 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 std::vector<Outcome> all_frames(const SequenceArguments& sequence, const FuseArguments& patterns) {
-  const std::filesystem::path model = patterns.model.empty() ? "" : find_model(patterns.model);
+  const std::filesystem::path model =
+      patterns.model.empty() ? "" : find_model(patterns.model, patterns.task());
   std::vector<Outcome> outcomes;
   for (const int frame : frames_of(sequence.shard, sequence.frames)) {
     const bool skip = sequence.resume && is_done(of_frame(patterns, frame), model);
@@ -189,7 +190,7 @@ void run_sequence(const SequenceArguments& sequence, const FuseArguments& given)
   // Errors that all frames share are reported once, before the first frame.
   for (const auto& map : {patterns.map, patterns.lrhs_map}) parse_layer_choice(map);
   LastModel models;
-  if (!patterns.model.empty()) models.load(find_model(patterns.model));
+  if (!patterns.model.empty()) models.load(find_model(patterns.model, patterns.task()));
   std::vector<Outcome> outcomes = all_frames(sequence, patterns);
   const std::vector<int> unfinished = frames_that(Status::kUnfinished, outcomes);
   const auto device = unfinished.empty() ? nullptr : Device::create({.selector = patterns.device});

@@ -118,8 +118,22 @@ void write_text(StagedFiles& files, const fs::path& file, const std::string& tex
   files.add(file, [&](AtomicFile& out) { out.write(text.data(), text.size()); });
 }
 
+// Returns the points of a curve that are not measured here, as their models do not fuse.
+std::vector<CurvePoint> other_points(const fs::path& file) {
+  if (!fs::exists(file)) return {};
+  std::vector<CurvePoint> points = load_curve(file).points;
+  std::erase_if(points, [](const CurvePoint& point) { return point.task == Task::kFuse; });
+  return points;
+}
+
+Curve with(Curve curve, const std::vector<CurvePoint>& points) {
+  curve.points.insert(curve.points.end(), points.begin(), points.end());
+  return curve;
+}
+
 void run(const TradeArguments& arguments) {
   const fs::path folder = arguments.output;
+  const std::vector<CurvePoint> others = other_points(arguments.curve);
   Trade trade;
   trade.views = find_views(arguments.data);
   trade.data = fs::canonical(arguments.data).filename().string();
@@ -152,7 +166,7 @@ void run(const TradeArguments& arguments) {
   write_text(files, outputs[0], trade_csv(trade));
   write_text(files, outputs[1], json_text(to_json(trade)));
   write_text(files, outputs[2], trade_html(trade));
-  if (!arguments.curve.empty()) save_curve(arguments.curve, curve_of(trade));
+  if (!arguments.curve.empty()) save_curve(arguments.curve, with(curve_of(trade), others));
   files.commit();
   journal.remove();
   print(summary(trade));
