@@ -45,7 +45,7 @@ def has_light(name):
 
 
 def shrunk(name, x, rng):
-    """Returns a render of dataset.View as uint8 [planes, H, W]: the upper bytes of light, the lower ones, and guides."""
+    """Returns a render of dataset.View as uint8 [planes, H, W]: upper bytes of light, lower ones, and guides."""
     planes = []
     if has_light(name):
         light = rounded(x[LIGHT], CLEAN_BITS if is_clean(name) else NOISY_BITS, rng)

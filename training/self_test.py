@@ -408,7 +408,8 @@ class Compact(unittest.TestCase):
 
 class Trainable(unittest.TestCase):
     def test_views_without_small_renders_are_left_to_models_that_need_none(self):
-        views = [types.SimpleNamespace(small=lambda scale, has=has: ["lowres"] * (scale in has)) for has in ((2, 4), (2,))]
+        view = lambda *scales: types.SimpleNamespace(small=lambda scale: ["lowres"] * (scale in scales))
+        views = [view(2, 4), view(2)]
         left = lambda scale, *sampling: len(dataset.trainable(views, model.Config(scale, lrhs_sampling=sampling)))
         counts = left(4, "centered", "nearest"), left(2, "centered"), left(4, "nearest"), left(1)
         self.assertEqual(counts, (1, 2, 2, 2))
