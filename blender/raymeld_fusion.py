@@ -1,5 +1,7 @@
 """Renders the scene twice with Cycles, small with many samples and full-size with few, and has raymeld fuse both.
 
+Or it renders one of them, and has raymeld denoise the full-size one or upscale the small one.
+
 This add-on for Blender 3.4 and newer is installed with Preferences > Add-ons > Install. It runs the program raymeld,
 whose path is in the add-on's preferences; without a path there, PATH is searched. The operator is Render > Render with
 Raymeld, and the settings are in the render properties.
@@ -41,6 +43,16 @@ class RaymeldPreferences(bpy.types.AddonPreferences):
 
 
 class RaymeldSettings(bpy.types.PropertyGroup):
+    command: bpy.props.EnumProperty(
+        name="Renders",
+        description="What is rendered and given to raymeld",
+        items=[
+            ("fuse", "Both", "Fuses a small render and a full-size one"),
+            ("denoise", "Full Size", "Denoises a full-size render"),
+            ("upscale", "Small", "Upscales a small render, by 2x or 4x"),
+        ],
+        default="fuse",
+    )
     scale: bpy.props.EnumProperty(
         name="Scale",
         description="How many times smaller the small render is, in each direction",
@@ -53,14 +65,14 @@ class RaymeldSettings(bpy.types.PropertyGroup):
     )
     quality: bpy.props.EnumProperty(
         name="Quality",
-        description="Network that fuses: the better ones are slower",
+        description="Network that is used: the better ones are slower",
         items=[(q, q.title(), "") for q in ("fast", "balanced", "high")],
         default="balanced",
     )
     folder: bpy.props.StringProperty(
         name="Keep in",
         subtype="DIR_PATH",
-        description="Folder that keeps both renders and the fused image. Empty: the files are deleted",
+        description="Folder that keeps the renders and the result. Empty: the files are deleted",
     )
 
 
@@ -168,15 +180,20 @@ def program_path(context):
     return program
 
 
-def fuse(program, folder, settings):
-    """Fuses the renders in the folder and returns the path of the fused image."""
-    fused = os.path.join(folder, "raymeld.exr")
-    command = [program, "fuse", "--lrhs", os.path.join(folder, "lrhs.exr"), "--hrls", os.path.join(folder, "hrls.exr")]
-    command += ["-o", fused, "--lrhs-sampling", "centered", "--quality", settings.quality]
+def run_program(program, renders, folder, settings):
+    """Gives raymeld the renders, paths by the name of their options, and returns the path of the result."""
+    output = os.path.join(folder, "raymeld.exr")
+    command = [program, settings.command, "-o", output, "--quality", settings.quality]
+    for option, path in renders.items():
+        command += [option, path]
+    if "--lrhs" in renders:
+        command += ["--lrhs-sampling", "centered"]
+    if settings.command == "upscale":
+        command += ["--scale", settings.scale]
     result = subprocess.run(command, capture_output=True, text=True, errors="replace")
     if result.returncode != 0:
         raise Failure(result.stderr.strip().rsplit("\n", 1)[-1] or f"raymeld ended with status {result.returncode}")
-    return fused
+    return output
 
 
 def load(path):
@@ -198,7 +215,8 @@ def run(context):
     if not scene.camera:
         raise Failure("the scene has no camera")
     program, scale = program_path(context), int(settings.scale)
-    small = small_render(scene, scale)
+    small = None if settings.command == "denoise" else small_render(scene, scale)
+    renders = {}
     with contextlib.ExitStack() as stack:
         if settings.folder:
             folder = bpy.path.abspath(settings.folder)
@@ -206,16 +224,20 @@ def run(context):
         else:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="raymeld-"))
         with changed(plain_render(scene, layer)):
-            with changed(small):
-                render_to(os.path.join(folder, "lrhs.exr"), scene, settings.many or scale**2, scene.cycles.seed + 1)
-            passes = [(layer, "use_pass_" + name, True) for name in PASSES]
-            with changed(passes + [(layer.cycles, "denoising_store_passes", True)]):
-                render_to(os.path.join(folder, "hrls.exr"), scene, settings.few, scene.cycles.seed)
-        return load(fuse(program, folder, settings))
+            if small:
+                renders["--lrhs"] = os.path.join(folder, "lrhs.exr")
+                with changed(small):
+                    render_to(renders["--lrhs"], scene, settings.many or scale**2, scene.cycles.seed + 1)
+            if settings.command != "upscale":
+                renders["--hrls"] = os.path.join(folder, "hrls.exr")
+                passes = [(layer, "use_pass_" + name, True) for name in PASSES]
+                with changed(passes + [(layer.cycles, "denoising_store_passes", True)]):
+                    render_to(renders["--hrls"], scene, settings.few, scene.cycles.seed)
+        return load(run_program(program, renders, folder, settings))
 
 
 class RENDER_OT_raymeld(bpy.types.Operator):
-    """Render the scene twice, cheaply, and fuse both into the image Raymeld"""
+    """Render the scene cheaply, and make the image Raymeld of it"""
 
     bl_idname = "render.raymeld"
     bl_label = "Render with Raymeld"
@@ -229,7 +251,7 @@ class RENDER_OT_raymeld(bpy.types.Operator):
         for area in context.screen.areas if context.screen else ():
             if area.type == "IMAGE_EDITOR":
                 area.spaces.active.image = image
-        self.report({"INFO"}, f"Fused {image.size[0]} x {image.size[1]} pixels")
+        self.report({"INFO"}, f"Made {image.size[0]} x {image.size[1]} pixels")
         return {"FINISHED"}
 
 
@@ -246,8 +268,10 @@ class RENDER_PT_raymeld(bpy.types.Panel):
 
     def draw(self, context):
         self.layout.use_property_split = True
-        for name in ("scale", "few", "many", "quality", "folder"):
-            self.layout.prop(context.scene.raymeld, name)
+        unused = {"denoise": ("scale", "many"), "upscale": ("few",)}.get(context.scene.raymeld.command, ())
+        for name in ("command", "scale", "few", "many", "quality", "folder"):
+            if name not in unused:
+                self.layout.prop(context.scene.raymeld, name)
         self.layout.operator(RENDER_OT_raymeld.bl_idname)
 
 

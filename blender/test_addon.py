@@ -98,6 +98,23 @@ class Test(unittest.TestCase):
         self.assertEqual(bpy.ops.render.raymeld(), {"FINISHED"})
         self.assertEqual([i.name for i in bpy.data.images if i.name.startswith("Raymeld")], ["Raymeld"])
 
+    def test_one_render_alone_is_enough(self):
+        folder = pathlib.Path(self.folder.name)
+        for command, option, kept in (("denoise", "--hrls", "hrls.exr"), ("upscale", "--lrhs", "lrhs.exr")):
+            before = settings_of(self.scene)
+            self.scene.raymeld.command = command
+            self.assertEqual(bpy.ops.render.raymeld(), {"FINISHED"})
+            self.assertEqual(settings_of(self.scene), before)
+            self.assertEqual({path.name for path in folder.iterdir()}, {kept, "raymeld.exr"})
+            again = folder / "again.exr"
+            subprocess.run([PROGRAM, command, option, folder / kept, "-o", again], check=True)
+            image = bpy.data.images["Raymeld"]
+            self.assertEqual(tuple(image.size), (WIDTH, HEIGHT))
+            shown = numpy.array(image.pixels[:]).reshape(HEIGHT, WIDTH, image.channels)[..., :3]
+            numpy.testing.assert_array_equal(shown, pixels_of(again))
+            for path in folder.iterdir():
+                path.unlink()
+
     def render_reference(self, folder):
         scene = self.scene
         scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.use_adaptive_sampling = 256, False, False
