@@ -12,18 +12,18 @@ namespace raymeld {
 // Names what a model does: it fuses both renders, or denoises HRLS or upscales LRHS alone.
 enum class Task { kFuse, kDenoise, kUpscale };
 
-// Holds words for a task: its command, what that does, and what it made.
+// Holds words for a task: its command, what that does, and what its results are.
 struct TaskWords {
   const char *command, *doing, *done;
 };
 inline constexpr TaskWords words_of(Task task) {
   switch (task) {
     case Task::kFuse:
-      return {"fuse", "fusing", "FUSED"};
+      return {"fuse", "fusing", "fused"};
     case Task::kDenoise:
-      return {"denoise", "denoising", "DENOISED"};
+      return {"denoise", "denoising", "denoised"};
     case Task::kUpscale:
-      return {"upscale", "upscaling", "UPSCALED"};
+      return {"upscale", "upscaling", "upscaled"};
   }
   return {};
 }

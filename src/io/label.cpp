@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 
 namespace raymeld {
 namespace {
@@ -37,7 +38,7 @@ bool has_ink(std::string_view text, int x, int y) {
   if (column < 0 || row < 0 || row >= kHeight || column % (kWidth + 1) == kWidth) return false;
   const auto letter = size_t(column / (kWidth + 1));
   if (letter >= text.size()) return false;
-  const auto glyph = std::ranges::find(kFont, text[letter], &Glyph::letter);
+  const auto glyph = std::ranges::find(kFont, std::toupper(text[letter]), &Glyph::letter);
   return glyph != kFont.end() && (glyph->rows[size_t(row)] >> (kWidth - 1 - column % (kWidth + 1)) & 1) != 0;
 }
 

@@ -183,14 +183,22 @@ TEST_F(CliUpscale, TheStockModelOfTheScaleIsTheDefault) {
 
 TEST_F(CliUpscale, UpscalesSequences) {
   write_image(folder_ / "in.1.exr", kAlphaNames, low_);
-  write_image(folder_ / "in.2.exr", kAlphaNames, random_image(kAlphaNames, 24, 20, 8));
+  for (const char* frame : {"in.2.exr", "in.3.exr"})
+    write_image(folder_ / frame, kAlphaNames, random_image(kAlphaNames, 24, 20, 8));
   std::vector<std::string> arguments =
-      upscale({"--frames", "1-2", "--skip-unchanged", "--input-exposure", "off"}, "out.#.exr");
+      upscale({"--frames", "1-3", "--skip-unchanged", "--input-exposure", "off"}, "out.#.exr");
   arguments[2] = "in.#.exr";
   ASSERT_EQ(run(upscale({"--input-exposure", "off"})).exit_status, 0);
-  ASSERT_EQ(run(arguments).exit_status, 0);
+  const ProcessResult result = run(arguments);
+  ASSERT_EQ(result.exit_status, 0) << result.err;
+  EXPECT_NE(result.err.find("3 frames: 3 upscaled; "), std::string::npos) << result.err;
   EXPECT_EQ(read("out.1.exr").data, read("out.exr").data);
   EXPECT_NE(read("out.2.exr").data, read("out.exr").data);
+  EXPECT_EQ(read("out.3.exr").data, read("out.2.exr").data);
+  arguments.push_back("--json");
+  const Json frames = run_json(arguments).at("frames");
+  EXPECT_EQ(frames.at(1).at("skipped_share"), 0);
+  EXPECT_EQ(frames.at(2).at("skipped_share"), 1);
   arguments[2] = "low.exr";
   EXPECT_NE(run(arguments).err.find("--frames: --lrhs 'low.exr' has no # for the frame's number"),
             std::string::npos);

@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cctype>
+#include <set>
 
 namespace raymeld {
 namespace {
@@ -47,6 +49,20 @@ TEST(Label, GrowsWithThePicture) {
   add_label(small, "F");
   add_label(large, "F");
   EXPECT_EQ(std::ranges::count(large.rgb, 255), 4 * std::ranges::count(small.rgb, 255));
+}
+
+TEST(Label, HasALookForEachLetterOfTheLabels) {
+  std::set<std::string> looks;
+  const std::string_view letters =
+      "ABCDEFHILNOPRSU";  // of bicubic, LRHS, HRLS, fused, denoised, upscaled, reference
+  for (const char letter : letters) {
+    Picture large = grey(9, 11), small = large;
+    add_label(large, std::string(1, letter));
+    add_label(small, std::string(1, char(std::tolower(letter))));
+    EXPECT_EQ(large.rgb, small.rgb);
+    looks.insert(drawn(large, 9, 11));
+  }
+  EXPECT_EQ(looks.size(), letters.size());
 }
 
 TEST(Label, IsCutWhereItDoesNotFit) {

@@ -203,7 +203,7 @@ void run_sequence(const SequenceArguments& sequence, const FuseArguments& given)
   check_output_folders(of_frame(patterns, sequence.frames.front()));
 
   if (device) Pipeline(patterns, *device, models, outcomes).run();
-  const std::string summary = summary_text(outcomes, watch.ms());
+  const std::string summary = summary_text(patterns.task(), outcomes, watch.ms());
   const bool stopped = interrupted() && !frames_that(Status::kUnfinished, outcomes).empty();
   const bool failed = !stopped && !frames_that(Status::kFailed, outcomes).empty();
   if (patterns.json) {

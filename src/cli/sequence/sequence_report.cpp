@@ -53,9 +53,9 @@ std::string exposure_hint(std::span<const Outcome> outcomes) {
       least, darkest, most, brightest, exposures[exposures.size() / 2].first);
 }
 
-std::string summary_text(std::span<const Outcome> outcomes, double total_ms) {
-  std::string text =
-      fmt::format("{} frames: {} fused", outcomes.size(), frames_that(Status::kFused, outcomes).size());
+std::string summary_text(Task task, std::span<const Outcome> outcomes, double total_ms) {
+  std::string text = fmt::format("{} frames: {} {}", outcomes.size(),
+                                 frames_that(Status::kFused, outcomes).size(), words_of(task).done);
   for (const Status status : {Status::kSkipped, Status::kFailed, Status::kUnfinished}) {
     const std::vector<int> frames = frames_that(status, outcomes);
     if (!frames.empty()) {

@@ -24,7 +24,7 @@ std::vector<int> frames_that(Status status, std::span<const Outcome> outcomes);
 // all frames; empty if they do not.
 std::string exposure_hint(std::span<const Outcome> outcomes);
 
-std::string summary_text(std::span<const Outcome> outcomes, double total_ms);
+std::string summary_text(Task task, std::span<const Outcome> outcomes, double total_ms);
 nlohmann::ordered_json summary_json(std::span<const Outcome> outcomes, double total_ms);
 
 }  // namespace raymeld::cli
