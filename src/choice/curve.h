@@ -16,6 +16,8 @@ enum class Task { kFuse, kDenoise, kUpscale };
 struct TaskWords {
   const char *command, *doing, *done;
 };
+
+// Returns the words for a task.
 inline constexpr TaskWords words_of(Task task) {
   switch (task) {
     case Task::kFuse:

@@ -64,11 +64,11 @@ Windows color_windows(const ExrFile& file, const LayerMap& map) {
 }
 
 // Returns a window of LRHS in the pixels of its upscaled image. Throws Error if these do not fit 32 bits.
-Imath::Box2i times(const Imath::Box2i& window, int scale) {
+Imath::Box2i times(const ExrFile& lrhs, const Imath::Box2i& window, int scale) {
   const auto scaled = [&](int64_t at) {
     if (std::abs(at * scale) >= INT_MAX)
-      throw Error("a window of LRHS from {},{} to {},{} is too large for an image {} times as large",
-                  window.min.x, window.min.y, window.max.x, window.max.y, scale);
+      throw Error("LRHS '{}' has a window from {},{} to {},{}, which has no place {} times as large",
+                  lrhs.path().string(), window.min.x, window.min.y, window.max.x, window.max.y, scale);
     return int(at * scale);
   };
   const auto end = [&](int at) { return scaled(int64_t{at} + 1) - 1; };
@@ -276,7 +276,7 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
   const Architecture& architecture = model->architecture();
   if (task == Task::kUpscale) {
     const int factor = int(architecture.scale);
-    hrls_windows = {times(hrls_windows.data, factor), times(hrls_windows.display, factor)};
+    hrls_windows = {times(lrhs, lrhs_windows.data, factor), times(lrhs, lrhs_windows.display, factor)};
   }
   const Canvas frame = canvas_of(pair_scales(int(architecture.scale)));
   const Imath::Box2i window = find_window(arguments, hrls, hrls_windows.data);
