@@ -63,10 +63,10 @@ Windows color_windows(const ExrFile& file, const LayerMap& map) {
   return windows_of(file.header(file.channel(map.layers.at("color").terms[0][0]).part));
 }
 
-// Returns a window of LRHS in the pixels of its upscaled image. Throws Error if these do not fit 32 bits.
+// Returns a window of LRHS in the pixels of its upscaled image. Throws Error if OpenEXR has no such window.
 Imath::Box2i times(const ExrFile& lrhs, const Imath::Box2i& window, int scale) {
   const auto scaled = [&](int64_t at) {
-    if (std::abs(at * scale) >= INT_MAX)
+    if (std::abs(at * scale) > INT_MAX / 2)
       throw Error("LRHS '{}' has a window from {},{} to {},{}, which has no place {} times as large",
                   lrhs.path().string(), window.min.x, window.min.y, window.max.x, window.max.y, scale);
     return int(at * scale);
