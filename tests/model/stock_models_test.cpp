@@ -1,4 +1,6 @@
 // Tests the shipped models on a part of a real pair of renders, data/.
+#include <fmt/format.h>
+
 #include "cli_fixture.h"
 
 namespace raymeld::test {

@@ -6,6 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "choice/curve.h"
+
 namespace raymeld::cli {
 
 enum class Status { kUnfinished, kFused, kSkipped, kFailed };
