@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "choice/curve.h"
+#include "cli/common/models.h"
 
 namespace raymeld::cli {
 
