@@ -82,7 +82,7 @@ def load(folder):
 
 def trainable(views, config):
     """Returns the views that have what a config's training may read: some lack small renders of a scale."""
-    needs_small = config.scale > 1 and "centered" in config.lrhs_sampling
+    needs_small = config.reads_lrhs and "centered" in config.lrhs_sampling
     return [view for view in views if view.small(config.scale) or not needs_small]
 
 
@@ -185,14 +185,13 @@ def sample(views, config, size, rng):
     y, x = (rng.randint(0, (side - size) // scale) * scale for side in view.read(high).shape[-2:])
     here = window(y, x, size)
     reference = view.reference(parts, here)
-    reads_hrls = bool(config.hrls_layers)
-    hrls = view.read(high)[:LAYER_CHANNELS][here].float() if reads_hrls else torch.zeros_like(reference)
+    hrls = view.read(high)[:LAYER_CHANNELS][here].float() if config.reads_hrls else torch.zeros_like(reference)
     if is_centered:
         lrhs, low_spp = view.read_lrhs(low, scale)
         lrhs = lrhs[window(*(n // scale for n in (y, x, size)))]
     else:
         lrhs, low_spp = view.read(low)[:LAYER_CHANNELS][here].float(), view.spp[low]
-    if reads_hrls and view.guides() and rng.random() < GUIDES_SHARE:
+    if config.reads_hrls and view.guides() and rng.random() < GUIDES_SHARE:
         hrls[3:9] = view.read(rng.choice(view.guides()))[:6][here]
     images = [hrls, reference, lrhs]
     reweigh(images, rng)
@@ -212,7 +211,7 @@ class Batches(torch.utils.data.Dataset):
     """Has a batch of random crops for every seed."""
 
     def __init__(self, views, config, size, count):
-        self.arguments = trainable(views, config), config, size, count
+        self.arguments = views, config, size, count
 
     def __getitem__(self, seed):
         return batch(*self.arguments, seed)

@@ -72,6 +72,10 @@ class Config:
         return self.scale > 1
 
     @property
+    def reads_hrls(self):
+        return bool(self.hrls_layers)
+
+    @property
     def halvings(self):
         return int(math.log2(self.scale))
 

@@ -132,18 +132,22 @@ void add_pair(CLI::App& command, FuseArguments& a) {
       "make LRHS as bright as HRLS");
 }
 
+// Adds the options about HRLS.
+void add_hrls(CLI::App& command, FuseArguments& a) {
+  command
+      .add_option(
+          "--guides", a.guides,
+          "Reads albedo and normal from this OpenEXR file instead of HRLS: a render as large as HRLS, "
+          "with more samples")
+      ->type_name("FILE");
+  add_samples(command, "--hrls-spp", a.samples.hrls, "HRLS");
+  command.add_flag("--keep-layers", a.keep_layers,
+                   "Copies all HRLS channels that are not computed to the output, bit by bit");
+}
+
 void add_more_files(CLI::App& command, Task of, FuseArguments& a) {
-  if (of != Task::kUpscale) {
-    command
-        .add_option(
-            "--guides", a.guides,
-            "Reads albedo and normal from this OpenEXR file instead of HRLS: a render as large as HRLS, "
-            "with more samples")
-        ->type_name("FILE");
-  }
   if (of == Task::kFuse) add_pair(command, a);
-  if (of == Task::kUpscale) add_lrhs_sampling(command, of, a);
-  if (of != Task::kUpscale) add_samples(command, "--hrls-spp", a.samples.hrls, "HRLS");
+  of == Task::kUpscale ? add_lrhs_sampling(command, of, a) : add_hrls(command, a);
   add_parsed(
       command, "--window", a.window, parse_window,
       "Computes and writes only this part of the whole result, in its pixel coordinates; the part is as in "
@@ -158,9 +162,6 @@ void add_more_files(CLI::App& command, Task of, FuseArguments& a) {
   command.add_flag("--layers", a.layers,
                    "Also writes the diffuse, specular and other (emission) light of the result, which "
                    "add up to it; the inputs need diffuse and specular, and it takes four times as long");
-  if (of != Task::kUpscale)
-    command.add_flag("--keep-layers", a.keep_layers,
-                     "Copies all HRLS channels that are not computed to the output, bit by bit");
   command
       .add_option("--preview-before-after", a.before_after,
                   "Writes a PNG with the inputs, LRHS by bicubic interpolation, the result and, if "

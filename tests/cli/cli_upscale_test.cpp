@@ -44,11 +44,7 @@ class CliUpscale : public Cli {
 
   static std::vector<std::string> upscale(const std::vector<std::string>& more = {},
                                           const std::string& output = "out.exr") {
-    std::vector<std::string> arguments = {"upscale", "--lrhs",        "low.exr", "-o",
-                                          output,    "--model",       kModel,    "--precision",
-                                          "fp32",    "--output-type", "float"};
-    arguments.insert(arguments.end(), more.begin(), more.end());
-    return arguments;
+    return one_render({"upscale", "--lrhs", "low.exr"}, kModel, more, output);
   }
   static inline const std::string kModel = source_path("tests/golden/edsr-x4.safetensors").string();
   Image low_ = random_image(kAlphaNames, 24, 20, 3);
@@ -113,7 +109,7 @@ TEST_F(CliUpscale, AlphaStaysWithinWhatIsAround) {
   for (int y = 0; y < 80; ++y) {
     for (int x = 0; x < 96; ++x) {
       const float value = alpha.at(0, y, x);
-      // Beside the two middle columns of LRHS the 3x3 pixels around have one alpha.
+      // The 3x3 pixels around have one alpha but at the two middle columns of LRHS.
       ASSERT_GE(value, x / 4 > 12 ? 0.75f : 0.25f) << x;
       ASSERT_LE(value, x / 4 < 11 ? 0.25f : 0.75f) << x;
       between += value != 0.25f && value != 0.75f;
@@ -145,22 +141,13 @@ TEST_F(CliUpscale, AlphasThatCannotBeUpscaledAreErrorsAndOthersAreMended) {
 }
 
 TEST_F(CliUpscale, KindsOfLightAddUpToTheColor) {
-  std::vector<std::string> names = kColorNames;
-  for (const char* layer : {"diffuse", "specular"})
-    for (const char* color : {"R", "G", "B"}) names.push_back(fmt::format("{}.{}", layer, color));
+  const std::vector<std::string> names = with_split_light(kColorNames);
   write_image(folder_ / "low.exr", names, random_image(names, 24, 20, 5));
   ASSERT_EQ(run(upscale({"--layers"})).exit_status, 0);
-  const Image color = read("out.exr");
-  std::vector<float> sum(color.data.size());
-  for (const char* part : {"diffuse", "specular", "emission"}) {
-    const Image light =
-        read("out.exr", {fmt::format("{}.R", part), fmt::format("{}.G", part), fmt::format("{}.B", part)});
-    for (size_t i = 0; i < sum.size(); ++i) sum[i] += light.data[i];
-  }
-  for (size_t i = 0; i < sum.size(); ++i) ASSERT_NEAR(sum[i], color.data[i], 1e-4 * (1 + color.data[i]));
+  expect_light_adds_up();
   const Image diffuse = read("out.exr", {"diffuse.R", "diffuse.G", "diffuse.B"});
   EXPECT_NE(diffuse.data, read("out.exr", {"specular.R", "specular.G", "specular.B"}).data);
-  EXPECT_NE(diffuse.data, color.data);
+  EXPECT_NE(diffuse.data, read("out.exr").data);
 }
 
 // The model's own command and scale choose it.

@@ -1,11 +1,19 @@
 #include "cli_fixture.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <fstream>
 
 #include "io/exr_window.h"
 
 namespace raymeld::test {
+
+std::vector<std::string> with_split_light(std::vector<std::string> names) {
+  for (const char* layer : {"diffuse", "specular"})
+    for (const char* color : {"R", "G", "B"}) names.push_back(fmt::format("{}.{}", layer, color));
+  return names;
+}
 
 Image random_image(const std::vector<std::string>& names, int width, int height, uint64_t seed) {
   Image image(width, height, int(names.size()));
@@ -60,6 +68,25 @@ std::vector<std::string> Cli::fuse(const std::vector<std::string>& more) {
                                         "-o",   "out.exr", "--model", tiny_model()};
   arguments.insert(arguments.end(), more.begin(), more.end());
   return arguments;
+}
+
+std::vector<std::string> Cli::one_render(std::vector<std::string> command, const std::string& model,
+                                         const std::vector<std::string>& more, const std::string& output) {
+  command.insert(command.end(),
+                 {"-o", output, "--model", model, "--precision", "fp32", "--output-type", "float"});
+  command.insert(command.end(), more.begin(), more.end());
+  return command;
+}
+
+void Cli::expect_light_adds_up() const {
+  const Image color = read("out.exr");
+  std::vector<float> sum(color.data.size());
+  for (const char* part : {"diffuse", "specular", "emission"}) {
+    const Image light =
+        read("out.exr", {fmt::format("{}.R", part), fmt::format("{}.G", part), fmt::format("{}.B", part)});
+    for (size_t i = 0; i < sum.size(); ++i) sum[i] += light.data[i];
+  }
+  for (size_t i = 0; i < sum.size(); ++i) ASSERT_NEAR(sum[i], color.data[i], 1e-4 * (1 + color.data[i]));
 }
 
 void Cli::add_fault_layer() {

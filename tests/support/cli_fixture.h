@@ -22,6 +22,9 @@ inline const std::vector<std::string> kAlphaNames = {"R", "G", "B", "A"};
 inline const std::vector<std::string> kLayeredNames = {
     "R", "G", "B", "normal.X", "normal.Y", "normal.Z", "albedo.R", "albedo.G", "albedo.B", "A"};
 
+// Returns the names with those of the layers that --layers needs.
+std::vector<std::string> with_split_light(std::vector<std::string> names);
+
 // Returns (names.size(), H, W) between 0 and 1, the same on every machine.
 Image random_image(const std::vector<std::string>& names, int width, int height, uint64_t seed);
 
@@ -44,6 +47,10 @@ class Cli : public testing::Test {
   ProcessResult run(std::vector<std::string> arguments) const;
   // Returns the arguments that fuse the pair to out.exr with the tiny model of scale 4.
   static std::vector<std::string> fuse(const std::vector<std::string>& more = {});
+  // Returns the arguments that make `output` of one render, as floats in fp32: `command` is the command and
+  // the input, such as denoise --hrls high.exr.
+  static std::vector<std::string> one_render(std::vector<std::string> command, const std::string& model,
+                                             const std::vector<std::string>& more, const std::string& output);
   static std::string tiny_model() { return source_path("tests/golden/tiny-x4.safetensors").string(); }
 
   // Puts fault_layer/ between the program and the driver.
@@ -72,6 +79,9 @@ class Cli : public testing::Test {
   // they were.
   ProcessResult expect_error(const std::vector<std::string>& arguments,
                              const std::vector<std::string>& texts) const;
+
+  // Expects the diffuse, specular and other light of out.exr to add up to its color.
+  void expect_light_adds_up() const;
 
   nlohmann::json run_json(const std::vector<std::string>& arguments) const;
 

@@ -50,7 +50,7 @@ def predict(network, lrhs_path, hrls_path, dtype):
     factor = exposure(network, lrhs_path)
     low = layers_of(lrhs_path, ("color",))["color"].to(dtype)
     hrls, power = None, {"albedo": 0, "normal": 0, "variance": 2}
-    if config.hrls_layers:
+    if config.reads_hrls:
         layers = {name: layer.to(dtype) for name, layer in layers_of(hrls_path, config.hrls_layers).items()}
         hrls = torch.cat([layer * factor ** power.get(name, 1) for name, layer in layers.items()], dim=1)
     fused = networks.predict(network.to(dtype), low * factor, hrls, torch.tensor(True), factor)[1]

@@ -10,6 +10,7 @@ import tempfile
 import time
 from typing import NamedTuple
 
+import model as networks
 import safetensors
 from evaluation import oidn, test_set
 from evaluation.baselines import FILTERS, TUNED, bicubic
@@ -22,18 +23,15 @@ class Model:
     path: pathlib.Path
     digest: str
     scale: int
+    reads_lrhs: bool = True
     reads_hrls: bool = True
     training: str = dataclasses.field(default="{}", compare=False)  # JSON
 
     @classmethod
     def load(cls, path):
         metadata = safetensors.load(path)[1]
-        reads_hrls = metadata.get("network") != "edsr"
-        return cls(path, test_set.digest(path), int(metadata["scale"]), reads_hrls, metadata.get("training", "{}"))
-
-    @property
-    def reads_lrhs(self):
-        return self.scale > 1
+        config, training = networks.Config.parse(metadata), metadata.get("training", "{}")
+        return cls(path, test_set.digest(path), config.scale, config.reads_lrhs, config.reads_hrls, training)
 
     @property
     def name(self):

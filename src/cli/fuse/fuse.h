@@ -134,7 +134,7 @@ struct Companion {
 };
 
 // Holds the inputs as the user sees them beside the fused image, (3, H, W) of the window; `bicubic` is LRHS.
-// That which the model does not read is empty.
+// An input that the model does not read is empty.
 struct ShownInputs {
   Image bicubic, hrls;
 };

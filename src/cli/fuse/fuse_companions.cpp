@@ -102,6 +102,20 @@ std::array<Image, 3> parts_of(const Image& color, const Image& split) {
   return parts;
 }
 
+// Returns HRLS's layers kSplitLight, (6, H, W) of the canvas.
+Image load_split_hrls(FuseFrame& frame) {
+  FuseFiles& files = frame.files;
+  Image hrls = load_layers(files.hrls, files.hrls_map, kSplitLight);
+  const auto& layers = files.model->architecture().hrls_layers;
+  const auto is_read = [&](const std::string& layer) { return std::ranges::count(layers, layer) > 0; };
+  if (std::ranges::all_of(kSplitLight, is_read)) {
+    sanitize(hrls);  // load_hrls() has warned
+  } else {
+    sanitize_input(hrls, "HRLS", files.hrls.path(), frame.console);
+  }
+  return seen_through(std::move(hrls), files.hrls_windows.data, files.canvas.hrls);
+}
+
 // Returns the HRLS image of a companion. It has a surface of the same normals that sends out nothing but the
 // companion's light. For alpha an albedo that the image holds is white where the pixel is covered.
 Image hrls_of(const FuseFrame& frame, const Companion& companion) {
@@ -193,30 +207,19 @@ void load_light(FuseFrame& frame) {
   sanitize_lrhs(lrhs, files, frame.console);
   match_brightness(files, lrhs);
   lrhs = for_canvas(files, std::move(lrhs), files.lrhs_windows.data);
-  auto low = parts_of(images.lrhs, lrhs);
+  std::array<Image, 3> low = parts_of(images.lrhs, lrhs), high;
+  if (files.reads_hrls()) high = parts_of(first_channels(images.hrls, 3), load_split_hrls(frame));
   for (size_t i = 0; i < kLightParts.size(); ++i)
-    frame.images.companions.push_back({kLightParts[i], 2 + i, std::move(low[i]), {}});
-  if (!files.reads_hrls()) return;
-  Image hrls = load_layers(files.hrls, files.hrls_map, kSplitLight);
-  const auto& layers = files.model->architecture().hrls_layers;
-  const auto is_read = [&](const std::string& layer) { return std::ranges::count(layers, layer) > 0; };
-  if (std::ranges::all_of(kSplitLight, is_read)) {
-    sanitize(hrls);  // load_hrls() has warned
-  } else {
-    sanitize_input(hrls, "HRLS", files.hrls.path(), frame.console);
-  }
-  hrls = seen_through(std::move(hrls), files.hrls_windows.data, files.canvas.hrls);
-  auto high = parts_of(first_channels(images.hrls, 3), hrls);
-  const auto parts = frame.images.companions.end() - ptrdiff_t(kLightParts.size());
-  for (size_t i = 0; i < kLightParts.size(); ++i) parts[ptrdiff_t(i)].hrls = std::move(high[i]);
+    frame.images.companions.push_back({kLightParts[i], 2 + i, std::move(low[i]), std::move(high[i])});
 }
 
 int count_runs(FuseFiles& files, const FuseArguments& arguments) {
   const auto& alpha = files.hrls_map.alpha;
-  const auto is_fused = [&](const ExrRawChannel& own) {
-    return files.reads_hrls() ? varying_alphas(files, own).has_value() : varies(files, own);
+  const auto is_fused = [&] {
+    if (!files.reads_hrls()) return varies(files, files.lrhs.read_raw(*alpha));
+    return have_alphas(files) && varying_alphas(files, files.hrls.read_raw(*alpha));
   };
-  const bool fuses_alpha = alpha && is_fused(files.hrls.read_raw(*alpha));
+  const bool fuses_alpha = alpha && is_fused();
   return 1 + (fuses_alpha ? 1 : 0) + (arguments.layers ? int(kLightParts.size()) : 0);
 }
 
