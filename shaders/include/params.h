@@ -237,6 +237,19 @@ struct CellLight {
   uint log_transfer;  // 0: linear
 };
 
+struct ChannelMeans {
+  uint pixels;
+  uint plane_in;
+  uint plane;
+};
+
+struct Attend {
+  uint height;
+  uint width;
+  uint plane;
+  uint plane_logits;
+};
+
 struct Decode {
   FRAME_VIEW frame;
   uint frame_height;

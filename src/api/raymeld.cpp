@@ -19,7 +19,7 @@
 #include "fusion/fuser_options.h"
 #include "fusion/tuner.h"
 #include "io/safetensors.h"
-#include "model/stock_models.h"
+#include "networks/stock_models.h"
 #include "platform/files.h"
 #include "platform/folders.h"
 

@@ -4,8 +4,7 @@
 #include "cli/common/models.h"
 #include "cli/common/sizes.h"
 #include "cli/graph_text.h"
-#include "model/halo.h"
-#include "model/network.h"
+#include "networks/network.h"
 
 namespace raymeld::cli {
 namespace {

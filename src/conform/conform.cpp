@@ -12,6 +12,7 @@ std::span<const Suite> suites() {
       {.name = "decode", .run = conform_decode},
       {.name = "joint", .run = conform_joint},
       {.name = "pyramid", .run = conform_pyramid},
+      {.name = "attention", .run = conform_attention},
       {.name = "network", .run = conform_network, .networks = true},
   };
   return all;

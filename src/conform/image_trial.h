@@ -60,6 +60,20 @@ struct ImageTrial {
   }
 };
 
+// Runs one layer, which add() adds to the graph, of these inputs. It writes (h, w, channels).
+template <typename Add>
+reference::Planes run_layer(const ImageTrial& c, const std::vector<reference::Planes>& inputs,
+                            const reference::Size& size, const Add& add, int channels = 3) {
+  LayerRun run(c.target, c.precision, c.method.addressed);
+  std::vector<Tensor> tensors;
+  for (const reference::Planes& input : inputs)
+    tensors.push_back(run.input(fmt::format("input {}", tensors.size()), input));
+  const Tensor out = run.tensor("out", channels, size.h, size.w);
+  add(run.graph(), tensors, out);
+  run.run();
+  return run.read(out);
+}
+
 struct ImageLayer {
   const char* name;
   void (*check)(Check&, const ImageTrial&);

@@ -24,19 +24,6 @@ Planes logits(const ImageTrial& c, int channels, const Size& of, uint64_t salt) 
   return c.image(channels, of, salt, [](double u) { return u == 0 ? -90 : u == 1 ? 90 : 8 * u - 4; });
 }
 
-// Runs one layer, which add() adds to the graph, of these inputs.
-template <typename Add>
-Planes run_layer(const ImageTrial& c, const std::vector<Planes>& inputs, const Size& size, const Add& add) {
-  LayerRun run(c.target, c.precision, c.method.addressed);
-  std::vector<Tensor> tensors;
-  for (const Planes& input : inputs)
-    tensors.push_back(run.input(fmt::format("input {}", tensors.size()), input));
-  const Tensor out = run.tensor("out", 3, size.h, size.w);
-  add(run.graph(), tensors, out);
-  run.run();
-  return run.read(out);
-}
-
 void check_light(Check& check, const ImageTrial& c) {
   const Planes color = c.radiance(3, c.size, 1), surface = albedo(c, c.size, 2);
   const Planes out =

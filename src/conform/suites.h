@@ -11,6 +11,7 @@ void conform_encode(Collector& collector);
 void conform_decode(Collector& collector);
 void conform_joint(Collector& collector);
 void conform_pyramid(Collector& collector);
+void conform_attention(Collector& collector);
 void conform_network(Collector& collector);
 
 }  // namespace raymeld::conform

@@ -5,8 +5,7 @@
 #include <optional>
 #include <span>
 
-#include "model/halo.h"
-#include "model/network.h"
+#include "networks/network.h"
 #include "numbers.h"
 
 namespace raymeld {

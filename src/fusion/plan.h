@@ -7,8 +7,8 @@
 #include "engine/graph.h"
 #include "engine/program.h"
 #include "fusion/tiling.h"
-#include "model/constant_layers.h"
-#include "model/model.h"
+#include "networks/constant_layers.h"
+#include "networks/model.h"
 
 namespace raymeld {
 

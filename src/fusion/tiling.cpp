@@ -53,7 +53,9 @@ double Tiling::overhead() const {
 Tiling choose_tiling(TileSize frame, uint32_t halo, const std::function<bool(TileSize)>& fits,
                      uint32_t grid) {
   Tiling tiling = make_tiling(frame, 1, 1, halo, grid);
-  while (!fits(tiling.tile)) {
+  TileSize refused;  // halving the core does not change a tile that reaches the frame's edges
+  while (tiling.tile == refused || !fits(tiling.tile)) {
+    refused = tiling.tile;
     if (tiling.core_height <= grid && tiling.core_width <= grid) {
       tiling.rows = 0;
       return tiling;

@@ -5,7 +5,7 @@
 #include <functional>
 
 #include "io/json_file.h"
-#include "model/network.h"
+#include "networks/network.h"
 #include "numbers.h"
 
 namespace raymeld {

@@ -299,4 +299,15 @@ void compose(Graph& graph, const std::string& name, const Tensor& rec, const Ten
              const Tensor& guides, const Tensor& lrhs, const Tensor& out, Transfer transfer, uint32_t scale,
              float phase);
 
+// These are channel attention (Zhang et al. 2018), which has two 1x1 convolutions of (1, 1, C) between them.
+
+// Writes the mean of each channel, (h, w, C) -> (1, 1, C), summed in a fixed order, so that it has the same
+// bits however a dispatch is split. Both have the same exponent.
+void channel_means(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out);
+
+// Writes in / (1 + exp(-logit)) + residual (h, w, C), with a logit for each channel (1, 1, C). All but the
+// logits have the same exponent, and these have none.
+void attend(Graph& graph, const std::string& name, const Tensor& in, const Tensor& logits,
+            const Tensor& residual, const Tensor& out);
+
 }  // namespace raymeld

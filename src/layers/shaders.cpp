@@ -40,6 +40,8 @@ RAYMELD_SPIRV_FORMS(pool)
 RAYMELD_SPIRV_FORMS(light)
 RAYMELD_SPIRV_FORMS(cell_light)
 RAYMELD_SPIRV_FORMS(compose)
+RAYMELD_SPIRV_FORMS(channel_means)
+RAYMELD_SPIRV_FORMS(attend)
 #undef RAYMELD_SPIRV_FORMS
 #undef RAYMELD_SPIRV_SHADER
 #undef RAYMELD_SPIRV
@@ -85,6 +87,8 @@ const Forms kPool RAYMELD_FORMS(pool);
 const Forms kLight RAYMELD_FORMS(light);
 const Forms kCellLight RAYMELD_FORMS(cell_light);
 const Forms kCompose RAYMELD_FORMS(compose);
+const Forms kChannelMeans RAYMELD_FORMS(channel_means);
+const Forms kAttend RAYMELD_FORMS(attend);
 #undef RAYMELD_FORMS_AND_VECTORS
 #undef RAYMELD_FORMS
 #undef RAYMELD_BY_ADDRESS

@@ -46,6 +46,8 @@ extern const Forms kPool;
 extern const Forms kLight;
 extern const Forms kCellLight;
 extern const Forms kCompose;
+extern const Forms kChannelMeans;
+extern const Forms kAttend;
 }  // namespace shaders
 
 // Returns a pass with the form of the shader that the graph's activations need or, with `vectors`, with the

@@ -97,6 +97,12 @@ inline Element weighted_mean(const std::vector<double>& weights, const std::vect
   return {value, std::min(span, moved / least_sum) + gamma(2 * n + 6) * largest + 8 * n * kFlush};
 }
 
+// Returns the share that a logit stands for. Shaders limit it to 80, where exp does not overflow.
+inline constexpr auto sigmoid = [](const auto& logit) {
+  using std::exp, std::clamp;
+  return 1 / (1 + exp(-clamp(logit, -80.0, 80.0)));
+};
+
 inline constexpr auto luminance = [](const auto& r, const auto& g, const auto& b) {
   return 0.2126 * r + 0.7152 * g + 0.0722 * b;
 };

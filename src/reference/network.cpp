@@ -207,7 +207,7 @@ struct Frame {
   double phase, exposure;
 };
 
-// Runs the pyramid network of src/model/pyramid.cpp.
+// Runs the pyramid network of src/networks/pyramid.cpp.
 Outputs pyramid_outputs(Run& run, const Architecture& a, const Frame& frame, Precision precision) {
   const auto& [lrhs, hrls, phase, exposure] = frame;
   const int levels = int(a.widths.size()), grid = a.grid(), s = a.scale;
@@ -269,7 +269,7 @@ Outputs pyramid_outputs(Run& run, const Architecture& a, const Frame& frame, Pre
   return run.take();
 }
 
-// Runs the network of src/model/edsr.cpp.
+// Runs the network of src/networks/edsr.cpp.
 Outputs edsr_outputs(Run& run, const Architecture& a, const Frame& frame, Precision precision) {
   const auto& [lrhs, hrls, phase, exposure] = frame;
   const Bounded low =

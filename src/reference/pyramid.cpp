@@ -9,12 +9,6 @@ constexpr auto compressed = [](const auto& x) {
   return log(1 + kCompress * x) / kCompress;
 };
 
-// Returns the share that a logit stands for. Shaders limit it to 80, where exp does not overflow.
-constexpr auto sigmoid = [](const auto& logit) {
-  using std::exp, std::clamp;
-  return 1 / (1 + exp(-clamp(logit, -80.0, 80.0)));
-};
-
 constexpr double kAlbedoAffinity = 6.25, kNormalAffinity = 2.25;
 
 // Holds a pixel's side x side weights, the softmax of its logits from `first` on, not yet divided by their

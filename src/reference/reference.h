@@ -166,6 +166,15 @@ Bounded kernel_filter(const Bounded& x, const Bounded& logits, int side, Precisi
 Bounded compose(const Bounded& rec, const Bounded& light, const Bounded& guides, const Bounded& lrhs,
                 Transfer transfer, int scale, double phase, Precision precision);
 
+// The layers of channel attention follow.
+
+// Returns (c, 1, 1), the mean of each channel. The bound is that of fp32 sums of 128 runs of pixels and then
+// by a tree.
+Bounded channel_means(const Bounded& x, Precision precision);
+
+// Returns x / (1 + exp(-logit)) + residual, with the logits (c, 1, 1) limited to [-80, 80].
+Bounded attend(const Bounded& x, const Bounded& logits, const Bounded& residual, Precision precision);
+
 enum class Base { kNone, kBilinear, kJoint };
 enum class Upscale { kStages, kDirect, kHalf };
 

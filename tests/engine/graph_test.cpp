@@ -11,7 +11,7 @@
 #include "error_of.h"
 #include "gpu.h"
 #include "layers/llvmpipe.h"
-#include "model/network.h"
+#include "networks/network.h"
 #include "subject.h"
 
 namespace raymeld::test {

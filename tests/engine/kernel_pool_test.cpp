@@ -11,7 +11,7 @@
 #include "fusion/plan.h"
 #include "fusion/tuner.h"
 #include "gpu.h"
-#include "model/stock_models.h"
+#include "networks/stock_models.h"
 
 namespace raymeld::test {
 namespace {

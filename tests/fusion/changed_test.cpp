@@ -8,7 +8,7 @@
 #include "error_of.h"
 #include "fusion/fuser.h"
 #include "fusion/tuner.h"
-#include "model/network.h"
+#include "networks/network.h"
 #include "subject.h"
 
 namespace raymeld::test {

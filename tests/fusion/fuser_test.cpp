@@ -9,8 +9,7 @@
 #include <limits>
 
 #include "error_of.h"
-#include "model/halo.h"
-#include "model/network.h"
+#include "networks/network.h"
 #include "subject.h"
 
 namespace raymeld::test {

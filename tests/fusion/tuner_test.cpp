@@ -7,7 +7,7 @@
 
 #include "gpu.h"
 #include "matrix.h"
-#include "model/network.h"
+#include "networks/network.h"
 #include "subject.h"
 
 namespace raymeld::test {

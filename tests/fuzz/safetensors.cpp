@@ -3,7 +3,7 @@
 
 #include "fuzz/memory_file.h"
 #include "fuzz/read_or_refuse.h"
-#include "model/model.h"
+#include "networks/model.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   using namespace raymeld;

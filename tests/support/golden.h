@@ -2,7 +2,7 @@
 
 #include <filesystem>
 
-#include "model/model.h"
+#include "networks/model.h"
 #include "reference/reference.h"
 
 namespace raymeld::test {

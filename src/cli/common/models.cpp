@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "error.h"
-#include "model/stock_models.h"
+#include "networks/stock_models.h"
 
 namespace raymeld::cli {
 namespace {

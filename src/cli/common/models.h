@@ -7,7 +7,7 @@
 #include <string>
 
 #include "choice/curve.h"
-#include "model/model.h"
+#include "networks/model.h"
 
 namespace raymeld::cli {
 

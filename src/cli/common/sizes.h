@@ -3,7 +3,7 @@
 #include <string>
 
 #include "fusion/tiling.h"
-#include "model/model.h"
+#include "networks/model.h"
 
 namespace raymeld::cli {
 

@@ -5,7 +5,7 @@
 #include "cli/common/inputs.h"
 #include "cli/fuse/fuse.h"
 #include "io/exr_window.h"
-#include "model/constant_layers.h"
+#include "networks/constant_layers.h"
 
 namespace raymeld::cli {
 namespace {

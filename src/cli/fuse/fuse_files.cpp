@@ -11,8 +11,7 @@
 #include "cli/fuse/fuse.h"
 #include "fusion/exposure.h"
 #include "io/exr_window.h"
-#include "model/halo.h"
-#include "model/network.h"
+#include "networks/network.h"
 #include "numbers.h"
 
 namespace raymeld::cli {

@@ -6,7 +6,7 @@
 #include "cli/common/commands.h"
 #include "cli/common/models.h"
 #include "cli/common/precisions.h"
-#include "model/stock_models.h"
+#include "networks/stock_models.h"
 #include "platform/interrupt.h"
 
 namespace raymeld::cli {

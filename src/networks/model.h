@@ -30,6 +30,8 @@ enum class Base { kNone, kBilinear, kJoint };
 
 // Lists the networks: that of Hou et al. 2021, a U-Net that predicts kernels, and EDSR (Lim et al. 2017).
 enum class NetworkKind { kFusion, kPyramid, kEdsr };
+inline constexpr NetworkKind kNetworkKinds[] = {NetworkKind::kFusion, NetworkKind::kPyramid,
+                                                NetworkKind::kEdsr};
 
 // Holds the parameters of a network, all of them from the model's file. The letters are those of the paper.
 struct Architecture {
@@ -70,7 +72,7 @@ struct Architecture {
 
   bool is_pyramid() const { return kind == NetworkKind::kPyramid; }
   bool reads_lrhs() const { return scale > 1; }
-  bool reads_hrls() const { return kind != NetworkKind::kEdsr; }
+  bool reads_hrls() const { return kind == NetworkKind::kFusion || kind == NetworkKind::kPyramid; }
   // Returns the slot of the image that sets the exposure, and whose radiance above the clip is added. It is
   // LRHS or HRLS, which begins with its color.
   FrameSlot bright_slot() const { return reads_lrhs() ? kLrhsSlot : kHrlsSlot; }

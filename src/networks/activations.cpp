@@ -1,4 +1,4 @@
-#include "model/activations.h"
+#include "networks/activations.h"
 
 #include <algorithm>
 #include <cmath>
@@ -71,12 +71,22 @@ void ActivationEstimate::add(const Graph& graph, const Conv2dLink& link) {
     if (std::abs(sum.mean) > std::abs(channel.mean)) channel.mean = sum.mean;
     channel.variance = std::max(channel.variance, sum.variance);
   }
-  for (const Tensor& residual : link.options.residuals) {
-    const std::string& name = name_of(graph, residual);
-    added_.emplace_back(name_of(graph, link.out), name);
-    for (uint32_t c = 0; c < link.out.shape.channels; ++c) {
-      const Moments& other = tensors_.at(name).at(residual.channel_offset + c);
-      Moments& channel = channels.at(link.out.channel_offset + c);
+  add_terms(graph, link.out, link.options.residuals);
+}
+
+void ActivationEstimate::add_sum(const Graph& graph, const Tensor& out, const std::vector<Tensor>& terms) {
+  tensors_[name_of(graph, out)].resize(graph.tensors()[out.id].shape.channels);
+  add_terms(graph, out, terms);
+}
+
+void ActivationEstimate::add_terms(const Graph& graph, const Tensor& out, const std::vector<Tensor>& terms) {
+  std::vector<Moments>& channels = tensors_.at(name_of(graph, out));
+  for (const Tensor& term : terms) {
+    const std::string& name = name_of(graph, term);
+    added_.emplace_back(name_of(graph, out), name);
+    for (uint32_t c = 0; c < out.shape.channels; ++c) {
+      const Moments& other = tensors_.at(name).at(term.channel_offset + c);
+      Moments& channel = channels.at(out.channel_offset + c);
       channel.mean += other.mean;
       channel.variance += other.variance;
     }

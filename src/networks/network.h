@@ -1,8 +1,8 @@
 #pragma once
 
-#include "model/activations.h"
-#include "model/constant_layers.h"
-#include "model/model.h"
+#include "networks/activations.h"
+#include "networks/constant_layers.h"
+#include "networks/model.h"
 
 namespace raymeld {
 
@@ -23,6 +23,10 @@ ActivationEstimate estimate_activations(const Model& model);
 
 // Returns the exponents with which the activations expected of encoded images fit into 16-bit storage.
 StorageExponents storage_exponents(const Model& model);
+
+// Returns on how many LRHS pixels in each direction the s x s output pixels of an LRHS pixel can depend,
+// which is how far tiles must overlap.
+uint32_t receptive_halo(const Architecture& architecture, bool compute_variance = false);
 
 // Lists the shapes of a network's convolutions in the order in which network() asks for them.
 std::vector<Conv2dShape> conv2d_shapes(const Model& model, uint32_t height, uint32_t width);

@@ -1,11 +1,11 @@
-#include "model/model.h"
+#include "networks/model.h"
 
 #include <algorithm>
 #include <cmath>
 #include <set>
 
 #include "io/safetensors.h"
-#include "model/network.h"
+#include "networks/network.h"
 
 namespace raymeld {
 

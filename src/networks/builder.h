@@ -1,7 +1,7 @@
 // Adds a model's network to a graph. A layer's name is the key of its weights.
 #pragma once
 
-#include "model/network.h"
+#include "networks/network.h"
 
 namespace raymeld {
 
@@ -41,8 +41,21 @@ struct Builder {
   Tensor layer(const Tensor& hrls, const std::string& name) const;
 };
 
-// These add networks of docs/model-format.md.
-void add_pyramid(Builder build, uint32_t height, uint32_t width, float phase);
-void add_edsr(Builder build, uint32_t height, uint32_t width, float phase);
+class Entries;
+
+// Holds what a network's file defines.
+struct NetworkFunctions {
+  const char* name;  // the entry `network` of docs/model-format.md
+  // Reads the entries that are this network's own.
+  void (*parse)(const Entries& entries, Architecture& a);
+  // Adds the network for an LRHS of this size.
+  void (*add)(Builder build, uint32_t height, uint32_t width, float phase);
+  // Is receptive_halo(). It follows the right-most output pixel of LRHS pixel 0 back through the longest
+  // paths to LRHS and to HRLS: a 3x3 reaches one pixel further at its own resolution, and a shuffle moves to
+  // the outermost pixel of the other one.
+  uint32_t (*halo)(const Architecture& a, bool compute_variance);
+};
+
+const NetworkFunctions& functions_of(NetworkKind kind);
 
 }  // namespace raymeld

@@ -1,5 +1,5 @@
 // Tests that constant layers of HRLS give the same image as if they were fed, for less work.
-#include "model/constant_layers.h"
+#include "networks/constant_layers.h"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <limits>
 
 #include "error_of.h"
-#include "model/network.h"
+#include "networks/network.h"
 #include "subject.h"
 #include "within_bounds.h"
 

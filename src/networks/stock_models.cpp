@@ -1,4 +1,4 @@
-#include "model/stock_models.h"
+#include "networks/stock_models.h"
 
 #include <fmt/ranges.h>
 

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "io/image.h"
-#include "model/model.h"
+#include "networks/model.h"
 
 namespace raymeld {
 

@@ -8,8 +8,7 @@
 #include "error_of.h"
 #include "fusion/fuser.h"
 #include "fusion/tuner.h"
-#include "model/halo.h"
-#include "model/network.h"
+#include "networks/network.h"
 #include "subject.h"
 #include "within_bounds.h"
 

@@ -1,4 +1,4 @@
-#include "model/builder.h"
+#include "networks/builder.h"
 
 #include <algorithm>
 #include <array>

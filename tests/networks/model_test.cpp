@@ -1,4 +1,4 @@
-#include "model/model.h"
+#include "networks/model.h"
 
 #include <gtest/gtest.h>
 
@@ -183,7 +183,7 @@ TEST_F(ModelTest, APyramidHasWidthsAndGuides) {
   for (const char* widths : {"", "3,2,3", "3,2,3,2,1", "3,2,0,2", "3,2,x,2", "3,2,3,2,"})
     EXPECT_TRUE(contains(error("widths", widths), "expected 4 integers from 1 to 1024")) << widths;
   EXPECT_TRUE(contains(error("widths", "3,2,3,4"), "tensor down.4.weight has shape"));
-  EXPECT_TRUE(contains(error("network", "unet"), "\"fusion\", \"pyramid\" or \"edsr\""));
+  EXPECT_TRUE(contains(error("network", "unet"), "one of \"fusion\", \"pyramid\", \"edsr\""));
   for (const char* scale : {"0", "9"})
     EXPECT_TRUE(contains(error("scale", scale), "expected an integer from 1 to 8")) << scale;
   EXPECT_TRUE(contains(error("scale", "3"), "expected 1, 2, 4 or 8"));

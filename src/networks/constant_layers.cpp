@@ -1,4 +1,4 @@
-#include "model/constant_layers.h"
+#include "networks/constant_layers.h"
 
 #include <fmt/ranges.h>
 

@@ -7,7 +7,8 @@
 #include <span>
 #include <utility>
 
-#include "model/builder.h"
+#include "networks/builder.h"
+#include "networks/entries.h"
 
 namespace raymeld {
 namespace {
@@ -178,7 +179,69 @@ struct FusionBuilder : Builder {
   }
 };
 
-void add_fusion_network(FusionBuilder& build, uint32_t height, uint32_t width, float phase) {
+// Reads the base, which needs the layers that guide the joint filter.
+Base base(const Entries& entries, std::span<const std::string> hrls_layers) {
+  if (entries.text("base") != "joint") {
+    return entries.choice("base", "bilinear", "none") ? Base::kBilinear : Base::kNone;
+  }
+  for (const char* layer : {"albedo", "normal"}) {
+    if (std::ranges::find(hrls_layers, layer) == hrls_layers.end()) {
+      entries.reject("base", fmt::format("\"bilinear\" or \"none\", as hrls_layers has no {}", layer));
+    }
+  }
+  return Base::kJoint;
+}
+
+// Sets hrls_encoder and hrls_kernel. Models from before there was a choice of kernel have no entry for it.
+void parse_encoder(const Entries& entries, Architecture& a) {
+  const bool full = entries.choice("hrls_encoder", "full", "unshuffled");
+  a.hrls_encoder = full ? HrlsEncoder::kFull : HrlsEncoder::kUnshuffled;
+  if (!entries.has("hrls_kernel")) return;
+  a.hrls_kernel = entries.choice("hrls_kernel", "1", "3") ? 1 : 3;
+  if (full && a.hrls_kernel != 3) entries.reject("hrls_kernel", "\"3\", as HRLS is not unshuffled");
+}
+
+// Sets upscale, upscaled_features, half_features and half_layers. Only models that upscale by half size need
+// entries for the last two.
+void parse_upscale(const Entries& entries, Architecture& a) {
+  const bool half = entries.text("upscale") == "half";
+  a.upscale = half                                            ? Upscale::kHalf
+              : entries.choice("upscale", "stages", "direct") ? Upscale::kStages
+                                                              : Upscale::kDirect;
+  a.upscaled_features = entries.integer("upscaled_features", 1, kMostChannels);
+  if (a.upscale == Upscale::kStages && a.upscaled_features != a.features) {
+    entries.reject("upscaled_features",
+                   fmt::format("{}, the features that are upscaled in stages", a.features));
+  }
+  if (!half) return;
+  a.half_features = entries.integer("half_features", 1, kMostChannels);
+  a.half_layers = entries.integer("half_layers", 1, kMostRepeats);
+}
+
+}  // namespace
+
+void parse_fusion(const Entries& entries, Architecture& a) {
+  a.features = entries.integer("features", 1, kMostChannels);
+  a.growth = entries.integer("growth", 1, kMostChannels);
+  a.dense_layers = entries.integer("dense_layers", 1, kMostRepeats);
+  a.blocks = entries.integer("blocks", 1, kMostRepeats);
+  a.groups = entries.integer("groups", 1, kMostRepeats);
+  a.long_skip = entries.choice("long_skip", "lrhs", "fused") ? LongSkip::kLrhs : LongSkip::kFused;
+  a.merge_relu = entries.choice("merge_relu", "true", "false");
+  a.base = base(entries, a.hrls_layers);
+  parse_encoder(entries, a);
+  parse_upscale(entries, a);
+  a.hrls_guide = entries.choice("guide", "hrls", "none");
+  a.head_features = entries.integer("head_features", 0, kMostChannels);
+  a.head_layers = entries.integer("head_layers", 0, kMostRepeats);
+  if ((a.head_layers > 0) != (a.head_features > 0)) {
+    entries.reject("head_layers", a.head_features > 0 ? "at least 1, as there are head_features"
+                                                      : "0, as there are no head_features");
+  }
+}
+
+void add_fusion(Builder builder, uint32_t height, uint32_t width, float phase) {
+  FusionBuilder build{builder};
   const Architecture& a = build.a;
   Graph& graph = build.graph;
   const uint32_t full_height = a.scale * height, full_width = a.scale * width;
@@ -220,86 +283,34 @@ void add_fusion_network(FusionBuilder& build, uint32_t height, uint32_t width, f
   decode(graph, "decode", mixed, {a.transfer, nullptr, a.scale, phase, &bright, a.clip});
 }
 
-void add_network(const Builder& build, uint32_t height, uint32_t width, float phase) {
-  switch (build.a.kind) {
-    case NetworkKind::kPyramid:
-      return add_pyramid(build, height, width, phase);
-    case NetworkKind::kEdsr:
-      return add_edsr(build, height, width, phase);
-    case NetworkKind::kFusion:
-      FusionBuilder fusion{build};
-      add_fusion_network(fusion, height, width, phase);
+// The longest path of LRHS goes through the trunk, and that of HRLS through it or the joint filter.
+uint32_t fusion_halo(const Architecture& a, bool compute_variance) {
+  uint32_t x = a.scale - 1;
+  x += a.head_layers + 1;  // head.i, rec
+  switch (a.upscale) {
+    case Upscale::kDirect:
+      x = x / a.scale + 1;  // up.0
+      break;
+    case Upscale::kHalf:
+      x = x / 2 + 1 + a.half_layers;  // up.0, half_layers.i
+      x = x / (a.scale / 2) + 1;      // half_up; half_skip reaches less far than the trunk
+      break;
+    case Upscale::kStages:
+      for (uint32_t i = 0; i < a.levels(); ++i) x = x / 2 + 1;  // up.i
   }
-}
-
-// Encodes radiance as shaders/include/transfer.glsl does. Encoded radiance is at most the encoded clip.
-double encoded(Transfer transfer, float radiance) {
-  return transfer == Transfer::kLog ? std::log1p(8.0 * radiance) / 3 : radiance;
-}
-
-}  // namespace
-
-void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase,
-             const Conv2dChoice& choose, const StorageExponents& exponents, const ConstantLayers& constants,
-             bool compute_variance, const SampleCounts& samples) {
-  check_constant_layers(model, constants);
-  const HrlsChannels channels = hrls_channels(model.architecture(), constants, compute_variance);
-  Builder build{.graph = graph,
-                .model = model,
-                .choose = choose,
-                .exponents = exponents,
-                .hrls_channels = channels,
-                .samples = samples};
-  add_network(build, height, width, phase);
-}
-
-ActivationEstimate estimate_activations(const Model& model) {
-  Graph graph(Storage::kFloat32);
-  const Architecture& a = model.architecture();
-  ActivationEstimate estimate(encoded(a.transfer, a.clip));
-  const Conv2dChoice choose = conv2d_direct;
-  const StorageExponents none;
-  const HrlsChannels all = hrls_channels(a, {});
-  Builder build{.graph = graph,
-                .model = model,
-                .choose = choose,
-                .exponents = none,
-                .hrls_channels = all,
-                .estimate = &estimate};
-  add_network(build, 1, 1, 0);
-  return estimate;
-}
-
-StorageExponents storage_exponents(const Model& model) {
-  StorageExponents exponents = estimate_activations(model).exponents();
-  // mix(), decode(), kernel_filter() and compose() read unscaled values.
-  std::erase_if(exponents,
-                [](const auto& entry) { return entry.first == "rec" || entry.first.starts_with("kernel."); });
-  return exponents;
-}
-
-bool tile_4_is_accurate(const Architecture& a, const ConvWeights& weights, uint32_t channels_in,
-                        Algorithm algorithm) {
-  constexpr double kMost = 0x1p-10, kUnit = 0x1p-24;
-  // reference::winograd_roundings() counts them.
-  const uint32_t roundings = algorithm == Algorithm::kColumns ? 3 * channels_in + 16 : channels_in + 30;
-  return std::sqrt(roundings) * kUnit * encoded(a.transfer, a.clip) *
-             winograd_amplification(weights, channels_in, algorithm) <=
-         kMost;
-}
-
-std::vector<Conv2dShape> conv2d_shapes(const Model& model, uint32_t height, uint32_t width) {
-  std::vector<Conv2dShape> shapes;
-  const auto note = [&](const Conv2dShape& shape) {
-    // link() asks for the shape again where it refuses F(4, 3).
-    if (shape.most_tile < 4) shapes.pop_back();
-    shapes.push_back(shape);
-    return Conv2dKernel{.algorithm = shape.kernel == 1 ? Algorithm::kPointwise : Algorithm::kWinograd,
-                        .tile = shape.most_tile};
-  };
-  Graph graph(Storage::kFloat32);
-  network(graph, model, height, width, 0, note);
-  return shapes;
+  x += a.groups * a.blocks * a.dense_layers;  // the trunk
+  const uint32_t lrhs = x + 1;
+  if (a.hrls_encoder == HrlsEncoder::kUnshuffled) {
+    x = a.scale * (x + a.hrls_kernel / 2) + a.scale - 1;  // hrls
+  } else {
+    for (uint32_t i = 0; i < a.levels(); ++i) x = 2 * (x + 1) + 1;  // down.i
+    x += 1;                                                         // hrls
+  }
+  if (compute_variance) x += 1;
+  if (a.base != Base::kJoint) return std::max(x / a.scale, lrhs);
+  x += (1u << kJointLevels) - 1;  // joint.i
+  // The upsampled irradiance, a mean of 3x3, reaches further than the neighbours of a firefly.
+  return x / a.scale + 2;
 }
 
 }  // namespace raymeld

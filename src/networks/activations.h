@@ -23,6 +23,9 @@ class ActivationEstimate {
 
   // Adds a convolution; they must be added in the order of the network.
   void add(const Graph& graph, const Conv2dLink& link);
+  // Adds a tensor whose channels are at most the sums of those of `terms`, which have been added. All of them
+  // get the same exponent.
+  void add_sum(const Graph& graph, const Tensor& out, const std::vector<Tensor>& terms);
 
   // Returns the largest value expected in a tensor: |mean| + 8 standard deviations of its largest channel.
   // Returns 0 if no convolution writes the tensor.
@@ -37,6 +40,8 @@ class ActivationEstimate {
   static constexpr double kMostExponent = 126;
 
  private:
+  void add_terms(const Graph& graph, const Tensor& out, const std::vector<Tensor>& terms);
+
   struct Moments {
     double mean = 0, variance = 0;
   };

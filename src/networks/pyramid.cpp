@@ -3,10 +3,12 @@
 // Vogels et al. 2018). They filter the light of both renders, from the coarsest to the finest. LRHS joins
 // the level of its own size; a network of scale 1 has none, and filters that of HRLS. Frames are padded to
 // whole pixels of the coarsest level.
+#include <algorithm>
 #include <array>
 #include <optional>
 
-#include "model/builder.h"
+#include "networks/builder.h"
+#include "networks/entries.h"
 #include "numbers.h"
 
 namespace raymeld {
@@ -142,7 +144,39 @@ struct Pyramid {
   }
 };
 
+// Returns the right-most LRHS pixel that the output pixels of LRHS pixel `own` of a pyramid network depend
+// on. `result` and `joined` are the right-most pixels of filter.i and join.i that are needed, level by level.
+uint32_t pyramid_reach(const Architecture& a, uint32_t own, bool compute_variance) {
+  const auto levels = static_cast<uint32_t>(a.widths.size());
+  uint32_t result = a.scale * (own + 1) - 1, joined = result + 1;  // rec; filter.0 reaches less far than hrls
+  std::vector<uint32_t> skipped;
+  for (uint32_t level = 1; level < levels; ++level) {
+    skipped.push_back(joined + 1);
+    result = (result + 1) / 2;                        // upsampled bilinearly
+    joined = std::max((joined + 1) / 2, result + 1);  // join and up of the level above, or kernel
+  }
+  skipped.push_back(joined + 1);
+  uint32_t x = (joined + 1) / 2 + 2, lrhs = 0;  // join, up, deep.i
+  for (uint32_t level = levels - 1; level > 0; --level) {
+    x = std::max(2 * x + 1, skipped[level]) + 1;  // down, and level or lrhs
+    if (level == a.levels()) lrhs = x;
+  }
+  x = 2 * (x + 1) + 1;  // hrls
+  x += 1;               // a firefly's neighbours
+  if (compute_variance) x += 1;
+  return std::max(x / a.scale, lrhs);
+}
+
 }  // namespace
+
+// The layers that guide the last level come first.
+void parse_pyramid(const Entries& entries, Architecture& a) {
+  constexpr std::array<std::string_view, 3> kFirst{"color", "albedo", "normal"};
+  if (std::ranges::mismatch(kFirst, a.hrls_layers).in1 != kFirst.end())
+    entries.reject("hrls_layers", "color,albedo,normal first, as the network is a pyramid");
+  a.widths = entries.integers("widths", kLevels, 1, kMostChannels);
+  a.upscaled_features = entries.integer("upscaled_features", 1, kMostChannels);
+}
 
 void add_pyramid(Builder build, uint32_t height, uint32_t width, float phase) {
   const Architecture& a = build.a;
@@ -154,6 +188,14 @@ void add_pyramid(Builder build, uint32_t height, uint32_t width, float phase) {
           .low_frame = FrameSize{height, width},
           .full_frame = FrameSize{a.scale * height, a.scale * width}}
       .add();
+}
+
+// Returns the largest reach of the LRHS pixels within one of the coarsest level, as whole ones.
+uint32_t pyramid_halo(const Architecture& a, bool compute_variance) {
+  uint32_t most = 0;
+  for (uint32_t own = 0; own < a.grid(); ++own)
+    most = std::max(most, pyramid_reach(a, own, compute_variance) - own);
+  return divide_up(most, a.grid()) * a.grid();
 }
 
 }  // namespace raymeld

@@ -1,0 +1,54 @@
+#include "conform/image_trial.h"
+#include "conform/suites.h"
+
+namespace raymeld::conform {
+namespace {
+
+using reference::exact;
+using reference::Planes;
+using reference::Precision;
+
+int channels_of(const ImageTrial& c) { return 1 + int(c.seed % 5); }
+
+Planes features(const ImageTrial& c, uint64_t salt) {
+  return c.image(channels_of(c), c.size, salt, [](double u) { return 20 * u - 8; });
+}
+
+void check_channel_means(Check& check, const ImageTrial& c) {
+  const Planes in = features(c, 1);
+  const Planes out = run_layer(
+      c, {in}, {1, 1},
+      [](Graph& graph, const auto& tensors, const Tensor& to) {
+        channel_means(graph, "channel_means", tensors[0], to);
+      },
+      channels_of(c));
+  check.within(out, reference::channel_means(exact(in), c.precision));
+}
+
+// Some logits are where exp() would overflow.
+void check_attend(Check& check, const ImageTrial& c) {
+  const Planes in = features(c, 1), residual = features(c, 2);
+  const Planes logits = c.image(channels_of(c), {1, 1}, 3, [](double u) {
+    return u < 0.1 ? -300 : u > 0.9 ? 300 : 12 * u - 6;
+  });
+  const Planes out = run_layer(
+      c, {in, logits, residual}, c.size,
+      [](Graph& graph, const auto& tensors, const Tensor& to) {
+        attend(graph, "attend", tensors[0], tensors[1], tensors[2], to);
+      },
+      channels_of(c));
+  check.within(out, reference::attend(exact(in), exact(logits), exact(residual), c.precision));
+}
+
+constexpr ImageLayer kAttentionLayers[] = {{.name = "channel_means", .check = check_channel_means},
+                                           {.name = "attend", .check = check_attend}};
+
+}  // namespace
+
+void conform_attention(Collector& collector) {
+  Collector::for_each(plain_methods(), [&](const Method& method, Precision precision) {
+    for (const ImageLayer& layer : kAttentionLayers) try_layer(collector, layer, method, precision);
+  });
+}
+
+}  // namespace raymeld::conform

@@ -1,0 +1,105 @@
+#include <cmath>
+
+#include "networks/builder.h"
+
+namespace raymeld {
+
+#define RAYMELD_NETWORK(name)                          \
+  void parse_##name(const Entries&, Architecture&);    \
+  void add_##name(Builder, uint32_t, uint32_t, float); \
+  uint32_t name##_halo(const Architecture&, bool);     \
+  constexpr NetworkFunctions k_##name{#name, parse_##name, add_##name, name##_halo};
+RAYMELD_NETWORK(fusion)
+RAYMELD_NETWORK(pyramid)
+RAYMELD_NETWORK(edsr)
+#undef RAYMELD_NETWORK
+
+const NetworkFunctions& functions_of(NetworkKind kind) {
+  switch (kind) {
+    case NetworkKind::kPyramid:
+      return k_pyramid;
+    case NetworkKind::kEdsr:
+      return k_edsr;
+    case NetworkKind::kFusion:
+      break;
+  }
+  return k_fusion;
+}
+
+namespace {
+
+// Encodes radiance as shaders/include/transfer.glsl does. Encoded radiance is at most the encoded clip.
+double encoded(Transfer transfer, float radiance) {
+  return transfer == Transfer::kLog ? std::log1p(8.0 * radiance) / 3 : radiance;
+}
+
+}  // namespace
+
+void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase,
+             const Conv2dChoice& choose, const StorageExponents& exponents, const ConstantLayers& constants,
+             bool compute_variance, const SampleCounts& samples) {
+  check_constant_layers(model, constants);
+  const HrlsChannels channels = hrls_channels(model.architecture(), constants, compute_variance);
+  Builder build{.graph = graph,
+                .model = model,
+                .choose = choose,
+                .exponents = exponents,
+                .hrls_channels = channels,
+                .samples = samples};
+  functions_of(model.architecture().kind).add(build, height, width, phase);
+}
+
+ActivationEstimate estimate_activations(const Model& model) {
+  Graph graph(Storage::kFloat32);
+  const Architecture& a = model.architecture();
+  ActivationEstimate estimate(encoded(a.transfer, a.clip));
+  const Conv2dChoice choose = conv2d_direct;
+  const StorageExponents none;
+  const HrlsChannels all = hrls_channels(a, {});
+  Builder build{.graph = graph,
+                .model = model,
+                .choose = choose,
+                .exponents = none,
+                .hrls_channels = all,
+                .estimate = &estimate};
+  functions_of(a.kind).add(build, 1, 1, 0);
+  return estimate;
+}
+
+StorageExponents storage_exponents(const Model& model) {
+  StorageExponents exponents = estimate_activations(model).exponents();
+  // mix(), decode(), kernel_filter() and compose() read unscaled values.
+  std::erase_if(exponents,
+                [](const auto& entry) { return entry.first == "rec" || entry.first.starts_with("kernel."); });
+  return exponents;
+}
+
+bool tile_4_is_accurate(const Architecture& a, const ConvWeights& weights, uint32_t channels_in,
+                        Algorithm algorithm) {
+  constexpr double kMost = 0x1p-10, kUnit = 0x1p-24;
+  // reference::winograd_roundings() counts them.
+  const uint32_t roundings = algorithm == Algorithm::kColumns ? 3 * channels_in + 16 : channels_in + 30;
+  return std::sqrt(roundings) * kUnit * encoded(a.transfer, a.clip) *
+             winograd_amplification(weights, channels_in, algorithm) <=
+         kMost;
+}
+
+uint32_t receptive_halo(const Architecture& a, bool compute_variance) {
+  return functions_of(a.kind).halo(a, compute_variance);
+}
+
+std::vector<Conv2dShape> conv2d_shapes(const Model& model, uint32_t height, uint32_t width) {
+  std::vector<Conv2dShape> shapes;
+  const auto note = [&](const Conv2dShape& shape) {
+    // link() asks for the shape again where it refuses F(4, 3).
+    if (shape.most_tile < 4) shapes.pop_back();
+    shapes.push_back(shape);
+    return Conv2dKernel{.algorithm = shape.kernel == 1 ? Algorithm::kPointwise : Algorithm::kWinograd,
+                        .tile = shape.most_tile};
+  };
+  Graph graph(Storage::kFloat32);
+  network(graph, model, height, width, 0, note);
+  return shapes;
+}
+
+}  // namespace raymeld

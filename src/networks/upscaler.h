@@ -1,0 +1,30 @@
+// Has what networks share that upscale LRHS alone: EDSR and RCAN. They convolve at LRHS's size and upscale by
+// pixel shuffles. Beyond their papers, the output is added to the bilinearly upsampled LRHS, so that they
+// begin with that.
+#pragma once
+
+#include "networks/builder.h"
+#include "networks/entries.h"
+
+namespace raymeld {
+
+// Reads the features and the sampling of LRHS, of which there is one.
+void parse_upscaler(const Entries& entries, Architecture& a);
+
+struct Upscaler : Builder {
+  uint32_t height, width;  // the size of LRHS
+  float phase;
+  Tensor lrhs, bright;  // what begin() made: encoded LRHS, and its radiance above the clip
+
+  Upscaler(const Builder& builder, uint32_t height, uint32_t width, float phase);
+  // Adds a 3x3 convolution (h, w, c) -> (h, w, C).
+  Tensor layer(const std::string& name, const Tensor& in, bool relu = false,
+               const std::optional<Tensor>& residual = {});
+  // Upscales `x` (h, w, C), and writes the output.
+  void finish(Tensor x);
+};
+
+// Returns how far the upscaled pixels reach, and `layers` convolutions before them.
+uint32_t upscaler_halo(const Architecture& a, uint32_t layers);
+
+}  // namespace raymeld
