@@ -153,6 +153,20 @@ CASES = {
             network="edsr",
         ),
     ),
+    "rcan-x2": (
+        (5, 7),
+        model.Config(
+            2,
+            5,
+            blocks=1,
+            groups=2,
+            squeezed_features=4,
+            clip=50.0,
+            lrhs_sampling=("nearest",),
+            exposure_key=0.3,
+            network="rcan",
+        ),
+    ),
     "pyramid-x1": (
         (13, 18),
         model.Config(
@@ -191,7 +205,7 @@ def random_network(config, generator):
     for name, value in network.state_dict().items():
         fan_in = value[0].numel() if value.dim() == 4 else 1
         bound = (3 / fan_in) ** 0.5 if value.dim() == 4 else 0.2
-        if config.network == "pyramid":  # it is so deep that the bounds of larger weights would be of no use
+        if config.network in ("pyramid", "rcan"):  # in deep ones bounds of larger weights are of no use
             bound /= 2
         fresh = (torch.rand(value.shape, generator=generator) * 2 - 1) * bound
         value.copy_(fresh.bfloat16().half().float())  # half has fewer small numbers
@@ -241,7 +255,7 @@ def parts_of_joint_base(seen):
 
 def layer_outputs(network, run):
     """Returns the output of each layer by name, after its activation, shuffle or addition."""
-    if network.config.network in ("pyramid", "edsr"):
+    if network.config.network in ("pyramid", *model.UPSCALERS):
         network.outputs = {}
         return {"output": run()[1]} | network.outputs
     seen = {}

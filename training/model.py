@@ -26,7 +26,9 @@ FIREFLY, FIREFLY_FLOOR = 20.0, 1e-3
 # These entries of the metadata belong to a pyramid network; all but the last two belong to the paper's network too.
 PYRAMID_ENTRIES = ("scale", "hrls_layers", "transfer", "clip", "lrhs_sampling", "optional_layers", "exposure_key")
 PYRAMID_ENTRIES += ("lrhs_certainty", "knows_spp", "upscaled_features", "network", "widths")
+UPSCALERS = ("edsr", "rcan")  # these networks read LRHS alone
 EDSR_ENTRIES = ("scale", "features", "blocks", "transfer", "clip", "lrhs_sampling", "exposure_key", "network")
+RCAN_ENTRIES = EDSR_ENTRIES + ("groups", "squeezed_features")
 OF_LRHS = ("lrhs_sampling", "lrhs_certainty")  # entries that a network without LRHS does not have
 
 
@@ -58,12 +60,13 @@ class Config:
     optional_layers: tuple = ()
     exposure_key: float = 0.0
     knows_spp: bool = False
-    network: str = "fusion"  # or "pyramid" or "edsr"
+    network: str = "fusion"  # or "pyramid", "edsr" or "rcan"
     widths: tuple = ()  # the features of a pyramid's levels
+    squeezed_features: int = 0  # channels inside of RCAN's attention
 
     def __post_init__(self):
         self.upscaled_features = self.upscaled_features or self.features
-        if self.network == "edsr":
+        if self.network in UPSCALERS:
             self.hrls_layers = ()
 
     @property
@@ -92,11 +95,11 @@ class Config:
             return f"{value:g}" if isinstance(value, float) else str(value)
 
         entries = {key: text(value) for key, value in dataclasses.asdict(self).items()}
-        if self.network == "edsr":
-            return {key: entries[key] for key in EDSR_ENTRIES}
+        if self.network in UPSCALERS:
+            return {key: entries[key] for key in (EDSR_ENTRIES if self.network == "edsr" else RCAN_ENTRIES)}
         if self.network == "pyramid":
             return {key: entries[key] for key in PYRAMID_ENTRIES if self.reads_lrhs or key not in OF_LRHS}
-        return {key: value for key, value in entries.items() if key not in ("network", "widths")}
+        return {key: value for key, value in entries.items() if key not in ("network", "widths", "squeezed_features")}
 
     @classmethod
     def parse(cls, metadata):
@@ -227,7 +230,8 @@ class Kept(nn.Module):
 
 def create(config):
     """Returns the network that `config` describes, with random weights."""
-    return {"fusion": Network, "pyramid": pyramid.Pyramid, "edsr": edsr.Edsr}[config.network](config)
+    classes = {"fusion": Network, "pyramid": pyramid.Pyramid, "edsr": edsr.Edsr, "rcan": rcan.Rcan}
+    return classes[config.network](config)
 
 
 def load(path):
@@ -445,7 +449,7 @@ def joint_predict(network, lrhs, hrls, upsampled, centered, spp):
 def predict(network, lrhs, hrls, centered=torch.tensor(False), exposure=1.0, spp=None):
     """Fuses lrhs [N, 3, h, w] and hrls [N, K, s*h, s*w], as rendered, to (encoded, scene linear) [N, 3, s*h, s*w].
 
-    A network of scale 1 reads no `lrhs`; the color of HRLS takes its place. EDSR reads no `hrls`.
+    A network of scale 1 reads no `lrhs`; the color of HRLS takes its place. EDSR and RCAN read no `hrls`.
     `centered` and `spp` are those of Network.forward; by default a pixel of LRHS has as many samples as the s x s
     pixels of HRLS that it covers. `exposure` is the factor by which the inputs were multiplied. The linear image
     includes LRHS's radiance above the clip where it is near the clip itself.
@@ -464,8 +468,8 @@ def predict(network, lrhs, hrls, centered=torch.tensor(False), exposure=1.0, spp
             bases.append(bilinear(x, config.scale, (config.scale - 1) / 2))
         return torch.where(centered, bases[-1], bases[0])
 
-    if config.network == "edsr":
-        y = edsr.predict(network, lrhs, upsampled)
+    if config.network in UPSCALERS:
+        y = upscaler.predict(network, lrhs, upsampled)
     elif config.network == "pyramid":
         y = pyramid.predict(network, lrhs, hrls, upsampled, centered, spp)
     elif config.base == "joint":
@@ -503,3 +507,5 @@ def exposure(lrhs, config):
 
 import edsr  # noqa: E402, as it imports this module
 import pyramid  # noqa: E402
+import rcan  # noqa: E402
+import upscaler  # noqa: E402

@@ -278,10 +278,15 @@ class Knowing(unittest.TestCase):
         self.assertFalse(torch.equal(*images))
 
 
-class Edsr(unittest.TestCase):
-    def test_it_begins_with_the_upsampled_lrhs(self):
+class Upscalers(unittest.TestCase):
+    def test_they_begin_with_the_upsampled_lrhs(self):
+        for name in model.UPSCALERS:
+            with self.subTest(name):
+                self.begins_with_the_upsampled_lrhs(stock.config(f"x4-{name}"))
+
+    def begins_with_the_upsampled_lrhs(self, whole):
         torch.manual_seed(4)
-        config = bent(stock.config("x4-edsr"), features=6, blocks=2)
+        config = bent(whole, features=6, blocks=2)
         network, lrhs = model.create(config), torch.rand(2, 3, 3, 5)
         encoded, fused = model.predict(network, lrhs, torch.zeros(2, 0, 12, 20), torch.tensor(True))
         self.assertEqual(tuple(fused.shape), (2, 3, 12, 20))
@@ -290,7 +295,6 @@ class Edsr(unittest.TestCase):
         encoded = model.predict(network, lrhs, torch.zeros(2, 0, 12, 20), torch.tensor(True))[0]
         low = model.encode(lrhs, ("color",), config)
         torch.testing.assert_close(encoded, model.bilinear(low, 4, 1.5))
-        whole = stock.config("x4-edsr")
         self.assertEqual(model.Config.parse(whole.metadata()), whole)
 
 

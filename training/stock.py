@@ -1,6 +1,6 @@
-"""Defines the stock models x{2,4}-{full,balanced,fast}, denoise-balanced and x{2,4}-edsr.
+"""Defines the stock models x{2,4}-{full,balanced,fast}, denoise-balanced and x{2,4}-{edsr,rcan}.
 
-denoise-balanced reads HRLS alone, and those of EDSR read LRHS alone.
+denoise-balanced reads HRLS alone, and those of EDSR and RCAN read LRHS alone.
 """
 
 from model import Config
@@ -29,7 +29,11 @@ SIZES = {"full": (64, 64, 4, 5, 3, 48), "balanced": (48, 32, 4, 3, 2, 32), "fast
 PYRAMIDS = dict.fromkeys(
     ("x2-balanced", "denoise-balanced"), dict(widths=("48", "64", "80", "96"), upscaled_features=24)
 )
-EDSR = dict(features=32, blocks=16)
+# EDSR and RCAN have as many residual blocks.
+UPSCALERS = {
+    "edsr": dict(features=32, blocks=16),
+    "rcan": dict(features=32, blocks=4, groups=4, squeezed_features=4),
+}
 
 
 def config(name, changes=()):
@@ -37,8 +41,9 @@ def config(name, changes=()):
     kind, size = name.split("-")
     scale = 1 if kind == "denoise" else int(kind[1:])
     certainty = float(scale**2)  # a pixel of LRHS has as many samples as the s x s pixels of HRLS that it covers
-    if size == "edsr":
-        stock = Config(scale, **EDSR, lrhs_sampling=("centered",), exposure_key=0.18, clip=100.0, network="edsr")
+    if size in UPSCALERS:
+        inputs = dict(lrhs_sampling=("centered",), exposure_key=0.18, clip=100.0)
+        stock = Config(scale, **UPSCALERS[size], **inputs, network=size)
     elif scale == 1:
         inputs = {key: value for key, value in INPUTS.items() if key != "lrhs_sampling"}
         stock = Config(scale, **inputs, **PYRAMIDS[name], network="pyramid")
@@ -52,5 +57,5 @@ def config(name, changes=()):
 
 
 def names():
-    return [*(f"x{scale}-{size}" for scale in (2, 4) for size in (*SIZES, "edsr")), "denoise-balanced"]
+    return [*(f"x{scale}-{size}" for scale in (2, 4) for size in (*SIZES, *UPSCALERS)), "denoise-balanced"]
 

@@ -22,9 +22,12 @@ void show(const GraphArguments& arguments) {
   graph.plan();
   if (arguments.dot) return print(graph_dot(graph, model.name()));
   const Architecture& architecture = model.architecture();
-  print(fmt::format("model {}, {} parameters, {} x {} pixels, {}, halo {} {}\n\n", model.name(),
+  const uint32_t halo = receptive_halo(architecture);
+  print(fmt::format("model {}, {} parameters, {} x {} pixels, {}, halo {}\n\n", model.name(),
                     model.parameters(), full.width, full.height, arguments.precision,
-                    receptive_halo(architecture), architecture.reads_lrhs() ? "LRHS pixels" : "pixels"));
+                    halo == kWholeFrame
+                        ? "the whole frame"
+                        : fmt::format("{} {}", halo, architecture.reads_lrhs() ? "LRHS pixels" : "pixels")));
   print(passes_text(graph) + "\n" + memory_text(graph));
 }
 

@@ -49,10 +49,12 @@ std::map<std::string, std::string> metadata_of(const Architecture& a) {
     shared.insert({{"lrhs_sampling", a.both_samplings ? "nearest,centered" : "nearest"},
                    {"lrhs_certainty", fmt::format("{}", a.lrhs_certainty)}});
   }
-  if (a.is_edsr) {
-    shared.insert({{"network", "edsr"},
+  if (a.upscaler != reference::Upscaler::kNone) {
+    shared.insert({{"network", a.upscaler == reference::Upscaler::kEdsr ? "edsr" : "rcan"},
                    {"features", std::to_string(a.features)},
-                   {"blocks", std::to_string(a.blocks)}});
+                   {"blocks", std::to_string(a.blocks)},
+                   {"groups", std::to_string(a.groups)},
+                   {"squeezed_features", std::to_string(a.squeezed_features)}});
     return shared;
   }
   if (a.is_pyramid()) {
@@ -147,13 +149,15 @@ Architecture read_architecture(const std::filesystem::path& model) {
   const Transfer transfer = metadata.at("transfer") == "log" ? Transfer::kLog : Transfer::kLinear;
   const double clip = std::stof(metadata.at("clip"));
   const std::string network = metadata.contains("network") ? metadata.at("network") : "fusion";
-  if (network == "edsr") {
-    return {.is_edsr = true,
+  if (network == "edsr" || network == "rcan") {
+    return {.upscaler = network == "edsr" ? reference::Upscaler::kEdsr : reference::Upscaler::kRcan,
             .scale = number("scale"),
             .features = number("features"),
             .blocks = number("blocks"),
+            .groups = optional_number("groups", 0),
             .transfer = transfer,
-            .clip = clip};
+            .clip = clip,
+            .squeezed_features = optional_number("squeezed_features", 0)};
   }
   if (network == "pyramid") {
     std::vector<int> widths;

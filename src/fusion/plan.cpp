@@ -194,7 +194,8 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
       throw Error("keeping every layer's output needs a frame of one tile, which does not fit: {}", *reason);
     return !reason;
   };
-  const uint32_t halo = receptive_halo(model.architecture(), options.compute_variance);
+  const uint32_t reach = receptive_halo(model.architecture(), options.compute_variance);
+  const uint32_t halo = reach == kWholeFrame ? std::max(height, width) : reach;
   const Tiling tiling = choose_tiling({height, width}, halo, fits, model.architecture().grid());
   if (tiling.count() == 0) throw Error("model {}: the smallest tile does not fit: {}", model.name(), *reason);
   plan->tiling = tiling;

@@ -28,10 +28,11 @@ enum class Upscale { kStages, kDirect, kHalf };
 // candidates that the network weights pixel by pixel (layers.h: mix).
 enum class Base { kNone, kBilinear, kJoint };
 
-// Lists the networks: that of Hou et al. 2021, a U-Net that predicts kernels, and EDSR (Lim et al. 2017).
-enum class NetworkKind { kFusion, kPyramid, kEdsr };
+// Lists the networks: that of Hou et al. 2021, a U-Net that predicts kernels, EDSR (Lim et al. 2017), and
+// RCAN (Zhang et al. 2018).
+enum class NetworkKind { kFusion, kPyramid, kEdsr, kRcan };
 inline constexpr NetworkKind kNetworkKinds[] = {NetworkKind::kFusion, NetworkKind::kPyramid,
-                                                NetworkKind::kEdsr};
+                                                NetworkKind::kEdsr, NetworkKind::kRcan};
 
 // Holds the parameters of a network, all of them from the model's file. The letters are those of the paper.
 struct Architecture {
@@ -42,6 +43,7 @@ struct Architecture {
   uint32_t dense_layers = 0;                 // D, in each block
   uint32_t blocks = 0;                       // B, in each group
   uint32_t groups = 0;                       // G
+  uint32_t squeezed_features = 0;            // S, channels inside of RCAN's attention
   std::vector<std::string> hrls_layers;      // three channels each, color first
   std::vector<std::string> optional_layers;  // layers that a render may lack, read as zeros
   LongSkip long_skip = LongSkip::kLrhs;
@@ -67,7 +69,7 @@ struct Architecture {
   bool knows_spp = false;  // biases and certainty depend on SampleCounts
   // Has the features of the levels of a pyramid network, of half the full size and so on. It is empty for the
   // others. The heads and the bases belong to the network of the paper alone, and so do C, R, D, B and G, but
-  // that EDSR has C features and B blocks.
+  // that EDSR has C features and B blocks, and RCAN also G groups of these.
   std::vector<uint32_t> widths;
 
   bool is_pyramid() const { return kind == NetworkKind::kPyramid; }

@@ -12,6 +12,7 @@ namespace raymeld {
 RAYMELD_NETWORK(fusion)
 RAYMELD_NETWORK(pyramid)
 RAYMELD_NETWORK(edsr)
+RAYMELD_NETWORK(rcan)
 #undef RAYMELD_NETWORK
 
 const NetworkFunctions& functions_of(NetworkKind kind) {
@@ -20,6 +21,8 @@ const NetworkFunctions& functions_of(NetworkKind kind) {
       return k_pyramid;
     case NetworkKind::kEdsr:
       return k_edsr;
+    case NetworkKind::kRcan:
+      return k_rcan;
     case NetworkKind::kFusion:
       break;
   }
@@ -68,9 +71,11 @@ ActivationEstimate estimate_activations(const Model& model) {
 
 StorageExponents storage_exponents(const Model& model) {
   StorageExponents exponents = estimate_activations(model).exponents();
-  // mix(), decode(), kernel_filter() and compose() read unscaled values.
-  std::erase_if(exponents,
-                [](const auto& entry) { return entry.first == "rec" || entry.first.starts_with("kernel."); });
+  // mix(), decode(), kernel_filter(), compose() and attend() read unscaled values.
+  std::erase_if(exponents, [](const auto& entry) {
+    const std::string& name = entry.first;
+    return name == "rec" || name.starts_with("kernel.") || name.ends_with(".excite");
+  });
   return exponents;
 }
 

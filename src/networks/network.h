@@ -24,8 +24,10 @@ ActivationEstimate estimate_activations(const Model& model);
 // Returns the exponents with which the activations expected of encoded images fit into 16-bit storage.
 StorageExponents storage_exponents(const Model& model);
 
+inline constexpr uint32_t kWholeFrame = 1u << 24;  // a halo that no frame is larger than
+
 // Returns on how many LRHS pixels in each direction the s x s output pixels of an LRHS pixel can depend,
-// which is how far tiles must overlap.
+// which is how far tiles must overlap, or kWholeFrame.
 uint32_t receptive_halo(const Architecture& architecture, bool compute_variance = false);
 
 // Lists the shapes of a network's convolutions in the order in which network() asks for them.

@@ -269,19 +269,44 @@ Outputs pyramid_outputs(Run& run, const Architecture& a, const Frame& frame, Pre
   return run.take();
 }
 
-// Runs the network of src/networks/edsr.cpp.
-Outputs edsr_outputs(Run& run, const Architecture& a, const Frame& frame, Precision precision) {
-  const auto& [lrhs, hrls, phase, exposure] = frame;
-  const Bounded low =
-      run.keep("encode.lrhs", encode(lrhs, LayerKind::kRadiance, a.transfer, a.clip, precision, exposure));
-  const Bounded above = run.keep("above_clip", above_clip(lrhs, a.clip, precision, exposure));
-  const Bounded head = run.conv("head", low, false);
+// Returns the features of EDSR before they are upscaled.
+Bounded edsr_features(Run& run, const Architecture& a, const Bounded& head) {
   Bounded x = head;
   for (int block = 0; block < a.blocks; ++block) {
     const std::string name = "blocks." + std::to_string(block);
     const Bounded inner = run.conv(name + ".0", x);
     x = run.conv(name + ".1", name + ".1", inner, false, {&x});
   }
+  return x;
+}
+
+// Returns the features of RCAN before they are upscaled.
+Bounded rcan_features(Run& run, const Architecture& a, const Bounded& head, Precision precision) {
+  Bounded x = head;
+  for (int g = 0; g < a.groups; ++g) {
+    const std::string group = "groups." + std::to_string(g);
+    const Bounded group_input = x;
+    for (int b = 0; b < a.blocks; ++b) {
+      const std::string name = group + ".blocks." + std::to_string(b);
+      const Bounded inner = run.conv(name + ".1", run.conv(name + ".0", x), false);
+      const Bounded means = run.keep(name + ".means", channel_means(inner, precision));
+      const Bounded logits = run.conv(name + ".excite", run.conv(name + ".squeeze", means), false);
+      x = run.keep(name + ".attend", attend(inner, logits, x, precision));
+    }
+    x = run.conv(group + ".last", group + ".last", x, false, {&group_input});
+  }
+  return x;
+}
+
+// Runs the networks of src/networks/edsr.cpp and rcan.cpp.
+Outputs upscaler_outputs(Run& run, const Architecture& a, const Frame& frame, Precision precision) {
+  const auto& [lrhs, hrls, phase, exposure] = frame;
+  const Bounded low =
+      run.keep("encode.lrhs", encode(lrhs, LayerKind::kRadiance, a.transfer, a.clip, precision, exposure));
+  const Bounded above = run.keep("above_clip", above_clip(lrhs, a.clip, precision, exposure));
+  const Bounded head = run.conv("head", low, false);
+  Bounded x =
+      a.upscaler == Upscaler::kEdsr ? edsr_features(run, a, head) : rcan_features(run, a, head, precision);
   x = run.conv("body", "body", x, false, {&head});
   for (int i = 0; 1 << i < a.scale; ++i) x = run.conv_and_shuffle("up." + std::to_string(i), x, 2, false);
   x = run.conv("rec", x, false);
@@ -291,7 +316,7 @@ Outputs edsr_outputs(Run& run, const Architecture& a, const Frame& frame, Precis
 }
 
 Outputs outputs_of(Run& run, const Architecture& a, const Frame& frame, Precision precision) {
-  if (a.is_edsr) return edsr_outputs(run, a, frame, precision);
+  if (a.upscaler != Upscaler::kNone) return upscaler_outputs(run, a, frame, precision);
   if (a.is_pyramid()) return pyramid_outputs(run, a, frame, precision);
   const auto& [lrhs, hrls, phase, exposure] = frame;
   const bool joint = a.base == Base::kJoint;

@@ -177,10 +177,12 @@ Bounded attend(const Bounded& x, const Bounded& logits, const Bounded& residual,
 
 enum class Base { kNone, kBilinear, kJoint };
 enum class Upscale { kStages, kDirect, kHalf };
+enum class Upscaler { kNone, kEdsr, kRcan };
 
 // Holds the architecture that a model file's metadata describe.
 struct Architecture {
-  bool is_edsr = false;  // has features, blocks, transfer and clip, and reads LRHS alone
+  // EDSR and RCAN read LRHS alone, and have features, blocks, transfer and clip; RCAN has groups as well.
+  Upscaler upscaler = Upscaler::kNone;
   int scale = 0, features = 0, growth = 0, dense_layers = 0, blocks = 0, groups = 0;
   std::vector<LayerKind> hrls_layers = {};  // 3 channels each, in the order of the HRLS input
   bool long_skip_fused = false, merge_relu = false;
@@ -199,6 +201,7 @@ struct Architecture {
   // Holds the features of a pyramid network's four levels, or nothing for the network of the paper. Of the
   // entries above it has those of the layers, transfer, clip, samplings, samples and upscaled_features.
   std::vector<int> widths = {};
+  int squeezed_features = 0;  // channels inside of RCAN's attention
 
   bool is_pyramid() const { return !widths.empty(); }
   // Returns the LRHS pixels in each direction of a pixel of the coarsest level.
@@ -228,6 +231,8 @@ void take_samples(Architecture& architecture, Weights& weights, double lrhs_spp,
 // A pyramid network adds light, cell_light, pool.i, guides.i, filter.i and compose. All its outputs but
 // above_clip and output are of the padded size, whose sides are multiples of grid() LRHS pixels: the last row
 // and column are repeated.
+//
+// RCAN adds NAME.means and NAME.attend for each block, which is NAME.
 //
 // `lrhs` (3, h, w) and `hrls` (3 * layers, s*h, s*w) are raw images, and phase > 0 is centered. A network of
 // scale 1, which is a pyramid, takes the color of `hrls` as `lrhs`, and has neither encode.lrhs nor

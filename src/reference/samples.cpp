@@ -95,11 +95,20 @@ Weights random_weights(const Architecture& a, Precision precision, uint64_t seed
     return weights;
   }
   const int features = a.features, steps = std::countr_zero(unsigned(a.scale));
-  if (a.is_edsr) {
+  if (a.upscaler != Upscaler::kNone) {
+    const auto make_block = [&](const std::string& name) {
+      for (const char* part : {".0", ".1"}) make(name + part, features, features, 3);
+      if (a.upscaler == Upscaler::kEdsr) return;
+      make(name + ".squeeze", a.squeezed_features, features, 1);
+      make(name + ".excite", features, a.squeezed_features, 1);
+    };
     make("head", features, 3, 3);
-    for (int block = 0; block < a.blocks; ++block)
-      for (const char* part : {".0", ".1"})
-        make(fmt::format("blocks.{}{}", block, part), features, features, 3);
+    if (a.upscaler == Upscaler::kEdsr)
+      for (int block = 0; block < a.blocks; ++block) make_block(fmt::format("blocks.{}", block));
+    for (int g = 0; g < a.groups; ++g) {
+      for (int b = 0; b < a.blocks; ++b) make_block(fmt::format("groups.{}.blocks.{}", g, b));
+      make(fmt::format("groups.{}.last", g), features, features, 3);
+    }
     make("body", features, features, 3);
     for (int i = 0; i < steps; ++i) make(fmt::format("up.{}", i), 4 * features, features, 3);
     make("rec", 3, features, 3);

@@ -104,21 +104,23 @@ TEST_F(DeterminismTest, EverySplitOfTheWorkGivesTheSameBits) {
 }
 
 // Dispatches may begin at any workgroup, also those of kernels that compute vectors of pixels.
-TEST_F(DeterminismTest, EverySplitOfAJointFilterGivesTheSameBits) {
-  const Subject subject = make_subject(joint_architecture(2), 20, 70, 1);
-  const Model model(conform::model_file(subject.architecture, subject.weights), "joint");
-  Image whole, split;
-  const WorkLimits tried[] = {
-      {.dispatch_work = 1e12, .submit_work = 1e12},
-      {.dispatch_work = 1e5, .submit_work = 1e6},
-      {.dispatch_work = 1e4, .submit_work = 1e12},
-  };
-  for (const WorkLimits& limits : tried) {
-    Fuser fuser(gpu(), model, 20, 70,
-                {.kernels = default_kernels(gpu().info(), Storage::kFloat32), .work_limits = limits},
-                shared_cache_folder());
-    fuser.fuse(image_of(subject.lrhs), image_of(subject.hrls), whole.data.empty() ? whole : split);
-    EXPECT_TRUE(split.data.empty() || same_bits(split.data, whole.data)) << limits.dispatch_work;
+TEST_F(DeterminismTest, EverySplitOfOtherLayersGivesTheSameBits) {
+  for (const reference::Architecture& a : {joint_architecture(2), rcan_architecture(2)}) {
+    const Subject subject = make_subject(a, 20, 70, 1);
+    const Model model(conform::model_file(subject.architecture, subject.weights), "model");
+    Image whole, split;
+    const WorkLimits tried[] = {
+        {.dispatch_work = 1e12, .submit_work = 1e12},
+        {.dispatch_work = 1e5, .submit_work = 1e6},
+        {.dispatch_work = 1e4, .submit_work = 1e12},
+    };
+    for (const WorkLimits& limits : tried) {
+      Fuser fuser(gpu(), model, 20, 70,
+                  {.kernels = default_kernels(gpu().info(), Storage::kFloat32), .work_limits = limits},
+                  shared_cache_folder());
+      fuser.fuse(image_of(subject.lrhs), image_of(subject.hrls), whole.data.empty() ? whole : split);
+      EXPECT_TRUE(split.data.empty() || same_bits(split.data, whole.data)) << limits.dispatch_work;
+    }
   }
 }
 

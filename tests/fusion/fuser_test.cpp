@@ -179,6 +179,24 @@ TEST_F(FuserTest, TheHaloOfEdsrIsNeededAndEnough) {
   }
 }
 
+// Attention reads means over the whole frame, which no tile has.
+TEST_F(FuserTest, RcanTakesAFrameOfOneTile) {
+  const Subject subject = make_subject(rcan_architecture(2), 27, 30, 1);
+  const Model model = model_of(subject);
+  Planes other = subject.lrhs;
+  for (int c = 0; c < 3; ++c) other.at(c, 26, 29) += 40;
+  Fuser fuser = make_fuser(model, subject, {});
+  EXPECT_EQ(fuser.plan().tiling.halo, 30u);
+  const std::vector<float> fused = fuse(fuser, subject.lrhs, subject.hrls),
+                           changed = fuse(fuser, other, subject.hrls);
+  int differing = 0;  // in the first row
+  for (int x = 0; x < 60; ++x) differing += fused[x] != changed[x];
+  EXPECT_GT(differing, 10);
+  const FuserOptions limited = tiled(model, subject, {});
+  EXPECT_TRUE(contains(error_of([&] { plan_fusion(model, 27, 30, gpu().info(), limited); }),
+                       "the smallest tile does not fit"));
+}
+
 TEST_F(FuserTest, TheHaloIsNeededAndEnough) {
   for (Architecture a : shapes()) {
     const int scale = a.scale;

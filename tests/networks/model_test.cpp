@@ -25,6 +25,14 @@ class ModelTest : public testing::Test {
     return message;
   }
 
+  // Returns the error of loading a golden model with an entry of its metadata changed.
+  std::string error_with(const std::string& golden, const std::string& key, const std::string& value) {
+    SafeTensors content = read_safetensors(golden_model_path(golden));
+    content.metadata[key] = value;
+    write_safetensors(file_, content);
+    return error_of([&] { Model model(file_); });
+  }
+
   TemporaryDirectory folder_;
   std::filesystem::path file_ = folder_ / "broken.safetensors";
 };
@@ -175,15 +183,12 @@ TEST_F(ModelTest, APyramidHasWidthsAndGuides) {
   EXPECT_EQ(a.grid(), 8u);
   EXPECT_EQ(Model(golden_model_path("pyramid-x4")).architecture().grid(), 4u);
   const auto error = [&](const std::string& key, const std::string& value) {
-    SafeTensors content = read_safetensors(golden_model_path("pyramid-x2"));
-    content.metadata[key] = value;
-    write_safetensors(file_, content);
-    return error_of([&] { Model model(file_); });
+    return error_with("pyramid-x2", key, value);
   };
   for (const char* widths : {"", "3,2,3", "3,2,3,2,1", "3,2,0,2", "3,2,x,2", "3,2,3,2,"})
     EXPECT_TRUE(contains(error("widths", widths), "expected 4 integers from 1 to 1024")) << widths;
   EXPECT_TRUE(contains(error("widths", "3,2,3,4"), "tensor down.4.weight has shape"));
-  EXPECT_TRUE(contains(error("network", "unet"), "one of \"fusion\", \"pyramid\", \"edsr\""));
+  EXPECT_TRUE(contains(error("network", "unet"), "one of \"fusion\", \"pyramid\", \"edsr\", \"rcan\""));
   for (const char* scale : {"0", "9"})
     EXPECT_TRUE(contains(error("scale", scale), "expected an integer from 1 to 8")) << scale;
   EXPECT_TRUE(contains(error("scale", "3"), "expected 1, 2, 4 or 8"));
@@ -202,16 +207,25 @@ TEST_F(ModelTest, EdsrReadsLrhsAlone) {
   EXPECT_TRUE(a.hrls_layers.empty());
   EXPECT_TRUE(a.lrhs_centered);
   const auto error = [&](const std::string& key, const std::string& value) {
-    SafeTensors content = read_safetensors(golden_model_path("edsr-x4"));
-    content.metadata[key] = value;
-    write_safetensors(file_, content);
-    return error_of([&] { Model model(file_); });
+    return error_with("edsr-x4", key, value);
   };
   EXPECT_TRUE(contains(error("scale", "1"), "\"scale\" is \"1\""));
   EXPECT_TRUE(contains(error("blocks", "0"), "\"blocks\" is \"0\", expected an integer from 1 to 64"));
   EXPECT_TRUE(contains(error("blocks", "1"), "tensor blocks.1.0.bias belongs to no layer"));
   EXPECT_TRUE(contains(error("features", "6"), "tensor head.weight has shape"));
   EXPECT_TRUE(contains(error("lrhs_sampling", "nearest,centered"), "\"centered\" or \"nearest\""));
+}
+
+TEST_F(ModelTest, RcanHasAttention) {
+  const Architecture a = Model(golden_model_path("rcan-x2")).architecture();
+  EXPECT_FALSE(a.reads_hrls());
+  EXPECT_FALSE(a.lrhs_centered);
+  const auto error = [&](const std::string& key, const std::string& value) {
+    return error_with("rcan-x2", key, value);
+  };
+  EXPECT_TRUE(contains(error("groups", "1"), "tensor groups.1.blocks.0.0.bias belongs to no layer"));
+  EXPECT_TRUE(contains(error("squeezed_features", "3"), "tensor groups.0.blocks.0.squeeze.weight has shape"));
+  EXPECT_TRUE(contains(error("squeezed_features", "0"), "expected an integer from 1 to 1024"));
 }
 
 TEST_F(ModelTest, WrongEntriesAreNamed) {

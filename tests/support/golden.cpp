@@ -34,8 +34,8 @@ constexpr const char* kPyramidLayers[] = {"light",    "cell_light", "pool.1",   
 
 const std::vector<std::string>& golden_names() {
   static const std::vector<std::string> names = {
-      "tiny-x2",  "tiny-x4", "tiny-x8", "guided-x2",  "guided-x4",  "guided-x8", "joint-x2",
-      "joint-x4", "spp-x4",  "edsr-x4", "pyramid-x1", "pyramid-x2", "pyramid-x4"};
+      "tiny-x2",  "tiny-x4", "tiny-x8", "guided-x2", "guided-x4",  "guided-x8",  "joint-x2",
+      "joint-x4", "spp-x4",  "edsr-x4", "rcan-x2",   "pyramid-x1", "pyramid-x2", "pyramid-x4"};
   return names;
 }
 
@@ -57,9 +57,10 @@ Golden load_golden(const std::string& name) {
     take_samples(golden.architecture, golden.weights, golden.samples.lrhs, golden.samples.hrls);
   }
   golden.lrhs = take_planes(tensors, "lrhs_input");
-  golden.hrls = golden.architecture.is_edsr ? Planes(0, golden.architecture.scale * golden.lrhs.h,
-                                                     golden.architecture.scale * golden.lrhs.w)
-                                            : take_planes(tensors, "hrls_input");
+  golden.hrls =
+      golden.architecture.upscaler != reference::Upscaler::kNone
+          ? Planes(0, golden.architecture.scale * golden.lrhs.h, golden.architecture.scale * golden.lrhs.w)
+          : take_planes(tensors, "hrls_input");
   golden.outputs["output"] = take_planes(tensors, "output");
   for (const auto& [name, conv] : golden.weights) golden.outputs[name] = take_planes(tensors, name);
   if (golden.architecture.base == Base::kJoint) {
@@ -70,6 +71,12 @@ Golden load_golden(const std::string& name) {
       if (golden.architecture.scale == 1 && layer == "cell_light") continue;
       golden.outputs[layer] = take_planes(tensors, layer);
     }
+  }
+  const reference::Architecture& a = golden.architecture;
+  for (int block = 0; block < a.groups * a.blocks && a.upscaler == reference::Upscaler::kRcan; ++block) {
+    const std::string name = fmt::format("groups.{}.blocks.{}", block / a.blocks, block % a.blocks);
+    for (const char* part : {".means", ".attend"})
+      golden.outputs[name + part] = take_planes(tensors, name + part);
   }
   if (!tensors.empty()) throw std::runtime_error("golden: unknown layer " + tensors.begin()->first);
   return golden;

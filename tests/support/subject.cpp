@@ -61,8 +61,16 @@ Architecture pyramid_architecture(int scale) {
           .widths = {4, 3, 3, 2}};
 }
 
+Architecture rcan_architecture(int scale) {
+  Architecture a = edsr_architecture(scale);
+  a.upscaler = reference::Upscaler::kRcan;
+  a.groups = 2;
+  a.squeezed_features = 2;
+  return a;
+}
+
 Architecture edsr_architecture(int scale) {
-  return {.is_edsr = true,
+  return {.upscaler = reference::Upscaler::kEdsr,
           .scale = scale,
           .features = 3,
           .blocks = 2,

@@ -25,6 +25,8 @@ reference::Architecture unshuffled_architecture(int scale);
 reference::Architecture pyramid_architecture(int scale);
 // Returns EDSR, which reads LRHS alone.
 reference::Architecture edsr_architecture(int scale);
+// Returns RCAN, which reads LRHS alone and takes means over whole frames.
+reference::Architecture rcan_architecture(int scale);
 
 // Writes a subject's network to a file in `folder` and loads it. `metadata` is that of the file.
 Model saved_model(const std::filesystem::path& folder, const Subject& subject,
