@@ -167,6 +167,20 @@ CASES = {
             network="rcan",
         ),
     ),
+    "kpcn-x1": (
+        (13, 18),
+        model.Config(
+            1,
+            4,
+            hrls_layers=("color", "albedo", "normal", "diffuse", "variance"),
+            optional_layers=("diffuse",),
+            exposure_key=0.3,
+            clip=20.0,
+            network="kpcn",
+            depth=3,
+            kernel_side=7,
+        ),
+    ),
     "pyramid-x1": (
         (13, 18),
         model.Config(
@@ -205,8 +219,8 @@ def random_network(config, generator):
     for name, value in network.state_dict().items():
         fan_in = value[0].numel() if value.dim() == 4 else 1
         bound = (3 / fan_in) ** 0.5 if value.dim() == 4 else 0.2
-        if config.network in ("pyramid", "rcan"):  # in deep ones bounds of larger weights are of no use
-            bound /= 2
+        # Bounds of larger weights are of no use where many layers follow each other or many inputs are summed up.
+        bound /= {"pyramid": 2, "rcan": 2, "kpcn": 8}.get(config.network, 1)
         fresh = (torch.rand(value.shape, generator=generator) * 2 - 1) * bound
         value.copy_(fresh.bfloat16().half().float())  # half has fewer small numbers
     return network.double().eval()
@@ -255,7 +269,7 @@ def parts_of_joint_base(seen):
 
 def layer_outputs(network, run):
     """Returns the output of each layer by name, after its activation, shuffle or addition."""
-    if network.config.network in ("pyramid", *model.UPSCALERS):
+    if network.config.network in ("pyramid", "kpcn", *model.UPSCALERS):
         network.outputs = {}
         return {"output": run()[1]} | network.outputs
     seen = {}

@@ -29,6 +29,9 @@ PYRAMID_ENTRIES += ("lrhs_certainty", "knows_spp", "upscaled_features", "network
 UPSCALERS = ("edsr", "rcan")  # these networks read LRHS alone
 EDSR_ENTRIES = ("scale", "features", "blocks", "transfer", "clip", "lrhs_sampling", "exposure_key", "network")
 RCAN_ENTRIES = EDSR_ENTRIES + ("groups", "squeezed_features")
+KPCN_ENTRIES = ("scale", "hrls_layers", "transfer", "clip", "optional_layers", "exposure_key", "features", "network")
+KPCN_ENTRIES += ("depth", "kernel_side")
+OF_OTHERS = ("network", "widths", "squeezed_features", "depth", "kernel_side")  # not of the paper's network
 OF_LRHS = ("lrhs_sampling", "lrhs_certainty")  # entries that a network without LRHS does not have
 
 
@@ -60,9 +63,11 @@ class Config:
     optional_layers: tuple = ()
     exposure_key: float = 0.0
     knows_spp: bool = False
-    network: str = "fusion"  # or "pyramid", "edsr" or "rcan"
+    network: str = "fusion"  # or "pyramid", "edsr", "rcan" or "kpcn"
     widths: tuple = ()  # the features of a pyramid's levels
     squeezed_features: int = 0  # channels inside of RCAN's attention
+    depth: int = 0  # convolutions of each branch of KPCN
+    kernel_side: int = 0  # the side of KPCN's kernels
 
     def __post_init__(self):
         self.upscaled_features = self.upscaled_features or self.features
@@ -95,11 +100,12 @@ class Config:
             return f"{value:g}" if isinstance(value, float) else str(value)
 
         entries = {key: text(value) for key, value in dataclasses.asdict(self).items()}
-        if self.network in UPSCALERS:
-            return {key: entries[key] for key in (EDSR_ENTRIES if self.network == "edsr" else RCAN_ENTRIES)}
+        own = {"edsr": EDSR_ENTRIES, "rcan": RCAN_ENTRIES, "kpcn": KPCN_ENTRIES}
+        if self.network in own:
+            return {key: entries[key] for key in own[self.network]}
         if self.network == "pyramid":
             return {key: entries[key] for key in PYRAMID_ENTRIES if self.reads_lrhs or key not in OF_LRHS}
-        return {key: value for key, value in entries.items() if key not in ("network", "widths", "squeezed_features")}
+        return {key: value for key, value in entries.items() if key not in OF_OTHERS}
 
     @classmethod
     def parse(cls, metadata):
@@ -230,7 +236,7 @@ class Kept(nn.Module):
 
 def create(config):
     """Returns the network that `config` describes, with random weights."""
-    classes = {"fusion": Network, "pyramid": pyramid.Pyramid, "edsr": edsr.Edsr, "rcan": rcan.Rcan}
+    classes = {"fusion": Network, "pyramid": pyramid.Pyramid, "edsr": edsr.Edsr, "rcan": rcan.Rcan, "kpcn": kpcn.Kpcn}
     return classes[config.network](config)
 
 
@@ -470,6 +476,8 @@ def predict(network, lrhs, hrls, centered=torch.tensor(False), exposure=1.0, spp
 
     if config.network in UPSCALERS:
         y = upscaler.predict(network, lrhs, upsampled)
+    elif config.network == "kpcn":
+        y = kpcn.predict(network, hrls)
     elif config.network == "pyramid":
         y = pyramid.predict(network, lrhs, hrls, upsampled, centered, spp)
     elif config.base == "joint":
@@ -506,6 +514,7 @@ def exposure(lrhs, config):
 
 
 import edsr  # noqa: E402, as it imports this module
+import kpcn  # noqa: E402
 import pyramid  # noqa: E402
 import rcan  # noqa: E402
 import upscaler  # noqa: E402

@@ -1,6 +1,6 @@
-"""Defines the stock models x{2,4}-{full,balanced,fast}, denoise-balanced and x{2,4}-{edsr,rcan}.
+"""Defines the stock models x{2,4}-{full,balanced,fast}, denoise-{balanced,kpcn} and x{2,4}-{edsr,rcan}.
 
-denoise-balanced reads HRLS alone, and those of EDSR and RCAN read LRHS alone.
+Those that denoise read HRLS alone, and those of EDSR and RCAN read LRHS alone.
 """
 
 from model import Config
@@ -29,6 +29,8 @@ SIZES = {"full": (64, 64, 4, 5, 3, 48), "balanced": (48, 32, 4, 3, 2, 32), "fast
 PYRAMIDS = dict.fromkeys(
     ("x2-balanced", "denoise-balanced"), dict(widths=("48", "64", "80", "96"), upscaled_features=24)
 )
+KPCN_LAYERS = ("color", "albedo", "normal", "diffuse", "variance")
+KPCN = dict(features=24, depth=5, kernel_side=11)
 # EDSR and RCAN have as many residual blocks.
 UPSCALERS = {
     "edsr": dict(features=32, blocks=16),
@@ -44,6 +46,9 @@ def config(name, changes=()):
     if size in UPSCALERS:
         inputs = dict(lrhs_sampling=("centered",), exposure_key=0.18, clip=100.0)
         stock = Config(scale, **UPSCALERS[size], **inputs, network=size)
+    elif size == "kpcn":
+        inputs = {key: INPUTS[key] for key in ("optional_layers", "exposure_key", "clip")}
+        stock = Config(1, **KPCN, **inputs, network="kpcn", hrls_layers=KPCN_LAYERS)
     elif scale == 1:
         inputs = {key: value for key, value in INPUTS.items() if key != "lrhs_sampling"}
         stock = Config(scale, **inputs, **PYRAMIDS[name], network="pyramid")
@@ -57,5 +62,6 @@ def config(name, changes=()):
 
 
 def names():
-    return [*(f"x{scale}-{size}" for scale in (2, 4) for size in (*SIZES, *UPSCALERS)), "denoise-balanced"]
+    with_lrhs = [f"x{scale}-{size}" for scale in (2, 4) for size in (*SIZES, *UPSCALERS)]
+    return [*with_lrhs, "denoise-balanced", "denoise-kpcn"]
 

@@ -243,6 +243,20 @@ struct ChannelMeans {
   uint plane;
 };
 
+struct Gradients {
+  uint height;
+  uint width;
+  uint plane;
+  uint channels;
+};
+
+struct Remainder {
+  uint height;
+  uint width;
+  uint plane;
+  uint log_transfer;  // 0: linear
+};
+
 struct Attend {
   uint height;
   uint width;

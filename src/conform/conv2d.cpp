@@ -47,6 +47,12 @@ constexpr Trial k1x1[] = {
     {.in = 11, .out = 9, .residuals = 1, .second_input = 7},
 };
 
+constexpr Trial k5x5[] = {
+    {.in = 3, .out = 9, .relu = true},
+    {.in = 10, .out = 4, .residuals = 1, .second_input = 3},
+    {.in = 17, .out = 16},
+};
+
 std::string text_of(const Trial& s, const Size& size) {
   return fmt::format("{}{} -> {} channels{}, {} residuals, {} x {}",
                      s.second_input > 0 ? fmt::format("{} and ", s.in - s.second_input) : "",
@@ -270,9 +276,12 @@ void run_values(Collector& collector, std::span<const Trial> trials, uint32_t ke
 
 std::vector<Method> conv2d_methods(const DeviceInfo& device, uint32_t kernel) {
   std::vector<Method> methods{direct_method(device)};
-  for (const uint32_t tile : kernel == 1 ? std::vector<uint32_t>{} : std::vector<uint32_t>{2, 4})
+  for (const uint32_t tile : kernel == 3 ? std::vector<uint32_t>{2, 4} : std::vector<uint32_t>{})
     methods.push_back(columns_method(tile));
-  for (const uint32_t tile : kernel == 1 ? std::vector<uint32_t>{4} : std::vector<uint32_t>{2, 4}) {
+  const std::vector<uint32_t> tiles_by_address = kernel == 1   ? std::vector<uint32_t>{4}
+                                                 : kernel == 3 ? std::vector<uint32_t>{2, 4}
+                                                               : std::vector<uint32_t>{};
+  for (const uint32_t tile : tiles_by_address) {
     const std::string name = kernel == 1 ? "pointwise" : fmt::format("F({}, 3)", tile);
     for (const bool addressed : {false, true}) {
       // These parameters are so small that there are several parts, blocks and bands.
@@ -301,6 +310,7 @@ std::vector<Method> conv2d_methods(const DeviceInfo& device, uint32_t kernel) {
 void conform_conv2d(Collector& collector) {
   run_values(collector, k3x3, 3, "conv2d 3x3");
   run_values(collector, k1x1, 1, "conv2d 1x1");
+  run_values(collector, k5x5, 5, "conv2d 5x5");
   run_specials(collector);
   run_constants(collector);
 }

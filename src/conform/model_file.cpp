@@ -57,6 +57,13 @@ std::map<std::string, std::string> metadata_of(const Architecture& a) {
                    {"squeezed_features", std::to_string(a.squeezed_features)}});
     return shared;
   }
+  if (a.is_kpcn()) {
+    shared.insert({{"network", "kpcn"},
+                   {"features", std::to_string(a.features)},
+                   {"depth", std::to_string(a.depth)},
+                   {"kernel_side", std::to_string(a.kernel_side)}});
+    return shared;
+  }
   if (a.is_pyramid()) {
     shared.insert({{"network", "pyramid"}, {"widths", fmt::format("{}", fmt::join(a.widths, ","))}});
     return shared;
@@ -158,6 +165,15 @@ Architecture read_architecture(const std::filesystem::path& model) {
             .transfer = transfer,
             .clip = clip,
             .squeezed_features = optional_number("squeezed_features", 0)};
+  }
+  if (network == "kpcn") {
+    return {.scale = 1,
+            .features = number("features"),
+            .hrls_layers = layer_kinds(metadata.at("hrls_layers")),
+            .transfer = transfer,
+            .clip = clip,
+            .depth = number("depth"),
+            .kernel_side = number("kernel_side")};
   }
   if (network == "pyramid") {
     std::vector<int> widths;

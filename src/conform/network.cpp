@@ -104,8 +104,7 @@ Kernels kernels_of(const Method& method) {
             Conv2dKernel result = kernel;
             if (shape.kernel == 1 && result.algorithm == Algorithm::kWinograd)
               result.algorithm = Algorithm::kPointwise;
-            if (shape.kernel == 1 && result.algorithm == Algorithm::kColumns) result = {};
-            return result;
+            return result.computes(shape.kernel) ? result : Conv2dKernel{};
           }};
 }
 

@@ -286,6 +286,24 @@ std::vector<Variant> variants() {
                         .squeezed_features = 4},
        .height = 1,
        .width = 2},
+      // These are KPCN, which reads HRLS alone.
+      {.architecture = {.scale = 1,
+                        .features = 3,
+                        .hrls_layers = {kRadiance, kAlbedo, kNormal, kRadiance, kVariance},
+                        .transfer = kLog,
+                        .clip = 50,
+                        .depth = 3,
+                        .kernel_side = 5},
+       .height = 12,
+       .width = 7},
+      {.architecture = {.scale = 1,
+                        .features = 2,
+                        .hrls_layers = {kRadiance, kAlbedo, kNormal, kRadiance},
+                        .clip = 20,
+                        .depth = 2,
+                        .kernel_side = 9},
+       .height = 3,
+       .width = 17},
   };
 }
 

@@ -197,7 +197,12 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
   const uint32_t reach = receptive_halo(model.architecture(), options.compute_variance);
   const uint32_t halo = reach == kWholeFrame ? std::max(height, width) : reach;
   const Tiling tiling = choose_tiling({height, width}, halo, fits, model.architecture().grid());
-  if (tiling.count() == 0) throw Error("model {}: the smallest tile does not fit: {}", model.name(), *reason);
+  if (tiling.count() == 0) {
+    throw Error(
+        "model {}: {} does not fit: {}", model.name(),
+        reach == kWholeFrame ? "the frame, all of which its network needs at once," : "the smallest tile",
+        *reason);
+  }
   plan->tiling = tiling;
   plan->flop *= tiling.count();
   return std::move(*plan);

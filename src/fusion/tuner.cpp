@@ -24,6 +24,7 @@ bool gathers(const DeviceInfo& device) {
 Conv2dKernel default_conv2d(const DeviceInfo& device, const Conv2dShape& shape) {
   Conv2dKernel kernel{
       .algorithm = Algorithm::kWinograd, .tile = shape.most_tile, .vector = device.vector_lanes};
+  if (shape.kernel == 5) return {};
   if (shape.kernel == 1) {
     kernel.algorithm = Algorithm::kPointwise, kernel.band = 2048;
   } else if (gathers(device) && device.vector_lanes == kPairedVector) {
@@ -151,24 +152,15 @@ bool is_valid(const Conv2dShape& shape, const Conv2dKernel& kernel) {
     return value >= least && value <= most;
   };
   const auto suits = [&] {
-    switch (kernel.algorithm) {
-      case Algorithm::kPointwise:
-        return shape.kernel == 1;
-      case Algorithm::kColumns:
-      case Algorithm::kWinograd:
-        return shape.kernel == 3 && (kernel.tile == 2 || kernel.tile == 4) && kernel.tile <= shape.most_tile;
-      case Algorithm::kMatrix:
-        return is_possible(kernel.matrix, shape.kernel);
-      case Algorithm::kDirect:
-        return true;
-    }
-    return false;
+    if (kernel.has_tile() && ((kernel.tile != 2 && kernel.tile != 4) || kernel.tile > shape.most_tile))
+      return false;
+    return kernel.algorithm != Algorithm::kMatrix || is_possible(kernel.matrix, shape.kernel);
   };
   const uint32_t least_band = kernel.algorithm == Algorithm::kPointwise ? 512 : 128;
-  return (shape.kernel == 1 || shape.kernel == 3) && shape.most_tile <= 4 && suits() &&
-         within(kernel.outputs, 4, 64) && within(kernel.channels, 32, 256) &&
-         within(kernel.order, 0, kMostOrder) && within(kernel.vector, 0, 64) &&
-         within(kernel.band, least_band, 1u << 20);
+  return (shape.kernel == 1 || shape.kernel == 3 || shape.kernel == 5) && shape.most_tile <= 4 &&
+         kernel.computes(shape.kernel) && suits() && within(kernel.outputs, 4, 64) &&
+         within(kernel.channels, 32, 256) && within(kernel.order, 0, kMostOrder) &&
+         within(kernel.vector, 0, 64) && within(kernel.band, least_band, 1u << 20);
 }
 
 struct Tuner {
@@ -192,7 +184,7 @@ struct Tuner {
       for (uint32_t tile = 2; tile <= shape.most_tile; tile += 2)
         kinds.push_back({.algorithm = Algorithm::kColumns, .tile = tile});
     }
-    if (device.buffer_device_address) {
+    if (device.buffer_device_address && shape.kernel < 5) {
       Conv2dKernel kernel = first_guess(device, shape);
       kernel.order = tuning.order;
       if (kernel.algorithm == Algorithm::kPointwise) {

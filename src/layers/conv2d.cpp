@@ -93,7 +93,10 @@ void find_sources(Convolution& conv) {
 Convolution make_convolution(const Graph& graph, const std::string& name, const Tensor& in, const Tensor& out,
                              const ConvWeights& weights, const Conv2dOptions& options) {
   const uint32_t u = options.unshuffle, s = options.shuffle, kernel = options.kernel;
-  if (kernel != 1 && kernel != 3) throw Error("layer {}: kernel {}, expected 1 or 3", name, kernel);
+  if (kernel != 1 && kernel != 3 && kernel != 5)
+    throw Error("layer {}: kernel {}, expected 1, 3 or 5", name, kernel);
+  if (kernel == 5 && !options.constants.empty())
+    throw Error("layer {}: constant channels, expected none with a kernel of 5", name);
   const uint32_t second = options.second_input ? options.second_input->shape.channels : 0;
   if (second && (u > 1 || options.second_input->shape.height != in.shape.height ||
                  options.second_input->shape.width != in.shape.width)) {

@@ -69,12 +69,14 @@ void joint_filter(Graph& graph, const std::string& name, const Tensor& in, const
 }
 
 void remodulate(Graph& graph, const std::string& name, const Tensor& demodulated, const Tensor& albedo,
-                const Tensor& out, Transfer transfer) {
+                const Tensor& out, Transfer transfer, const std::optional<Tensor>& rest) {
   const Shape shape = with_channels(out.shape, 3);
   expect_shape(name, "the demodulated radiance", demodulated, shape);
   expect_shape(name, "the albedo", albedo, shape);
   expect_shape(name, "the output", out, shape);
-  Pass pass = pass_of(graph, name, shaders::kRemodulate, {demodulated, albedo}, out);
+  if (rest) expect_shape(name, "the rest", *rest, shape);
+  Pass pass = pass_of(graph, name, shaders::kRemodulate, {demodulated, albedo, rest.value_or(albedo)}, out);
+  pass.constants = {rest.has_value()};
   pass.set_push(params::Remodulate{shape.height, shape.width, graph.plane(out), transfer == Transfer::kLog});
   pass.groups = strip_groups(shape);
   graph.add(std::move(pass));

@@ -73,6 +73,10 @@ struct Conv2dKernel {
     return algorithm == Algorithm::kPointwise || algorithm == Algorithm::kWinograd;
   }
   bool has_tile() const { return algorithm == Algorithm::kColumns || algorithm == Algorithm::kWinograd; }
+  // Returns whether it computes convolutions whose kernel has this side.
+  bool computes(uint32_t kernel) const {
+    return algorithm == Algorithm::kPointwise ? kernel == 1 : !has_tile() || kernel == 3;
+  }
   // Returns the m of F(m, 3), or 0 for other algorithms.
   uint32_t winograd_tile() const { return has_tile() ? tile : 0; }
 };
@@ -112,7 +116,7 @@ struct Kernels {
 double winograd_amplification(const ConvWeights& weights, uint32_t channels_in, Algorithm algorithm);
 
 struct Conv2dOptions {
-  uint32_t kernel = 3;  // 1 or 3
+  uint32_t kernel = 3;  // 1, 3 or 5
   bool relu = false;
   std::vector<Tensor> residuals = {};  // three or fewer, of the output's shape; added after the activation
   std::optional<Tensor> second_input = {};  // further input channels of the input's size; not if unshuffled
@@ -121,7 +125,7 @@ struct Conv2dOptions {
   Conv2dKernel how = {};
   // Has an element for each input channel of the weights, before `unshuffle`: the value of a channel that
   // is the same everywhere and in no tensor, or nothing for the channels of `in` and `second_input`.
-  // Empty if all are in tensors.
+  // Empty if all are in tensors, as they must be where the kernel is 5.
   std::vector<std::optional<float>> constants = {};
 };
 
@@ -241,9 +245,10 @@ void joint_filter(Graph& graph, const std::string& name, const Tensor& in, const
                   const Tensor& normal, const Tensor& brightness, const Tensor& out, uint32_t step,
                   const GuideFactors& factors = {});
 
-// Multiplies filtered demodulated radiance (H, W, 3) by albedo + 0.4 and encodes it.
+// Multiplies filtered demodulated radiance (H, W, 3) by albedo + 0.4, adds the encoded rest of the radiance,
+// if there is any, and encodes the result.
 void remodulate(Graph& graph, const std::string& name, const Tensor& demodulated, const Tensor& albedo,
-                const Tensor& out, Transfer transfer);
+                const Tensor& out, Transfer transfer, const std::optional<Tensor>& rest = {});
 
 // Writes (H, W, 3): the residual plus five candidates, weighted by the softmax of the logits. rec (H, W, 8)
 // is the residual and five logits, lrhs (h, w, 6) color and irradiance, and candidates (H, W, 9) the results
@@ -298,6 +303,16 @@ void kernel_filter(Graph& graph, const std::string& name, const Tensor& in, cons
 void compose(Graph& graph, const std::string& name, const Tensor& rec, const Tensor& light,
              const Tensor& guides, const Tensor& lrhs, const Tensor& out, Transfer transfer, uint32_t scale,
              float phase);
+
+// These prepare the inputs of KPCN (Bako et al. 2017).
+
+// Writes the differences to the next pixel along x, and then along y: (H, W, C) -> (H, W, 2 C). They are 0 in
+// the last column and the last row.
+void gradients(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out);
+
+// Writes what encoded radiance (H, W, C) has more than a part of it, at least 0, encoded again.
+void remainder(Graph& graph, const std::string& name, const Tensor& whole, const Tensor& part,
+               const Tensor& out, Transfer transfer);
 
 // These are channel attention (Zhang et al. 2018), which has two 1x1 convolutions of (1, 1, C) between them.
 

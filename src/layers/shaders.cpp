@@ -42,6 +42,8 @@ RAYMELD_SPIRV_FORMS(cell_light)
 RAYMELD_SPIRV_FORMS(compose)
 RAYMELD_SPIRV_FORMS(channel_means)
 RAYMELD_SPIRV_FORMS(attend)
+RAYMELD_SPIRV_FORMS(gradients)
+RAYMELD_SPIRV_FORMS(remainder)
 #undef RAYMELD_SPIRV_FORMS
 #undef RAYMELD_SPIRV_SHADER
 #undef RAYMELD_SPIRV
@@ -89,6 +91,8 @@ const Forms kCellLight RAYMELD_FORMS(cell_light);
 const Forms kCompose RAYMELD_FORMS(compose);
 const Forms kChannelMeans RAYMELD_FORMS(channel_means);
 const Forms kAttend RAYMELD_FORMS(attend);
+const Forms kGradients RAYMELD_FORMS(gradients);
+const Forms kRemainder RAYMELD_FORMS(remainder);
 #undef RAYMELD_FORMS_AND_VECTORS
 #undef RAYMELD_FORMS
 #undef RAYMELD_BY_ADDRESS

@@ -48,6 +48,8 @@ extern const Forms kCellLight;
 extern const Forms kCompose;
 extern const Forms kChannelMeans;
 extern const Forms kAttend;
+extern const Forms kGradients;
+extern const Forms kRemainder;
 }  // namespace shaders
 
 // Returns a pass with the form of the shader that the graph's activations need or, with `vectors`, with the

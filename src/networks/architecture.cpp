@@ -77,13 +77,15 @@ Architecture parse_architecture(const Metadata& metadata, const std::string& fil
   if (entries.text("format_version") != "1") entries.reject("format_version", "\"1\"");
   Architecture a;
   a.kind = network_kind(entries);
-  a.scale = entries.integer("scale", a.is_pyramid() ? 1 : 2, 8);
-  if (!std::has_single_bit(a.scale)) entries.reject("scale", a.is_pyramid() ? "1, 2, 4 or 8" : "2, 4 or 8");
+  const NetworkFunctions& network = functions_of(a.kind);
+  a.scale = entries.integer("scale", network.least_scale, network.most_scale);
+  if (!std::has_single_bit(a.scale))
+    entries.reject("scale", network.least_scale == 1 ? "1, 2, 4 or 8" : "2, 4 or 8");
   a.transfer = entries.choice("transfer", "log", "linear") ? Transfer::kLog : Transfer::kLinear;
   a.clip = entries.number("clip", false);
   a.exposure_key = entries.number("exposure_key", true);
   if (a.reads_hrls()) parse_hrls(entries, a);
-  functions_of(a.kind).parse(entries, a);
+  network.parse(entries, a);
   return a;
 }
 

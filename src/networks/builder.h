@@ -46,6 +46,7 @@ class Entries;
 // Holds what a network's file defines.
 struct NetworkFunctions {
   const char* name;  // the entry `network` of docs/model-format.md
+  uint32_t least_scale, most_scale;
   // Reads the entries that are this network's own.
   void (*parse)(const Entries& entries, Architecture& a);
   // Adds the network for an LRHS of this size.

@@ -104,7 +104,7 @@ HrlsChannels hrls_channels(const Architecture& a, const ConstantLayers& constant
   for (const std::string& layer : a.hrls_layers) {
     const auto constant = constants.find(layer);
     if (constant != constants.end()) {
-      if (!a.is_pyramid()) continue;
+      if (a.kind == NetworkKind::kFusion) continue;
       append(layer, [&](uint32_t c) { return EncodedChannel{kind_of(layer), 0, constant->second[c]}; });
       continue;
     }

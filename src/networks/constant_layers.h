@@ -1,5 +1,5 @@
 // Handles layers of HRLS that have one value everywhere, such as layers that a render lacks. No image holds
-// them, and no convolution reads them but those of a pyramid network, which encodes their values.
+// them, and no convolution reads them but those of pyramid networks and KPCN, which encode their values.
 #pragma once
 
 #include <array>
@@ -32,7 +32,8 @@ std::vector<std::string> image_layers(const Architecture& architecture, const Co
 void take_constant_layers(const Architecture& architecture, Image& hrls, ConstantLayers& constants);
 
 // Describes the channels of encoded HRLS in network(): first the constant layers that the joint base reads
-// and no convolution does, then the layers of the image. In a pyramid network all layers keep their order.
+// and no convolution does, then the layers of the image. In networks that encode constant layers all layers
+// keep their order.
 struct HrlsChannels {
   std::vector<EncodedChannel> encoded;
   uint32_t unread = 0;                    // leading channels that no convolution reads

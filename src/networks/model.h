@@ -28,11 +28,11 @@ enum class Upscale { kStages, kDirect, kHalf };
 // candidates that the network weights pixel by pixel (layers.h: mix).
 enum class Base { kNone, kBilinear, kJoint };
 
-// Lists the networks: that of Hou et al. 2021, a U-Net that predicts kernels, EDSR (Lim et al. 2017), and
-// RCAN (Zhang et al. 2018).
-enum class NetworkKind { kFusion, kPyramid, kEdsr, kRcan };
+// Lists the networks: that of Hou et al. 2021, a U-Net that predicts kernels, EDSR (Lim et al. 2017),
+// RCAN (Zhang et al. 2018) and KPCN (Bako et al. 2017).
+enum class NetworkKind { kFusion, kPyramid, kEdsr, kRcan, kKpcn };
 inline constexpr NetworkKind kNetworkKinds[] = {NetworkKind::kFusion, NetworkKind::kPyramid,
-                                                NetworkKind::kEdsr, NetworkKind::kRcan};
+                                                NetworkKind::kEdsr, NetworkKind::kRcan, NetworkKind::kKpcn};
 
 // Holds the parameters of a network, all of them from the model's file. The letters are those of the paper.
 struct Architecture {
@@ -44,6 +44,8 @@ struct Architecture {
   uint32_t blocks = 0;                       // B, in each group
   uint32_t groups = 0;                       // G
   uint32_t squeezed_features = 0;            // S, channels inside of RCAN's attention
+  uint32_t depth = 0;                        // convolutions of each branch of KPCN
+  uint32_t kernel_side = 0;                  // the side of the kernels that KPCN predicts
   std::vector<std::string> hrls_layers;      // three channels each, color first
   std::vector<std::string> optional_layers;  // layers that a render may lack, read as zeros
   LongSkip long_skip = LongSkip::kLrhs;
@@ -69,12 +71,13 @@ struct Architecture {
   bool knows_spp = false;  // biases and certainty depend on SampleCounts
   // Has the features of the levels of a pyramid network, of half the full size and so on. It is empty for the
   // others. The heads and the bases belong to the network of the paper alone, and so do C, R, D, B and G, but
-  // that EDSR has C features and B blocks, and RCAN also G groups of these.
+  // that EDSR has C features and B blocks, RCAN also G groups of these, and KPCN
+  // has C features.
   std::vector<uint32_t> widths;
 
   bool is_pyramid() const { return kind == NetworkKind::kPyramid; }
   bool reads_lrhs() const { return scale > 1; }
-  bool reads_hrls() const { return kind == NetworkKind::kFusion || kind == NetworkKind::kPyramid; }
+  bool reads_hrls() const { return kind != NetworkKind::kEdsr && kind != NetworkKind::kRcan; }
   // Returns the slot of the image that sets the exposure, and whose radiance above the clip is added. It is
   // LRHS or HRLS, which begins with its color.
   FrameSlot bright_slot() const { return reads_lrhs() ? kLrhsSlot : kHrlsSlot; }

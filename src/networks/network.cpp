@@ -4,15 +4,16 @@
 
 namespace raymeld {
 
-#define RAYMELD_NETWORK(name)                          \
+#define RAYMELD_NETWORK(name, least_scale, most_scale) \
   void parse_##name(const Entries&, Architecture&);    \
   void add_##name(Builder, uint32_t, uint32_t, float); \
   uint32_t name##_halo(const Architecture&, bool);     \
-  constexpr NetworkFunctions k_##name{#name, parse_##name, add_##name, name##_halo};
-RAYMELD_NETWORK(fusion)
-RAYMELD_NETWORK(pyramid)
-RAYMELD_NETWORK(edsr)
-RAYMELD_NETWORK(rcan)
+  constexpr NetworkFunctions k_##name{#name, least_scale, most_scale, parse_##name, add_##name, name##_halo};
+RAYMELD_NETWORK(fusion, 2, 8)
+RAYMELD_NETWORK(pyramid, 1, 8)
+RAYMELD_NETWORK(edsr, 2, 8)
+RAYMELD_NETWORK(rcan, 2, 8)
+RAYMELD_NETWORK(kpcn, 1, 1)
 #undef RAYMELD_NETWORK
 
 const NetworkFunctions& functions_of(NetworkKind kind) {
@@ -23,6 +24,8 @@ const NetworkFunctions& functions_of(NetworkKind kind) {
       return k_edsr;
     case NetworkKind::kRcan:
       return k_rcan;
+    case NetworkKind::kKpcn:
+      return k_kpcn;
     case NetworkKind::kFusion:
       break;
   }
@@ -99,7 +102,9 @@ std::vector<Conv2dShape> conv2d_shapes(const Model& model, uint32_t height, uint
     // link() asks for the shape again where it refuses F(4, 3).
     if (shape.most_tile < 4) shapes.pop_back();
     shapes.push_back(shape);
-    return Conv2dKernel{.algorithm = shape.kernel == 1 ? Algorithm::kPointwise : Algorithm::kWinograd,
+    return Conv2dKernel{.algorithm = shape.kernel == 1   ? Algorithm::kPointwise
+                                     : shape.kernel == 3 ? Algorithm::kWinograd
+                                                         : Algorithm::kDirect,
                         .tile = shape.most_tile};
   };
   Graph graph(Storage::kFloat32);

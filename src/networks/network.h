@@ -11,8 +11,8 @@ namespace raymeld {
 // layer in its layer_slot(). It writes the fused image (s height, s width, 3). `phase` says where LRHS
 // samples lie in their s x s full-size pixels (see DecodeOptions), and `choose` how each convolution is
 // computed. `exponents` are those of the tensors that it makes. `constants` become part of the convolutions'
-// biases, but those of a pyramid are encoded. `compute_variance` is that of image_layers(). `samples` matter
-// to a model that knows_spp. Throws an Error that names the layer.
+// biases, but those of a pyramid and of KPCN are encoded. `compute_variance` is that of image_layers().
+// `samples` matter to a model that knows_spp. Throws an Error that names the layer.
 void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase,
              const Conv2dChoice& choose = conv2d_direct, const StorageExponents& exponents = {},
              const ConstantLayers& constants = {}, bool compute_variance = false,

@@ -177,20 +177,30 @@ Bounded joint_filter(const Bounded& x, const Bounded& albedo, const Bounded& nor
   return result;
 }
 
-Bounded remodulate(const Bounded& demodulated, const Bounded& albedo, Transfer transfer,
-                   Precision precision) {
+Bounded remodulate(const Bounded& demodulated, const Bounded& albedo, Transfer transfer, Precision precision,
+                   const Bounded* rest) {
   const int h = demodulated.value.h, w = demodulated.value.w;
   expect_shape(demodulated, 3, h, w);
   expect_shape(albedo, 3, h, w);
   Bounded result = exact(Planes(3, h, w));
-  const auto formula = [&](const auto& compressed, const auto& albedo) {
+  if (rest) expect_shape(*rest, 3, h, w);
+  const auto radiance = [](const auto& compressed, const auto& own) {
     using std::exp;
-    return apply(transfer, (exp(kCompress * compressed) - 1) / kCompress * (albedo + kAlbedoFloor));
+    return (exp(kCompress * compressed) - 1) / kCompress * (own + kAlbedoFloor);
+  };
+  const auto formula = [&](const auto& compressed, const auto& own) {
+    return apply(transfer, radiance(compressed, own));
+  };
+  const auto sum = [&](const auto& compressed, const auto& own, const auto& added) {
+    return apply(transfer, radiance(compressed, own) + invert(transfer, added));
   };
   for (int c = 0; c < 3; ++c) {
     for (int y = 0; y < h; ++y) {
       for (int x = 0; x < w; ++x) {
-        store(result, c, y, x, evaluate(formula, at(demodulated, c, y, x), at(albedo, c, y, x)), precision);
+        const Element light = at(demodulated, c, y, x), own = at(albedo, c, y, x);
+        store(result, c, y, x,
+              rest ? evaluate(sum, light, own, at(*rest, c, y, x)) : evaluate(formula, light, own),
+              precision);
       }
     }
   }

@@ -315,9 +315,33 @@ Outputs upscaler_outputs(Run& run, const Architecture& a, const Frame& frame, Pr
   return run.take();
 }
 
+// Runs the network of src/networks/kpcn.cpp.
+Outputs kpcn_outputs(Run& run, const Architecture& a, const Frame& frame, Precision precision) {
+  const auto& [lrhs, hrls, phase, exposure] = frame;
+  const Bounded high = run.keep("encode.hrls", encode_all(a, hrls, precision, exposure));
+  const Bounded above = run.keep("above_clip", above_clip(lrhs, a.clip, precision, exposure));
+  const Bounded albedo = slice(high, 3, 3), diffuse = slice(high, 9, 3);
+  const Bounded lit = run.keep("light", light(diffuse, albedo, a.transfer, precision));
+  const Bounded rest = run.keep("remainder", remainder(slice(high, 0, 3), diffuse, a.transfer, precision));
+  const Bounded images = concat(high, concat(lit, rest));
+  const Bounded inputs = concat(images, run.keep("gradients", gradients(images, precision)));
+  const auto filtered = [&](const std::string& branch, const Bounded& image) {
+    Bounded x = inputs;
+    for (int i = 0; i + 1 < a.depth; ++i) x = run.conv(branch + "." + std::to_string(i), x);
+    const Bounded logits = run.conv("kernel." + branch, x, false);
+    return run.keep("filter." + branch, kernel_filter(image, logits, a.kernel_side, precision));
+  };
+  const Bounded filtered_light = filtered("diffuse", lit), filtered_rest = filtered("rest", rest);
+  const Bounded fused =
+      run.keep("remodulate", remodulate(filtered_light, albedo, a.transfer, precision, &filtered_rest));
+  run.keep("output", decode(fused, nullptr, a.transfer, Precision::kFp32, exposure, &above, a.clip));
+  return run.take();
+}
+
 Outputs outputs_of(Run& run, const Architecture& a, const Frame& frame, Precision precision) {
   if (a.upscaler != Upscaler::kNone) return upscaler_outputs(run, a, frame, precision);
   if (a.is_pyramid()) return pyramid_outputs(run, a, frame, precision);
+  if (a.is_kpcn()) return kpcn_outputs(run, a, frame, precision);
   const auto& [lrhs, hrls, phase, exposure] = frame;
   const bool joint = a.base == Base::kJoint;
   Bounded low =

@@ -12,9 +12,9 @@
 // weights and input images to the storage type (round_to()), because the device reads them so.
 namespace raymeld::reference {
 
-// Holds a convolution's weights [out][in][kernel][kernel] and bias [out]; the kernel is 1 or 3. The network
-// reads centered_bias instead of the bias where LRHS samples lie centered, unless it is empty. by_spp is the
-// part of the bias that grows with the binary logarithm of a sample count, or empty.
+// Holds a convolution's weights [out][in][kernel][kernel] and bias [out]; the kernel is 1, 3 or 5. The
+// network reads centered_bias instead of the bias where LRHS samples lie centered, unless it is empty. by_spp
+// is the part of the bias that grows with the binary logarithm of a sample count, or empty.
 struct Conv {
   int out = 0, in = 0, kernel = 0;
   std::vector<double> weight, bias, centered_bias = {}, by_spp = {};
@@ -130,8 +130,10 @@ Bounded joint_filter(const Bounded& x, const Bounded& albedo, const Bounded& nor
                      const Bounded& brightness, int step, Precision precision,
                      const GuideFactors& factors = {1, 1, 1});
 
-// Takes ln(1 + 0.2 x) / 0.2 of demodulated radiance x (3, H, W) and returns x * (albedo + 0.4), encoded.
-Bounded remodulate(const Bounded& demodulated, const Bounded& albedo, Transfer transfer, Precision precision);
+// Takes ln(1 + 0.2 x) / 0.2 of demodulated radiance x (3, H, W) and returns x * (albedo + 0.4), encoded, with
+// the encoded rest of the radiance added before, unless it is null.
+Bounded remodulate(const Bounded& demodulated, const Bounded& albedo, Transfer transfer, Precision precision,
+                   const Bounded* rest = nullptr);
 
 // Returns the residual in rec (8, H, W) plus the mean of five candidates, weighted by the softmax of the five
 // logits in rec. The candidates are the upsampled color of LRHS (6, h, w: color and irradiance), its
@@ -165,6 +167,15 @@ Bounded kernel_filter(const Bounded& x, const Bounded& logits, int side, Precisi
 // `light` (3, H, W), and b is upsampled lrhs (3, h, w).
 Bounded compose(const Bounded& rec, const Bounded& light, const Bounded& guides, const Bounded& lrhs,
                 Transfer transfer, int scale, double phase, Precision precision);
+
+// These prepare the inputs of KPCN.
+
+// Returns (2c, h, w): the differences to the next pixel along x, and then along y, 0 in the last column and
+// row.
+Bounded gradients(const Bounded& x, Precision precision);
+
+// Returns what encoded radiance has more than a part of it, at least 0, encoded again.
+Bounded remainder(const Bounded& whole, const Bounded& part, Transfer transfer, Precision precision);
 
 // The layers of channel attention follow.
 
@@ -202,8 +213,12 @@ struct Architecture {
   // entries above it has those of the layers, transfer, clip, samplings, samples and upscaled_features.
   std::vector<int> widths = {};
   int squeezed_features = 0;  // channels inside of RCAN's attention
+  // KPCN has as many convolutions in each branch, or is not what this is, and filters by kernels of this
+  // side. It reads color, albedo, normal and diffuse first, and has features, transfer and clip.
+  int depth = 0, kernel_side = 0;
 
   bool is_pyramid() const { return !widths.empty(); }
+  bool is_kpcn() const { return depth > 0; }
   // Returns the LRHS pixels in each direction of a pixel of the coarsest level.
   int grid() const { return is_pyramid() ? (1 << widths.size()) / scale : 1; }
   int upscaled() const { return upscaled_features > 0 ? upscaled_features : features; }
@@ -231,6 +246,8 @@ void take_samples(Architecture& architecture, Weights& weights, double lrhs_spp,
 // A pyramid network adds light, cell_light, pool.i, guides.i, filter.i and compose. All its outputs but
 // above_clip and output are of the padded size, whose sides are multiples of grid() LRHS pixels: the last row
 // and column are repeated.
+//
+// KPCN adds light, remainder, gradients, filter.diffuse, filter.rest and remodulate.
 //
 // RCAN adds NAME.means and NAME.attend for each block, which is NAME.
 //

@@ -94,6 +94,17 @@ Weights random_weights(const Architecture& a, Precision precision, uint64_t seed
     if (a.scale > 1) add_centered_bias(a.widths[size_t(std::countr_zero(unsigned(a.scale))) - 1]);
     return weights;
   }
+  if (a.is_kpcn()) {
+    for (const char* branch : {"diffuse", "rest"}) {
+      int last = 3 * (a.hrls_channels() + 6);  // with the light, the rest and the gradients
+      for (int i = 0; i + 1 < a.depth; ++i) {
+        make(fmt::format("{}.{}", branch, i), a.features, last, 5);
+        last = a.features;
+      }
+      make(fmt::format("kernel.{}", branch), a.kernel_side * a.kernel_side, last, 5);
+    }
+    return weights;
+  }
   const int features = a.features, steps = std::countr_zero(unsigned(a.scale));
   if (a.upscaler != Upscaler::kNone) {
     const auto make_block = [&](const std::string& name) {

@@ -81,6 +81,7 @@ TEST_F(FuserTest, TiledAndUntiledGiveTheSameBits) {
   size_t combinations = 0;
   std::vector<Architecture> all = shapes();
   all.push_back(pyramid_architecture(1));
+  all.push_back(kpcn_architecture());
   for (const int scale : {2, 4, 8}) {
     all.push_back(joint_architecture(scale));
     all.push_back(pyramid_architecture(scale));
@@ -159,6 +160,25 @@ TEST_F(FuserTest, TheHaloOfAPyramidIsEnough) {
   }
 }
 
+// A lit pixel changes outputs as far away as the halo says, by the kernels that it changes.
+TEST_F(FuserTest, TheHaloOfKpcnIsEnoughAndNotTooLarge) {
+  Subject subject = make_subject(kpcn_architecture(), 1, 1, 3);
+  const Model model = model_of(subject);
+  const int halo = int(receptive_halo(model.architecture())), lit = halo + 3, width = 2 * lit + 1;
+  subject.hrls = random_planes(12, 1, width, Fill::kUniform, 2);
+  subject.lrhs = slice(reference::exact(subject.hrls), 0, 3).value;
+  Fuser fuser = make_fuser(model, subject, {});
+  const std::vector<float> before = fuse(fuser, subject.lrhs, subject.hrls);
+  for (int c = 0; c < 12; ++c) subject.hrls.at(c, 0, lit) = 1;
+  const std::vector<float> after = fuse(fuser, subject.lrhs, subject.hrls);
+  int reached = 0;
+  for (int i = 0; i < 3 * width; ++i) {
+    if (before[size_t(i)] != after[size_t(i)]) reached = std::max(reached, std::abs(i % width - lit));
+  }
+  EXPECT_LE(reached, halo);
+  EXPECT_GE(reached, halo - 2);
+}
+
 TEST_F(FuserTest, TheHaloOfEdsrIsNeededAndEnough) {
   for (const int scale : {2, 4, 8}) {
     SCOPED_TRACE(fmt::format("x{}", scale));
@@ -194,7 +214,7 @@ TEST_F(FuserTest, RcanTakesAFrameOfOneTile) {
   EXPECT_GT(differing, 10);
   const FuserOptions limited = tiled(model, subject, {});
   EXPECT_TRUE(contains(error_of([&] { plan_fusion(model, 27, 30, gpu().info(), limited); }),
-                       "the smallest tile does not fit"));
+                       "the frame, all of which its network needs at once, does not fit"));
 }
 
 TEST_F(FuserTest, TheHaloIsNeededAndEnough) {

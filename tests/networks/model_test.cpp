@@ -188,7 +188,8 @@ TEST_F(ModelTest, APyramidHasWidthsAndGuides) {
   for (const char* widths : {"", "3,2,3", "3,2,3,2,1", "3,2,0,2", "3,2,x,2", "3,2,3,2,"})
     EXPECT_TRUE(contains(error("widths", widths), "expected 4 integers from 1 to 1024")) << widths;
   EXPECT_TRUE(contains(error("widths", "3,2,3,4"), "tensor down.4.weight has shape"));
-  EXPECT_TRUE(contains(error("network", "unet"), "one of \"fusion\", \"pyramid\", \"edsr\", \"rcan\""));
+  EXPECT_TRUE(
+      contains(error("network", "unet"), "one of \"fusion\", \"pyramid\", \"edsr\", \"rcan\", \"kpcn\""));
   for (const char* scale : {"0", "9"})
     EXPECT_TRUE(contains(error("scale", scale), "expected an integer from 1 to 8")) << scale;
   EXPECT_TRUE(contains(error("scale", "3"), "expected 1, 2, 4 or 8"));
@@ -226,6 +227,21 @@ TEST_F(ModelTest, RcanHasAttention) {
   EXPECT_TRUE(contains(error("groups", "1"), "tensor groups.1.blocks.0.0.bias belongs to no layer"));
   EXPECT_TRUE(contains(error("squeezed_features", "3"), "tensor groups.0.blocks.0.squeeze.weight has shape"));
   EXPECT_TRUE(contains(error("squeezed_features", "0"), "expected an integer from 1 to 1024"));
+}
+
+TEST_F(ModelTest, KpcnReadsHrlsAlone) {
+  const Architecture a = Model(golden_model_path("kpcn-x1")).architecture();
+  EXPECT_FALSE(a.reads_lrhs());
+  EXPECT_TRUE(a.reads_hrls());
+  const auto error = [&](const std::string& key, const std::string& value) {
+    return error_with("kpcn-x1", key, value);
+  };
+  EXPECT_TRUE(contains(error("scale", "2"), "expected an integer from 1 to 1"));
+  EXPECT_TRUE(contains(error("kernel_side", "6"), "expected an odd number"));
+  EXPECT_TRUE(contains(error("kernel_side", "9"), "tensor kernel.diffuse.weight has shape"));
+  EXPECT_TRUE(contains(error("depth", "1"), "expected an integer from 2 to 64"));
+  EXPECT_TRUE(contains(error("knows_spp", "true"), "expected \"false\""));
+  EXPECT_TRUE(contains(error("hrls_layers", "color,normal,albedo,diffuse"), "color,albedo,normal,diffuse"));
 }
 
 TEST_F(ModelTest, WrongEntriesAreNamed) {

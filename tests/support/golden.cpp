@@ -22,20 +22,33 @@ Planes take_planes(std::map<std::string, TensorData>& tensors, const std::string
 }
 
 // These layers have outputs but no weights.
-constexpr const char* kJointLayers[] = {"irradiance",   "demodulate",   "joint.0", "joint.1",
-                                        "joint.2",      "joint.3",      "joint.4", "remodulate.1",
-                                        "remodulate.3", "remodulate.5", "mix"};
-
-constexpr const char* kPyramidLayers[] = {"light",    "cell_light", "pool.1",   "pool.2",   "pool.3",
-                                          "guides.1", "guides.2",   "guides.3", "filter.0", "filter.1",
-                                          "filter.2", "filter.3",   "compose"};
+std::vector<std::string> layers_without_weights(const reference::Architecture& a) {
+  if (a.base == Base::kJoint) {
+    return {"irradiance", "demodulate", "joint.0",      "joint.1",      "joint.2",     "joint.3",
+            "joint.4",    "mix",        "remodulate.1", "remodulate.3", "remodulate.5"};
+  }
+  if (a.is_kpcn()) return {"light", "remainder", "gradients", "filter.diffuse", "filter.rest", "remodulate"};
+  std::vector<std::string> layers;
+  if (a.is_pyramid()) {
+    layers = {"light",    "pool.1",   "pool.2",   "pool.3",   "guides.1", "guides.2",
+              "guides.3", "filter.0", "filter.1", "filter.2", "filter.3", "compose"};
+    if (a.scale > 1) layers.push_back("cell_light");
+  }
+  if (a.upscaler == reference::Upscaler::kRcan) {
+    for (int block = 0; block < a.groups * a.blocks; ++block) {
+      const std::string name = fmt::format("groups.{}.blocks.{}", block / a.blocks, block % a.blocks);
+      for (const char* part : {".means", ".attend"}) layers.push_back(name + part);
+    }
+  }
+  return layers;
+}
 
 }  // namespace
 
 const std::vector<std::string>& golden_names() {
   static const std::vector<std::string> names = {
-      "tiny-x2",  "tiny-x4", "tiny-x8", "guided-x2", "guided-x4",  "guided-x8",  "joint-x2",
-      "joint-x4", "spp-x4",  "edsr-x4", "rcan-x2",   "pyramid-x1", "pyramid-x2", "pyramid-x4"};
+      "tiny-x2", "tiny-x4", "tiny-x8", "guided-x2", "guided-x4",  "guided-x8",  "joint-x2",  "joint-x4",
+      "spp-x4",  "edsr-x4", "rcan-x2", "kpcn-x1",   "pyramid-x1", "pyramid-x2", "pyramid-x4"};
   return names;
 }
 
@@ -63,21 +76,8 @@ Golden load_golden(const std::string& name) {
           : take_planes(tensors, "hrls_input");
   golden.outputs["output"] = take_planes(tensors, "output");
   for (const auto& [name, conv] : golden.weights) golden.outputs[name] = take_planes(tensors, name);
-  if (golden.architecture.base == Base::kJoint) {
-    for (const char* layer : kJointLayers) golden.outputs[layer] = take_planes(tensors, layer);
-  }
-  if (golden.architecture.is_pyramid()) {
-    for (const std::string layer : kPyramidLayers) {
-      if (golden.architecture.scale == 1 && layer == "cell_light") continue;
-      golden.outputs[layer] = take_planes(tensors, layer);
-    }
-  }
-  const reference::Architecture& a = golden.architecture;
-  for (int block = 0; block < a.groups * a.blocks && a.upscaler == reference::Upscaler::kRcan; ++block) {
-    const std::string name = fmt::format("groups.{}.blocks.{}", block / a.blocks, block % a.blocks);
-    for (const char* part : {".means", ".attend"})
-      golden.outputs[name + part] = take_planes(tensors, name + part);
-  }
+  for (const std::string& layer : layers_without_weights(golden.architecture))
+    golden.outputs[layer] = take_planes(tensors, layer);
   if (!tensors.empty()) throw std::runtime_error("golden: unknown layer " + tensors.begin()->first);
   return golden;
 }

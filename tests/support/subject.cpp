@@ -61,6 +61,16 @@ Architecture pyramid_architecture(int scale) {
           .widths = {4, 3, 3, 2}};
 }
 
+Architecture kpcn_architecture() {
+  Architecture a = pyramid_architecture(1);
+  a.widths.clear();
+  a.hrls_layers.push_back(LayerKind::kRadiance);
+  a.features = 3;
+  a.depth = 3;
+  a.kernel_side = 7;
+  return a;
+}
+
 Architecture rcan_architecture(int scale) {
   Architecture a = edsr_architecture(scale);
   a.upscaler = reference::Upscaler::kRcan;

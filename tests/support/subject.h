@@ -25,6 +25,8 @@ reference::Architecture unshuffled_architecture(int scale);
 reference::Architecture pyramid_architecture(int scale);
 // Returns EDSR, which reads LRHS alone.
 reference::Architecture edsr_architecture(int scale);
+// Returns KPCN, which reads HRLS alone.
+reference::Architecture kpcn_architecture();
 // Returns RCAN, which reads LRHS alone and takes means over whole frames.
 reference::Architecture rcan_architecture(int scale);
 

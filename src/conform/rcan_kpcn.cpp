@@ -43,11 +43,41 @@ void check_attend(Check& check, const ImageTrial& c) {
 constexpr ImageLayer kAttentionLayers[] = {{.name = "channel_means", .check = check_channel_means},
                                            {.name = "attend", .check = check_attend}};
 
+void check_gradients(Check& check, const ImageTrial& c) {
+  const Planes in = features(c, 1);
+  const Planes out = run_layer(
+      c, {in}, c.size,
+      [](Graph& graph, const auto& tensors, const Tensor& to) {
+        gradients(graph, "gradients", tensors[0], to);
+      },
+      2 * channels_of(c));
+  check.within(out, reference::gradients(exact(in), c.precision));
+}
+
+// In about half of the pixels the part is larger than the whole.
+void check_remainder(Check& check, const ImageTrial& c) {
+  const Planes whole = c.radiance(3, c.size, 1), part = c.radiance(3, c.size, 2);
+  const Planes out =
+      run_layer(c, {whole, part}, c.size, [&](Graph& graph, const auto& tensors, const Tensor& to) {
+        remainder(graph, "remainder", tensors[0], tensors[1], to, c.transfer());
+      });
+  check.within(out, reference::remainder(exact(whole), exact(part), c.expected_transfer(), c.precision));
+}
+
+constexpr ImageLayer kKpcnLayers[] = {{.name = "gradients", .check = check_gradients},
+                                      {.name = "remainder", .check = check_remainder}};
+
 }  // namespace
 
 void conform_attention(Collector& collector) {
   Collector::for_each(plain_methods(), [&](const Method& method, Precision precision) {
     for (const ImageLayer& layer : kAttentionLayers) try_layer(collector, layer, method, precision);
+  });
+}
+
+void conform_kpcn(Collector& collector) {
+  Collector::for_each(plain_methods(), [&](const Method& method, Precision precision) {
+    for (const ImageLayer& layer : kKpcnLayers) try_layer(collector, layer, method, precision);
   });
 }
 
