@@ -276,12 +276,10 @@ void run_values(Collector& collector, std::span<const Trial> trials, uint32_t ke
 
 std::vector<Method> conv2d_methods(const DeviceInfo& device, uint32_t kernel) {
   std::vector<Method> methods{direct_method(device)};
-  for (const uint32_t tile : kernel == 3 ? std::vector<uint32_t>{2, 4} : std::vector<uint32_t>{})
+  if (kernel == 5) return methods;
+  for (const uint32_t tile : kernel == 1 ? std::vector<uint32_t>{} : std::vector<uint32_t>{2, 4})
     methods.push_back(columns_method(tile));
-  const std::vector<uint32_t> tiles_by_address = kernel == 1   ? std::vector<uint32_t>{4}
-                                                 : kernel == 3 ? std::vector<uint32_t>{2, 4}
-                                                               : std::vector<uint32_t>{};
-  for (const uint32_t tile : tiles_by_address) {
+  for (const uint32_t tile : kernel == 1 ? std::vector<uint32_t>{4} : std::vector<uint32_t>{2, 4}) {
     const std::string name = kernel == 1 ? "pointwise" : fmt::format("F({}, 3)", tile);
     for (const bool addressed : {false, true}) {
       // These parameters are so small that there are several parts, blocks and bands.

@@ -193,7 +193,7 @@ struct Tuner {
         for (kernel.tile = 2; kernel.tile <= shape.most_tile; kernel.tile += 2) kinds.push_back(kernel);
       }
     }
-    if (device.cooperative_matrix && storage == Storage::kFloat16)
+    if (device.cooperative_matrix && storage == Storage::kFloat16 && shape.kernel < 5)
       kinds.push_back(first_matrix_guess(*device.cooperative_matrix, shape));
     best.direct_ms = choose(kinds).front();
     const auto vary = [&](const auto& parameter, std::initializer_list<uint32_t> values) {
@@ -272,6 +272,7 @@ Kernels default_kernels(const DeviceInfo& device, Storage storage) {
   const bool half = storage == Storage::kFloat16;
   const uint32_t most = half && device.half_dots ? 0 : columns_tile(device);
   const auto choose = [device, half, most](const Conv2dShape& shape) -> Conv2dKernel {
+    if (shape.kernel == 5) return {};
     if (half && device.cooperative_matrix && suits_matrices(device, shape))
       return first_matrix_guess(*device.cooperative_matrix, shape);
     if (most == 0 || shape.kernel != 3) return {};

@@ -95,8 +95,8 @@ Convolution make_convolution(const Graph& graph, const std::string& name, const 
   const uint32_t u = options.unshuffle, s = options.shuffle, kernel = options.kernel;
   if (kernel != 1 && kernel != 3 && kernel != 5)
     throw Error("layer {}: kernel {}, expected 1, 3 or 5", name, kernel);
-  if (kernel == 5 && !options.constants.empty())
-    throw Error("layer {}: constant channels, expected none with a kernel of 5", name);
+  if (kernel == 5 && (!options.constants.empty() || !options.how.computes(kernel)))
+    throw Error("layer {}: a kernel of 5, expected the direct one without constant channels", name);
   const uint32_t second = options.second_input ? options.second_input->shape.channels : 0;
   if (second && (u > 1 || options.second_input->shape.height != in.shape.height ||
                  options.second_input->shape.width != in.shape.width)) {

@@ -73,9 +73,11 @@ struct Conv2dKernel {
     return algorithm == Algorithm::kPointwise || algorithm == Algorithm::kWinograd;
   }
   bool has_tile() const { return algorithm == Algorithm::kColumns || algorithm == Algorithm::kWinograd; }
-  // Returns whether it computes convolutions whose kernel has this side.
+  // Returns whether it computes convolutions whose kernel has this side; the direct one alone computes 5x5.
   bool computes(uint32_t kernel) const {
-    return algorithm == Algorithm::kPointwise ? kernel == 1 : !has_tile() || kernel == 3;
+    return kernel == 1   ? !has_tile()
+           : kernel == 3 ? algorithm != Algorithm::kPointwise
+                         : algorithm == Algorithm::kDirect;
   }
   // Returns the m of F(m, 3), or 0 for other algorithms.
   uint32_t winograd_tile() const { return has_tile() ? tile : 0; }
