@@ -16,7 +16,7 @@ from evaluation import agreement, pictures, tables, test_set
 from evaluation.jobs import Model, Store
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-TABLES = ("main", "paper", "upscale", "decimated", "grid", "ablations", "robustness", "equal-time")
+TABLES = ("main", "paper", "upscale", "best-lrhs", "decimated", "grid", "ablations", "robustness", "equal-time")
 SHOWN = "x4-balanced"  # the model in the pictures
 
 
@@ -87,6 +87,7 @@ def main():
         "main": [tables.main_plan(models)],
         "paper": [tables.main_plan(models, "paper", test_set.PAPER_PAIRS)],
         "upscale": [tables.upscale_plan([model for model in everything if not model.reads_hrls])],
+        "best-lrhs": [tables.best_plan([model for model in everything if model.reads_lrhs])],
         "decimated": [tables.decimated_plan(fusing)],
         "robustness": [tables.robustness_plan(fusing)],
         "ablations": [tables.ablation_plan(fusing, ablations)],

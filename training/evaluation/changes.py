@@ -11,10 +11,14 @@ EXPOSURES = (-8, -4, 4, 8)  # stops
 
 @dataclasses.dataclass(frozen=True)
 class Change:
-    """Holds a change: apply(lrhs, hrls, scale) changes both Exr in place; the fused image is multiplied by `gain`."""
+    """Holds a change: apply(lrhs, hrls, scale) changes both Exr in place; the fused image is multiplied by `gain`.
+
+    `centered` says that an LRHS that was none is an ordinary small render then.
+    """
 
     apply: Callable
     gain: float = 1.0
+    centered: bool = False
 
 
 def is_radiance(layer):
@@ -63,7 +67,15 @@ def subsampled(lrhs, hrls, scale):
     lrhs.pixels = lrhs.pixels[::scale, ::scale]
 
 
+def cells(lrhs, hrls, scale):
+    """Averages LRHS, which is a full-size image, over scale x scale pixels."""
+    height, width, channels = lrhs.pixels.shape
+    divided = lrhs.pixels.reshape(height // scale, scale, width // scale, scale, channels)
+    lrhs.pixels = divided.mean(axis=(1, 3))
+
+
 CHANGES = {
+    "cells": Change(cells, centered=True),
     "fireflies": Change(fireflies),
     "alpha": Change(alpha),
     "rgb": Change(rgb),

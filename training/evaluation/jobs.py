@@ -93,9 +93,10 @@ class Job:
             folder = pathlib.Path(folder)
             lrhs, hrls, gain = self.changed_files(view, folder)
             # Renders show what LRHS is, and say how many samples they have. Changed ones may not.
-            sampling = "auto" if not self.change else "centered" if self.is_small_render() else "nearest"
+            centered = self.is_small_render() or self.change and CHANGES[self.change].centered
+            sampling = "auto" if not self.change else "centered" if centered else "nearest"
             options = ["--guides", view.folder / self.guides] if self.guides else []
-            if self.change:
+            if self.change and self.model.reads_hrls:
                 options += ["--lrhs-spp", view.spp(self.lrhs), "--hrls-spp", view.spp(self.hrls)]
             report = fuse(program, self.model, lrhs, hrls, folder / "fused.exr", sampling, options)
             return read(folder / "fused.exr") * gain, report["device_ms"] / 1000

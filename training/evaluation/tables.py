@@ -231,6 +231,19 @@ def upscale_plan(models):
     return Plan("upscale", "", [f"{high} spp" for _, high in PAPER_PAIRS[2]], rows)
 
 
+def best_plan(models):
+    """Plans Table 5 of Hou et al. 2021: LRHS alone or with one sample of HRLS.
+
+    The last column has the best LRHS there is, which is half of the reference, averaged over s x s pixels.
+    """
+    rows = []
+    for model in models:
+        hrls = render(1) if model.reads_hrls else ""
+        first = Job("fused", lrhs(model.scale, PAIRS[model.scale][0][0]), hrls, model)
+        rows.append((model.name, [first, Job("fused", HALVES[0], render(1), model, "cells")]))
+    return Plan("best-lrhs", "", ["LRHS of 4 (x2) or 16 samples (x4)", "the best LRHS"], rows)
+
+
 def lead_sheet(name, models, views, store):
     rows, (pairs, rivals) = [], LEADS[name]
     for model, scale, pair, i in pairings(models, pairs):
