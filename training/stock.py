@@ -29,7 +29,6 @@ SIZES = {"full": (64, 64, 4, 5, 3, 48), "balanced": (48, 32, 4, 3, 2, 32), "fast
 PYRAMIDS = dict.fromkeys(
     ("x2-balanced", "denoise-balanced"), dict(widths=("48", "64", "80", "96"), upscaled_features=24)
 )
-KPCN_LAYERS = ("color", "albedo", "normal", "diffuse", "variance")
 KPCN = dict(features=24, depth=5, kernel_side=11)
 # EDSR and RCAN have as many residual blocks.
 UPSCALERS = {
@@ -48,7 +47,7 @@ def config(name, changes=()):
         stock = Config(scale, **UPSCALERS[size], **inputs, network=size)
     elif size == "kpcn":
         inputs = {key: INPUTS[key] for key in ("optional_layers", "exposure_key", "clip")}
-        stock = Config(1, **KPCN, **inputs, network="kpcn", hrls_layers=KPCN_LAYERS)
+        stock = Config(1, **KPCN, **inputs, network="kpcn")
     elif scale == 1:
         inputs = {key: value for key, value in INPUTS.items() if key != "lrhs_sampling"}
         stock = Config(scale, **inputs, **PYRAMIDS[name], network="pyramid")

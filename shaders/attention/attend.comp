@@ -5,6 +5,7 @@
 #include "params.h"
 #include "tensor.glsl"
 #include "memory.glsl"
+#include "share.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;
 #include "invocation.glsl"
@@ -21,9 +22,7 @@ BUFFER(4, writeonly, Target, STORAGE, target)
 void main() {
   uvec3 id = global_invocation_id();
   Strip strip = strip_at(id.xy, uvec2(p.width, p.height));
-  // A larger exponent would overflow.
-  float logit = clamp(float(logits.v[id.z * p.plane_logits]), -80.0, 80.0);
-  float share = 1.0 / (1.0 + exp(-logit));
+  float share = share_of(float(logits.v[id.z * p.plane_logits]));
   [[unroll]] for (uint k = 0; k < kStrip; ++k) {
     uint element = address(id.z, strip.pixels[k].y, strip.pixels[k].x, p.plane, p.width);
     float value = share * float(source.v[element]) + float(residual.v[element]);

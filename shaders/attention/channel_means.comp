@@ -15,7 +15,7 @@ BUFFER(1, readonly, Source, STORAGE, source)
 BUFFER(2, writeonly, Target, STORAGE, target)
 
 void main() {
-  uint self = local_invocation_index(), channel = gl_WorkGroupID.x;
+  uint self = local_invocation_index(), channel = gl_WorkGroupID.z;
   float sum = 0.0;
   for (uint i = self; i < p.pixels; i += RAYMELD_SUMMANDS) sum += float(source.v[channel * p.plane_in + i]);
   sum = workgroup_sum(sum);

@@ -1,4 +1,4 @@
-// Computes a 2D convolution (cross-correlation) of kernel 1 or 3 with stride 1 and zero padding:
+// Computes a 2D convolution (cross-correlation) of kernel 1, 3 or 5 with stride 1 and zero padding:
 //   out(o, y, x) = act(bias(o) + sum(o, y, x)) + residuals
 //   sum(o, y, x) = sum over i, kx, ky of weight(o, i, ky, kx) in(i, y + ky - r, x + kx - r)
 // Here r = kernel / 2, act is ReLU or nothing, and residuals are added in their order, after the activation.

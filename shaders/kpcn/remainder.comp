@@ -1,5 +1,5 @@
-// Writes what encoded radiance has more than a part of it, at least 0, encoded again. Each invocation
-// computes one element; z is the channel.
+// Writes max(0, whole - part), both decoded, encoded again. Each invocation computes one element; z is the
+// channel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"

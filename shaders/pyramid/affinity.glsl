@@ -20,6 +20,3 @@ float unlikeness(Surface a, Surface b, vec2 factors) {
   vec3 color = a.albedo - b.albedo, facing = a.normal - b.normal;
   return factors.x * dot(color, color) + factors.y * dot(facing, facing);
 }
-
-// Returns the share that a logit stands for; the limit keeps exp from overflowing.
-float share_of(float logit) { return 1.0 / (1.0 + exp(-clamp(logit, -80.0, 80.0))); }

@@ -7,6 +7,7 @@
 #include "params.h"
 #include "tensor.glsl"
 #include "memory.glsl"
+#include "share.glsl"
 #include "transfer.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;

@@ -8,6 +8,7 @@
 #include "params.h"
 #include "tensor.glsl"
 #include "memory.glsl"
+#include "share.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;
 layout(constant_id = 0) const int kSide = 5;

@@ -5,7 +5,7 @@
 
 namespace raymeld::conform {
 
-// Returns every kernel for a 1x1 or 3x3 convolution, cut into several parts, blocks and bands.
+// Returns every kernel for a 1x1, 3x3 or 5x5 convolution, cut into several parts, blocks and bands.
 std::vector<Method> conv2d_methods(const DeviceInfo& device, uint32_t kernel);
 
 // Tests denormals, infinities, NaN and values beyond 16 bits in 1x1 convolutions, whose direct sums promise

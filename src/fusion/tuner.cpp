@@ -228,11 +228,13 @@ struct Tuner {
   }
 };
 
-// Returns whether matrices compute a shape faster than the direct kernel, by the estimates of docs/gpu.md.
+// Returns whether matrices compute a shape faster than the direct kernel, by the estimates of docs/gpu.md. An
+// image of fewer pixels than a row of a workgroup's leaves nearly all of it idle.
 // Among Radeons, whose driver in Mesa is RADV, RDNA 3 multiplies no faster by matrices than by dot products
 // of halves, and stores the results more slowly. RDNA 4, which Mesa names GFX12, multiplies twice as fast by
 // matrices, but channels that do not fill one are lost.
 bool suits_matrices(const DeviceInfo& device, const Conv2dShape& shape) {
+  if (shape.height * shape.width < kMatrixColumns) return false;
   if (!device.half_dots || device.name.find("RADV") == std::string::npos) return true;
   if (device.name.find("GFX12") == std::string::npos) return false;
   return shape.channels_in > 16 && shape.channels_out > (shape.kernel == 1 ? 32u : 8u);

@@ -20,7 +20,7 @@ void channel_means(Graph& graph, const std::string& name, const Tensor& in, cons
     throw Error("layer {}: {} pixels, expected fewer than 2^31", name, shape.pixels());
   Pass pass = pass_of(graph, name, shaders::kChannelMeans, {in}, out);
   pass.set_push(params::ChannelMeans{uint32_t(shape.pixels()), graph.plane(in), graph.plane(out)});
-  pass.groups = {shape.channels, 1, 1};
+  pass.groups = {1, 1, shape.channels};
   graph.add(std::move(pass));
 }
 

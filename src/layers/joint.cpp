@@ -77,6 +77,7 @@ void remodulate(Graph& graph, const std::string& name, const Tensor& demodulated
   if (rest) expect_shape(name, "the rest", *rest, shape);
   Pass pass = pass_of(graph, name, shaders::kRemodulate, {demodulated, albedo, rest.value_or(albedo)}, out);
   pass.constants = {rest.has_value()};
+  if (!rest) pass.bytes -= traffic(graph, albedo);  // which is bound in the place of the rest, and not read
   pass.set_push(params::Remodulate{shape.height, shape.width, graph.plane(out), transfer == Transfer::kLog});
   pass.groups = strip_groups(shape);
   graph.add(std::move(pass));

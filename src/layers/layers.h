@@ -312,7 +312,7 @@ void compose(Graph& graph, const std::string& name, const Tensor& rec, const Ten
 // the last column and the last row.
 void gradients(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out);
 
-// Writes what encoded radiance (H, W, C) has more than a part of it, at least 0, encoded again.
+// Writes max(0, whole - part) (H, W, C), both decoded, encoded again.
 void remainder(Graph& graph, const std::string& name, const Tensor& whole, const Tensor& part,
                const Tensor& out, Transfer transfer);
 

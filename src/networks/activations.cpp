@@ -71,25 +71,35 @@ void ActivationEstimate::add(const Graph& graph, const Conv2dLink& link) {
     if (std::abs(sum.mean) > std::abs(channel.mean)) channel.mean = sum.mean;
     channel.variance = std::max(channel.variance, sum.variance);
   }
-  add_terms(graph, link.out, link.options.residuals);
+  for (const Tensor& residual : link.options.residuals)
+    add_share(graph, link.out, residual, [](uint32_t) { return 1.0; });
 }
 
-void ActivationEstimate::add_sum(const Graph& graph, const Tensor& out, const std::vector<Tensor>& terms) {
-  tensors_[name_of(graph, out)].resize(graph.tensors()[out.id].shape.channels);
-  add_terms(graph, out, terms);
+// Means over many pixels hardly vary.
+void ActivationEstimate::add_means(const Graph& graph, const Tensor& in, const Tensor& out) {
+  add_share(graph, out, in, [](uint32_t) { return 1.0; });
+  for (Moments& channel : tensors_.at(name_of(graph, out))) channel.variance = 0;
 }
 
-void ActivationEstimate::add_terms(const Graph& graph, const Tensor& out, const std::vector<Tensor>& terms) {
-  std::vector<Moments>& channels = tensors_.at(name_of(graph, out));
-  for (const Tensor& term : terms) {
-    const std::string& name = name_of(graph, term);
-    added_.emplace_back(name_of(graph, out), name);
-    for (uint32_t c = 0; c < out.shape.channels; ++c) {
-      const Moments& other = tensors_.at(name).at(term.channel_offset + c);
-      Moments& channel = channels.at(out.channel_offset + c);
-      channel.mean += other.mean;
-      channel.variance += other.variance;
-    }
+void ActivationEstimate::add_attended(const Graph& graph, const Tensor& in, const Tensor& logits,
+                                      const Tensor& residual, const Tensor& out) {
+  const std::vector<Moments>& known = tensors_.at(name_of(graph, logits));
+  add_share(graph, out, in, [&](uint32_t c) { return 1 / (1 + std::exp(-known.at(c).mean)); });
+  add_share(graph, out, residual, [](uint32_t) { return 1.0; });
+}
+
+template <typename Share>
+void ActivationEstimate::add_share(const Graph& graph, const Tensor& out, const Tensor& term,
+                                   const Share& share) {
+  std::vector<Moments>& channels = tensors_[name_of(graph, out)];
+  channels.resize(graph.tensors()[out.id].shape.channels);
+  const std::string& name = name_of(graph, term);
+  added_.emplace_back(name_of(graph, out), name);
+  for (uint32_t c = 0; c < out.shape.channels; ++c) {
+    const Moments& other = tensors_.at(name).at(term.channel_offset + c);
+    Moments& channel = channels.at(out.channel_offset + c);
+    channel.mean += share(c) * other.mean;
+    channel.variance += share(c) * share(c) * other.variance;
   }
 }
 

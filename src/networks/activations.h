@@ -23,9 +23,11 @@ class ActivationEstimate {
 
   // Adds a convolution; they must be added in the order of the network.
   void add(const Graph& graph, const Conv2dLink& link);
-  // Adds a tensor whose channels are at most the sums of those of `terms`, which have been added. All of them
-  // get the same exponent.
-  void add_sum(const Graph& graph, const Tensor& out, const std::vector<Tensor>& terms);
+  // Adds the output of channel_means(), which gets the exponent of the input.
+  void add_means(const Graph& graph, const Tensor& in, const Tensor& out);
+  // Adds the output of attend(), which gets the exponent of the input and the residual.
+  void add_attended(const Graph& graph, const Tensor& in, const Tensor& logits, const Tensor& residual,
+                    const Tensor& out);
 
   // Returns the largest value expected in a tensor: |mean| + 8 standard deviations of its largest channel.
   // Returns 0 if no convolution writes the tensor.
@@ -40,7 +42,9 @@ class ActivationEstimate {
   static constexpr double kMostExponent = 126;
 
  private:
-  void add_terms(const Graph& graph, const Tensor& out, const std::vector<Tensor>& terms);
+  // Adds to the moments of `out` those of a tensor that share(channel) of is added to it.
+  template <typename Share>
+  void add_share(const Graph& graph, const Tensor& out, const Tensor& term, const Share& share);
 
   struct Moments {
     double mean = 0, variance = 0;

@@ -1,4 +1,4 @@
-// Reads the entries that all networks or those that read HRLS have.
+// Reads the metadata of a model's file: what all networks have, and what those have that read HRLS.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -78,6 +78,8 @@ Architecture parse_architecture(const Metadata& metadata, const std::string& fil
   Architecture a;
   a.kind = network_kind(entries);
   const NetworkFunctions& network = functions_of(a.kind);
+  if (network.most_scale == 1 && entries.text("scale") != "1")
+    entries.reject("scale", "1, as the network denoises");
   a.scale = entries.integer("scale", network.least_scale, network.most_scale);
   if (!std::has_single_bit(a.scale))
     entries.reject("scale", network.least_scale == 1 ? "1, 2, 4 or 8" : "2, 4 or 8");

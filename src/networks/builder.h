@@ -51,9 +51,9 @@ struct NetworkFunctions {
   void (*parse)(const Entries& entries, Architecture& a);
   // Adds the network for an LRHS of this size.
   void (*add)(Builder build, uint32_t height, uint32_t width, float phase);
-  // Is receptive_halo(). It follows the right-most output pixel of LRHS pixel 0 back through the longest
-  // paths to LRHS and to HRLS: a 3x3 reaches one pixel further at its own resolution, and a shuffle moves to
-  // the outermost pixel of the other one.
+  // Returns what receptive_halo() does. It follows the right-most output pixel of LRHS pixel 0 back through
+  // the longest paths to LRHS and to HRLS: a 3x3 reaches one pixel further at its own resolution, a 5x5 two,
+  // and a shuffle moves to the outermost pixel of the other resolution.
   uint32_t (*halo)(const Architecture& a, bool compute_variance);
 };
 

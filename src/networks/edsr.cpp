@@ -10,14 +10,14 @@ void parse_edsr(const Entries& entries, Architecture& a) {
 }
 
 void add_edsr(Builder builder, uint32_t height, uint32_t width, float phase) {
-  Upscaler build(builder, height, width, phase);
-  const Tensor head = build.layer("head", build.lrhs);
+  UpscalerBuilder build(builder, height, width, phase);
+  const Tensor head = build.conv3x3("head", build.lrhs);
   Tensor x = head;
   for (uint32_t block = 0; block < build.a.blocks; ++block) {
     const std::string name = fmt::format("blocks.{}", block);
-    x = build.layer(name + ".1", build.layer(name + ".0", x, true), false, x);
+    x = build.conv3x3(name + ".1", build.conv3x3(name + ".0", x, true), false, x);
   }
-  build.finish(build.layer("body", x, false, head));
+  build.finish(build.conv3x3("body", x, false, head));
 }
 
 uint32_t edsr_halo(const Architecture& a, bool) {

@@ -47,18 +47,18 @@ void parse_kpcn(const Entries& entries, Architecture& a) {
 void add_kpcn(Builder build, uint32_t height, uint32_t width, float) {
   const Architecture& a = build.a;
   Graph& graph = build.graph;
-  const auto layers = static_cast<uint32_t>(build.hrls_channels.encoded.size()), images = layers + 6;
-  const Tensor inputs = build.tensor("encode.hrls", height, width, 3 * images);
-  const Tensor hrls = inputs.slice(0, layers), lit = inputs.slice(layers, 3),
-               rest = inputs.slice(layers + 3, 3);
+  const auto encoded = static_cast<uint32_t>(build.hrls_channels.encoded.size()), channels = encoded + 6;
+  const Tensor inputs = build.tensor("encode.hrls", height, width, 3 * channels);
+  const Tensor hrls = inputs.slice(0, encoded), lit = inputs.slice(encoded, 3),
+               rest = inputs.slice(encoded + 3, 3);
   const Tensor color = build.layer(hrls, "color"), albedo = build.layer(hrls, "albedo"),
                diffuse = build.layer(hrls, "diffuse");
-  build.encode_hrls("encode.hrls", hrls, 0, layers);
+  build.encode_hrls("encode.hrls", hrls, 0, encoded);
   const Tensor bright = build.tensor("above_clip", height, width, 3);
   above_clip(graph, "above_clip", a.bright_slot(), bright, a.clip);
   light(graph, "light", diffuse, albedo, lit, a.transfer);
   remainder(graph, "remainder", color, diffuse, rest, a.transfer);
-  gradients(graph, "gradients", inputs.slice(0, images), inputs.slice(images, 2 * images));
+  gradients(graph, "gradients", inputs.slice(0, channels), inputs.slice(channels, 2 * channels));
   const Tensor filtered_light = filtered(build, "diffuse", inputs, lit);
   const Tensor filtered_rest = filtered(build, "rest", inputs, rest);
   const Tensor fused = build.tensor("remodulate", height, width, 3);

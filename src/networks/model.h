@@ -69,10 +69,9 @@ struct Architecture {
   float lrhs_certainty =
       0;                   // certainty of a pixel of LRHS, where one of HRLS has 1; see docs/model-format.md
   bool knows_spp = false;  // biases and certainty depend on SampleCounts
-  // Has the features of the levels of a pyramid network, of half the full size and so on. It is empty for the
-  // others. The heads and the bases belong to the network of the paper alone, and so do C, R, D, B and G, but
-  // that EDSR has C features and B blocks, RCAN also G groups of these, and KPCN
-  // has C features.
+  // Has the features of a pyramid's levels, of half the full size and so on; it is empty for other networks.
+  // C, R, D, B, G, the heads and the base are fields of the network of Hou et al. 2021. Of these EDSR has C
+  // and B, RCAN has C, B and G, and KPCN has C.
   std::vector<uint32_t> widths;
 
   bool is_pyramid() const { return kind == NetworkKind::kPyramid; }

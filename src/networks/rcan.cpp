@@ -7,18 +7,18 @@ namespace raymeld {
 namespace {
 
 // Adds channel attention to `x`, and the residual.
-Tensor attended(Upscaler& build, const std::string& name, const Tensor& x, const Tensor& residual) {
+Tensor attended(UpscalerBuilder& build, const std::string& name, const Tensor& x, const Tensor& residual) {
   const uint32_t channels = x.shape.channels;
   const Tensor means = build.tensor(name + ".means", 1, 1, channels);
   channel_means(build.graph, name + ".means", x, means);
-  if (build.estimate) build.estimate->add_sum(build.graph, means, {x});
+  if (build.estimate) build.estimate->add_means(build.graph, x, means);
   const Tensor squeezed = build.tensor(name + ".squeeze", 1, 1, build.a.squeezed_features);
   build.conv(name + ".squeeze", means, squeezed, {.kernel = 1, .relu = true});
   const Tensor logits = build.tensor(name + ".excite", 1, 1, channels);
   build.conv(name + ".excite", squeezed, logits, {.kernel = 1});
   const Tensor out = build.tensor(name + ".attend", build.height, build.width, channels);
   attend(build.graph, name + ".attend", x, logits, residual, out);
-  if (build.estimate) build.estimate->add_sum(build.graph, out, {x, residual});
+  if (build.estimate) build.estimate->add_attended(build.graph, x, logits, residual, out);
   return out;
 }
 
@@ -32,20 +32,20 @@ void parse_rcan(const Entries& entries, Architecture& a) {
 }
 
 void add_rcan(Builder builder, uint32_t height, uint32_t width, float phase) {
-  Upscaler build(builder, height, width, phase);
-  const Tensor head = build.layer("head", build.lrhs);
+  UpscalerBuilder build(builder, height, width, phase);
+  const Tensor head = build.conv3x3("head", build.lrhs);
   Tensor x = head;
   for (uint32_t g = 0; g < build.a.groups; ++g) {
     const std::string group = fmt::format("groups.{}", g);
     const Tensor group_input = x;
     for (uint32_t b = 0; b < build.a.blocks; ++b) {
       const std::string name = fmt::format("{}.blocks.{}", group, b);
-      const Tensor inner = build.layer(name + ".1", build.layer(name + ".0", x, true));
+      const Tensor inner = build.conv3x3(name + ".1", build.conv3x3(name + ".0", x, true));
       x = attended(build, name, inner, x);
     }
-    x = build.layer(group + ".last", x, false, group_input);
+    x = build.conv3x3(group + ".last", x, false, group_input);
   }
-  build.finish(build.layer("body", x, false, head));
+  build.finish(build.conv3x3("body", x, false, head));
 }
 
 uint32_t rcan_halo(const Architecture&, bool) { return kWholeFrame; }

@@ -4,11 +4,11 @@ namespace raymeld {
 
 void parse_upscaler(const Entries& entries, Architecture& a) {
   a.features = entries.integer("features", 1, kMostChannels);
-  a.base = Base::kBilinear;
   a.lrhs_centered = entries.choice("lrhs_sampling", "centered", "nearest");
 }
 
-Upscaler::Upscaler(const Builder& builder, uint32_t lrhs_height, uint32_t lrhs_width, float lrhs_phase)
+UpscalerBuilder::UpscalerBuilder(const Builder& builder, uint32_t lrhs_height, uint32_t lrhs_width,
+                                 float lrhs_phase)
     : Builder(builder), height(lrhs_height), width(lrhs_width), phase(lrhs_phase) {
   lrhs = tensor("encode.lrhs", height, width, 3);
   encode_lrhs(lrhs);
@@ -16,8 +16,8 @@ Upscaler::Upscaler(const Builder& builder, uint32_t lrhs_height, uint32_t lrhs_w
   above_clip(graph, "above_clip", kLrhsSlot, bright, a.clip);
 }
 
-Tensor Upscaler::layer(const std::string& name, const Tensor& in, bool relu,
-                       const std::optional<Tensor>& residual) {
+Tensor UpscalerBuilder::conv3x3(const std::string& name, const Tensor& in, bool relu,
+                                const std::optional<Tensor>& residual) {
   const Tensor out = tensor(name, height, width, a.features);
   Conv2dOptions options{.kernel = 3, .relu = relu};
   if (residual) options.residuals = {*residual};
@@ -25,7 +25,7 @@ Tensor Upscaler::layer(const std::string& name, const Tensor& in, bool relu,
   return out;
 }
 
-void Upscaler::finish(Tensor x) {
+void UpscalerBuilder::finish(Tensor x) {
   std::vector<Conv2dLink> links;
   for (uint32_t i = 0; i < a.levels(); ++i)
     x = shuffled(links, fmt::format("up.{}", i), x, 2, a.features, {.kernel = 3});

@@ -174,7 +174,7 @@ Bounded compose(const Bounded& rec, const Bounded& light, const Bounded& guides,
 // row.
 Bounded gradients(const Bounded& x, Precision precision);
 
-// Returns what encoded radiance has more than a part of it, at least 0, encoded again.
+// Returns max(0, whole - part), both decoded, encoded again.
 Bounded remainder(const Bounded& whole, const Bounded& part, Transfer transfer, Precision precision);
 
 // The layers of channel attention follow.
@@ -213,8 +213,8 @@ struct Architecture {
   // entries above it has those of the layers, transfer, clip, samplings, samples and upscaled_features.
   std::vector<int> widths = {};
   int squeezed_features = 0;  // channels inside of RCAN's attention
-  // KPCN has as many convolutions in each branch, or is not what this is, and filters by kernels of this
-  // side. It reads color, albedo, normal and diffuse first, and has features, transfer and clip.
+  // These are KPCN's: the convolutions of a branch, 0 for other networks, and the side of its kernels. Its
+  // HRLS begins with color, albedo, normal and diffuse. It has features, transfer and clip.
   int depth = 0, kernel_side = 0;
 
   bool is_pyramid() const { return !widths.empty(); }

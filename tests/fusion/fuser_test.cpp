@@ -160,7 +160,8 @@ TEST_F(FuserTest, TheHaloOfAPyramidIsEnough) {
   }
 }
 
-// A lit pixel changes outputs as far away as the halo says, by the kernels that it changes.
+// A lit pixel changes kernels far away. It is no firefly, and gradients look one way only, so that on each
+// side the halo may be two pixels larger than what it reaches.
 TEST_F(FuserTest, TheHaloOfKpcnIsEnoughAndNotTooLarge) {
   Subject subject = make_subject(kpcn_architecture(), 1, 1, 3);
   const Model model = model_of(subject);

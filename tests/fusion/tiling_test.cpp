@@ -118,6 +118,9 @@ TEST(Tiling, ChoiceFitsAndIsMadeInHalves) {
 
 TEST(Tiling, NothingFits) {
   EXPECT_EQ(choose_tiling({40, 30}, 3, [](TileSize) { return false; }).count(), 0u);
+  int asked = 0;  // with a halo of the whole frame all tiles are the frame
+  EXPECT_EQ(choose_tiling({40, 30}, 40, [&](TileSize) { return ++asked == 0; }).count(), 0u);
+  EXPECT_EQ(asked, 1);
 }
 
 }  // namespace

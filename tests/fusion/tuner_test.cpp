@@ -200,6 +200,26 @@ TEST(Tuning, GpusWithMatricesMultiplyThemByDefault) {
   EXPECT_EQ(algorithm(Storage::kFloat16), Algorithm::kWinograd);
 }
 
+TEST(Tuning, AKernelOf5IsDirectOnEveryDevice) {
+  const Conv2dShape shape{.height = 64, .width = 64, .channels_in = 32, .channels_out = 32, .kernel = 5};
+  DeviceInfo device = device_with_addresses();
+  device.cooperative_matrix = kMatrix;
+  device.name = "NVIDIA RTX";
+  for (const bool is_cpu : {false, true}) {
+    device.is_cpu = is_cpu;
+    for (const Storage storage : {Storage::kFloat32, Storage::kFloat16})
+      EXPECT_EQ(default_kernels(device, storage).conv2d(shape).algorithm, Algorithm::kDirect);
+  }
+}
+
+TEST(Tuning, AnImageOfOnePixelTakesNoMatrices) {
+  DeviceInfo device = device_with_addresses();
+  device.cooperative_matrix = kMatrix;
+  Conv2dShape shape = kByMatrices;
+  shape.height = shape.width = 1;
+  EXPECT_EQ(default_kernels(device, Storage::kFloat16).conv2d(shape).algorithm, Algorithm::kDirect);
+}
+
 TEST(Tuning, GpusWithoutAnythingFasterGetColumnsThatFitTheirRegisters) {
   DeviceInfo device = device_with_addresses();
   const auto chosen = [&](const char* name, uint32_t most_tile, uint32_t kernel = 3) {

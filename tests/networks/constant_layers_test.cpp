@@ -27,10 +27,18 @@ Architecture with_all_kinds(Architecture a) {
   return a;
 }
 
+Architecture kpcn_with_variance() {
+  Architecture a = kpcn_architecture();
+  a.hrls_layers.push_back(LayerKind::kVariance);
+  return a;
+}
+
+bool encodes_constants(const Architecture& a) { return a.is_pyramid() || a.is_kpcn(); }
+
 std::vector<Architecture> architectures() {
-  return {with_all_kinds(small_architecture(2)), with_all_kinds(guided_architecture(4)),
-          with_all_kinds(joint_architecture(2)), with_all_kinds(unshuffled_architecture(2)),
-          with_all_kinds(pyramid_architecture(2))};
+  return {with_all_kinds(small_architecture(2)),   with_all_kinds(guided_architecture(4)),
+          with_all_kinds(joint_architecture(2)),   with_all_kinds(unshuffled_architecture(2)),
+          with_all_kinds(pyramid_architecture(2)), kpcn_with_variance()};
 }
 
 const ConstantLayers kAbsent{{"albedo", {}}, {"diffuse", {}}};
@@ -156,7 +164,7 @@ TEST_F(ConstantLayersTest, FollowTheExponentsOfStorage) {
 // The work of the weights that read constant layers, counted by hand here, goes. All else stays as it was.
 TEST_F(ConstantLayersTest, TakeNoWork) {
   for (const Architecture& a : architectures()) {
-    if (a.is_pyramid()) continue;  // it encodes them
+    if (encodes_constants(a)) continue;
     const Model model = model_of(make_subject(a, 1, 1, 6));
     const FusePlan whole = plan_fusion(model, 20, 30, gpu().info(), {});
     const FusePlan pruned = plan_fusion(model, 20, 30, gpu().info(), options_without(kConstant));
@@ -191,7 +199,7 @@ TEST_F(ConstantLayersTest, WithoutThemTheGraphHasNoTablesOfBiases) {
     bool has_tables;
   };
   for (const Architecture& a : architectures()) {
-    if (a.is_pyramid()) continue;  // it encodes them
+    if (encodes_constants(a)) continue;
     const Model model = model_of(make_subject(a, 1, 1, 7));
     const Case cases[] = {
         {.constants = {}, .has_tables = false},

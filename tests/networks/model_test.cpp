@@ -236,7 +236,7 @@ TEST_F(ModelTest, KpcnReadsHrlsAlone) {
   const auto error = [&](const std::string& key, const std::string& value) {
     return error_with("kpcn-x1", key, value);
   };
-  EXPECT_TRUE(contains(error("scale", "2"), "expected an integer from 1 to 1"));
+  EXPECT_TRUE(contains(error("scale", "2"), "expected 1, as the network denoises"));
   EXPECT_TRUE(contains(error("kernel_side", "6"), "expected an odd number"));
   EXPECT_TRUE(contains(error("kernel_side", "9"), "tensor kernel.diffuse.weight has shape"));
   EXPECT_TRUE(contains(error("depth", "1"), "expected an integer from 2 to 64"));

@@ -13,7 +13,7 @@ EXPOSURES = (-8, -4, 4, 8)  # stops
 class Change:
     """Holds a change: apply(lrhs, hrls, scale) changes both Exr in place; the fused image is multiplied by `gain`.
 
-    `centered` says that an LRHS that was none is an ordinary small render then.
+    `centered` says that the changed LRHS is an ordinary small render.
     """
 
     apply: Callable
@@ -67,7 +67,7 @@ def subsampled(lrhs, hrls, scale):
     lrhs.pixels = lrhs.pixels[::scale, ::scale]
 
 
-def cells(lrhs, hrls, scale):
+def averaged(lrhs, hrls, scale):
     """Averages LRHS, which is a full-size image, over scale x scale pixels."""
     height, width, channels = lrhs.pixels.shape
     divided = lrhs.pixels.reshape(height // scale, scale, width // scale, scale, channels)
@@ -75,7 +75,7 @@ def cells(lrhs, hrls, scale):
 
 
 CHANGES = {
-    "cells": Change(cells, centered=True),
+    "averaged": Change(averaged, centered=True),
     "fireflies": Change(fireflies),
     "alpha": Change(alpha),
     "rgb": Change(rgb),

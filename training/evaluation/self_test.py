@@ -248,10 +248,10 @@ class Views(unittest.TestCase):
             touched = {channel.split(".")[1] for channel, differs in zip(before.channels, differ) if differs}
             self.assertEqual(touched, layers, name)
 
-    def test_cells_are_means_of_their_pixels(self):
+    def test_an_averaged_lrhs_has_means_of_pixels(self):
         lrhs = exr(1.0, 0)
         before = lrhs.pixels.copy()
-        CHANGES["cells"].apply(lrhs, None, 4)
+        CHANGES["averaged"].apply(lrhs, None, 4)
         self.assertEqual(lrhs.pixels.shape, (SIZE // 4, SIZE // 4, before.shape[2]))
         numpy.testing.assert_allclose(lrhs.pixels[1, 2], before[4:8, 8:12].mean((0, 1)), rtol=1e-5)
 

@@ -240,7 +240,7 @@ def best_plan(models):
     for model in models:
         hrls = render(1) if model.reads_hrls else ""
         first = Job("fused", lrhs(model.scale, PAIRS[model.scale][0][0]), hrls, model)
-        rows.append((model.name, [first, Job("fused", HALVES[0], render(1), model, "cells")]))
+        rows.append((model.name, [first, Job("fused", HALVES[0], render(1), model, "averaged")]))
     return Plan("best-lrhs", "", ["LRHS of 4 (x2) or 16 samples (x4)", "the best LRHS"], rows)
 
 
