@@ -470,6 +470,28 @@ TEST_F(ExtremesTest, LayersOfNothingButZerosNeedNoScaling) {
   EXPECT_EQ(storage_exponents(model_of(subject)).at("fuse"), 0);
 }
 
+// A group of RCAN is scaled, and its logits are not.
+TEST_F(ExtremesTest, AttentionFollowsTheExponentsOfStorage) {
+  Subject subject = make_subject(rcan_architecture(2), 9, 11, 24);
+  for (double& w : subject.weights.at("groups.0.blocks.0.1").weight) w = float(w * 3e4);
+  for (double& w : subject.weights.at("groups.0.blocks.0.squeeze").weight) w = float(w * 1e-5);
+  for (double& w : subject.weights.at("groups.0.last").weight) w = float(w * 1e-5);
+  const Model model = model_of(subject);
+  const StorageExponents exponents = storage_exponents(model);
+  const int scaled = exponents.at("groups.0.blocks.0.1");
+  EXPECT_GT(scaled, 0);
+  for (const char* tensor : {"groups.0.blocks.0.means", "groups.0.blocks.0.attend"})
+    EXPECT_EQ(exponents.at(tensor), scaled) << tensor;
+  EXPECT_FALSE(exponents.contains("groups.0.blocks.0.excite"));
+  Image narrow, wide;
+  for (const auto& [storage, fused] : {std::pair(Storage::kFloat16, &narrow), {Storage::kFloat32, &wide}}) {
+    Fuser fuser(gpu(), model, 9, 11, {.storage = storage}, shared_cache_folder());
+    EXPECT_EQ(fuser.fuse(image_of(subject.lrhs), image_of(subject.hrls), *fused).status.saturated, 0u);
+  }
+  const float most = *std::ranges::max_element(wide.data);
+  for (size_t i = 0; i < wide.data.size(); ++i) ASSERT_NEAR(narrow.data[i], wide.data[i], most * 0x1p-6) << i;
+}
+
 TEST_F(ExtremesTest, TheStockModelsNeedNoScaling) {
   for (const auto& entry : std::filesystem::directory_iterator(source_path("models"))) {
     if (entry.path().extension() != ".safetensors") continue;
