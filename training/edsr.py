@@ -3,7 +3,8 @@
 import torch.nn.functional as F
 from torch import nn
 
-from upscaler import Upscaler, conv
+from model import conv
+from upscaler import Upscaler
 
 
 class Edsr(Upscaler):

@@ -5,8 +5,8 @@ import torch.nn.functional as F
 from torch import nn
 
 import model
+import pyramid
 from kernel_filter import kernel_filter
-from pyramid import compressed, expanded
 
 KERNEL = 5
 BRANCHES = ("diffuse", "rest")
@@ -26,12 +26,10 @@ class Kpcn(model.Kept):
         self.config = config
         inputs, c = 3 * (3 * len(config.hrls_layers) + 6), config.features
 
-        def conv(first, outputs):
-            return nn.Conv2d(first, outputs, KERNEL, padding=KERNEL // 2)
-
         for branch in BRANCHES:
-            setattr(self, branch, nn.ModuleList(conv(c if i else inputs, c) for i in range(config.depth - 1)))
-        self.kernel = nn.ModuleDict({branch: conv(c, config.kernel_side**2) for branch in BRANCHES})
+            layers = [model.conv(c if i else inputs, c, KERNEL) for i in range(config.depth - 1)]
+            setattr(self, branch, nn.ModuleList(layers))
+        self.kernel = nn.ModuleDict({branch: model.conv(c, config.kernel_side**2, KERNEL) for branch in BRANCHES})
 
     def forward(self, inputs):
         inputs = inputs.to(model.multiplied_in(inputs), memory_format=torch.channels_last)
@@ -51,7 +49,7 @@ def predict(network, hrls):
     color, albedo, _, diffuse = high[:, :12].split(3, dim=1)
     diffuse = model.decode(diffuse, config.transfer)
     floored = albedo + model.ALBEDO_FLOOR
-    light = keep("light", compressed(model.without_fireflies(diffuse) / floored))
+    light = keep("light", pyramid.compressed(model.without_fireflies(diffuse) / floored))
     rest = (model.decode(color, config.transfer) - diffuse).clamp(min=0)
     rest = keep("remainder", model.transfer(rest, config.transfer))
     images = torch.cat([high, light, rest], dim=1)
@@ -59,5 +57,5 @@ def predict(network, hrls):
     of_light, of_rest = network(inputs)
     light = keep("filter.diffuse", kernel_filter(light, of_light))
     rest = keep("filter.rest", kernel_filter(rest, of_rest))
-    radiance = expanded(light) * floored + model.decode(rest, config.transfer)
+    radiance = pyramid.expanded(light) * floored + model.decode(rest, config.transfer)
     return keep("remodulate", model.transfer(radiance, config.transfer))

@@ -223,6 +223,11 @@ def through(layers, y):
     return y
 
 
+def conv(inputs, outputs, kernel=3):
+    """Returns a convolution with random weights that keeps the size."""
+    return nn.Conv2d(inputs, outputs, kernel, padding=kernel // 2)
+
+
 class Kept(nn.Module):
     """Keeps the output of each layer in the dictionary `outputs`, if there is one."""
 

@@ -6,16 +6,13 @@ from torch import nn
 
 import model
 from kernel_filter import kernel_filter, squared_distances
+from model import conv
 
 FILTERED_LEVELS = 3  # levels below the full size whose light is filtered
 SIDE, ALBEDO_SIDE = 5, 3  # the sides of kernels that filter light, and of the one that filters albedo
 GUIDE_CHANNELS = 12  # light, color, albedo and normal
 GUIDES = 2  # a guided kernel has logits for its taps, and for the factors of albedo and normal
 ALBEDO_AFFINITY, NORMAL_AFFINITY, MOST_FACTOR = 2.5**2, 1.5**2, 6.0
-
-
-def conv(inputs, outputs, kernel=3):
-    return nn.Conv2d(inputs, outputs, kernel, padding=kernel // 2)
 
 
 def compressed(x):

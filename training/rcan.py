@@ -4,7 +4,8 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
-from upscaler import Upscaler, conv
+from model import conv
+from upscaler import Upscaler
 
 
 class Block(nn.ModuleDict):

@@ -4,10 +4,7 @@ import torch.nn.functional as F
 from torch import nn
 
 import model
-
-
-def conv(inputs, outputs, kernel=3):
-    return nn.Conv2d(inputs, outputs, kernel, padding=kernel // 2)
+from model import conv
 
 
 class Upscaler(model.Kept):
