@@ -91,16 +91,16 @@ void check_remodulate(Check& check, const ImageTrial& c) {
   check.within(run.read(out),
                reference::remodulate(exact(x), slice(exact(hrls), 3, 3), c.expected_transfer(), c.precision));
   const Planes rest = c.radiance(3, c.full(), 5);
-  LayerRun sum(c.target, c.precision, c.method.addressed);
-  const Tensor light = sum.input("light", x), albedo = sum.input("hrls", hrls).slice(3, 3);
-  const Tensor added = sum.input("rest", rest), all = sum.tensor("all", 3, c.full().h, c.full().w);
-  remodulate(sum.graph(), "remodulate", light, albedo, all, c.options().transfer, added);
-  sum.run();
-  const reference::Bounded expected = exact(rest);
-  check.within(sum.read(all),
-               reference::remodulate(exact(x), slice(exact(hrls), 3, 3), c.expected_transfer(), c.precision,
-                                     &expected),
-               "with the rest");
+  const Planes sum = run_layer(c, {x, concat(hrls, rest)}, c.full(),
+                               [&](Graph& graph, const auto& tensors, const Tensor& to) {
+                                 remodulate(graph, "remodulate", tensors[0], tensors[1].slice(3, 3), to,
+                                            c.options().transfer, tensors[1].slice(9, 3));
+                               });
+  const reference::Bounded added = exact(rest);
+  check.within(
+      sum,
+      reference::remodulate(exact(x), slice(exact(hrls), 3, 3), c.expected_transfer(), c.precision, &added),
+      "with the rest");
 }
 
 void check_saturation(Check& check, const Target& target, const Method& method) {
