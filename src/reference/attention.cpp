@@ -4,23 +4,11 @@
 namespace raymeld::reference {
 
 Bounded channel_means(const Bounded& x, Precision precision) {
-  constexpr int kRuns = 128, kTree = 7;
-  const int n = x.value.h * x.value.w;
+  constexpr int kRuns = 128, kTree = 7, kDivision = 3;
+  const int h = x.value.h, w = x.value.w, roundings = (h * w + kRuns - 1) / kRuns + kTree + kDivision;
   Bounded result = exact(Planes(x.value.c, 1, 1));
-  for (int c = 0; c < x.value.c; ++c) {
-    Element mean{0, 0};
-    double magnitude = 0;
-    for (int y = 0; y < x.value.h; ++y) {
-      for (int column = 0; column < x.value.w; ++column) {
-        const Element one = at(x, c, y, column);
-        mean.value += one.value / n;
-        mean.bound += one.bound / n;
-        magnitude += (std::abs(one.value) + one.bound) / n;
-      }
-    }
-    mean.bound += gamma((n + kRuns - 1) / kRuns + kTree + 3) * magnitude;  // the division takes 2.5 ULP
-    store(result, c, 0, 0, mean, precision);
-  }
+  for (int c = 0; c < x.value.c; ++c)
+    store(result, c, 0, 0, mean_over(x, c, 0, 0, h, w, roundings), precision);
   return result;
 }
 

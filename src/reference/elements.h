@@ -57,20 +57,26 @@ inline void expect_shape(const Bounded& x, int c, int h, int w) {
   throw std::invalid_argument("reference: an image of another shape than expected");
 }
 
-// Returns the mean over the s x s pixels that an LRHS pixel covers, summed in any order.
-inline Element mean_of_covered(const Bounded& x, int c, int row, int column, int s) {
+// Returns the mean over h x w pixels from (top, left) on. The sum and the division take so
+// many roundings.
+inline Element mean_over(const Bounded& x, int c, int top, int left, int h, int w, int roundings) {
   Element mean{0, 0};
   double magnitude = 0;
-  for (int y = s * row; y < s * (row + 1); ++y) {
-    for (int xx = s * column; xx < s * (column + 1); ++xx) {
-      const Element one = at(x, c, y, xx);
-      mean.value += one.value / (s * s);
-      mean.bound += one.bound / (s * s);
-      magnitude += (std::abs(one.value) + one.bound) / (s * s);
+  for (int y = top; y < top + h; ++y) {
+    for (int column = left; column < left + w; ++column) {
+      const Element one = at(x, c, y, column);
+      mean.value += one.value / (h * w);
+      mean.bound += one.bound / (h * w);
+      magnitude += (std::abs(one.value) + one.bound) / (h * w);
     }
   }
-  mean.bound += gamma(s * s + 5) * magnitude;  // the division takes 2.5 ULP
+  mean.bound += gamma(roundings) * magnitude;
   return mean;
+}
+
+// Returns the mean over the s x s pixels that an LRHS pixel covers; the division takes 2.5 ULP.
+inline Element mean_of_covered(const Bounded& x, int c, int row, int column, int s) {
+  return mean_over(x, c, s * row, s * column, s, s, s * s + 5);
 }
 
 // Returns sum w x / sum w. Weights that are off by e, the most that their ranges allow, move it by at most

@@ -82,7 +82,7 @@ void expect_same_shape(const Planes& a, const Planes& b) {
 
 Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precision,
                const std::vector<const Bounded*>& residuals, const Tile& tile, int units) {
-  expect(conv.kernel % 2 == 1, "conv2d: the kernel has no centre");
+  expect(conv.kernel == 1 || conv.kernel == 3 || conv.kernel == 5, "conv2d: the kernel is not 1, 3 or 5");
   expect(conv.in == x.value.c, "conv2d: the input has another number of channels");
   expect(conv.weight.size() == size_t(conv.out) * conv.in * conv.kernel * conv.kernel, "conv2d: weights");
   expect(conv.bias.size() == size_t(conv.out), "conv2d: bias");
