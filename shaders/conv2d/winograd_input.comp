@@ -42,7 +42,7 @@ void main() {
   uint tile = 2 * global_invocation_id().x, channel = global_invocation_id().z;
   uvec2 corner = pair_corner(p.first_tile_row, p.tiles_x);
   // Unsigned numbers wrap around above and left of the image, to far outside of it.
-  uint y0 = corner.y - kKernel / 2, x0 = corner.x - kKernel / 2;
+  uint y0 = corner.y + p.first_y, x0 = corner.x + p.first_x;
   float columns[kMostSide][2 * kMostSide];  // [row][column] of both tiles
   vec2 even[kMostSide];                     // the columns x0 + x - 1 and x0 + x; x0 is odd
   [[unroll]] for (uint y = 0; y < kSide; ++y)

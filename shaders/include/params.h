@@ -84,6 +84,7 @@ struct WinogradInput {
   uint channels;
   uint first_channel;  // the source's first channel, counted in the convolution
   uint position_stride;
+  uint first_y, first_x;  // the first pixel that a tile reads, from its own; they wrap around
 };
 
 struct WinogradWeights {

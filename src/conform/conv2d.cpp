@@ -50,7 +50,7 @@ constexpr Trial k1x1[] = {
 constexpr Trial k5x5[] = {
     {.in = 3, .out = 9, .relu = true},
     {.in = 10, .out = 4, .residuals = 1, .second_input = 3},
-    {.in = 17, .out = 16},
+    {.in = 11, .out = 16},
 };
 
 std::string text_of(const Trial& s, const Size& size) {
@@ -278,8 +278,7 @@ void run_values(Collector& collector, std::span<const Trial> trials, uint32_t ke
 
 std::vector<Method> conv2d_methods(const DeviceInfo& device, uint32_t kernel) {
   std::vector<Method> methods{direct_method(device)};
-  if (kernel == 5) return methods;
-  for (const uint32_t tile : kernel == 1 ? std::vector<uint32_t>{} : std::vector<uint32_t>{2, 4})
+  for (const uint32_t tile : kernel == 3 ? std::vector<uint32_t>{2, 4} : std::vector<uint32_t>{})
     methods.push_back(columns_method(tile));
   for (const uint32_t tile : kernel == 1 ? std::vector<uint32_t>{4} : std::vector<uint32_t>{2, 4}) {
     const std::string name = kernel == 1 ? "pointwise" : fmt::format("F({}, 3)", tile);
@@ -299,6 +298,7 @@ std::vector<Method> conv2d_methods(const DeviceInfo& device, uint32_t kernel) {
       methods.back().kernel.vector = device.vector_lanes;
     }
   }
+  if (kernel == 5) return methods;
   for (const MatrixTiles& tiles : matrix_tiles(device, kernel)) {
     const bool possible = is_possible(tiles, kernel);
     methods.push_back({.name = possible ? fmt::format("matrices, {} outputs", tiles.outputs) : "matrices",

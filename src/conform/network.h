@@ -28,7 +28,7 @@ NetworkRun run_network(const Target& target, const Model& model, const Subject& 
                        FuserOptions options);
 
 // Returns the methods to compute a network with. Method::kernel is the kernel of 3x3 convolutions, and that
-// of 1x1 ones follows from it; 5x5 ones are direct. Activations of the networks (`index`) are in buffers and
+// of 1x1 and 5x5 ones follows from it. Activations of the networks (`index`) are in buffers and
 // by address in turns.
 std::vector<Method> network_methods(const DeviceInfo& device, size_t index);
 

@@ -24,7 +24,6 @@ bool gathers(const DeviceInfo& device) {
 Conv2dKernel default_conv2d(const DeviceInfo& device, const Conv2dShape& shape) {
   Conv2dKernel kernel{
       .algorithm = Algorithm::kWinograd, .tile = shape.most_tile, .vector = device.vector_lanes};
-  if (shape.kernel == 5) return {};
   if (shape.kernel == 1) {
     kernel.algorithm = Algorithm::kPointwise, kernel.band = 2048;
   } else if (gathers(device) && device.vector_lanes == kPairedVector) {
@@ -184,7 +183,7 @@ struct Tuner {
       for (uint32_t tile = 2; tile <= shape.most_tile; tile += 2)
         kinds.push_back({.algorithm = Algorithm::kColumns, .tile = tile});
     }
-    if (device.buffer_device_address && shape.kernel < 5) {
+    if (device.buffer_device_address) {
       Conv2dKernel kernel = first_guess(device, shape);
       kernel.order = tuning.order;
       if (kernel.algorithm == Algorithm::kPointwise) {

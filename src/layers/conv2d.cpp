@@ -96,7 +96,8 @@ Convolution make_convolution(const Graph& graph, const std::string& name, const 
   if (kernel != 1 && kernel != 3 && kernel != 5)
     throw Error("layer {}: kernel {}, expected 1, 3 or 5", name, kernel);
   if (kernel == 5 && (!options.constants.empty() || !options.how.computes(kernel)))
-    throw Error("layer {}: a kernel of 5, expected the direct one without constant channels", name);
+    throw Error("layer {}: a kernel of 5, expected the direct one or Winograd without constant channels",
+                name);
   const uint32_t second = options.second_input ? options.second_input->shape.channels : 0;
   if (second && (u > 1 || options.second_input->shape.height != in.shape.height ||
                  options.second_input->shape.width != in.shape.width)) {
@@ -318,7 +319,8 @@ void conv2d_chain(Graph& graph, std::span<const Conv2dLink> links) {
   for (const auto& [name, in, out, weights, options] : links) {
     const Convolution conv = make_convolution(graph, name, in, out, weights, options);
     const Algorithm algorithm = options.how.algorithm;
-    if (algorithm != Algorithm::kWinograd || graph.keep()) end_run();
+    // The rows that a chain keeps are those that a 3x3 reads.
+    if (algorithm != Algorithm::kWinograd || options.kernel != 3 || graph.keep()) end_run();
     switch (algorithm) {
       case Algorithm::kDirect:
         direct(graph, conv);
@@ -330,10 +332,11 @@ void conv2d_chain(Graph& graph, std::span<const Conv2dLink> links) {
         break;
       case Algorithm::kColumns:
       case Algorithm::kWinograd:
-        if (options.kernel != 3 || (options.how.tile != 2 && options.how.tile != 4))
+        if (options.kernel == 1 || (options.how.tile != 2 && options.how.tile != 4))
           throw Error("layer {}: no Winograd F({}, {}), expected F(2, 3) or F(4, 3)", name, options.how.tile,
                       options.kernel);
         algorithm == Algorithm::kColumns ? by_columns(graph, conv) : run.push_back(conv);
+        if (options.kernel != 3) end_run();
         break;
       case Algorithm::kMatrix:
         conv2d_matrix(graph, conv);

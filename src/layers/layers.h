@@ -47,7 +47,7 @@ enum class Algorithm {
   kDirect,     // conv2d.comp, which any device runs
   kPointwise,  // pointwise.comp, for a 1x1, or pointwise_unshuffled.comp where its input is unshuffled
   kColumns,    // conv2d_columns.comp, for a 3x3
-  kWinograd,   // winograd_*.comp, for a 3x3
+  kWinograd,   // winograd_*.comp, for a 3x3, or for a 5x5 as four of these
   kMatrix      // conv2d_matrix.comp, for either, with 16-bit storage
 };
 
@@ -73,11 +73,11 @@ struct Conv2dKernel {
     return algorithm == Algorithm::kPointwise || algorithm == Algorithm::kWinograd;
   }
   bool has_tile() const { return algorithm == Algorithm::kColumns || algorithm == Algorithm::kWinograd; }
-  // Returns whether it computes convolutions whose kernel has this side; the direct one alone computes 5x5.
+  // Returns whether it computes convolutions whose kernel has this side.
   bool computes(uint32_t kernel) const {
     return kernel == 1   ? !has_tile()
            : kernel == 3 ? algorithm != Algorithm::kPointwise
-                         : algorithm == Algorithm::kDirect;
+                         : algorithm == Algorithm::kDirect || algorithm == Algorithm::kWinograd;
   }
   // Returns the m of F(m, 3), or 0 for other algorithms.
   uint32_t winograd_tile() const { return has_tile() ? tile : 0; }
@@ -111,11 +111,17 @@ struct Kernels {
   Conv2dChoice conv2d = conv2d_direct;
 };
 
-// Returns how many times as large as its direct sums the values in the transforms of a 3x3 convolution by
-// F(4, 3) may become, with inputs of equal size: the largest over the outputs of
+// Returns how many times as large as its direct sums the values in the transforms of a 3x3 or 5x5 convolution
+// by F(4, 3) may become, with inputs of equal size: the largest over the outputs of
 // |A^T| (|G g G^T| |B^T| 1 |B|) |A| over sum |g|. Rounding errors grow by as much and reach a whole tile. The
 // transforms are those of kWinograd or, in one direction only, those of kColumns.
-double winograd_amplification(const ConvWeights& weights, uint32_t channels_in, Algorithm algorithm);
+double winograd_amplification(const ConvWeights& weights, uint32_t channels_in, uint32_t kernel,
+                              Algorithm algorithm);
+
+// Returns the input channels of the 3x3 convolution as which Winograd's kernels compute one of `kernel`.
+inline uint32_t winograd_channels(uint32_t channels_in, uint32_t kernel) {
+  return kernel == 5 ? 4 * channels_in : channels_in;
+}
 
 struct Conv2dOptions {
   uint32_t kernel = 3;  // 1, 3 or 5

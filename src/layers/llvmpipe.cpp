@@ -31,10 +31,10 @@ uint32_t paired_vector(const Graph& graph, const Convolution& conv, uint32_t ban
 }
 
 uint32_t input_vector(const Graph& graph, const Convolution& conv, uint32_t band_tiles) {
-  const bool possible = graph.addressed() && graph.storage() == Storage::kFloat32 &&
-                        conv.options.unshuffle == 1 && conv.options.how.tile == 4 &&
-                        conv.width % kInputVectorPixels == 0 && conv.channels_in <= kUniformNumbers &&
-                        product_vector(conv.options.how, band_tiles) == kInputVector;
+  const bool possible =
+      graph.addressed() && graph.storage() == Storage::kFloat32 && conv.options.unshuffle == 1 &&
+      conv.options.kernel == 3 && conv.options.how.tile == 4 && conv.width % kInputVectorPixels == 0 &&
+      conv.channels_in <= kUniformNumbers && product_vector(conv.options.how, band_tiles) == kInputVector;
   return possible ? kInputVector : 0;
 }
 

@@ -12,6 +12,7 @@
 namespace raymeld {
 namespace {
 
+constexpr uint32_t kPiece = 3, kTaps = kPiece * kPiece;
 constexpr uint32_t kWeightsLocal = 64;               // invocations of a workgroup of winograd_weights.comp
 constexpr uint32_t kMultiplyLocal = 64;              // tiles of a workgroup of winograd_multiply.comp
 constexpr uint32_t kTransformLocal = 64;             // tiles of a workgroup of the transforms
@@ -22,9 +23,28 @@ struct Sizes {
   uint32_t tile, side, positions;
   uint32_t tiles_x, tile_rows;             // tiles_x even
   uint32_t band_rows, band_tiles;          // band_tiles a multiple of all workgroups
+  uint32_t channels_in;                    // those of all pieces
   uint32_t parts;                          // parts of the input channels
   uint32_t outputs, blocks, channels_out;  // channels_out = outputs * blocks
   uint32_t weights_stride, transformed_stride, products_stride;
+};
+
+// A kernel of 5x5 is four pieces of 3x3 side by side, the last row and column of which are 0. So its
+// convolution is a 3x3 one of four times the channels: the image as each piece sees it. A kernel of 3x3 is
+// one piece.
+struct Pieces {
+  uint32_t kernel;
+
+  uint32_t count() const { return winograd_channels(1, kernel); }
+  // Returns the rows, or columns, from a pixel to the first that a piece reads; they wrap around.
+  uint32_t first_row(uint32_t piece) const { return piece / 2 * 3 - kernel / 2; }
+  uint32_t first_column(uint32_t piece) const { return piece % 2 * 3 - kernel / 2; }
+  // Returns tap `k` of a piece, where at(ky, kx) has those of the kernel.
+  template <typename At>
+  auto tap(uint32_t piece, uint32_t k, const At& at) const {
+    const uint32_t ky = piece / 2 * 3 + k / 3, kx = piece % 2 * 3 + k % 3;
+    return ky < kernel && kx < kernel ? at(ky, kx) : 0;
+  }
 };
 
 struct TileGrid {
@@ -41,18 +61,19 @@ Sizes sizes_of(const Convolution& conv) {
   const TileGrid tiles = tile_grid(shape, how.tile);
   Sizes s;
   s.tile = how.tile;
-  s.side = how.tile + conv.options.kernel - 1;
+  s.side = how.tile + kPiece - 1;
   s.positions = s.side * s.side;
   s.tiles_x = tiles.columns;
   s.tile_rows = tiles.rows;
   s.band_rows = winograd_band_rows(shape, how);
   s.band_tiles = divide_up(s.band_rows * s.tiles_x, kMultiplyLocal) * kMultiplyLocal;
-  s.parts = parts_of(conv.channels_in, how.channels);
+  s.channels_in = winograd_channels(conv.channels_in, conv.options.kernel);
+  s.parts = parts_of(s.channels_in, how.channels);
   s.blocks = blocks_of(conv);
   s.outputs = divide_up(conv.channels_out, s.blocks);
   s.channels_out = s.outputs * s.blocks;
-  s.weights_stride = divide_up(s.channels_out * conv.channels_in, 2 * kWeightsLocal) * 2 * kWeightsLocal;
-  s.transformed_stride = s.band_tiles * conv.channels_in + kPaddingElements;
+  s.weights_stride = divide_up(s.channels_out * s.channels_in, 2 * kWeightsLocal) * 2 * kWeightsLocal;
+  s.transformed_stride = s.band_tiles * s.channels_in + kPaddingElements;
   s.products_stride = s.band_tiles * s.channels_out + kPaddingElements;
   return s;
 }
@@ -61,12 +82,16 @@ Sizes sizes_of(const Convolution& conv) {
 template <typename Element>
 void pack_weights(std::byte* target, const Convolution& conv, const Sizes& s) {
   auto* packed = reinterpret_cast<Element*>(target);
-  std::fill_n(packed, 9 * size_t{s.weights_stride}, Element(0));
+  std::fill_n(packed, kTaps * size_t{s.weights_stride}, Element(0));
+  const Pieces pieces{conv.options.kernel};
   for (uint32_t o = 0; o < conv.channels_out; ++o) {
-    for (uint32_t i = 0; i < conv.channels_in; ++i) {
-      Element* first = packed + (size_t{o / s.outputs} * conv.channels_in + i) * s.outputs + o % s.outputs;
-      for (uint32_t k = 0; k < 9; ++k)
-        first[k * size_t{s.weights_stride}] = Element(conv.weight_at(o, i, k / 3, k % 3));
+    for (uint32_t i = 0; i < s.channels_in; ++i) {
+      const auto at = [&](uint32_t ky, uint32_t kx) {
+        return conv.weight_at(o, i % conv.channels_in, ky, kx);
+      };
+      Element* first = packed + (size_t{o / s.outputs} * s.channels_in + i) * s.outputs + o % s.outputs;
+      for (uint32_t k = 0; k < kTaps; ++k)
+        first[k * size_t{s.weights_stride}] = Element(pieces.tap(i / conv.channels_in, k, at));
     }
   }
 }
@@ -106,7 +131,7 @@ struct Steps {
   bool paired() const { return llvmpipe::paired_vector(graph, conv, s.band_tiles) > 0; }
 
   void transform_weights() const {
-    const uint64_t filters_bytes = uint64_t{9} * s.weights_stride * element_bytes(graph.storage());
+    const uint64_t filters_bytes = uint64_t{kTaps} * s.weights_stride * element_bytes(graph.storage());
     const uint32_t filters =
         graph.constant(conv.name + ".weight", filters_bytes, [c = conv, s = s](std::byte* target) {
           c.half ? pack_weights<Imath::half>(target, c, s) : pack_weights<float>(target, c, s);
@@ -122,6 +147,13 @@ struct Steps {
 
   void transform_input(uint32_t first_tile_row) const {
     uint32_t channel = 0;
+    for (uint32_t piece = 0; piece < Pieces{conv.options.kernel}.count(); ++piece)
+      transform_piece(first_tile_row, piece, channel);
+  }
+
+  // Adds to `channel` the channels that it transforms.
+  void transform_piece(uint32_t first_tile_row, uint32_t piece, uint32_t& channel) const {
+    const Pieces pieces{conv.options.kernel};
     for (const Tensor& in : conv.inputs()) {
       const uint32_t u = conv.options.unshuffle, channels = in.shape.channels * u * u;
       const bool vectors = llvmpipe::input_vector(graph, conv, s.band_tiles) > 0;
@@ -130,10 +162,11 @@ struct Steps {
       bindings.push_back(write_binding(scratch.transformed));
       Pass p = pass_of(graph, conv.name, shaders::kWinogradInput, std::move(bindings), vectors);
       p.constants = {s.tile};
-      if (!vectors) p.constants.insert(p.constants.end(), {u, by_pairs(u)});
+      if (!vectors) p.constants.insert(p.constants.end(), {u, by_pairs(u) && pieces.count() == 1});
       set_push(p,
                params::WinogradInput{conv.height, conv.width, graph.plane(in), graph.rows_mask(in), s.tiles_x,
-                                     first_tile_row, conv.channels_in, channel, s.transformed_stride},
+                                     first_tile_row, s.channels_in, channel, s.transformed_stride,
+                                     pieces.first_row(piece), pieces.first_column(piece)},
                vectors);
       p.groups = {s.band_tiles / kTransformLocal, 1, channels};
       p.bytes = share(first_tile_row) * traffic(graph, in);
@@ -143,7 +176,7 @@ struct Steps {
   }
 
   void multiply(uint32_t first_tile_row, uint32_t part) const {
-    const uint32_t first = part * conv.channels_in / s.parts, end = (part + 1) * conv.channels_in / s.parts;
+    const uint32_t first = part * s.channels_in / s.parts, end = (part + 1) * s.channels_in / s.parts;
     const uint32_t vector = llvmpipe::product_vector(conv.options.how, s.band_tiles);
     Binding weight = read_binding(weights);
     weight.by_address = true;
@@ -156,8 +189,8 @@ struct Steps {
       p.constants.insert(p.constants.end(), {conv.options.how.order, vector, local, paired()});
     }
     set_push(p,
-             params::WinogradMultiply{conv.channels_in, first, s.blocks, s.weights_stride,
-                                      s.transformed_stride, s.products_stride},
+             params::WinogradMultiply{s.channels_in, first, s.blocks, s.weights_stride, s.transformed_stride,
+                                      s.products_stride},
              vector > 0);
     p.groups = {s.band_tiles / kMultiplyLocal, s.blocks, s.positions};
     p.flop = share(first_tile_row) * conv.flop() / s.parts;
@@ -261,7 +294,8 @@ std::vector<std::array<double, 3>> winograd_filter(uint32_t tile) {
           {0, 0, 1}};
 }
 
-double winograd_amplification(const ConvWeights& weights, uint32_t channels_in, Algorithm algorithm) {
+double winograd_amplification(const ConvWeights& weights, uint32_t channels_in, uint32_t kernel,
+                              Algorithm algorithm) {
   // Holds the transforms of one direction.
   struct Transforms {
     std::vector<std::array<double, 3>> filter;
@@ -275,16 +309,22 @@ double winograd_amplification(const ConvWeights& weights, uint32_t channels_in, 
   const Transforms& across = algorithm == Algorithm::kColumns ? direct : down;
   const size_t rows = down.filter.size(), columns = across.filter.size();
   double largest = 0;
+  const Pieces pieces{kernel};
+  const size_t taps = size_t{kernel} * kernel;
   for (size_t o = 0; o < weights.bias.size(); ++o) {
     std::vector<double> sums(rows * columns);
     double own = 0;
     for (size_t i = 0; i < channels_in; ++i) {
-      const auto g = weights.weight.subspan((o * channels_in + i) * 9).first<9>();
-      for (size_t p = 0; p < sums.size(); ++p) {
-        double u = 0;
-        for (size_t k = 0; k < 9; ++k)
-          u += down.filter[p / columns][k / 3] * across.filter[p % columns][k % 3] * g[k];
-        sums[p] += std::abs(u);
+      const auto g = weights.weight.subspan((o * channels_in + i) * taps, taps);
+      const auto at = [&](uint32_t ky, uint32_t kx) { return g[size_t{ky} * kernel + kx]; };
+      for (uint32_t piece = 0; piece < pieces.count(); ++piece) {
+        for (size_t p = 0; p < sums.size(); ++p) {
+          double u = 0;
+          for (uint32_t k = 0; k < kTaps; ++k)
+            u += down.filter[p / columns][k / 3] * across.filter[p % columns][k % 3] *
+                 pieces.tap(piece, k, at);
+          sums[p] += std::abs(u);
+        }
       }
       for (const float value : g) own += std::abs(value);
     }
@@ -305,9 +345,9 @@ double winograd_amplification(const ConvWeights& weights, uint32_t channels_in, 
 uint32_t winograd_band_rows(const Conv2dShape& shape, const Conv2dKernel& how) {
   const TileGrid tiles = tile_grid(shape, how.tile);
   if (how.band_rows > 0) return std::min(how.band_rows, tiles.rows);
-  const uint32_t side = how.tile + shape.kernel - 1;
-  const uint64_t row_elements =
-      uint64_t{side} * side * tiles.columns * (shape.channels_in + shape.channels_out);
+  const uint32_t side = how.tile + kPiece - 1;
+  const uint64_t row_elements = uint64_t{side} * side * tiles.columns *
+                                (winograd_channels(shape.channels_in, shape.kernel) + shape.channels_out);
   const auto most_rows =
       static_cast<uint32_t>(std::clamp<uint64_t>(kMostScratchElements / row_elements, 1, tiles.rows));
   return std::clamp(how.band / tiles.columns, 1u, most_rows);

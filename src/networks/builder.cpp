@@ -31,7 +31,7 @@ Conv2dLink Builder::link(const std::string& name, const Tensor& in, const Tensor
   options.how = choose(shape);
   // The estimate includes the constants, without which a tile's error is smaller.
   if (options.how.winograd_tile() == 4 &&
-      !tile_4_is_accurate(a, weights, weights_in, options.how.algorithm)) {
+      !tile_4_is_accurate(a, weights, weights_in, options.kernel, options.how.algorithm)) {
     shape.most_tile = 2;
     options.how = choose(shape);
   }

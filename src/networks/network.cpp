@@ -83,12 +83,13 @@ StorageExponents storage_exponents(const Model& model) {
 }
 
 bool tile_4_is_accurate(const Architecture& a, const ConvWeights& weights, uint32_t channels_in,
-                        Algorithm algorithm) {
+                        uint32_t kernel, Algorithm algorithm) {
   constexpr double kMost = 0x1p-10, kUnit = 0x1p-24;
   // reference::winograd_roundings() counts them.
-  const uint32_t roundings = algorithm == Algorithm::kColumns ? 3 * channels_in + 16 : channels_in + 30;
+  const uint32_t roundings =
+      algorithm == Algorithm::kColumns ? 3 * channels_in + 16 : winograd_channels(channels_in, kernel) + 30;
   return std::sqrt(roundings) * kUnit * encoded(a.transfer, a.clip) *
-             winograd_amplification(weights, channels_in, algorithm) <=
+             winograd_amplification(weights, channels_in, kernel, algorithm) <=
          kMost;
 }
 
@@ -102,9 +103,7 @@ std::vector<Conv2dShape> conv2d_shapes(const Model& model, uint32_t height, uint
     // link() asks for the shape again where it refuses F(4, 3).
     if (shape.most_tile < 4) shapes.pop_back();
     shapes.push_back(shape);
-    return Conv2dKernel{.algorithm = shape.kernel == 1   ? Algorithm::kPointwise
-                                     : shape.kernel == 3 ? Algorithm::kWinograd
-                                                         : Algorithm::kDirect,
+    return Conv2dKernel{.algorithm = shape.kernel == 1 ? Algorithm::kPointwise : Algorithm::kWinograd,
                         .tile = shape.most_tile};
   };
   Graph graph(Storage::kFloat32);

@@ -39,7 +39,7 @@ std::vector<Conv2dShape> conv2d_shapes(const Model& model, uint32_t height, uint
 // winograd_amplification(), and R is the largest encoded radiance, as deeper layers are about as large as
 // their inputs. `algorithm` is kWinograd or kColumns.
 bool tile_4_is_accurate(const Architecture& architecture, const ConvWeights& weights, uint32_t channels_in,
-                        Algorithm algorithm);
+                        uint32_t kernel, Algorithm algorithm);
 
 inline constexpr uint32_t kJointLevels = 5;  // levels of the joint base's filter
 

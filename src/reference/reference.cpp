@@ -78,6 +78,11 @@ void expect_same_shape(const Planes& a, const Planes& b) {
   expect(a.c == b.c && a.h == b.h && a.w == b.w, "reference: shapes differ");
 }
 
+// Kernels in one direction compute no 5x5.
+bool is_by_winograd(const Conv& conv, const Tile& tile) {
+  return conv.kernel == 3 ? tile != Tile{} : conv.kernel == 5 && tile.down > 1 && tile.across > 1;
+}
+
 }  // namespace
 
 Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precision,
@@ -86,7 +91,7 @@ Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precisio
   expect(conv.in == x.value.c, "conv2d: the input has another number of channels");
   expect(conv.weight.size() == size_t(conv.out) * conv.in * conv.kernel * conv.kernel, "conv2d: weights");
   expect(conv.bias.size() == size_t(conv.out), "conv2d: bias");
-  const bool by_winograd = tile != Tile{} && conv.kernel == 3;
+  const bool by_winograd = is_by_winograd(conv, tile);
   // In 16 bits the last channel of each of two inputs may be taken twice, see conv2d.comp.
   const int channels = precision == Precision::kFp16 ? conv.in + 2 : conv.in;
   const int n = by_winograd ? winograd_roundings(conv, tile) : channels * conv.kernel * conv.kernel + 1;
@@ -116,7 +121,7 @@ Bounded conv2d(const Bounded& x, const Conv& conv, bool relu, Precision precisio
 
 Planes conv2d_in_floats(const Planes& x, const Conv& conv, bool relu, Precision precision,
                         const std::vector<const Planes*>& residuals, const Tile& tile) {
-  const bool by_winograd = tile != Tile{} && conv.kernel == 3;
+  const bool by_winograd = is_by_winograd(conv, tile);
   Planes result = by_winograd ? winograd_in_floats(x, conv, tile) : sums_in_floats(x, conv);
   for (int o = 0; o < conv.out; ++o) {
     for (int y = 0; y < x.h; ++y) {

@@ -73,11 +73,16 @@ struct Both {
   }
 };
 
+// A kernel of 5x5 is four of 3x3 side by side, the last row and column of which are 0.
+int pieces_of(const Conv& conv) { return conv.kernel == 5 ? 4 : 1; }
+
+// Returns the 3x3 taps of a kernel from (top, left) on.
 template <typename Number>
-Matrix<Number> filter_of(const Conv& conv, int o, int i) {
+Matrix<Number> filter_of(const Conv& conv, int o, int i, int top, int left) {
   Matrix<Number> g = zeros<Number>(3, 3);
-  for (int y = 0; y < 3; ++y)
-    for (int x = 0; x < 3; ++x) g[size_t(y)][size_t(x)] = Number(conv.at(o, i, y, x));
+  for (int y = 0; y < 3 && top + y < conv.kernel; ++y)
+    for (int x = 0; x < 3 && left + x < conv.kernel; ++x)
+      g[size_t(y)][size_t(x)] = Number(conv.at(o, i, top + y, left + x));
   return g;
 }
 
@@ -99,16 +104,24 @@ Planes convolve(const Planes& image, const Conv& conv, const Both<Number>& f) {
   using F = Transforms<Number>;
   const size_t rows = f.down.input.size(), columns = f.across.input.size();
   const int height = int(f.down.output.size()), width = int(f.across.output.size());
-  const auto in = size_t(conv.in), out = size_t(conv.out);
+  const int pad = conv.kernel / 2;
+  const auto top_of = [](size_t piece) { return int(piece / 2) * 3; };
+  const auto left_of = [](size_t piece) { return int(piece % 2) * 3; };
+  // Each piece has all channels.
+  const auto channels = size_t(conv.in), in = channels * size_t(pieces_of(conv)), out = size_t(conv.out);
   std::vector<Matrix<Number>> weights(out * in), inputs(in);
   for (size_t o = 0; o < out; ++o)
     for (size_t i = 0; i < in; ++i)
-      weights[o * in + i] = f.apply(&F::weight, filter_of<Number>(conv, int(o), int(i)));
+      weights[o * in + i] = f.apply(
+          &F::weight,
+          filter_of<Number>(conv, int(o), int(i % channels), top_of(i / channels), left_of(i / channels)));
   Planes result(conv.out, image.h, image.w);
   for (int top = 0; top < image.h; top += height) {
     for (int left = 0; left < image.w; left += width) {
       for (size_t i = 0; i < in; ++i)
-        inputs[i] = f.apply(&F::input, pixels_of<Number>(image, int(i), top - 1, left - 1, rows, columns));
+        inputs[i] =
+            f.apply(&F::input, pixels_of<Number>(image, int(i % channels), top - pad + top_of(i / channels),
+                                                 left - pad + left_of(i / channels), rows, columns));
       for (size_t o = 0; o < out; ++o) {
         Matrix<Number> sums = zeros<Number>(rows, columns);
         for (size_t i = 0; i < in; ++i)
@@ -151,7 +164,7 @@ Planes winograd_magnitudes(const Bounded& x, const Conv& conv, const Tile& tile)
 }
 
 int winograd_roundings(const Conv& conv, const Tile& tile) {
-  const int products = conv.in * (tile.across == 1 ? conv.kernel : 1);
+  const int products = conv.in * pieces_of(conv) * (tile.across == 1 ? conv.kernel : 1);
   return products + ((tile.down > 1) + (tile.across > 1)) * (4 + 4 + 6) + 2;
 }
 

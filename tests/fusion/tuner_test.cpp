@@ -200,7 +200,7 @@ TEST(Tuning, GpusWithMatricesMultiplyThemByDefault) {
   EXPECT_EQ(algorithm(Storage::kFloat16), Algorithm::kWinograd);
 }
 
-TEST(Tuning, AKernelOf5IsDirectOnEveryDevice) {
+TEST(Tuning, AKernelOf5IsDirectOnGpusAndByWinogradOnCpus) {
   const Conv2dShape shape{.height = 64, .width = 64, .channels_in = 32, .channels_out = 32, .kernel = 5};
   DeviceInfo device = device_with_addresses();
   device.cooperative_matrix = kMatrix;
@@ -208,7 +208,8 @@ TEST(Tuning, AKernelOf5IsDirectOnEveryDevice) {
   for (const bool is_cpu : {false, true}) {
     device.is_cpu = is_cpu;
     for (const Storage storage : {Storage::kFloat32, Storage::kFloat16})
-      EXPECT_EQ(default_kernels(device, storage).conv2d(shape).algorithm, Algorithm::kDirect);
+      EXPECT_EQ(default_kernels(device, storage).conv2d(shape).algorithm,
+                is_cpu ? Algorithm::kWinograd : Algorithm::kDirect);
   }
 }
 
@@ -417,18 +418,22 @@ TEST_F(TunerTest, MeasuresBothStorages) {
 }
 
 // The formula, evaluated by hand, gives 149.38 for 3x3 ones and 128.44 (18496 / 144) for a single one, and in
-// one direction the roots of these.
+// one direction the roots of these. The center of a 5x5 is the corner of one of its pieces of 3x3: (88 /
+// 3)^2.
 TEST(WinogradAmplification, IsWhatTheTransformsAbsoluteValuesLetThrough) {
   const float bias[] = {0};
   const std::vector<float> ones(9, 1.0f), one{0, 0, 0, 0, 1, 0, 0, 0, 0}, two(18, -2.0f);
-  EXPECT_NEAR(winograd_amplification({ones, bias}, 1, Algorithm::kWinograd), 149.38271605, 1e-6);
-  EXPECT_NEAR(winograd_amplification({one, bias}, 1, Algorithm::kWinograd), 128.44444444, 1e-6);
-  EXPECT_NEAR(winograd_amplification({two, bias}, 2, Algorithm::kWinograd), 149.38271605, 1e-6);
-  EXPECT_NEAR(winograd_amplification({ones, bias}, 1, Algorithm::kColumns), 110. / 9, 1e-6);
-  EXPECT_NEAR(winograd_amplification({one, bias}, 1, Algorithm::kColumns), 34. / 3, 1e-6);
-  EXPECT_NEAR(winograd_amplification({two, bias}, 2, Algorithm::kColumns), 110. / 9, 1e-6);
+  EXPECT_NEAR(winograd_amplification({ones, bias}, 1, 3, Algorithm::kWinograd), 149.38271605, 1e-6);
+  EXPECT_NEAR(winograd_amplification({one, bias}, 1, 3, Algorithm::kWinograd), 128.44444444, 1e-6);
+  EXPECT_NEAR(winograd_amplification({two, bias}, 2, 3, Algorithm::kWinograd), 149.38271605, 1e-6);
+  std::vector<float> center(25);
+  center[12] = 1;
+  EXPECT_NEAR(winograd_amplification({center, bias}, 1, 5, Algorithm::kWinograd), 7744. / 9, 1e-6);
+  EXPECT_NEAR(winograd_amplification({ones, bias}, 1, 3, Algorithm::kColumns), 110. / 9, 1e-6);
+  EXPECT_NEAR(winograd_amplification({one, bias}, 1, 3, Algorithm::kColumns), 34. / 3, 1e-6);
+  EXPECT_NEAR(winograd_amplification({two, bias}, 2, 3, Algorithm::kColumns), 110. / 9, 1e-6);
   for (const Algorithm algorithm : {Algorithm::kWinograd, Algorithm::kColumns})
-    EXPECT_EQ(winograd_amplification({std::vector<float>(9, 0.0f), bias}, 1, algorithm), 0);
+    EXPECT_EQ(winograd_amplification({std::vector<float>(9, 0.0f), bias}, 1, 3, algorithm), 0);
 }
 
 // A log transfer leaves no radiance that drowns its neighbours. Linear radiance of up to 1000 drowns them.
