@@ -98,6 +98,18 @@ TEST_F(CliUpscale, PartsAndTilesHaveTheBitsOfTheWholeFrame) {
   EXPECT_EQ(read("out.exr").data, whole.data);
 }
 
+// Channel attention is of all pixels, so that a part takes the whole frame.
+TEST_F(CliUpscale, APartByChannelAttentionHasTheBitsOfTheWholeFrame) {
+  const auto upscale = [](const std::vector<std::string>& more, const std::string& output) {
+    return one_render({"upscale", "--lrhs", "low.exr"},
+                      source_path("tests/golden/rcan-x2.safetensors").string(), more, output);
+  };
+  ASSERT_EQ(run(upscale({}, "whole.exr")).exit_status, 0);
+  const Json part = run_json(upscale({"--json", "--window", "30,3,9,11"}, "out.exr"));
+  EXPECT_EQ(read("out.exr").data, crop(read("whole.exr"), 30, 3, 9, 11).data);
+  EXPECT_EQ(part.at("tiles"), 1);
+}
+
 TEST_F(CliUpscale, AlphaStaysWithinWhatIsAround) {
   low_ = random_image(kAlphaNames, 24, 20, 7);
   for (int y = 0; y < 20; ++y)
