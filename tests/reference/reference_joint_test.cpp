@@ -4,6 +4,7 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "expect_near.h"
 #include "reference/reference.h"
 #include "support.h"
 #include "within_bounds.h"
@@ -11,6 +12,7 @@
 namespace raymeld::reference {
 namespace {
 
+using test::expect_near;
 using test::within_bounds;
 
 constexpr auto kFp32 = Precision::kFp32;
@@ -30,11 +32,6 @@ Planes random(int c, int h, int w, double low, double high, uint64_t seed) {
 }
 
 double encoded(double x) { return std::log(1 + 8 * x) / 3; }
-
-void expect_near(const Planes& actual, const std::vector<double>& expected) {
-  ASSERT_EQ(actual.data.size(), expected.size());
-  for (size_t i = 0; i < expected.size(); ++i) EXPECT_NEAR(actual.data[i], expected[i], 1e-12) << i;
-}
 
 // Returns normals so far apart, 60 widths, that no neighbour counts.
 Planes apart(int h, int w, int scale) {

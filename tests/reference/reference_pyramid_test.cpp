@@ -3,10 +3,13 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "expect_near.h"
 #include "reference/reference.h"
 
 namespace raymeld::reference {
 namespace {
+
+using test::expect_near;
 
 constexpr auto kFp32 = Precision::kFp32;
 constexpr auto kLog = Transfer::kLog, kLinear = Transfer::kLinear;
@@ -15,11 +18,6 @@ double light_of(double x) { return std::log(1 + 0.2 * x) / 0.2; }
 
 // Returns one pixel of three equal channels.
 Planes gray(double value) { return Planes(3, 1, 1, {value, value, value}); }
-
-void expect_near(const Bounded& actual, const std::vector<double>& expected) {
-  ASSERT_EQ(actual.value.data.size(), expected.size());
-  for (size_t i = 0; i < expected.size(); ++i) EXPECT_NEAR(actual.value.data[i], expected[i], 1e-12) << i;
-}
 
 TEST(Light, IsDemodulatedAndCompressed) {
   std::vector<double> color, albedo, expected;

@@ -3,18 +3,16 @@
 
 #include <cmath>
 
+#include "expect_near.h"
 #include "reference/reference.h"
 
 namespace raymeld::reference {
 namespace {
 
+using test::expect_near;
+
 constexpr auto kFp32 = Precision::kFp32;
 constexpr auto kLog = Transfer::kLog, kLinear = Transfer::kLinear;
-
-void expect_near(const Bounded& actual, const std::vector<double>& expected) {
-  ASSERT_EQ(actual.value.data.size(), expected.size());
-  for (size_t i = 0; i < expected.size(); ++i) EXPECT_NEAR(actual.value.data[i], expected[i], 1e-12) << i;
-}
 
 TEST(Gradients, AreAlongXAndThenAlongY) {
   const Planes x(1, 2, 3, {1, 3, 7, 2, 2, -1});
