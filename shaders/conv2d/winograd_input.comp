@@ -41,10 +41,10 @@ vec2 load_pair(uint c, uint y, uint x) {
 void main() {
   uint tile = 2 * global_invocation_id().x, channel = global_invocation_id().z;
   uvec2 corner = pair_corner(p.first_tile_row, p.tiles_x);
-  // Unsigned numbers wrap around above and left of the image, to far outside of it.
+  // Unsigned numbers wrap around above and left of the image, to far outside of it. With kPairs x0 is odd.
   uint y0 = corner.y + p.first_y, x0 = corner.x + p.first_x;
   float columns[kMostSide][2 * kMostSide];  // [row][column] of both tiles
-  vec2 even[kMostSide];                     // the columns x0 + x - 1 and x0 + x; x0 is odd
+  vec2 even[kMostSide];                     // the columns x0 + x - 1 and x0 + x
   [[unroll]] for (uint y = 0; y < kSide; ++y)
     even[y] = kPairs != 0 ? load_pair(channel, y0 + y, x0 - 1) : vec2(0.0);
   [[unroll]] for (uint x = 0; x < kSide + kTile; x += 2) {

@@ -52,7 +52,7 @@ void transpose(inout float v[kVector]) {
 void main() {
   uint first = first_of_vector().x, channel = uniform_number(gl_WorkGroupID.z);
   uint pairs = p.tiles_x / 2, row = quotient(first, pairs), left = kColumns * (first - row * pairs);
-  uint y0 = (p.first_tile_row + row) * kTile - kKernel / 2;  // wraps around above the image
+  uint y0 = (p.first_tile_row + row) * kTile + p.first_y;  // wraps around above the image
   Floats rows[kMostSide], before[kMostSide], after[kMostSide];
   [[unroll]] for (uint y = 0; y < kSide; ++y) {
     bool inside = y0 + y < p.height;

@@ -27,7 +27,7 @@ std::string shape_text(const Conv2dShape& s) {
 
 std::string kernel_text(const Conv2dShape& shape, const Conv2dKernel& k) {
   const std::string refused =
-      shape.kernel == 3 && shape.most_tile < 4 ? "; F(4, 3) refused: not accurate enough" : "";
+      shape.kernel > 1 && shape.most_tile < 4 ? "; F(4, 3) refused: not accurate enough" : "";
   if (k.algorithm == Algorithm::kMatrix) {
     const auto& [matrix, outputs, rows, subgroups, channels] = k.matrix;
     return fmt::format("matrix {}x{}x{}, {} outputs, {} subgroups of {} rows, {} channels{}", matrix.m,

@@ -216,7 +216,8 @@ struct Tuner {
     if (!best.kernel.needs_addresses()) return best;
     if (shape.channels_out > 8) vary(&Conv2dKernel::outputs, {8, 24});
     if (device.is_cpu) {
-      // A band of a 3x3 takes 36 floats a channel for each tile, that of a 1x1 one for each pixel.
+      // A band of a 3x3 takes 36 floats a channel for each tile, that of a 5x5 four times as many, and that
+      // of a 1x1 one for each pixel.
       shape.kernel == 1 ? vary(&Conv2dKernel::band, {512, 1024, 4096})
                         : vary(&Conv2dKernel::band, {128, 512});
       if (best.kernel.vector > 0) vary(&Conv2dKernel::vector, {0});

@@ -48,7 +48,7 @@ enum class Algorithm {
   kPointwise,  // pointwise.comp, for a 1x1, or pointwise_unshuffled.comp where its input is unshuffled
   kColumns,    // conv2d_columns.comp, for a 3x3
   kWinograd,   // winograd_*.comp, for a 3x3, or for a 5x5 as four of these
-  kMatrix      // conv2d_matrix.comp, for either, with 16-bit storage
+  kMatrix      // conv2d_matrix.comp, for a 1x1 or a 3x3, with 16-bit storage
 };
 
 // Holds a kernel and its parameters. kMatrix needs DeviceInfo::cooperative_matrix; it sums in 32 bits, but a
@@ -118,7 +118,7 @@ struct Kernels {
 double winograd_amplification(const ConvWeights& weights, uint32_t channels_in, uint32_t kernel,
                               Algorithm algorithm);
 
-// Returns the input channels of the 3x3 convolution as which Winograd's kernels compute one of `kernel`.
+// Returns how many input channels the 3x3 convolution has by which Winograd's kernels compute another.
 inline uint32_t winograd_channels(uint32_t channels_in, uint32_t kernel) {
   return kernel == 5 ? 4 * channels_in : channels_in;
 }

@@ -29,7 +29,7 @@ struct Sizes {
   uint32_t weights_stride, transformed_stride, products_stride;
 };
 
-// A kernel of 5x5 is four pieces of 3x3 side by side, the last row and column of which are 0. So its
+// A kernel of 5x5, with a row and a column of zeros, is four pieces of 3x3 side by side. So its
 // convolution is a 3x3 one of four times the channels: the image as each piece sees it. A kernel of 3x3 is
 // one piece.
 struct Pieces {

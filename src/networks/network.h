@@ -35,8 +35,8 @@ std::vector<Conv2dShape> conv2d_shapes(const Model& model, uint32_t height, uint
 
 // Returns whether F(4, 3) is accurate enough for a layer: the error that rounding brings into a tile through
 // its brightest pixel must be expected to stay under a quarter of a step of an 8-bit display. This is
-// sqrt(n) u A R <= 2^-10, where n is the number of roundings in one sum, u = 2^-24, A is
-// winograd_amplification(), and R is the largest encoded radiance, as deeper layers are about as large as
+// sqrt(n) u A R <= 2^-10, where n is the number of roundings in one sum of winograd_channels(), u = 2^-24, A
+// is winograd_amplification(), and R is the largest encoded radiance, as deeper layers are about as large as
 // their inputs. `algorithm` is kWinograd or kColumns.
 bool tile_4_is_accurate(const Architecture& architecture, const ConvWeights& weights, uint32_t channels_in,
                         uint32_t kernel, Algorithm algorithm);

@@ -73,7 +73,7 @@ struct Both {
   }
 };
 
-// A kernel of 5x5 is four of 3x3 side by side, the last row and column of which are 0.
+// A kernel of 5x5, with a row and a column of zeros, is four of 3x3 side by side.
 int pieces_of(const Conv& conv) { return conv.kernel == 5 ? 4 : 1; }
 
 // Returns the 3x3 taps of a kernel from (top, left) on.

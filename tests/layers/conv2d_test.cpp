@@ -1,9 +1,10 @@
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include "error_of.h"
 #include "gpu.h"
 
-// Tests what conv2d() refuses; src/conform checks what it computes.
+// Tests what conv2d() refuses, and what a chain keeps; src/conform checks what it computes.
 namespace raymeld::test {
 namespace {
 
@@ -66,6 +67,31 @@ TEST_F(Conv2dTest, AKernelOf5IsDirectOrByWinogradAndHasNoConstantChannels) {
   for (const Algorithm algorithm : {Algorithm::kPointwise, Algorithm::kColumns, Algorithm::kMatrix})
     EXPECT_ERROR(add(two, {.kernel = 5, .how = {.algorithm = algorithm}}), "layer conv", "the direct one");
   add(two, {.kernel = 5});
+  add(two, {.kernel = 5, .how = {.algorithm = Algorithm::kWinograd}});
+}
+
+// The rows that a chain keeps of its tensors are those that a 3x3 reads.
+TEST_F(Conv2dTest, AKernelOf5InAChainReadsAndWritesWholeImages) {
+  const std::vector<float> weight(25, 1.0f), bias(1, 0.0f);
+  for (const uint32_t kernel : {3u, 5u}) {
+    Graph graph(Storage::kFloat32);
+    std::vector<Tensor> tensors{graph.input("0", {64, 16, 1})};
+    for (const char* name : {"1", "2", "3"}) tensors.push_back(graph.tensor(name, {64, 16, 1}));
+    std::vector<Conv2dLink> links;
+    for (const uint32_t i : {0u, 1u, 2u}) {
+      const uint32_t side = i == 1 ? kernel : 3;
+      const Conv2dOptions options{.kernel = side,
+                                  .how = {.algorithm = Algorithm::kWinograd, .tile = 2, .band = 8}};
+      links.push_back({fmt::format("conv {}", i),
+                       tensors[i],
+                       tensors[i + 1],
+                       {std::span(weight).first(size_t{side} * side), bias},
+                       options});
+    }
+    conv2d_chain(graph, links);
+    for (const Tensor& between : {tensors[1], tensors[2]})
+      EXPECT_EQ(graph.rows_mask(between) == UINT32_MAX, kernel == 5);
+  }
 }
 
 }  // namespace

@@ -229,13 +229,13 @@ struct Difference {
 // Tells which pixels of the output depend on the input at a coordinate, in one direction.
 using DependsOn = std::function<bool(int output, int input)>;
 
-// A network of direct kernels reaches as far as its taps. Each 3x3 of Winograd reaches a tile instead of a
-// pixel, at its own resolution: a value changes how all of its tile is rounded.
+// A network of direct kernels reaches as far as its taps. Each 3x3 or 5x5 of Winograd reaches a tile instead
+// of a pixel, at its own resolution: a value changes how all of its tile is rounded.
 DependsOn within_reach(const Model& model, int lrhs_width, int tile) {
   const int scale = int(model.architecture().scale);
   int reach = scale * (int(receptive_halo(model.architecture())) + 1);
   for (const Conv2dShape& shape : conv2d_shapes(model, 1, uint32_t(lrhs_width)))
-    if (shape.kernel == 3 && tile > 1) reach += (tile - 1) * scale * lrhs_width / int(shape.width);
+    if (shape.kernel > 1 && tile > 1) reach += (tile - 1) * scale * lrhs_width / int(shape.width);
   return [reach](int output, int input) { return std::abs(output - input) <= reach; };
 }
 

@@ -45,8 +45,8 @@ TEST(Attend, ScalesByTheSigmoidAndAdds) {
 }
 
 TEST(Attend, LimitsLogits) {
-  const Planes x(2, 1, 1, {3, 3}), residual(2, 1, 1), logits(2, 1, 1, {1e6, -1e6});
-  expect_near(attend(exact(x), exact(logits), exact(residual), kFp32), {3, 3 / (1 + std::exp(80.0))});
+  const Planes x(2, 1, 1, {3, std::exp(80.0)}), residual(2, 1, 1), logits(2, 1, 1, {1e6, -1e6});
+  expect_near(attend(exact(x), exact(logits), exact(residual), kFp32), {3, 1});
 }
 
 }  // namespace

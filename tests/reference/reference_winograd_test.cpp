@@ -44,24 +44,24 @@ class Winograd : public testing::TestWithParam<int> {
 
 TEST_P(Winograd, IsTheConvolution) {
   for (const Tile& tile : tiles())
-    EXPECT_LT(largest_difference(winograd(trial_.x, trial_.conv, tile), trial_.direct), 1e-13);
+    EXPECT_LT(largest_difference(winograd(trial_.x, trial_.conv, tile), trial_.direct),
+              GetParam() == 5 ? 1e-13 : 1e-14);
 }
 
 // Winograd in floats errs by more with larger tiles, and stays within the bound of its transforms'
 // magnitudes.
 TEST_P(Winograd, InFloatsErrsWithinItsBound) {
-  const Trial& trial = trial_;
   double before = 1e-8;
   for (const Tile& tile : tiles()) {
-    const Planes rounded = winograd_in_floats(trial.x, trial.conv, tile);
-    const double error = largest_difference(rounded, trial.direct);
+    const Planes rounded = winograd_in_floats(trial_.x, trial_.conv, tile);
+    const double error = largest_difference(rounded, trial_.direct);
     EXPECT_GT(error, before);
     EXPECT_LT(error, 1e-5);
     before = error;
-    const Planes magnitudes = winograd_magnitudes(exact(trial.x), trial.conv, tile);
+    const Planes magnitudes = winograd_magnitudes(exact(trial_.x), trial_.conv, tile);
     for (size_t i = 0; i < rounded.data.size(); ++i)
-      EXPECT_LE(std::abs(rounded.data[i] - trial.direct.data[i]),
-                gamma(winograd_roundings(trial.conv, tile)) * magnitudes.data[i]);
+      EXPECT_LE(std::abs(rounded.data[i] - trial_.direct.data[i]),
+                gamma(winograd_roundings(trial_.conv, tile)) * magnitudes.data[i]);
   }
 }
 
