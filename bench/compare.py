@@ -22,11 +22,19 @@ import numpy
 
 ROOT = pathlib.Path(__file__).parent.parent
 BENCH, PROGRAM = ROOT / "build/release/bench/raymeld_bench", ROOT / "build/release/raymeld"
-PAPER = "{scale},64,64,4,5,3"  # the network of the paper: scale,features,growth,dense_layers,blocks,groups
+# These have the shapes of their papers, untrained: a shape of export.py, or a stock model and what changes.
+PAPERS = {
+    **{f"x{scale}-full": (f"{scale},64,64,4,5,3",) for scale in (2, 4)},  # Hou et al. 2021
+    "x4-edsr-full": ("x4-edsr", "features=256", "blocks=32"),  # Lim et al. 2017
+    "x4-rcan-full": ("x4-rcan", "features=64", "groups=10", "blocks=20"),  # Zhang et al. 2018
+    "denoise-kpcn-full": ("denoise-kpcn", "features=100", "depth=9", "kernel_side=21"),  # Bako et al. 2017
+}
 
 FRAMES = ["x4-fast 256x256", "x4-fast 512x512", "x4-fast 1024x1024", "x4-fast 1920x1080", "x4-balanced 256x256",
           "x4-balanced 512x512", "x4-full 256x256", "x4-full 512x512", "x4-full 1024x1024", "x2-fast 512x512",
-          "x2-balanced 512x512", "x2-full 256x256"]
+          "x2-balanced 512x512", "x2-full 256x256", "denoise-balanced 512x512", "x4-edsr 512x512", "x4-rcan 512x512",
+          "x4-edsr-full 256x256", "x4-rcan-full 256x256", "denoise-kpcn-full 256x256"]
+
 
 def metadata(path):
     """Returns the metadata of a safetensors file."""
@@ -44,7 +52,7 @@ def parse():
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--core", type=int, default=os.cpu_count() - 1, help="CPU core to pin the programs to")
     parser.add_argument("--frames", nargs="+", default=FRAMES, metavar="'MODEL WxH'",
-                        help="frames to measure; xN-full is the paper's network, untrained")
+                        help="frames to measure; a model named full has its paper's shape, untrained")
     parser.add_argument("--beside", type=pathlib.Path, metavar="FOLDER",
                         help="folder of scripts/unpack whose Vulkan driver is measured as well, with fp32 frames")
     parser.add_argument("--no-tune", action="store_true", help="keep the default kernels, or those tuned before")
@@ -86,8 +94,9 @@ class Bench:
             return stock
         path = self.folder / f"{name}.safetensors"
         if not path.exists():
-            shape = PAPER.format(scale=name[1:].split("-")[0])
-            self.run(sys.executable, ROOT / "training/export.py", "--untrained", shape, "--name", name, "--out", path)
+            shape, *changes = PAPERS[name]
+            self.run(sys.executable, ROOT / "training/export.py", "--untrained", shape, "--choice", *changes,
+                     "--name", name, "--out", path)
         return path
 
     def tune(self, frames):
@@ -126,8 +135,8 @@ class Bench:
         if not folder.exists():
             folder.mkdir()
             width, height = map(int, size.split("x"))
-            scale = int(model[1:].split("-")[0])
-            layers = len(metadata(self.model_file(model))["hrls_layers"].split(","))
+            entries = metadata(self.model_file(model))
+            scale, layers = int(entries["scale"]), len(entries.get("hrls_layers", "color").split(","))
             generator = numpy.random.default_rng(1)
             smooth = numpy.linspace(0.2, 1.0, width, dtype=numpy.float32)
             hrls = smooth * generator.random((3 * layers, height, width), dtype=numpy.float32)

@@ -90,11 +90,11 @@ void add(const std::string& name, const Conv2dShape& shape, const Conv2dKernel& 
       ->Unit(benchmark::kMillisecond);
 }
 
-// Adds the pointwise kernel of a 1x1 convolution, or the Winograd kernels F(2, 3) and F(4, 3) of a 3x3, with
+// Adds the pointwise kernel of a 1x1 convolution, or the Winograd kernels F(2, 3) and F(4, 3) of others, with
 // their other parameters as tuned.
 void add_fast(const Conv2dShape& shape, Storage storage) {
   const Kernels tuned = kernels_for(device(), storage);
-  const bool winograd = shape.kernel == 3;
+  const bool winograd = shape.kernel > 1;
   for (const uint32_t tile : winograd ? std::vector<uint32_t>{2, 4} : std::vector<uint32_t>{4}) {
     Conv2dKernel kernel = tuned.conv2d(shape);
     kernel.algorithm = winograd ? Algorithm::kWinograd : Algorithm::kPointwise;
@@ -132,7 +132,8 @@ void register_device() {
 void register_convolutions() {
   for (const Conv2dShape& shape : shapes()) {
     add("conv2d/" + name_of(shape) + "/direct", shape, {}, Storage::kFloat32, false);
-    if (device().info().cooperative_matrix && device().info().storage_16bit) add_matrix(shape);
+    if (shape.kernel < 5 && device().info().cooperative_matrix && device().info().storage_16bit)
+      add_matrix(shape);
     if (shape.kernel == 3 && !device().info().is_cpu) {
       add_columns(shape, Storage::kFloat32);
       if (device().info().storage_16bit) add_columns(shape, Storage::kFloat16);

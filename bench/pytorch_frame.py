@@ -29,7 +29,7 @@ def main(path, size, precision, folder, eager=False):
     dtype = torch.float16 if precision == "fp16" else torch.bfloat16
     width, height = map(int, size.split("x"))
     network = networks.load(path).to(memory_format=torch.channels_last)
-    scale, layers = network.config.scale, len(network.config.hrls_layers)
+    scale, layers = network.config.scale, max(1, len(network.config.hrls_layers))
 
     def image(name, channels, h, w):
         file = folder / f"{name}.raw"
@@ -39,7 +39,7 @@ def main(path, size, precision, folder, eager=False):
 
     lrhs = image("lrhs", 3, height // scale, width // scale)
     hrls = image("hrls", 3 * layers, height, width)
-    exposure = networks.exposure(lrhs, network.config)
+    exposure = networks.exposure(lrhs if network.config.reads_lrhs else hrls[:, :3], network.config)
     gains = torch.ones(1, 3 * layers, 1, 1)
     for i, name in enumerate(network.config.hrls_layers):
         gains[:, 3 * i : 3 * i + 3] = {"albedo": 1, "normal": 1, "variance": exposure**2}.get(name, exposure)

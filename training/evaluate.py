@@ -12,11 +12,11 @@ import sys
 
 import torch
 
-from evaluation import agreement, pictures, tables, test_set
+from evaluation import agreement, cost, pictures, tables, test_set
 from evaluation.jobs import Model, Store
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-TABLES = ("main", "paper", "upscale", "best-lrhs", "decimated", "grid", "ablations", "robustness", "equal-time")
+TABLES = ("main", "paper", "upscale", "best-lrhs", "decimated", "grid", "ablations", "robustness", "equal-time", "cost")
 SHOWN = "x4-balanced"  # the model in the pictures
 
 
@@ -104,6 +104,8 @@ def main():
     if "equal-time" in args.tables:
         sheets += tables.equal_time_sheets(models, views, store)
         sheets.append(tables.equal_seconds_sheet(models, views, store))
+    if "cost" in args.tables and not args.measured:
+        sheets.append(cost.sheet(everything, views[0], args.program))
     for sheet in sheets:
         sheet.write_csv(args.out)
         print(f"\n{sheet.name}\n{sheet.markdown()}")

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import model as networks
 import safetensors
 from evaluation import oidn, test_set
-from evaluation.baselines import FILTERS, TUNED, bicubic
+from evaluation.baselines import bicubic
+from evaluation.filters import FILTERS, TUNED
 from evaluation.changes import CHANGES
 from evaluation.images import Exr, layers, psnr, read, relmse
 
@@ -106,10 +107,11 @@ class Job:
         return layers(view.folder / self.hrls, ("color", "albedo", "normal"))
 
     def image(self, view, program):
-        """Returns (image, seconds)."""
-        start = time.perf_counter()
+        """Returns (image, seconds); a denoiser's are without reading its inputs."""
         if self.method == "fused":
             return self.fuse(view, program)
+        noisy = self.noisy(view) if self.method in (*FILTERS, "oidn") else None
+        start = time.perf_counter()
         if self.method == "half":
             result = read(view.folder / test_set.HALVES[0])
         elif self.method == "render":
@@ -117,9 +119,9 @@ class Job:
         elif self.method == "renders":
             result = sum(spp * read(view.folder / test_set.render(spp)) for spp in test_set.PLAIN) / test_set.ALL_PLAIN
         elif self.method in FILTERS:
-            result = FILTERS[self.method](*self.noisy(view), self.parameters())
+            result = FILTERS[self.method](*noisy, self.parameters())
         elif self.method == "oidn":
-            result = oidn.denoise(oidn.weights(), *self.noisy(view))
+            result = oidn.denoise(oidn.weights(), *noisy)
         else:
             low = read(view.folder / self.lrhs)
             scale = view.reference().shape[0] // low.shape[0]

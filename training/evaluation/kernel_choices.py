@@ -56,7 +56,8 @@ class Choice:
             raise RuntimeError(f"the program keeps its tuning in '{path}', expected a file in '{folder}'")
         tuning = json.loads(path.read_text())
         device = said("devices")["devices"][0]
-        tuning["conv2d"] = [entry(side, self.kernel, device) for side in (1, 3)]
+        sides = (1, 3, 5) if self.kernel["algorithm"] == WINOGRAD["algorithm"] else (1, 3)
+        tuning["conv2d"] = [entry(side, self.kernel, device) for side in sides]
         path.write_text(json.dumps(tuning))
 
 

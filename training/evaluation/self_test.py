@@ -18,8 +18,9 @@ import torch
 
 import model as networks
 import safetensors
-from evaluation import agreement, numerics, numerics_pages, oidn, tables, test_set
-from evaluation.baselines import FILTERS, TUNED, bicubic
+from evaluation import agreement, cost, nfor, numerics, numerics_pages, oidn, tables, test_set
+from evaluation.baselines import bicubic, window
+from evaluation.filters import FILTERS, TUNED
 from evaluation.changes import CHANGES
 from evaluation.images import Exr, psnr, read, relmse
 from evaluation.input_classes import CLASSES, crop, pair
@@ -93,7 +94,7 @@ class Baselines(unittest.TestCase):
     def test_filters_remove_noise_and_keep_edges(self):
         truth = numpy.prod(numpy.broadcast_arrays(*scene(1e-9, 0)[:2]), axis=0) / scene(1e-9, 0)[1]
         noisy, albedo, normal = scene(0.5, 1)
-        for name, share in (("atrous", 1 / 10), ("svgf", 1 / 20)):
+        for name, share in (("atrous", 1 / 10), ("svgf", 1 / 20), ("nfor", 1 / 20)):
             filtered = FILTERS[name](noisy, albedo, normal, TUNED[name][2])
             self.assertLess(relmse(filtered, truth), relmse(noisy, truth) * share, name)
 
@@ -101,6 +102,30 @@ class Baselines(unittest.TestCase):
         flat = numpy.full((8, 8, 3), 0.3, "float32")
         for name, denoise in FILTERS.items():
             numpy.testing.assert_allclose(denoise(flat, flat, flat, TUNED[name][8]), flat, rtol=1e-5, err_msg=name)
+
+    def test_regressions_are_weighted_least_squares(self):
+        rng, height, width, radius = numpy.random.default_rng(1), 4, 5, 1
+        x, features = rng.random((height, width, 3)), rng.normal(size=(height, width, 6))
+        weights = rng.random((9, height, width))
+        total, sums = numpy.zeros((height, width, 1)), numpy.zeros((height, width, 3))
+        for y, u in numpy.ndindex(height, width):
+            near = [(y + dy, u + dx, i) for i, (dy, dx) in enumerate(window(radius))]
+            near = [(v, w, weights[i, y, u]) for v, w, i in near if 0 <= v < height and 0 <= w < width]
+            seen = [[*(features[v, w] - features[y, u]), (v - y) / radius, (w - u) / radius, 1] for v, w, _ in near]
+            a, weight = numpy.array(seen), numpy.array([weight for _, _, weight in near])[:, None]
+            ridge = nfor.RIDGE * weight.sum() * numpy.diag([1] * 8 + [0])
+            fit = numpy.linalg.solve(a.T @ (weight * a) + ridge, a.T @ (weight * [x[v, w] for v, w, _ in near]))
+            for (v, w, share), value in zip(near, a @ fit):
+                total[v, w] += share
+                sums[v, w] += share * value
+        numpy.testing.assert_allclose(nfor.regression(x, features, weights), sums / total, rtol=1e-3, atol=1e-3)
+
+    def test_regressions_keep_what_features_explain(self):
+        rng = numpy.random.default_rng(2)
+        features, slopes = rng.normal(size=(8, 8, 6)), rng.normal(size=(6, 3))
+        x = features @ slopes + 5
+        kept = nfor.regression(x, features, rng.random((49, 8, 8)))
+        self.assertLess(numpy.abs(kept - x).mean(), 0.01 * numpy.abs(x - 5).mean())
 
 
 def oidn_widths():
@@ -212,6 +237,19 @@ class Views(unittest.TestCase):
         model = Model(pathlib.Path("x4.safetensors"), "", 4)
         labels = [tables.label(*one[:3]) for one in tables.pairings([model])]
         self.assertEqual(labels[::5], ["x4, 16-1", "x4, x8, 64-7"])
+
+    def test_costs_are_medians_of_turns(self):
+        models = [Model(pathlib.Path(f"{name}.safetensors"), "", scale, *reads) for name, scale, *reads in (
+            ("denoise", 1, False, True), ("fuse", 4, True, True), ("upscale", 2, True, False))]
+        named = {label: job for label, job in cost.jobs(models)}
+        self.assertEqual((named["denoise"].lrhs, named["denoise"].hrls), ("", test_set.render(2)))
+        self.assertEqual((named["fuse"].lrhs, named["fuse"].hrls), (test_set.lrhs(4, 16), test_set.render(1)))
+        self.assertEqual((named["upscale"].lrhs, named["upscale"].hrls), (test_set.lrhs(2, 4), ""))
+        seconds = {job: [3.0 * i, i, 2.0 * i] for i, job in enumerate(named.values(), 1)}
+        with mock.patch.object(Job, "image", lambda job, view, program: (None, seconds[job].pop(0))):
+            sheet = cost.sheet(models, None, None)
+        self.assertEqual(sheet.rows[0][1:], ["2.00", "1.0"])
+        self.assertEqual(sheet.rows[-1], ["upscale", "12.00", "6.0"])
 
     def test_all_renders_together_are_worth_their_samples(self):
         last, together = (job.image(self.view, None)[0] for job in tables.RENDERS[-2:])

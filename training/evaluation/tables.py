@@ -123,6 +123,7 @@ def main_plan(models, name="main", pairs=PAIRS):
         ("plain render", [Job("render", hrls=render(spp)) for spp in AVERAGES]),
         ("a-trous filter of it", [Job("atrous", hrls=render(spp)) for spp in AVERAGES]),
         ("SVGF-like filter of it", [Job("svgf", hrls=render(spp)) for spp in AVERAGES]),
+        ("NFOR-like regression of it", [Job("nfor", hrls=render(spp)) for spp in AVERAGES]),
         ("Open Image Denoise of it", [Job("oidn", hrls=render(spp)) for spp in AVERAGES]),
     ]
     for scale in sorted({scale for model in models for scale in scales(model)}):
@@ -302,6 +303,9 @@ def rendering_s(job, view):
 
 def timed_jobs(models):
     """Yields (label, job) for the table of equal seconds."""
+    for name, method in (("NFOR-like regression", "nfor"), ("Open Image Denoise", "oidn")):
+        for spp in AVERAGES:
+            yield f"{name}, {pair_text(0, spp)}", Job(method, hrls=render(spp))
     for model, scale, pair, _ in pairings(models):
         yield label(model, scale, pair), fused(model, pair, scale=scale)
         if model.scale == scale == 4:

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tunes a filter of baselines.py, parameter by parameter, on training views: tune.py VIEWS FILTER [COUNT]."""
+"""Tunes a filter of filters.py, parameter by parameter, on packed training views: tune.py VIEWS FILTER [COUNT]."""
 
 import dataclasses
 import pathlib
@@ -9,17 +9,18 @@ import numpy
 import torch
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent))
-from evaluation import test_set
-from evaluation.baselines import FILTERS, TUNED
-from evaluation.images import layers, psnr, relmse
+import dataset
+from evaluation.filters import FILTERS, TUNED
+from evaluation.images import psnr, relmse
 
 STEPS = (2.0, 1.4)
 WORTHWHILE_DB = 0.005
 
 
 def load(view, spp):
-    """Returns (reference, (color, albedo, normal))."""
-    return view.reference(), layers(view.folder / test_set.render(spp), ("color", "albedo", "normal"))
+    """Returns (reference, (color, albedo, normal)) of a packed view."""
+    render = view.read(f"{spp:04}")[:9].float().permute(1, 2, 0).numpy()
+    return view.reference()[:3].permute(1, 2, 0).numpy(), numpy.split(render, 3, axis=-1)
 
 
 def score(denoise, views, parameters):
@@ -50,11 +51,12 @@ def show(parameters, scores):
 def main():
     torch.set_num_threads(1)
     name, count = sys.argv[2], int(sys.argv[3]) if len(sys.argv) > 3 else 20
-    views = [view for view in test_set.load(sys.argv[1]) if int(view.name[5:]) % 10]  # the others are held out
+    views = dataset.load(sys.argv[1])[0]
     views = views[:: max(1, len(views) // count)][:count]
     for spp, best in TUNED[name].items():
         print(f"{name}, {spp} spp, {len(views)} views")
         tune(FILTERS[name], [load(view, spp) for view in views], best)
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,29 @@
+"""Measures what it costs to make an image, as Table 4 of Hou et al. 2021 does."""
+
+import os
+import statistics
+from unittest import mock
+
+from evaluation import tables
+from evaluation.jobs import Job
+from evaluation.test_set import PAIRS, lrhs, render
+
+ROUNDS = 3
+BASELINES = {"SVGF-like filter": "svgf", "NFOR-like regression": "nfor", "Open Image Denoise": "oidn"}
+
+
+def jobs(models):
+    """Returns (label, job) with the pair of two samples a pixel together; an LRHS alone has one."""
+    baselines = [(label, Job(method, hrls=render(2))) for label, method in BASELINES.items()]
+    alone = lambda model: Job("fused", lrhs(model.scale, PAIRS[model.scale][0][0]), model=model)
+    return baselines + [(m.name, tables.base(m) if m.reads_hrls else alone(m)) for m in models]
+
+
+def sheet(models, view, program):
+    """Measures all in turns, each in one thread, and returns the medians."""
+    with mock.patch.dict(os.environ, LP_NUM_THREADS="0"):  # Mesa's driver for CPUs then has one thread
+        times = [[job.image(view, program)[1] for _, job in jobs(models)] for _ in range(ROUNDS)]
+    medians = [statistics.median(column) for column in zip(*times)]
+    least = min(medians)
+    rows = [[label, f"{time:.2f}", f"{time / least:.1f}"] for (label, _), time in zip(jobs(models), medians)]
+    return tables.Sheet("cost", ["", "seconds", "times the fastest"], rows)
