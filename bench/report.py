@@ -183,9 +183,10 @@ registers, here {peak:.0f} GFLOP/s. Absolute times are those of a shared machine
 
 ## Whole frames
 
-`xN-full` is the paper's network (C = R = 64, D = 4, B = 5, G = 3), untrained. The others are stock models.
-PyTorch runs the same weights on the same inputs, channels last. *Error* is the largest difference from
-PyTorch's fp32 output, divided by 1 + output.
+Models named *full* have the shapes of their papers, untrained: xN-full that of Hou et al. 2021 (C = R = 64,
+D = 4, B = 5, G = 3), x4-edsr-full of Lim et al. 2017, x4-rcan-full of Zhang et al. 2018 and denoise-kpcn-full
+of Bako et al. 2017. The others are stock models. PyTorch runs the same weights on the same inputs, channels
+last. *Error* is the largest difference from PyTorch's fp32 output, divided by 1 + output.
 
 {frames}
 {beside}![Time of whole frames](performance-frames.svg)
