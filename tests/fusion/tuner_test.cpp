@@ -418,8 +418,7 @@ TEST_F(TunerTest, MeasuresBothStorages) {
 }
 
 // The formula, evaluated by hand, gives 149.38 for 3x3 ones and 128.44 (18496 / 144) for a single one, and in
-// one direction the roots of these. The center of a 5x5 is the corner of one of its pieces of 3x3: (88 /
-// 3)^2.
+// one direction the roots of these. The center of a 5x5 is the corner of a piece of 3x3.
 TEST(WinogradAmplification, IsWhatTheTransformsAbsoluteValuesLetThrough) {
   const float bias[] = {0};
   const std::vector<float> ones(9, 1.0f), one{0, 0, 0, 0, 1, 0, 0, 0, 0}, two(18, -2.0f);
