@@ -36,6 +36,11 @@ class View:
     def read(self, name):
         return torch.from_numpy(self.file.read(name))
 
+    def noisy(self, spp):
+        """Returns color, albedo and normal of a full-size render as arrays [H, W, 3]."""
+        layers = self.read(f"{spp:04}")[:9].float()
+        return [layer.permute(1, 2, 0).numpy() for layer in layers.split(3)]
+
     def full_size(self):
         """Returns the names of the renders that HRLS can be."""
         return [f"{spp:04}" for spp in HRLS_SPP]

@@ -66,8 +66,7 @@ def score(network, view, counts, blank=lambda lrhs, hrls: (lrhs, hrls), guides=N
 
 def filter_score(view, spp):
     """Returns (PSNR, RelMSE) of the SVGF-like filter of a plain render."""
-    color, albedo, normal = (x.float().permute(1, 2, 0).numpy() for x in view.read(f"{spp:04}")[:9].split(3))
-    image = filters.svgf(color, albedo, normal, filters.TUNED["svgf"][spp])
+    image = filters.svgf(*view.noisy(spp), filters.TUNED["svgf"][spp])
     return measured(torch.from_numpy(image).permute(2, 0, 1).float()[None], view.reference()[None, :3])
 
 

@@ -105,6 +105,7 @@ struct Steps {
   const Convolution& conv;
   Sizes s;
   Scratch scratch;
+  Pieces pieces{conv.options.kernel};
   Tensor weights = graph.scratch(conv.name + ".weights", uint64_t{s.weights_stride} * s.positions);
   uint32_t bias = bias_constant(graph, conv, s.channels_out);
   uint32_t zeros = graph.constant(
@@ -145,15 +146,8 @@ struct Steps {
     graph.add(std::move(p));
   }
 
-  void transform_input(uint32_t first_tile_row) const {
-    uint32_t channel = 0;
-    for (uint32_t piece = 0; piece < Pieces{conv.options.kernel}.count(); ++piece)
-      transform_piece(first_tile_row, piece, channel);
-  }
-
-  // Adds to `channel` the channels that it transforms.
-  void transform_piece(uint32_t first_tile_row, uint32_t piece, uint32_t& channel) const {
-    const Pieces pieces{conv.options.kernel};
+  void transform_input(uint32_t first_tile_row, uint32_t piece) const {
+    uint32_t channel = piece * conv.channels_in;
     for (const Tensor& in : conv.inputs()) {
       const uint32_t u = conv.options.unshuffle, channels = in.shape.channels * u * u;
       const bool vectors = llvmpipe::input_vector(graph, conv, s.band_tiles) > 0;
@@ -233,7 +227,7 @@ struct Steps {
   }
 
   void compute(uint32_t first_tile_row) const {
-    transform_input(first_tile_row);
+    for (uint32_t piece = 0; piece < pieces.count(); ++piece) transform_input(first_tile_row, piece);
     for (uint32_t part = 0; part < s.parts; ++part) multiply(first_tile_row, part);
     transform_output(first_tile_row);
   }

@@ -6,17 +6,15 @@ from unittest import mock
 
 from evaluation import tables
 from evaluation.jobs import Job
-from evaluation.test_set import PAIRS, lrhs, render
+from evaluation.test_set import render
 
 ROUNDS = 3
-BASELINES = {"SVGF-like filter": "svgf", "NFOR-like regression": "nfor", "Open Image Denoise": "oidn"}
 
 
 def jobs(models):
     """Returns (label, job) with the pair of two samples a pixel together; an LRHS alone has one."""
-    baselines = [(label, Job(method, hrls=render(2))) for label, method in BASELINES.items()]
-    alone = lambda model: Job("fused", lrhs(model.scale, PAIRS[model.scale][0][0]), model=model)
-    return baselines + [(m.name, tables.base(m) if m.reads_hrls else alone(m)) for m in models]
+    denoisers = [(tables.DENOISERS[method], Job(method, hrls=render(2))) for method in ("svgf", "nfor", "oidn")]
+    return denoisers + [(model.name, tables.base(model)) for model in models]
 
 
 def sheet(models, view, program):

@@ -13,6 +13,7 @@ import numpy
 import torch
 
 import compiled
+from compiled import pointer
 from evaluation.baselines import (
     LUMINANCE,
     compressed,
@@ -71,13 +72,12 @@ def patch_weights(luminance, guides, p):
 
 def regression(x, features, weights):
     """Fits and averages as nfor.cpp's regress() does: x [H, W, 3], features [H, W, 6], weights [window, H, W]."""
-    images = [numpy.ascontiguousarray(image, numpy.float32) for image in (x, features, weights)]
-    out = numpy.empty_like(images[0])
-    *inputs, output = (ctypes.c_void_p(image.ctypes.data) for image in (*images, out))
+    images = [torch.as_tensor(image, dtype=torch.float32).contiguous() for image in (x, features, weights)]
+    out = torch.empty_like(images[0])
     radius = int(len(weights) ** 0.5) // 2
     library = compiled.library(pathlib.Path(__file__).with_suffix(".cpp"))
-    library.regress(*inputs, *x.shape[:2], radius, ctypes.c_float(RIDGE), output)
-    return out
+    library.regress(*map(pointer, images), *x.shape[:2], radius, ctypes.c_float(RIDGE), pointer(out))
+    return out.numpy()
 
 
 def nfor(color, albedo, normal, p):

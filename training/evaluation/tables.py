@@ -11,6 +11,13 @@ from evaluation.changes import EXPOSURES
 from evaluation.jobs import Job, Score
 from evaluation.test_set import ALL_PLAIN, AVERAGES, HALVES, PAIRS, PAPER_PAIRS, PLAIN, decimated, guides, lrhs, render
 
+# These make an image of a plain render.
+DENOISERS = {
+    "atrous": "a-trous filter",
+    "svgf": "SVGF-like filter",
+    "nfor": "NFOR-like regression",
+    "oidn": "Open Image Denoise",
+}
 BASELINES = ("render", "atrous", "bicubic")
 # A sheet of leads has these pairs, and compares with the best of these baselines in the same view.
 LEADS = {
@@ -81,7 +88,8 @@ def sheet(plan, views, store):
 
 def fused(model, pair, change="", scale=None, lrhs=lrhs):
     """Returns the job with the pair of `scale`, by default the model's; `lrhs` or decimated() names the small image."""
-    return Job("fused", lrhs(scale or model.scale, pair[0]), render(pair[1]), model, change)
+    hrls = render(pair[1]) if model.reads_hrls else ""
+    return Job("fused", lrhs(scale or model.scale, pair[0]), hrls, model, change)
 
 
 def base(model, change="", lrhs=lrhs):
@@ -121,11 +129,9 @@ def main_plan(models, name="main", pairs=PAIRS):
     rows = [
         ("the reference's own noise", [Job("half")] * 3),
         ("plain render", [Job("render", hrls=render(spp)) for spp in AVERAGES]),
-        ("a-trous filter of it", [Job("atrous", hrls=render(spp)) for spp in AVERAGES]),
-        ("SVGF-like filter of it", [Job("svgf", hrls=render(spp)) for spp in AVERAGES]),
-        ("NFOR-like regression of it", [Job("nfor", hrls=render(spp)) for spp in AVERAGES]),
-        ("Open Image Denoise of it", [Job("oidn", hrls=render(spp)) for spp in AVERAGES]),
     ]
+    for method, what in DENOISERS.items():
+        rows.append((f"{what} of it", [Job(method, hrls=render(spp)) for spp in AVERAGES]))
     for scale in sorted({scale for model in models for scale in scales(model)}):
         if scale > 1:
             rows.append((f"bicubic of LRHS, x{scale}", [bicubic(scale, pair) for pair in pairs[scale]]))
@@ -228,7 +234,7 @@ def upscale_plan(models):
         pairs = PAPER_PAIRS[scale]
         rows.append((f"bicubic, x{scale}", [bicubic(scale, pair) for pair in pairs]))
         for model in (model for model in models if model.scale == scale):
-            rows.append((model.name, [Job("fused", lrhs(scale, low), model=model) for low, _ in pairs]))
+            rows.append((model.name, [fused(model, pair) for pair in pairs]))
     return Plan("upscale", "", [f"{high} spp" for _, high in PAPER_PAIRS[2]], rows)
 
 
@@ -239,9 +245,7 @@ def best_plan(models):
     """
     rows = []
     for model in models:
-        hrls = render(1) if model.reads_hrls else ""
-        first = Job("fused", lrhs(model.scale, PAIRS[model.scale][0][0]), hrls, model)
-        rows.append((model.name, [first, Job("fused", HALVES[0], render(1), model, "averaged")]))
+        rows.append((model.name, [base(model), Job("fused", HALVES[0], render(1), model, "averaged")]))
     return Plan("best-lrhs", "", ["LRHS of 4 (x2) or 16 samples (x4)", "the best LRHS"], rows)
 
 
@@ -303,9 +307,9 @@ def rendering_s(job, view):
 
 def timed_jobs(models):
     """Yields (label, job) for the table of equal seconds."""
-    for name, method in (("NFOR-like regression", "nfor"), ("Open Image Denoise", "oidn")):
+    for method in ("nfor", "oidn"):
         for spp in AVERAGES:
-            yield f"{name}, {pair_text(0, spp)}", Job(method, hrls=render(spp))
+            yield f"{DENOISERS[method]}, {pair_text(0, spp)}", Job(method, hrls=render(spp))
     for model, scale, pair, _ in pairings(models):
         yield label(model, scale, pair), fused(model, pair, scale=scale)
         if model.scale == scale == 4:
