@@ -11,7 +11,7 @@ import safetensors
 
 HRLS_SPP = (1, 2, 4, 8)
 # These channels of LAYERS carry radiance; albedo has 3 to 5, the normal 6 to 8.
-RADIANCE = [0, 1, 2, 9, 10, 11, 12, 13, 14]
+RADIANCE = torch.tensor([0, 1, 2, 9, 10, 11, 12, 13, 14])
 LAYERS = ("color", "albedo", "normal", "diffuse", "specular")
 LAYER_CHANNELS = 3 * len(LAYERS)
 REFERENCE = ("reference-a", "reference-b")  # independent parts of 8 and 24 samples, of held-out seeds 64 and 192
@@ -31,10 +31,17 @@ class View:
         self.path, self.file = path, safetensors.Lazy(path)
         self.record = json.loads(self.file.metadata["view"])
         self.spp = {name.removesuffix(".exr"): about["spp"] for name, about in self.record["files"].items()}
+        self.held = {}
         self._mean_sqrt = None
 
+    def hold(self, device):
+        """Keeps all renders on a device, so that samples are cut out there."""
+        if not self.held:
+            self.held = {name: self.read(name).to(device) for name in self.spp}
+        self.mean_sqrt()
+
     def read(self, name):
-        return torch.from_numpy(self.file.read(name))
+        return self.held[name] if self.held else torch.from_numpy(self.file.read(name))
 
     def noisy(self, spp):
         """Returns color, albedo and normal of a full-size render as arrays [H, W, 3]."""
@@ -92,69 +99,86 @@ def trainable(views, config):
 
 
 def with_variance(layers):
-    """Appends the variance of color: [15, H, W] becomes [18, H, W]."""
-    return torch.cat([layers, model.variance(layers[None, :3])[0]])
+    """Appends the variance of color: [N, 15, H, W] becomes [N, 18, H, W]."""
+    return torch.cat([layers, model.variance(layers[:, :3])], dim=1)
+
+
+def on_each(values, like):
+    """Returns values [N] or [N, C] as a tensor [N, 1 or C, 1, 1] where `like` is."""
+    values = torch.tensor(values).to(like.device, non_blocking=True)
+    return values.reshape(len(values), -1, 1, 1)
 
 
 def reweigh(images, rng):
     """Multiplies diffuse and specular by random colours, the same in all images, in half of the crops.
 
-    `images` are [LAYERS, H, W]; color is the sum of diffuse, specular and a rest that stays.
+    `images` are [N, LAYERS, H, W]; color is the sum of diffuse, specular and a rest that stays.
     """
-    if rng.random() < 0.5:
-        return
-    for start in (9, 12):
-        factor = torch.tensor([2 ** rng.uniform(-1.5, 1) for _ in range(3)])[:, None, None]
-        for image in images:
-            image[:3] = (image[:3] + (factor - 1) * image[start : start + 3]).clamp(min=0)
-            image[start : start + 3] *= factor
+
+    def factors():
+        return [2 ** rng.uniform(-1.5, 1) for _ in range(6)] if rng.random() < 0.5 else [1.0] * 6
+
+    factors = on_each([factors() for _ in images[0]], images[0])
+    for image in images:
+        change = (factors - 1) * image[:, 9:15]
+        image[:, :3] = (image[:, :3] + change[:, :3] + change[:, 3:]).clamp(min=0)
+        image[:, 9:15] *= factors
 
 
-def augment(images, rng):
-    """Mirrors, transposes and permutes the color channels of all images [LAYERS, H, W] in one random way.
+def augment(images, mirrored, rng):
+    """Mirrors images [N, LAYERS, H, W], and transposes them and permutes their color channels in one random way a crop.
 
-    Normals are in camera space (x right, y up), so they follow the mirroring.
+    `mirrored` says for each crop whether it is mirrored along y and x. Normals are in camera space (x right, y up), so
+    they follow the mirroring.
     """
-    order = rng.sample(range(3), 3)
-    right, down, turn = (rng.random() < 0.5 for _ in range(3))
-    channels = (
-        [start + c for start in (0, 3) for c in order] + [6, 7, 8] + [start + c for start in (9, 12) for c in order]
-    )
+
+    def channels():
+        order = rng.sample(range(3), 3)
+        colors, normal = [[start + c for c in order] for start in (0, 3, 9, 12)], [6, 7, 8]
+        return [*colors[0], *colors[1], *normal, *colors[2], *colors[3]]
+
+    count = len(images[0])
+    order = on_each([channels() for _ in range(count)], images[0])
+    down, right = on_each(mirrored, images[0]).split(1, dim=1)
+    turn = on_each([rng.random() < 0.5 for _ in range(count)], images[0])
+
+    def flipped(image, axis, component, chosen):
+        other = image.flip(axis)
+        other[:, component] *= -1
+        return torch.where(chosen, other, image)
 
     def moved(image):
-        image = image[channels]
-        if right:
-            image = image.flip(-1)
-            image[6] *= -1
-        if down:
-            image = image.flip(-2)
-            image[7] *= -1
-        if turn:
-            image = image.transpose(-1, -2).clone()
-            image[6:8] = -image[6:8].flip(0)
-        return image
+        image = image.gather(1, order.expand(-1, -1, *image.shape[2:]))
+        image = flipped(flipped(image, -1, 6, right), -2, 7, down)
+        turned = image.transpose(-1, -2).clone()
+        turned[:, 6:8] = -turned[:, 6:8].flip(1)
+        return torch.where(turn, turned, image)
 
     return [moved(image) for image in images]
 
 
 def drop_layers(hrls, config, rng):
-    """Blanks optional layers as if the file lacked them: all of them, or one, each in a tenth of the samples."""
-    chance = rng.random()
-    if not config.optional_layers or chance > 0.2:
-        return
-    dropped = config.optional_layers if chance < 0.1 else [rng.choice(config.optional_layers)]
-    for name in dropped:
-        start = 3 * config.hrls_layers.index(name)
-        hrls[start : start + 3] = 0
+    """Blanks optional layers as if the file lacked them: all of them, or one, each in a tenth of the crops."""
+
+    def dropped():
+        chance = rng.random()
+        if not config.optional_layers or chance > 0.2:
+            return ()
+        return config.optional_layers if chance < 0.1 else [rng.choice(config.optional_layers)]
+
+    crops = [dropped() for _ in hrls]
+    blank = [[name in names for name in LAYERS for _ in range(3)] for names in crops]
+    hrls[:, :LAYER_CHANNELS].masked_fill_(on_each(blank, hrls), 0)
 
 
 def add_fireflies(layers, rng):
-    """Makes a thousandth of the pixels 10 to 1000 times as bright, in a tenth of the samples."""
-    if rng.random() > 0.1:
-        return
-    height, width = layers.shape[-2:]
-    for _ in range(height * width // 1000):
-        layers[RADIANCE, rng.randrange(height), rng.randrange(width)] *= 10 ** rng.uniform(1, 3)
+    """Makes a thousandth of the pixels 10 to 1000 times as bright, in a tenth of the crops."""
+    count, _, height, width = layers.shape
+    for crop in (layers[i] for i in range(count) if rng.random() < 0.1):
+        pixels = rng.sample(range(height * width), height * width // 1000)
+        factors = torch.tensor([10 ** rng.uniform(1, 3) for _ in pixels]).to(crop, non_blocking=True)
+        at = torch.tensor(pixels).to(crop.device, non_blocking=True)
+        crop[RADIANCE[:, None].to(at.device), at // width, at % width] *= factors
 
 
 def window(y, x, size):
@@ -175,13 +199,13 @@ def pick_lrhs(view, scale, high, is_centered, rng):
     return low, [part for part in REFERENCE if part != low]
 
 
-def sample(views, config, size, rng):
-    """Makes one random crop.
+def crop(view, config, size, mirrored, rng):
+    """Cuts out a random place of a view, which is to be `mirrored` along y and x.
 
-    Returns lrhs [3, size/s, size/s], hrls [K, size, size], reference [3, size, size], whether LRHS is centered, and the
-    samples a pixel of LRHS and HRLS.
+    Where LRHS is every s-th pixel, it is so after that. Returns lrhs [LAYERS, size/s, size/s], hrls [LAYERS, size, size], the two parts of the reference and each one's
+    share of it, whether LRHS is centered, and the samples a pixel of LRHS and HRLS.
     """
-    scale, view = config.scale, rng.choice(views)
+    scale = config.scale
     is_centered = config.lrhs_sampling == ("centered",)
     if len(config.lrhs_sampling) == 2:
         is_centered = rng.random() < CENTERED_SHARE
@@ -189,42 +213,44 @@ def sample(views, config, size, rng):
     low, parts = pick_lrhs(view, scale, high, is_centered, rng)
     y, x = (rng.randint(0, (side - size) // scale) * scale for side in view.read(high).shape[-2:])
     here = window(y, x, size)
-    reference = view.reference(parts, here)
-    hrls = view.read(high)[:LAYER_CHANNELS][here].float() if config.reads_hrls else torch.zeros_like(reference)
+    hrls = view.read(high)[:LAYER_CHANNELS][here]
+    if view.guides() and rng.random() < GUIDES_SHARE:
+        guides = view.read(rng.choice(view.guides()))[:6][here]
+        hrls = torch.cat([hrls[:3], guides, hrls[9:]])
     if is_centered:
         lrhs, low_spp = view.read_lrhs(low, scale)
         lrhs = lrhs[window(*(n // scale for n in (y, x, size)))]
     else:
-        lrhs, low_spp = view.read(low)[:LAYER_CHANNELS][here].float(), view.spp[low]
-    if config.reads_hrls and view.guides() and rng.random() < GUIDES_SHARE:
-        hrls[3:9] = view.read(rng.choice(view.guides()))[:6][here]
-    images = [hrls, reference, lrhs]
-    reweigh(images, rng)
-    hrls, reference, lrhs = augment(images, rng)
-    exposure = 2 ** rng.uniform(-1.5, 1.5) * view.exposure(config)
-    hrls[RADIANCE] *= exposure
-    add_fireflies(hrls, rng)
-    hrls = with_variance(hrls)
-    drop_layers(hrls, config, rng)
-    lrhs = (lrhs if is_centered else lrhs[:, ::scale, ::scale])[:3] * exposure
-    reference = reference[:3].clamp(0, TARGET_CLIP) * exposure
-    spp = torch.tensor([float(low_spp), float(view.spp[high])])
-    return lrhs, hrls, reference, torch.tensor(is_centered).reshape(1, 1, 1), spp.reshape(2, 1, 1)
-
-
-class Batches(torch.utils.data.Dataset):
-    """Has a batch of random crops for every seed."""
-
-    def __init__(self, views, config, size, count):
-        self.arguments = views, config, size, count
-
-    def __getitem__(self, seed):
-        return batch(*self.arguments, seed)
+        y, x = (scale - 1 if is_mirrored else 0 for is_mirrored in mirrored)
+        lrhs, low_spp = view.read(low)[:LAYER_CHANNELS][here][:, y::scale, x::scale], view.spp[low]
+    first, last = (view.read(part)[:LAYER_CHANNELS][here] for part in (parts[0], parts[-1]))
+    shares = [view.spp[part] / (view.spp[parts[0]] + view.spp[parts[-1]]) for part in (parts[0], parts[-1])]
+    return lrhs, hrls, first, last, shares, is_centered, (float(low_spp), float(view.spp[high]))
 
 
 def batch(views, config, size, count, seed):
+    """Makes so many random crops of the same seed.
+
+    Returns lrhs [N, 3, size/s, size/s], hrls [N, K, size, size], reference [N, 3, size, size], whether LRHS is centered
+    [N, 1, 1, 1], and the samples a pixel of LRHS and HRLS [N, 2, 1, 1]; all where the views are held.
+    """
     rng = random.Random(seed)
-    return tuple(torch.stack(images) for images in zip(*(sample(views, config, size, rng) for _ in range(count))))
+    chosen = [rng.choice(views) for _ in range(count)]
+    mirrored = [(rng.random() < 0.5, rng.random() < 0.5) for _ in chosen]
+    crops = (crop(view, config, size, *rest, rng) for view, *rest in zip(chosen, mirrored))
+    *images, shares, centered, spp = zip(*crops)
+    lrhs, hrls, *parts = (torch.stack(image).float() for image in images)
+    shares = on_each(shares, hrls)
+    images = [hrls, parts[0].mul_(shares[:, :1]).add_(parts[1].mul_(shares[:, 1:])), lrhs]
+    reweigh(images, rng)
+    hrls, reference, lrhs = augment(images, mirrored, rng)
+    exposure = on_each([2 ** rng.uniform(-1.5, 1.5) * view.exposure(config) for view in chosen], hrls)
+    hrls[:, RADIANCE] *= exposure
+    add_fireflies(hrls, rng)
+    hrls = with_variance(hrls)
+    drop_layers(hrls, config, rng)
+    reference = reference[:, :3].clamp(0, TARGET_CLIP) * exposure
+    return lrhs[:, :3] * exposure, hrls, reference, on_each(centered, hrls), on_each(spp, hrls)
 
 
 def pair(view, config, low, high, guides=None, decimated=None, small_scale=None):
@@ -249,4 +275,4 @@ def pair(view, config, low, high, guides=None, decimated=None, small_scale=None)
         lrhs = lrhs * exposure
     spp = torch.tensor([float(low), float(high)]).reshape(1, 2, 1, 1)
     reference = view.reference([part for part in REFERENCE if part != decimated])
-    return lrhs[None, :3], with_variance(hrls)[None], reference[None, :3] * exposure, exposure, spp
+    return lrhs[None, :3], with_variance(hrls[None]), reference[None, :3] * exposure, exposure, spp

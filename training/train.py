@@ -57,13 +57,10 @@ def parse():
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--processes", type=int, default=1, help="each takes a batch; their gradients are averaged")
     parser.add_argument("--device", default="cpu", help="cpu or cuda")
-    parser.add_argument("--loaders", type=int, default=0, help="processes that prepare crops, as a GPU needs them")
     parser.add_argument("--constant", action="store_true", help="keep the rate, so that training may go on")
     args = parser.parse_args()
     if args.processes > 1 and args.device != "cpu":
         parser.error("--processes: a GPU takes one")
-    if args.loaders and args.device == "cpu":
-        parser.error("--loaders: their time would not count; take more --processes")
     args.precision = args.precision or (fast_precision() if args.device == "cpu" else "bf16")
     return args
 
@@ -73,11 +70,13 @@ class Run:
         self.args, self.rank, self.step, self.seconds = args, rank, 0, 0.0
         self.device = torch.device(args.device)
         self.counted = None  # clock() at the last step
+        self.views = {}  # by their paths, so that a device holds each once
         torch.manual_seed(1)
         self.config = stock.config(args.model, args.choice)
         if args.without == "lrhs":
             self.config.lrhs_certainty = 0.0
         self.network = model.create(self.config).to(self.device, memory_format=torch.channels_last)
+        self.predict = model.predict if self.device.type == "cpu" else torch.compile(model.predict)
         self.optimizer = torch.optim.Adam(self.rates(), lr=args.rate)
         args.run.mkdir(parents=True, exist_ok=True)
         self.checkpoint = args.run / "checkpoint.pt"
@@ -120,14 +119,24 @@ class Run:
         """Returns seconds of processor time of each thread, or of the wall where a GPU works."""
         return time.process_time() / self.args.threads if self.device.type == "cpu" else time.monotonic()
 
+    def load(self):
+        """Returns the (training views, validation views) that have what the network reads."""
+        parts = (dataset.trainable(views, self.config) for views in dataset.load(self.args.views))
+        training, held_out = ([self.views.setdefault(view.path, view) for view in part] for part in parts)
+        if not training:
+            raise SystemExit(f"{self.args.views}: no view has small renders for x{self.config.scale}")
+        if self.device.type != "cpu":
+            for view in training:
+                view.hold(self.device)
+        return training, held_out
+
     def batches(self, views):
         """Returns an iterator of batches, from the next step's on."""
-        crops = dataset.Batches(views, self.config, self.args.size, self.args.batch)
         seeds = range(self.step * self.args.processes + self.rank, 2**62, self.args.processes)
-        return iter(torch.utils.data.DataLoader(crops, None, sampler=seeds, num_workers=self.args.loaders))
+        return (dataset.batch(views, self.config, self.args.size, self.args.batch, seed) for seed in seeds)
 
     def save(self, views):
-        unsaid = ("views", "run", "threads", "init", "device", "loaders")
+        unsaid = ("views", "run", "threads", "init", "device")
         args = {key: value for key, value in vars(self.args).items() if key not in unsaid}
         provenance = args | {"steps": self.step, "hours": round(self.seconds / 3600, 2), "training_views": views}
         provenance |= self.earlier
@@ -171,9 +180,8 @@ class Run:
         for group in self.optimizer.param_groups:
             group["lr"] = group["factor"] * args.rate * decay * min(1, (self.step + 1) / 200)
         lrhs, hrls, reference, centered, spp = batch
-        lrhs, hrls, reference, spp = (tensor.to(self.device) for tensor in (lrhs, hrls, reference, spp))
         with torch.autocast(self.device.type, torch.bfloat16, enabled=args.precision == "bf16"):
-            encoded = model.predict(self.network, *self.inputs(lrhs, hrls), centered, spp=spp)[0]
+            encoded = self.predict(self.network, *self.inputs(lrhs, hrls), centered, spp=spp)[0]
         error = self.error(encoded.float(), reference)
         self.optimizer.zero_grad(set_to_none=True)
         error.backward()
@@ -229,14 +237,6 @@ class Run:
         print(*row, flush=True)
 
 
-def load(folder, config):
-    """Returns the (training views, validation views) that have what the network reads."""
-    training, held_out = (dataset.trainable(views, config) for views in dataset.load(folder))
-    if not training:
-        raise SystemExit(f"{folder}: no view has small renders for x{config.scale}")
-    return training, held_out
-
-
 def work(rank, args, meeting):
     """Trains; each process does the same, and that of rank 0 validates and saves."""
     torch.set_num_threads(args.threads)
@@ -245,7 +245,7 @@ def work(rank, args, meeting):
             "gloo", f"file://{meeting}", datetime.timedelta(days=1), args.processes, rank
         )
     run = Run(args, rank)
-    training, held_out = load(args.views, run.config)
+    training, held_out = run.load()
     batches, run.counted = run.batches(training), run.clock()
     mean_error, next_validation = 0.0, run.seconds + 60 * args.validate_every
     while run.progress() < 1:
@@ -256,7 +256,7 @@ def work(rank, args, meeting):
             if rank == 0:
                 run.log(mean_error, len(training), held_out)
                 run.save(len(training))
-            training, held_out = load(args.views, run.config)  # more views may have been rendered
+            training, held_out = run.load()  # more views may have been rendered
             batches, run.counted = run.batches(training), run.clock()  # validation does not count
 
 
