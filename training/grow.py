@@ -10,6 +10,8 @@ import re
 
 import torch
 
+import pyramid
+
 
 def input_widths(key, config):
     """Returns the widths of the features that a trunk tensor reads, in order, or None if it reads anything else."""
@@ -30,6 +32,43 @@ def is_smaller(small, large):
         mine <= larger if name in sizes else mine == larger
         for (name, mine), larger in zip(vars(small).items(), vars(large).values())
     )
+
+
+def pyramid_input_widths(key, config):
+    """Returns the widths of the features that a pyramid's convolution reads side by side, or None if these are one."""
+    widths = [config.upscaled_features, *map(int, config.widths)]
+    if match := re.fullmatch(r"join\.(\d+)\.weight", key):
+        level = int(match[1])
+        return [widths[level], widths[level] if level else pyramid.GUIDE_CHANNELS]
+    return [widths[config.halvings], 6] if key == "lrhs.weight" else None
+
+
+def is_narrower(small, large):
+    """Says whether two pyramids differ in the features of their levels alone, and which the second has more of."""
+    widths = lambda config: [config.upscaled_features, *map(int, config.widths)]
+    same = all(
+        mine == larger
+        for (name, mine), larger in zip(vars(small).items(), vars(large).values())
+        if name not in ("widths", "upscaled_features", "features")
+    )
+    fewer = all(a <= b for a, b in zip(widths(small), widths(large)))
+    return small.network == "pyramid" and same and len(small.widths) == len(large.widths) and small != large and fewer
+
+
+def widened(tensors, small, large, own):
+    """Returns the state of a wider pyramid that computes the same as `tensors`; `own` is its state before."""
+    state = {key: value.clone() for key, value in own.items()}
+    for key, value in tensors.items():
+        inputs = value.shape[1:2]
+        widths = pyramid_input_widths(key, small) or inputs
+        large_widths = pyramid_input_widths(key, large) or inputs
+        rows = slice(0, value.shape[0])
+        state[key][rows] = 0
+        for width, source, sink in zip(widths, offsets(widths), offsets(large_widths)):
+            state[key][rows, sink : sink + width] = value[:, source : source + width]
+        if not inputs:
+            state[key][rows] = value
+    return state
 
 
 def differs_in_lrhs_alone(before, after):

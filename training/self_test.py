@@ -145,6 +145,16 @@ class Pyramid(unittest.TestCase):
         self.assertTrue(torch.equal(back["lrhs.weight"][:, :8], other.state_dict()["level.1.weight"]))
         self.assertFalse(grow.differs_in_lrhs_alone(half.config, stock.config("x4-fast")))
 
+    def test_a_wider_pyramid_starts_as_the_narrow_one(self):
+        small = random_pyramid(4)
+        large = model.create(bent(small.config, widths=("9", "9", "7", "8"), upscaled_features=6))
+        self.assertTrue(grow.is_narrower(small.config, large.config))
+        self.assertFalse(grow.is_narrower(large.config, small.config))
+        large.load_state_dict(grow.widened(small.state_dict(), small.config, large.config, large.state_dict()))
+        inputs = torch.rand(1, 21, 32, 32), torch.rand(1, 6, 8, 8), torch.ones(1), torch.full((1, 2, 1, 1), 4.0)
+        result, expected = large(*inputs), small(*inputs)
+        torch.testing.assert_close(result, expected, rtol=1e-4, atol=1e-5)
+
     def test_a_batch_is_its_images(self):
         network, lrhs, hrls = random_pyramid(4), torch.rand(2, 3, 4, 4), torch.rand(2, 18, 16, 16)
         centered = torch.tensor([True, False]).reshape(2, 1, 1, 1)

@@ -76,7 +76,6 @@ class Run:
         if args.without == "lrhs":
             self.config.lrhs_certainty = 0.0
         self.network = model.create(self.config).to(self.device, memory_format=torch.channels_last)
-        self.predict = model.predict if self.device.type == "cpu" else torch.compile(model.predict)
         self.optimizer = torch.optim.Adam(self.rates(), lr=args.rate)
         args.run.mkdir(parents=True, exist_ok=True)
         self.checkpoint = args.run / "checkpoint.pt"
@@ -104,6 +103,8 @@ class Run:
             raise SystemExit(f"{path}: its network is a {small.network}, expected a {self.config.network}")
         if small.network == "fusion" and grow.is_smaller(small, self.config):
             same = grow.grow(tensors, small, self.config, own)
+        elif grow.is_narrower(small, self.config):
+            same = grow.widened(tensors, small, self.config, own)
         elif grow.differs_in_lrhs_alone(small, self.config):
             same = grow.rejoined(tensors, small, self.config, own)
         else:
@@ -181,7 +182,7 @@ class Run:
             group["lr"] = group["factor"] * args.rate * decay * min(1, (self.step + 1) / 200)
         lrhs, hrls, reference, centered, spp = batch
         with torch.autocast(self.device.type, torch.bfloat16, enabled=args.precision == "bf16"):
-            encoded = self.predict(self.network, *self.inputs(lrhs, hrls), centered, spp=spp)[0]
+            encoded = model.predict(self.network, *self.inputs(lrhs, hrls), centered, spp=spp)[0]
         error = self.error(encoded.float(), reference)
         self.optimizer.zero_grad(set_to_none=True)
         error.backward()
