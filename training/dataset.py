@@ -203,8 +203,8 @@ def crop(view, config, size, mirrored, rng):
     """Cuts out a random place of a view, which is to be `mirrored` along y and x.
 
     Where LRHS is every s-th pixel, it is so after that. Returns lrhs [LAYERS, size/s, size/s], hrls
-    [LAYERS, size, size], the two parts of the reference like hrls, each one's share of it, whether LRHS is centered, and
-    the samples a pixel of LRHS and HRLS.
+    [LAYERS, size, size], the two parts of the reference like hrls, each one's share of it, whether LRHS is centered,
+    and the samples a pixel of LRHS and HRLS.
     """
     scale = config.scale
     is_centered = config.lrhs_sampling == ("centered",)

@@ -65,7 +65,7 @@ class Choices(unittest.TestCase):
             self.assertEqual(tuple(fused.shape), (2, 3, 16, 20))
 
     def test_centered_lrhs_has_a_bias_of_its_own(self):
-        config = bent(stock.config("x4-fast"), base="none")
+        config = bent(stock.config("x4-balanced"), base="none")
         network = model.Network(config)
         network.lrhs.centered_bias.data += 1
         images = torch.rand(1, 3, 4, 4), torch.rand(1, 18, 16, 16)
@@ -73,7 +73,7 @@ class Choices(unittest.TestCase):
         self.assertFalse(torch.equal(*alike))
 
     def test_exposure_follows_the_inputs(self):
-        config, lrhs = stock.config("x4-fast"), torch.rand(1, 3, 8, 8)
+        config, lrhs = stock.config("x4-balanced"), torch.rand(1, 3, 8, 8)
         self.assertAlmostEqual(model.exposure(lrhs, config) / model.exposure(8 * lrhs, config), 8, places=4)
         self.assertEqual(model.exposure(0 * lrhs, config), 1)
 
@@ -143,7 +143,7 @@ class Pyramid(unittest.TestCase):
         back = grow.rejoined(other.state_dict(), other.config, half.config, half.state_dict())
         self.assertEqual(back.keys(), half.state_dict().keys())
         self.assertTrue(torch.equal(back["lrhs.weight"][:, :8], other.state_dict()["level.1.weight"]))
-        self.assertFalse(grow.differs_in_lrhs_alone(half.config, stock.config("x4-fast")))
+        self.assertFalse(grow.differs_in_lrhs_alone(half.config, stock.config("x4-balanced")))
 
     def test_a_wider_pyramid_starts_as_the_narrow_one(self):
         small = random_pyramid(4)
@@ -242,10 +242,10 @@ class Knowing(unittest.TestCase):
 
     def network(self):
         torch.manual_seed(1)
-        return model.Network(stock.config("x4-fast"))
+        return model.Network(stock.config("x4-balanced"))
 
     def test_joint_filter_starts_with_fixed_constants(self):
-        knowing = stock.config("x4-fast")
+        knowing = stock.config("x4-balanced")
         fixed = bent(knowing, knows_spp=False)
         hrls, spp = self.inputs()[1], torch.tensor([16.0, 1.0])[None, :, None, None]
         arguments = hrls[:, :6], hrls[:, :3], hrls[:, 3:6], hrls[:, 6:9]
@@ -311,7 +311,7 @@ class Upscalers(unittest.TestCase):
 class OtherDevices(unittest.TestCase):
     def test_an_image_is_computed_where_its_inputs_are(self):
         """Takes PyTorch's device without values, which refuses arithmetic with values of another device."""
-        for name in ("x2-fast", "x4-fast", "x2-balanced"):
+        for name in ("x2-fast", "x4-balanced", "x4-fast"):
             config, device = stock.config(name), torch.device("meta")
             low, high = 96 // config.scale, 3 * len(config.hrls_layers)
             network = model.create(config).to(device)
@@ -345,7 +345,7 @@ class JointLight(unittest.TestCase):
         return model.joint_light(low, color, albedo, config, torch.tensor(centered))
 
     def test_fireflies_are_darkened_and_lamps_are_not(self):
-        config = bent(stock.config("x4-fast"), lrhs_certainty=0.0)
+        config = bent(stock.config("x4-balanced"), lrhs_certainty=0.0)
         color = torch.full((1, 3, 8, 8), 0.25)
         color[..., 3, 3] = 50
         color[..., 6, 5:7] = color[..., 7, 5] = 50
@@ -355,7 +355,7 @@ class JointLight(unittest.TestCase):
         torch.testing.assert_close(light, expected)
 
     def test_certainty_is_where_lrhs_was_rendered(self):
-        config = bent(stock.config("x4-fast"), lrhs_certainty=12.0)
+        config = bent(stock.config("x4-balanced"), lrhs_certainty=12.0)
         certainty = self.light(torch.zeros(1, 3, 8, 8), config)[0, 3]
         self.assertTrue((certainty[::4, ::4] == 13).all())
         self.assertEqual(float(certainty.sum()), 64 + 4 * 12)

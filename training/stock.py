@@ -9,6 +9,7 @@ CHOICES = dict(
     # Nothing but a small head runs at full size.
     hrls_encoder="unshuffled",
     upscaled_features=16,
+    upscale="direct",
     guide="hrls",
     hrls_kernel=3,
     head_layers=2,
@@ -22,13 +23,15 @@ INPUTS = dict(
     knows_spp=True,
     clip=100.0,
 )
-HALF = dict(upscale="half", half_features=16, half_layers=2)  # gains nothing in x4-balanced
 # A size is features, growth, dense_layers, blocks, groups, head_features; full has the trunk of Hou et al. 2021.
 SIZES = {"full": (64, 64, 4, 5, 3, 48), "balanced": (48, 32, 4, 3, 2, 32), "fast": (24, 16, 3, 2, 1, 16)}
 # These are pyramid networks: the features of their levels, and of the full size.
-PYRAMIDS = dict.fromkeys(
-    ("x2-balanced", "denoise-balanced"), dict(widths=("48", "64", "80", "96"), upscaled_features=24)
-)
+BALANCED = dict(widths=("48", "64", "80", "96"), upscaled_features=24)
+PYRAMIDS = {
+    "denoise-balanced": BALANCED,
+    "x2-balanced": BALANCED,
+    "x4-fast": dict(widths=("24", "32", "48", "64"), upscaled_features=16),
+}
 KPCN = dict(features=24, depth=5, kernel_side=11)
 # EDSR and RCAN have as many residual blocks.
 UPSCALERS = {
@@ -55,8 +58,7 @@ def config(name, changes=()):
         stock = Config(scale, **INPUTS, **PYRAMIDS[name], network="pyramid", lrhs_certainty=certainty)
     else:
         *trunk, head_features = SIZES[size]
-        choices = CHOICES | INPUTS | (HALF if (scale, size) == (4, "fast") else dict(upscale="direct"))
-        stock = Config(scale, *trunk, **choices, head_features=head_features, lrhs_certainty=certainty)
+        stock = Config(scale, *trunk, **CHOICES, **INPUTS, head_features=head_features, lrhs_certainty=certainty)
     return Config.parse(stock.metadata() | dict(change.split("=") for change in changes))
 
 

@@ -13,8 +13,9 @@ namespace raymeld {
 namespace {
 
 constexpr uint32_t kLocalX = 32, kLocalY = 2;  // workgroups of conv2d.comp and conv2d_columns.comp
-constexpr uint32_t kRows = 4;                  // pixels of an invocation of conv2d.comp
-constexpr uint32_t kColumns = 2;               // columns of an invocation of conv2d_columns.comp
+// The pixels of an invocation of conv2d.comp; of a 5x5, which reads more, only so many fit into registers.
+constexpr uint32_t kRows = 4, kRowsOf5x5 = 2;
+constexpr uint32_t kColumns = 2;  // columns of an invocation of conv2d_columns.comp
 
 // Lists the input channels whose products conv2d.comp adds together: one in 32 bits, two of the same input in
 // 16 bits. The last of an odd number is there twice.
@@ -214,7 +215,7 @@ void direct(Graph& graph, const Convolution& conv) {
            .weights_of_lane = groups * kernel * kernel,
            .pack = pack_weights,
            .first_constant = kernel,
-           .rows = kRows,
+           .rows = kernel == 5 ? kRowsOf5x5 : kRows,
            .columns = 1,
            .trips = groups});
 }
