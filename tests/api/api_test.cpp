@@ -229,7 +229,7 @@ TEST_F(ApiTest, StockModelsHaveNames) {
   std::filesystem::copy(file_, models / "x4-fast.safetensors");
   EXPECT_EQ(SharedModel("x4-fast").info().scale, 2u);
   EXPECT_FAILURE(RAYMELD_ERROR_MODEL, SharedModel("their"), "no model 'their'",
-                 "there are denoise-balanced, mine,");
+                 "there are denoise-balanced, denoise-kpcn, mine,");
   EXPECT_FAILURE(RAYMELD_ERROR_MODEL, SharedModel("./mine"), "./mine", "no such file");
   EXPECT_FAILURE(RAYMELD_ERROR_MODEL, SharedModel("mine.safetensors"), "mine.safetensors", "no such file");
   std::filesystem::current_path(folder_.path());
