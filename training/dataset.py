@@ -115,10 +115,10 @@ def reweigh(images, rng):
     `images` are [N, LAYERS, H, W]; color is the sum of diffuse, specular and a rest that stays.
     """
 
-    def factors():
+    def drawn():
         return [2 ** rng.uniform(-1.5, 1) for _ in range(6)] if rng.random() < 0.5 else [1.0] * 6
 
-    factors = on_each([factors() for _ in images[0]], images[0])
+    factors = on_each([drawn() for _ in images[0]], images[0])
     for image in images:
         change = (factors - 1) * image[:, 9:15]
         image[:, :3] = (image[:, :3] + change[:, :3] + change[:, 3:]).clamp(min=0)

@@ -44,12 +44,12 @@ def pyramid_input_widths(key, config):
 
 
 def is_narrower(small, large):
-    """Says whether two pyramids differ in the features of their levels alone, and which the second has more of."""
+    """Says whether two pyramids differ in the number of their features alone, of which the second has more."""
     widths = lambda config: [config.upscaled_features, *map(int, config.widths)]
     same = all(
         mine == larger
         for (name, mine), larger in zip(vars(small).items(), vars(large).values())
-        if name not in ("widths", "upscaled_features", "features")
+        if name not in ("widths", "upscaled_features")
     )
     fewer = all(a <= b for a, b in zip(widths(small), widths(large)))
     return small.network == "pyramid" and same and len(small.widths) == len(large.widths) and small != large and fewer
@@ -59,15 +59,15 @@ def widened(tensors, small, large, own):
     """Returns the state of a wider pyramid that computes the same as `tensors`; `own` is its state before."""
     state = {key: value.clone() for key, value in own.items()}
     for key, value in tensors.items():
-        inputs = value.shape[1:2]
-        widths = pyramid_input_widths(key, small) or inputs
-        large_widths = pyramid_input_widths(key, large) or inputs
         rows = slice(0, value.shape[0])
+        if value.dim() == 1:
+            state[key][rows] = value
+            continue
         state[key][rows] = 0
+        widths = pyramid_input_widths(key, small) or value.shape[1:2]
+        large_widths = pyramid_input_widths(key, large) or widths
         for width, source, sink in zip(widths, offsets(widths), offsets(large_widths)):
             state[key][rows, sink : sink + width] = value[:, source : source + width]
-        if not inputs:
-            state[key][rows] = value
     return state
 
 
