@@ -174,11 +174,11 @@ def drop_layers(hrls, config, rng):
 def add_fireflies(layers, rng):
     """Makes a thousandth of the pixels 10 to 1000 times as bright, in a tenth of the crops."""
     count, _, height, width = layers.shape
-    for crop in (layers[i] for i in range(count) if rng.random() < 0.1):
+    for image in (layers[i] for i in range(count) if rng.random() < 0.1):
         pixels = rng.sample(range(height * width), height * width // 1000)
-        factors = torch.tensor([10 ** rng.uniform(1, 3) for _ in pixels]).to(crop, non_blocking=True)
-        at = torch.tensor(pixels).to(crop.device, non_blocking=True)
-        crop[RADIANCE[:, None].to(at.device), at // width, at % width] *= factors
+        factors = torch.tensor([10 ** rng.uniform(1, 3) for _ in pixels]).to(image, non_blocking=True)
+        at = torch.tensor(pixels, dtype=torch.long).to(image.device, non_blocking=True)
+        image[RADIANCE[:, None].to(at.device), at // width, at % width] *= factors
 
 
 def window(y, x, size):
@@ -202,9 +202,9 @@ def pick_lrhs(view, scale, high, is_centered, rng):
 def crop(view, config, size, mirrored, rng):
     """Cuts out a random place of a view, which is to be `mirrored` along y and x.
 
-    Where LRHS is every s-th pixel, it is so after that. Returns lrhs [LAYERS, size/s, size/s], hrls
-    [LAYERS, size, size], the two parts of the reference like hrls, each one's share of it, whether LRHS is centered,
-    and the samples a pixel of LRHS and HRLS.
+    An LRHS of every s-th pixel has its first pixel in the corner once it is mirrored. Returns lrhs
+    [LAYERS, size/s, size/s], hrls [LAYERS, size, size], the two parts of the reference like hrls, each one's share of
+    it, whether LRHS is centered, and the samples a pixel of LRHS and HRLS.
     """
     scale = config.scale
     is_centered = config.lrhs_sampling == ("centered",)
@@ -230,10 +230,11 @@ def crop(view, config, size, mirrored, rng):
 
 
 def batch(views, config, size, count, seed):
-    """Makes so many random crops of the same seed.
+    """Makes `count` random crops from a seed.
 
     Returns lrhs [N, 3, size/s, size/s], hrls [N, K, size, size], reference [N, 3, size, size], whether LRHS is centered
-    [N, 1, 1, 1], and the samples a pixel of LRHS and HRLS [N, 2, 1, 1]; all where the views are held.
+    [N, 1, 1, 1], and the samples a pixel of LRHS and HRLS [N, 2, 1, 1]; all but whether it is centered
+    lie where the views are held.
     """
     rng = random.Random(seed)
     chosen = [rng.choice(views) for _ in range(count)]
@@ -251,7 +252,7 @@ def batch(views, config, size, count, seed):
     hrls = with_variance(hrls)
     drop_layers(hrls, config, rng)
     reference = reference[:, :3].clamp(0, TARGET_CLIP) * exposure
-    return lrhs[:, :3] * exposure, hrls, reference, on_each(centered, hrls), on_each(spp, hrls)
+    return lrhs[:, :3] * exposure, hrls, reference, torch.tensor(centered).reshape(-1, 1, 1, 1), on_each(spp, hrls)
 
 
 def pair(view, config, low, high, guides=None, decimated=None, small_scale=None):

@@ -449,7 +449,8 @@ class Pairs(unittest.TestCase):
                 lrhs, hrls, reference, centered, _ = self.sample(seed, scale, ("centered",))
                 self.assertTrue(centered.all())
                 mean = torch.nn.functional.avg_pool2d(reference, scale)
-                inside = ..., slice(1, -1), slice(1, -1)  # upsampled renders replicate the edge of the view
+                # Only x4 upsamples renders, which replicate the edge of the view.
+                inside = (..., slice(1, -1), slice(1, -1)) if scale == 4 else ...
                 torch.testing.assert_close(lrhs[inside], mean[inside], rtol=1e-3, atol=1e-3)
                 torch.testing.assert_close(hrls[:, :3], reference)
 

@@ -13,7 +13,7 @@ namespace raymeld {
 namespace {
 
 constexpr uint32_t kLocalX = 32, kLocalY = 2;  // workgroups of conv2d.comp and conv2d_columns.comp
-// The pixels of an invocation of conv2d.comp; of a 5x5, which reads more, only so many fit into registers.
+// An invocation of conv2d.comp computes kRows pixels. A 5x5 reads more, so that fewer fit into registers.
 constexpr uint32_t kRows = 4, kRowsOf5x5 = 2;
 constexpr uint32_t kColumns = 2;  // columns of an invocation of conv2d_columns.comp
 

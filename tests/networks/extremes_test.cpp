@@ -258,7 +258,7 @@ Difference compare(const Planes& bad, const Planes& clean, int y, int x, const D
 }
 
 // A bad pixel of HRLS changes only its surroundings: values that count as 0 are not seen, fireflies are
-// dimmed to less than 14 steps of 255, and neither leaves a black hole.
+// dimmed to less than 14 steps of 255 (x4-fast: 13.1), and neither leaves a black hole.
 TEST_F(ExtremesTest, ABadPixelOfHrlsIsDimmedAndStaysWhereItIs) {
   const Model model = stock_model("x4-fast");
   size_t combinations = 0;
