@@ -57,18 +57,10 @@ def is_narrower(small, large):
 
 def widened(tensors, small, large, own):
     """Returns the state of a wider pyramid that computes the same as `tensors`; `own` is its state before."""
-    state = {key: value.clone() for key, value in own.items()}
-    for key, value in tensors.items():
-        rows = slice(0, value.shape[0])
-        if value.dim() == 1:
-            state[key][rows] = value
-            continue
-        state[key][rows] = 0
-        widths = pyramid_input_widths(key, small) or value.shape[1:2]
-        large_widths = pyramid_input_widths(key, large) or widths
-        for width, source, sink in zip(widths, offsets(widths), offsets(large_widths)):
-            state[key][rows, sink : sink + width] = value[:, source : source + width]
-    return state
+    return {
+        key: placed(own[key], value, pyramid_input_widths(key, small), pyramid_input_widths(key, large))
+        for key, value in tensors.items()
+    }
 
 
 def differs_in_lrhs_alone(before, after):
@@ -100,6 +92,20 @@ def overlaid(own, value):
     return result
 
 
+def placed(own, value, widths, large_widths):
+    """Returns overlaid(own, value), where inputs of `widths` side by side go to the first of `large_widths` each.
+
+    None stands for inputs that are not divided.
+    """
+    if widths is None:
+        return overlaid(own, value)
+    result, rows = own.clone(), slice(0, value.shape[0])
+    result[rows] = 0
+    for width, source, sink in zip(widths, offsets(widths), offsets(large_widths)):
+        result[rows, sink : sink + width] = value[:, source : source + width]
+    return result
+
+
 def grow(tensors, small, large, own):
     """Returns the state of a `large` network that computes the same as `tensors`, the state of a `small` one.
 
@@ -117,16 +123,7 @@ def grow(tensors, small, large, own):
         if key.startswith("fuse."):
             # The added groups come first. Their blocks hand the input on, so each group doubles it.
             value *= 0.5**extra
-        target = state[name]
-        rows = slice(0, value.shape[0])
-        widths = input_widths(key, small)
-        if widths is None:
-            target[rows] = value
-            continue
-        target[rows] = 0
-        large_widths = input_widths(key, large)
-        for width, source, sink in zip(widths, offsets(widths), offsets(large_widths)):
-            target[rows, sink : sink + width] = value[:, source : source + width]
+        state[name] = placed(state[name], value, input_widths(key, small), input_widths(key, large))
     return state
 
 

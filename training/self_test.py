@@ -446,12 +446,13 @@ class Pairs(unittest.TestCase):
     def test_small_renders_are_means_of_the_reference(self):
         for scale in (2, 4, 8):
             for seed in range(10):
-                lrhs, hrls, reference, centered, _ = self.sample(seed, scale, ("centered",))
+                lrhs, hrls, reference, centered, spp = self.sample(seed, scale, ("centered",))
                 self.assertTrue(centered.all())
                 mean = torch.nn.functional.avg_pool2d(reference, scale)
-                # Only x4 upsamples renders, which replicate the edge of the view.
-                inside = (..., slice(1, -1), slice(1, -1)) if scale == 4 else ...
-                torch.testing.assert_close(lrhs[inside], mean[inside], rtol=1e-3, atol=1e-3)
+                for one, expected, count in zip(lrhs, mean, spp[:, 0]):
+                    # A render that was upsampled, and so has 4 samples, replicates the edge of the view.
+                    inside = ... if count == 16 else (..., slice(1, -1), slice(1, -1))
+                    torch.testing.assert_close(one[inside], expected[inside], rtol=1e-3, atol=1e-3)
                 torch.testing.assert_close(hrls[:, :3], reference)
 
     def test_a_sample_of_x8_counts_for_four_pixels(self):
@@ -489,6 +490,17 @@ class Pairs(unittest.TestCase):
         normal = dataset.augment([images], mirrored, random.Random(1))[0][:, 6:9]
         self.assertGreater(float((normal[:, 0, :, 1:] - normal[:, 0, :, :-1]).min()), 0)
         self.assertLess(float((normal[:, 1, 1:] - normal[:, 1, :-1]).max()), 0)
+
+    def test_crops_are_mirrored_as_asked_and_some_are_transposed(self):
+        y, x = torch.meshgrid(torch.arange(8.0), torch.arange(8.0), indexing="ij")
+        mirrored = [[i % 2 == 0, i % 4 < 2] for i in range(40)]
+        images = (10 * y + x).repeat(40, 15, 1, 1)
+        image = dataset.augment([images], mirrored, random.Random(1))[0][:, 0]
+        along_x, along_y = image[:, 0, 1] - image[:, 0, 0], image[:, 1, 0] - image[:, 0, 0]
+        turned = along_x.abs() == 10
+        self.assertTrue(turned.any() and not turned.all())
+        down, right = torch.where(turned, along_x, along_y) < 0, torch.where(turned, along_y, along_x) < 0
+        self.assertEqual(torch.stack([down, right], dim=1).tolist(), mirrored)
 
     def test_all_images_of_a_crop_are_augmented_alike(self):
         images = torch.rand(6, 15, 8, 8)
