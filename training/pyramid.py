@@ -113,14 +113,15 @@ class Pyramid(model.Kept):
         return model.widened(rec), {level: model.widened(y) for level, y in logits.items()}
 
 
-def lights_of(network, color, albedo, lrhs, spp):
+def lights_of(network, color, albedo, lrhs, centered, spp):
     """Returns the light of HRLS at full size and of both renders at each level, and that of LRHS alone, if any."""
     config, keep = network.config, network.keep
     lights = [keep("light", compressed(model.without_fireflies(color) / (albedo + model.ALBEDO_FLOOR)))]
     own = share = None
     if config.reads_lrhs:
-        cells = F.avg_pool2d(albedo, config.scale) + model.ALBEDO_FLOOR
-        own = keep("cell_light", compressed(lrhs / cells))
+        sampled = albedo[..., :: config.scale, :: config.scale]  # the pixels where a decimated LRHS was rendered
+        surface = torch.where(centered, F.avg_pool2d(albedo, config.scale), sampled)
+        own = keep("cell_light", compressed(lrhs / (surface + model.ALBEDO_FLOOR)))
         pixels = config.scale**2
         certainty = config.lrhs_certainty
         if config.knows_spp:
@@ -169,7 +170,7 @@ def predict(network, lrhs, hrls, upsampled, centered, spp):
         low = padded(model.encode(lrhs, ("color",), config), multiple // config.scale)
     albedo = high[:, 3:6]
     color, linear_lrhs = (model.decode(x, config.transfer) for x in (high[:, :3], low))
-    lights, own = lights_of(network, color, albedo, linear_lrhs, spp)
+    lights, own = lights_of(network, color, albedo, linear_lrhs, centered, spp)
     guides = [Guides(high[:, 3:9])]
     for level in range(1, FILTERED_LEVELS + 1):
         guides.append(Guides(keep(f"guides.{level}", F.avg_pool2d(guides[-1].images, 2))))

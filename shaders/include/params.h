@@ -235,6 +235,7 @@ struct CellLight {
   uint plane;
   uint plane_large;
   uint scale;
+  uint covered;       // the side of the pixels that a sample of LRHS is the mean of: scale, or 1
   uint log_transfer;  // 0: linear
 };
 

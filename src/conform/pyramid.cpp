@@ -37,10 +37,10 @@ void check_cell_light(Check& check, const ImageTrial& c) {
   const Planes lrhs = c.radiance(3, c.size, 1), surface = albedo(c, c.full(), 2);
   const Planes out =
       run_layer(c, {lrhs, surface}, c.size, [&](Graph& graph, const auto& in, const Tensor& to) {
-        cell_light(graph, "cell_light", in[0], in[1], to, c.transfer(), uint32_t(c.scale));
+        cell_light(graph, "cell_light", in[0], in[1], to, c.transfer(), uint32_t(c.scale), c.phase);
       });
-  check.within(
-      out, reference::cell_light(exact(lrhs), exact(surface), c.expected_transfer(), c.scale, c.precision));
+  check.within(out, reference::cell_light(exact(lrhs), exact(surface), c.expected_transfer(), c.scale,
+                                          c.phase, c.precision));
 }
 
 void check_pool(Check& check, const ImageTrial& c) {

@@ -273,10 +273,11 @@ void mix(Graph& graph, const std::string& name, const Tensor& rec, const Tensor&
 void light(Graph& graph, const std::string& name, const Tensor& color, const Tensor& albedo,
            const Tensor& out, Transfer transfer);
 
-// Writes the light of LRHS (h, w, 3), whose encoded color is `lrhs`. Its albedo is the mean of that of HRLS
-// (scale h, scale w, 3) over the pixels that a pixel of LRHS covers.
+// Writes the light of LRHS (h, w, 3), whose encoded color is `lrhs`. Its albedo is that of HRLS (scale h,
+// scale w, 3) at the pixel that LRHS is a sample of or, where `phase` is above 0, the mean over the pixels
+// that a pixel of LRHS covers. See DecodeOptions for scale and phase.
 void cell_light(Graph& graph, const std::string& name, const Tensor& lrhs, const Tensor& albedo,
-                const Tensor& out, Transfer transfer, uint32_t scale);
+                const Tensor& out, Transfer transfer, uint32_t scale, float phase);
 
 // Holds an image that takes the place of a share of another one, 0 to 1.
 struct Blend {

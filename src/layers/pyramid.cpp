@@ -17,14 +17,14 @@ void light(Graph& graph, const std::string& name, const Tensor& color, const Ten
 }
 
 void cell_light(Graph& graph, const std::string& name, const Tensor& lrhs, const Tensor& albedo,
-                const Tensor& out, Transfer transfer, uint32_t scale) {
+                const Tensor& out, Transfer transfer, uint32_t scale, float phase) {
   const Shape shape = with_channels(out.shape, 3);
   expect_shape(name, "LRHS", lrhs, shape);
   expect_shape(name, "the albedo", albedo, enlarged(shape, scale, 3));
   expect_shape(name, "the output", out, shape);
   Pass pass = pass_of(graph, name, shaders::kCellLight, {lrhs, albedo}, out);
   pass.set_push(params::CellLight{shape.height, shape.width, graph.plane(out), graph.plane(albedo), scale,
-                                  transfer == Transfer::kLog});
+                                  phase > 0 ? scale : 1, transfer == Transfer::kLog});
   pass.groups = pixel_groups(shape);
   graph.add(std::move(pass));
 }

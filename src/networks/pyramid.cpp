@@ -35,7 +35,7 @@ struct Pyramid {
   Tensor encoded_lrhs(const Tensor& albedo) const {
     const Tensor lrhs = build.tensor("encode.lrhs", height, width, 6), color = lrhs.slice(0, 3);
     build.encode_lrhs(color, low_frame);
-    cell_light(build.graph, "cell_light", color, albedo, lrhs.slice(3, 3), a.transfer, a.scale);
+    cell_light(build.graph, "cell_light", color, albedo, lrhs.slice(3, 3), a.transfer, a.scale, phase);
     return lrhs;
   }
 

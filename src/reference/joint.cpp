@@ -66,14 +66,13 @@ struct Taps {
   }
 };
 
-// Samples a full-size image at LRHS pixels: the mean of the pixels that each covers, or the top-left one.
+// Samples a full-size image at all LRHS pixels.
 Bounded sampled_by_lrhs(const Bounded& image, int scale, double phase) {
   Bounded result = exact(Planes(image.value.c, image.value.h / scale, image.value.w / scale));
   for (int c = 0; c < result.value.c; ++c) {
     for (int y = 0; y < result.value.h; ++y) {
       for (int x = 0; x < result.value.w; ++x) {
-        const Element own =
-            phase > 0 ? mean_of_covered(image, c, y, x, scale) : at(image, c, scale * y, scale * x);
+        const Element own = sampled_by_lrhs(image, c, y, x, scale, phase);
         result.value.at(c, y, x) = own.value;
         result.bound.at(c, y, x) = own.bound;
       }

@@ -221,7 +221,7 @@ Outputs pyramid_outputs(Run& run, const Architecture& a, const Frame& frame, Pre
   const Bounded above = run.keep("above_clip", above_clip(lrhs, a.clip, precision, exposure));
   const Bounded albedo = slice(high, 3, 3);
   std::vector<Bounded> lights{run.keep("light", light(slice(high, 0, 3), albedo, a.transfer, precision))};
-  if (s > 1) cell = run.keep("cell_light", cell_light(low, albedo, a.transfer, s, precision));
+  if (s > 1) cell = run.keep("cell_light", cell_light(low, albedo, a.transfer, s, phase, precision));
   std::vector<Bounded> guides{slice(high, 3, 6)};
   const double share = a.lrhs_certainty / (a.lrhs_certainty + s * s);
   for (int level = 1; level < levels; ++level) {

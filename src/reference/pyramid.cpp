@@ -94,7 +94,7 @@ Bounded light(const Bounded& color, const Bounded& albedo, Transfer transfer, Pr
   return result;
 }
 
-Bounded cell_light(const Bounded& lrhs, const Bounded& albedo, Transfer transfer, int scale,
+Bounded cell_light(const Bounded& lrhs, const Bounded& albedo, Transfer transfer, int scale, double phase,
                    Precision precision) {
   const int h = lrhs.value.h, w = lrhs.value.w;
   expect_shape(lrhs, 3, h, w);
@@ -106,8 +106,8 @@ Bounded cell_light(const Bounded& lrhs, const Bounded& albedo, Transfer transfer
   for (int c = 0; c < 3; ++c) {
     for (int y = 0; y < h; ++y) {
       for (int x = 0; x < w; ++x) {
-        store(result, c, y, x, evaluate(formula, at(lrhs, c, y, x), mean_of_covered(albedo, c, y, x, scale)),
-              precision);
+        const Element own = sampled_by_lrhs(albedo, c, y, x, scale, phase);
+        store(result, c, y, x, evaluate(formula, at(lrhs, c, y, x), own), precision);
       }
     }
   }
@@ -123,7 +123,7 @@ Bounded pool(const Bounded& x, Precision precision, const Bounded* other, double
   for (int c = 0; c < channels; ++c) {
     for (int y = 0; y < h; ++y) {
       for (int column = 0; column < w; ++column) {
-        const Element mean = mean_of_covered(x, c, y, column, 2);
+        const Element mean = mean_over(x, c, 2 * y, 2 * column, 2, 2, 2 * 2 + 5);
         store(result, c, y, column, other ? evaluate(moved, mean, at(*other, c, y, column)) : mean,
               precision);
       }

@@ -146,9 +146,8 @@ Bounded mix(const Bounded& rec, const Bounded& lrhs, const Bounded& albedo, cons
 // Returns the light of encoded color (3, H, W), whose fireflies are darkened as in demodulate().
 Bounded light(const Bounded& color, const Bounded& albedo, Transfer transfer, Precision precision);
 
-// Returns the light of LRHS (3, h, w). Its albedo is the mean over the s x s pixels of HRLS that each pixel
-// covers.
-Bounded cell_light(const Bounded& lrhs, const Bounded& albedo, Transfer transfer, int scale,
+// Returns the light of LRHS (3, h, w). Its albedo is sampled_by_lrhs() that of HRLS.
+Bounded cell_light(const Bounded& lrhs, const Bounded& albedo, Transfer transfer, int scale, double phase,
                    Precision precision);
 
 // Returns the mean of 2 x 2 pixels, moved to `other` by `share` if other is not null.

@@ -13,7 +13,7 @@ TEST(Pyramid, WrongShapesAreErrors) {
     light(graph, name, t[0], t[1], t[2], Transfer::kLog);
   });
   expect_only({low, full, low}, [&](Graph& graph, const std::vector<Tensor>& t) {
-    cell_light(graph, name, t[0], t[1], t[2], Transfer::kLog, 4);
+    cell_light(graph, name, t[0], t[1], t[2], Transfer::kLog, 4, 1.5f);
   });
   expect_only({{4, 8, 3}, low, low}, [&](Graph& graph, const std::vector<Tensor>& t) {
     pool(graph, name, t[0], t[2], Blend{t[1], 0.5f});

@@ -39,8 +39,15 @@ TEST(Light, DarkensFireflies) {
 TEST(CellLight, HasTheMeanAlbedoOfTheCell) {
   const Planes albedo(3, 2, 2, {1, 0, 0, 1, 0.6, 0.6, 0.6, 0.6, 0, 0, 0, 0});
   const double encoded = std::log(1 + 8 * 3.0) / 3;
-  expect_near(cell_light(exact(gray(encoded)), exact(albedo), kLog, 2, kFp32),
+  expect_near(cell_light(exact(gray(encoded)), exact(albedo), kLog, 2, 0.5, kFp32),
               {light_of(3 / 0.9), light_of(3), light_of(3 / 0.4)});
+}
+
+TEST(CellLight, HasTheAlbedoOfThePixelThatWasRendered) {
+  const Planes albedo(3, 2, 2, {1, 0, 0, 0, 0.6, 0, 1, 1, 0, 1, 1, 1});
+  const double encoded = std::log(1 + 8 * 3.0) / 3;
+  expect_near(cell_light(exact(gray(encoded)), exact(albedo), kLog, 2, 0, kFp32),
+              {light_of(3 / 1.4), light_of(3), light_of(3 / 0.4)});
 }
 
 TEST(Pool, IsTheMeanOfFourAndMovesToAnother) {
@@ -103,7 +110,7 @@ TEST(Compose, MixesRemodulatedLightAndLrhs) {
 TEST(PyramidLayers, RefuseOtherShapes) {
   const Bounded one = exact(gray(1)), two = exact(Planes(3, 2, 2));
   EXPECT_THROW(light(one, two, kLog, kFp32), std::invalid_argument);
-  EXPECT_THROW(cell_light(one, two, kLog, 4, kFp32), std::invalid_argument);
+  EXPECT_THROW(cell_light(one, two, kLog, 4, 1.5, kFp32), std::invalid_argument);
   EXPECT_THROW(pool(one, kFp32), std::invalid_argument);
   EXPECT_THROW(kernel_filter(one, one, 3, kFp32), std::invalid_argument);
   EXPECT_THROW(compose(one, one, one, one, kLog, 1, 0, kFp32), std::invalid_argument);
