@@ -126,7 +126,7 @@ def lights_of(network, color, albedo, lrhs, centered, spp):
         certainty = config.lrhs_certainty
         if config.knows_spp:
             certainty = certainty * spp[:, :1] / (spp[:, 1:] * pixels)
-        share = torch.as_tensor(certainty / (certainty + pixels)).to(own)
+        share = torch.as_tensor(certainty / (certainty + pixels), dtype=own.dtype, device=own.device)
     for level in range(1, FILTERED_LEVELS + 1):
         mean = F.avg_pool2d(lights[-1], 2)
         lights.append(keep(f"pool.{level}", mean.lerp(own, share) if level == config.halvings else mean))

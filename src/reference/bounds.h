@@ -52,7 +52,8 @@ struct Worst {
   size_t failures = 0;  // values with a ratio above 1
 };
 Worst worst(const Planes& actual, const Bounded& expected);
-// Returns the root of the mean square of the differences.
+// Returns the root of the mean square of the differences, without the largest hundredth of them: a pixel that
+// is nearly clipped may have an error a thousand times that of all others, which leaves the mean to chance.
 double rms_of_difference(const Planes& a, const Planes& b);
 
 // The proved bounds are hundreds of times too wide where roundings cancel, as they mostly do. So there is a

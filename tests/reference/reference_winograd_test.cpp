@@ -101,6 +101,16 @@ TEST(AllowedRms, IsAFewTimesThatOfFloatsAndARounding) {
   EXPECT_EQ(allowed_rms(truth, truth, Precision::kFp16), 8 * kHalfUnit);
 }
 
+TEST(RmsOfDifference, LeavesOutTheLargestHundredth) {
+  const Planes zeros(1, 20, 10);
+  Planes errors = zeros;
+  for (double& error : errors.data) error = -2;
+  errors.at(0, 3, 7) = 1000, errors.at(0, 19, 9) = NAN;
+  EXPECT_EQ(rms_of_difference(errors, zeros), 2);
+  errors.at(0, 0, 0) = 200;
+  EXPECT_GT(rms_of_difference(errors, zeros), 14);
+}
+
 double truncated(double value, int exponent) {
   const double step = std::ldexp(1, exponent - 23);
   return std::trunc(value / step) * step;
