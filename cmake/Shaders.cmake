@@ -9,7 +9,7 @@ find_program(GLSLANG glslangValidator REQUIRED)
 find_program(SPIRV_VAL spirv-val REQUIRED)
 
 set(shader_dir ${PROJECT_SOURCE_DIR}/shaders)
-set(shader_folders include conv2d joint llvmpipe pyramid)  # folders of included files
+set(shader_folders include conv2d llvmpipe pyramid)  # folders of included files
 file(GLOB_RECURSE shader_sources CONFIGURE_DEPENDS ${shader_dir}/*.comp)
 file(GLOB_RECURSE shader_includes CONFIGURE_DEPENDS ${shader_dir}/*.glsl ${shader_dir}/*.h)
 list(TRANSFORM shader_folders PREPEND -I${shader_dir}/ OUTPUT_VARIABLE shader_include_options)

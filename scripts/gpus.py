@@ -117,7 +117,8 @@ def unpack():
 def file_of(model):
     """Returns the file of a stock model, or of x8-full, with random weights if no weights are shipped."""
     shipped, random = (ROOT / folder / f"{model}.safetensors" for folder in ("models", "build/gpus"))
-    if not shipped.exists() and not random.exists():
+    made_from = max((ROOT / "training" / name).stat().st_mtime for name in ("stock.py", "model.py"))
+    if not shipped.exists() and not (random.exists() and random.stat().st_mtime > made_from):
         shape = "8,64,64,4,5,3" if model == "x8-full" else model
         random.parent.mkdir(parents=True, exist_ok=True)
         options = ("--untrained", shape, "--name", model, "--out", random)

@@ -6,7 +6,6 @@ import json
 
 import torch
 
-import grow
 import model
 import safetensors
 import stock
@@ -40,8 +39,10 @@ def blended(state, path, share):
     Fine-tuning on few views forgets some of what more views taught (Wortsman et al., Robust fine-tuning, 2022).
     """
     tensors, metadata = safetensors.load(path)
-    tensors = {key: torch.tensor(value).float() for key, value in tensors.items() if key in state}
-    start = {key: grow.overlaid(state[key], value) for key, value in tensors.items()}
+    start = {key: torch.tensor(value).float() for key, value in tensors.items() if key in state}
+    for key, value in start.items():
+        if value.shape != state[key].shape:
+            raise SystemExit(f"{path}: {key} has shape {list(value.shape)}, expected {list(state[key].shape)}")
     state = state | {key: value.lerp(state[key], share) for key, value in start.items()}
     return state, {"blend": {"share": share, "rest": metadata["name"], "training": json.loads(metadata["training"])}}
 

@@ -1,10 +1,8 @@
 #!/usr/bin/env python3
 """Writes tiny networks, inputs and every layer's output in float64 for the engine's tests: goldens.py FOLDER."""
 
-import contextlib
 import pathlib
 import sys
-from unittest import mock
 
 import numpy
 import torch
@@ -65,44 +63,6 @@ CASES = {
             8, 3, 2, 1, 1, 1, ("color", "diffuse"), upscale="direct", upscaled_features=2, guide="hrls", base="none"
         ),
     ),
-    "joint-x2": (
-        (9, 7),
-        model.Config(
-            2,
-            4,
-            3,
-            1,
-            1,
-            1,
-            ("color", "normal", "albedo"),
-            lrhs_sampling=("centered",),
-            base="joint",
-            lrhs_certainty=3.0,
-        ),
-    ),
-    "joint-x4": (
-        (3, 5),
-        model.Config(
-            4,
-            4,
-            3,
-            1,
-            1,
-            1,
-            hrls_encoder="unshuffled",
-            hrls_kernel=1,
-            upscale="direct",
-            upscaled_features=3,
-            guide="hrls",
-            head_features=5,
-            head_layers=3,
-            base="joint",
-            lrhs_certainty=16.0,
-            lrhs_sampling=("nearest", "centered"),
-            optional_layers=("diffuse", "specular"),
-            exposure_key=0.2,
-        ),
-    ),
     "spp-x4": (
         (4, 3),
         model.Config(
@@ -114,13 +74,12 @@ CASES = {
             1,
             ("color", "albedo", "normal"),
             hrls_encoder="unshuffled",
-            upscale="half",
+            hrls_kernel=1,
+            upscale="direct",
             upscaled_features=3,
-            half_features=5,
-            half_layers=2,
             guide="hrls",
-            base="joint",
-            lrhs_certainty=16.0,
+            head_features=5,
+            head_layers=3,
             lrhs_sampling=("centered", "nearest"),
             knows_spp=True,
         ),
@@ -210,7 +169,7 @@ CASES = {
     ),
 }
 SPP = {"spp-x4": (64.0, 2.0), "pyramid-x2": (8.0, 3.0), "pyramid-x1": (1.0, 6.0)}  # samples a pixel of LRHS and HRLS
-CENTERED = ("guided-x4", "joint-x2", "spp-x4", "edsr-x4", "pyramid-x2")  # LRHS is centered here, else nearest samples
+CENTERED = ("guided-x4", "spp-x4", "edsr-x4", "pyramid-x2")  # LRHS is centered here, else nearest samples
 
 
 def random_network(config, generator):
@@ -231,8 +190,6 @@ def random_inputs(shape, config, generator):
     k, s = 3 * len(config.hrls_layers), config.scale
     lrhs = torch.rand(1, 3, h, w, generator=generator) ** 3 * 4
     hrls = torch.rand(1, k, h * s, w * s, generator=generator) ** 3 * 4
-    if config.base == "joint":  # brightness varies little, so that the filter averages
-        lrhs, hrls[:, 3:] = 1 + lrhs / 64, hrls[:, 3:] / 8
     lrhs[0, :, 1, 2] = torch.tensor([5000.0, 20.0, 60000.0])
     hrls[0, :, 3, 4] = 300.0
     hrls[0, :1, -1, -1] = 60000.0
@@ -240,31 +197,6 @@ def random_inputs(shape, config, generator):
         normal = 3 * config.hrls_layers.index("normal")
         hrls[:, normal : normal + 3] -= 1.5
     return lrhs.float(), hrls.float()
-
-
-@contextlib.contextmanager
-def parts_of_joint_base(seen):
-    """Adds the outputs of the joint base's parts to `seen`."""
-    parts = model.irradiance, model.joint_filter, model.joint_candidates
-
-    def irradiance(*inputs):
-        return seen.setdefault("irradiance", parts[0](*inputs))
-
-    def joint_filter(light, guides, levels, *widths):
-        filtered = parts[1](light, guides, levels, *widths)
-        if levels > 1:  # the irradiance is filtered once
-            seen["demodulate"] = torch.cat([light, guides[:, -1:] * model.JOINT_IRRADIANCE], dim=1)
-            seen.update({f"joint.{level}": image for level, image in enumerate(filtered)})
-        return filtered
-
-    def joint_candidates(*inputs):
-        candidates = parts[2](*inputs)
-        seen.update({f"remodulate.{level}": image for level, image in zip(model.JOINT_LEVELS, candidates[2:])})
-        return candidates
-
-    replaced = {"irradiance": irradiance, "joint_filter": joint_filter, "joint_candidates": joint_candidates}
-    with mock.patch.multiple(model, **replaced):
-        yield
 
 
 def layer_outputs(network, run):
@@ -277,7 +209,6 @@ def layer_outputs(network, run):
     factor = scale if network.config.upscale == "direct" else 2
     after = {
         "": lambda y: y.relu(),
-        "half_up": lambda y: torch.pixel_shuffle(y.relu(), scale // 2),
         "up": lambda y: torch.pixel_shuffle(y.relu(), factor),
         "rec": lambda y: y,
     }
@@ -295,15 +226,12 @@ def layer_outputs(network, run):
     for name, part in network.named_modules():
         if isinstance(part, torch.nn.Conv2d) and name != "lrhs" and not name.endswith("merge"):
             then = after.get(name.split(".")[0], after[""])
-            adds = name.startswith(("head.", "half_layers.")) and not name.endswith(".0")
+            adds = name.startswith("head.") and not name.endswith(".0")
             see = lambda _, x, y, name=name, then=then, adds=adds: seen.update({name: then(y) + (x[0] if adds else 0)})
             part.register_forward_hook(see)
         elif isinstance(part, model.Block):
             part.register_forward_hook(lambda _, __, y, name=name + ".merge": seen.update({name: y}))
-    with parts_of_joint_base(seen):
-        encoded, output = run()
-    if network.config.base == "joint":
-        seen["mix"] = encoded
+    output = run()[1]
     return seen | {"output": output}
 
 

@@ -8,22 +8,16 @@ import torch.nn.functional as F
 from torch import nn
 
 import safetensors
-from joint_filter import joint_filter
 
 LAYERS = ("color", "albedo", "normal", "diffuse", "specular", "variance")
 HALF_MAX = 65504.0
 ALBEDO_FLOOR = 0.4
-# The joint filter averages log(1 + JOINT_COMPRESS x) / JOINT_COMPRESS. JOINT_ALBEDO, JOINT_NORMAL and JOINT_IRRADIANCE
-# are the widths of its guides, JOINT_LEVELS the levels that become candidates.
-JOINT_COMPRESS = 0.2
-JOINT_ALBEDO, JOINT_NORMAL, JOINT_IRRADIANCE = 1.5, 1.2, 0.0667
-JOINT_LEVELS = (1, 3, 5)
 SPP_MOST = (256.0, 16.0)  # counts of LRHS and HRLS samples a pixel are clamped to these
 # A pixel brighter than FIREFLY times the second brightest of its neighbours plus FIREFLY_FLOOR is a firefly.
 FIREFLY, FIREFLY_FLOOR = 20.0, 1e-3
 
 
-# These entries of the metadata belong to a pyramid network; all but the last two belong to the paper's network too.
+# These entries of the metadata belong to a pyramid network.
 PYRAMID_ENTRIES = ("scale", "hrls_layers", "transfer", "clip", "lrhs_sampling", "optional_layers", "exposure_key")
 PYRAMID_ENTRIES += ("lrhs_certainty", "knows_spp", "upscaled_features", "network", "widths")
 UPSCALERS = ("edsr", "rcan")  # these networks read LRHS alone
@@ -31,7 +25,8 @@ EDSR_ENTRIES = ("scale", "features", "blocks", "transfer", "clip", "lrhs_samplin
 RCAN_ENTRIES = EDSR_ENTRIES + ("groups", "squeezed_features")
 KPCN_ENTRIES = ("scale", "hrls_layers", "transfer", "clip", "optional_layers", "exposure_key", "features", "network")
 KPCN_ENTRIES += ("depth", "kernel_side")
-OF_OTHERS = ("network", "widths", "squeezed_features", "depth", "kernel_side")  # not of the paper's network
+# These are not of the paper's network.
+OF_OTHERS = ("network", "widths", "lrhs_certainty", "squeezed_features", "depth", "kernel_side")
 OF_LRHS = ("lrhs_sampling", "lrhs_certainty")  # entries that a network without LRHS does not have
 
 
@@ -50,15 +45,13 @@ class Config:
     hrls_kernel: int = 3
     upscale: str = "stages"
     upscaled_features: int = 0  # M; 0 stands for the value of features
-    half_features: int = 0  # E
-    half_layers: int = 0
     guide: str = "none"
     head_features: int = 0
     head_layers: int = 0
     transfer: str = "log"
     clip: float = 1000.0
     base: str = "bilinear"
-    lrhs_certainty: float = 0.0
+    lrhs_certainty: float = 0.0  # a pyramid's
     lrhs_sampling: tuple = ("nearest",)
     optional_layers: tuple = ()
     exposure_key: float = 0.0
@@ -86,10 +79,6 @@ class Config:
     @property
     def halvings(self):
         return int(math.log2(self.scale))
-
-    @property
-    def joint_layers(self):
-        return len(JOINT_LEVELS) if self.base == "joint" else 0
 
     def metadata(self):
         def text(value):
@@ -254,18 +243,14 @@ def load(path):
 
 
 class Network(nn.Module):
-    """Maps encoded lrhs [N, 3, h, w] and hrls [N, K, s*h, s*w] to the encoded image [N, 3, s*h, s*w].
-
-    A network with a joint base returns a residual and the logarithm of a weight for each candidate instead, and K
-    includes the channels of the filter's levels.
-    """
+    """Maps encoded lrhs [N, 3, h, w] and hrls [N, K, s*h, s*w] to the encoded image [N, 3, s*h, s*w]."""
 
     def __init__(self, config):
         super().__init__()
         self.config = config
         c, s, halvings = config.features, config.scale, config.halvings
-        k, m = 3 * (len(config.hrls_layers) + config.joint_layers), config.upscaled_features
-        self.lrhs = nn.Conv2d(6 if config.base == "joint" else 3, c, 3, padding=1)
+        k, m = 3 * len(config.hrls_layers), config.upscaled_features
+        self.lrhs = nn.Conv2d(3, c, 3, padding=1)
         if len(config.lrhs_sampling) == 2:
             self.lrhs.centered_bias = nn.Parameter(self.lrhs.bias.detach().clone())
         if config.hrls_encoder == "full":
@@ -275,26 +260,16 @@ class Network(nn.Module):
             self.hrls = nn.Conv2d(k * s * s, c, config.hrls_kernel, padding=config.hrls_kernel // 2)
         if config.knows_spp:
             self.lrhs.by_spp, self.hrls.by_spp = (nn.Parameter(torch.zeros(c)) for _ in range(2))
-            if config.base == "joint":
-                self.joint = JointConstants()
         self.fuse = nn.Conv2d(2 * c, c, 1)
         self.groups = nn.ModuleList(Group(config) for _ in range(config.groups))
-        if config.upscale == "half":
-            e = config.half_features
-            self.half_skip = nn.Conv2d(4 * k, e, 3, padding=1)
-            self.half_up = nn.Conv2d(c, e * (s // 2) ** 2, 3, padding=1)
-            self.half_layers = residual_layers([2 * e] + [e] * config.half_layers)
-            self.up = nn.ModuleList([nn.Conv2d(e, 4 * m, 3, padding=1)])
-        elif config.upscale == "stages":
+        if config.upscale == "stages":
             self.up = nn.ModuleList(nn.Conv2d(c, 4 * c, 3, padding=1) for _ in range(halvings))
         else:
             self.up = nn.ModuleList([nn.Conv2d(c, m * s * s, 3, padding=1)])
         last = m + (k if config.guide == "hrls" else 0)
         widths = [last] + [config.head_features] * config.head_layers
         self.head = residual_layers(widths)
-        last = widths[-1]
-        candidates = 2 + config.joint_layers if config.base == "joint" else 0
-        self.rec = nn.Conv2d(last, 3 + candidates, 3, padding=1)
+        self.rec = nn.Conv2d(widths[-1], 3, 3, padding=1)
         if config.base != "none":
             nn.init.zeros_(self.rec.bias)
             self.rec.weight.data.mul_(0.1)
@@ -334,10 +309,6 @@ class Network(nn.Module):
     def reconstruct(self, y, hrls):
         """Computes the image from the trunk's output `y` and from `hrls`, which the head reads at full size."""
         config = self.config
-        if config.upscale == "half":
-            y = F.pixel_shuffle(F.relu(self.half_up(y)), config.scale // 2)
-            y = torch.cat([y, F.relu(self.half_skip(F.pixel_unshuffle(hrls, 2)))], dim=1)
-            y = through(self.half_layers, y)
         for conv in self.up:
             y = F.pixel_shuffle(F.relu(conv(y)), config.scale if config.upscale == "direct" else 2)
         if config.guide == "hrls":
@@ -355,48 +326,6 @@ class Network(nn.Module):
         return self.reconstruct(y, hrls)
 
 
-class JointConstants(nn.Module):
-    """Holds what a network that knows_spp has learned of the joint filter; it starts as the fixed filter.
-
-    The guides of each level, albedo, normal and brightness, are multiplied by exp(widths + widths_by_spp log2 n_H), and
-    LRHS's certainty by exp(certainty[0] + certainty[1] log2 n_H), where n_H is the samples a pixel of HRLS.
-    """
-
-    def __init__(self):
-        super().__init__()
-        levels = max(JOINT_LEVELS)
-        self.widths, self.widths_by_spp = (nn.Parameter(torch.zeros(levels, 3)) for _ in range(2))
-        self.certainty = nn.Parameter(torch.zeros(2))
-
-    def forward(self, spp):
-        """Returns the factors of the guides [levels, N, 7], and of LRHS's certainty [N, 1, 1, 1]."""
-        log_spp = torch.log2(spp[:, 1, 0, 0])
-        widths = (self.widths[:, None] + self.widths_by_spp[:, None] * log_spp[:, None]).exp()
-        certainty = (self.certainty[0] + self.certainty[1] * log_spp).exp()
-        return widths[..., [0, 0, 0, 1, 1, 1, 2]], certainty[:, None, None, None]
-
-
-def joint_guides(albedo, normal):
-    return torch.cat([albedo / JOINT_ALBEDO, normal / JOINT_NORMAL], dim=1)
-
-
-def irradiance(lrhs, albedo, normal, config, centered):
-    """Demodulates LRHS by HRLS's albedo, encodes it and averages like pixels over 3x3.
-
-    Albedo and normal are those of the same pixel or, where LRHS is centered, the mean of the s x s pixels that a pixel
-    of LRHS covers.
-    """
-
-    def own(layer):
-        cell = layer[..., :: config.scale, :: config.scale]
-        return torch.where(centered, F.avg_pool2d(layer, config.scale), cell)
-
-    albedo, normal = own(albedo), own(normal)
-    light = transfer(linear(lrhs, config) / (albedo + ALBEDO_FLOOR), config.transfer)
-    even = torch.cat([light, torch.ones_like(light[:, :1])], dim=1)
-    return joint_filter(even, joint_guides(albedo, normal), 1)[0][:, :3]
-
-
 def without_fireflies(color):
     """Darkens the fireflies of radiance [N, 3, H, W] to the limit that FIREFLY and FIREFLY_FLOOR set."""
     bright = luminance(color)[:, None]
@@ -405,56 +334,6 @@ def without_fireflies(color):
     near = [padded[..., dy : dy + height, dx : dx + width] for dy in range(3) for dx in range(3) if (dy, dx) != (1, 1)]
     second = torch.cat(near, dim=1).topk(2, dim=1)[0][:, 1:]
     return color * ((FIREFLY * second + FIREFLY_FLOOR) / bright.clamp(min=FIREFLY_FLOOR)).clamp(max=1)
-
-
-def joint_light(low, hrls, albedo, config, centered, factor=1.0):
-    """Returns the joint filter's input [N, 4, H, W]: both renders' demodulated radiance, compressed, and its certainty.
-
-    HRLS has the certainty 1. LRHS has lrhs_certainty at the pixels that it renders; where LRHS is centered, this is
-    spread evenly over all pixels. `factor` multiplies LRHS's certainty. `low` is joint_candidates()'s.
-    """
-    light = without_fireflies(linear(hrls, config)) / (albedo + ALBEDO_FLOOR)
-    nearest = torch.zeros_like(light[:, :1])
-    nearest[..., :: config.scale, :: config.scale] = config.lrhs_certainty
-    certainty = factor * torch.where(centered, torch.tensor(config.lrhs_certainty / config.scale**2).to(light), nearest)
-    nearest_light = decode(low[:, :3], config.transfer) / (albedo + ALBEDO_FLOOR)
-    given = torch.where(centered, decode(low[:, 3:], config.transfer), nearest_light)
-    light = (light + certainty * given) / (1 + certainty)
-    return torch.cat([torch.log1p(JOINT_COMPRESS * light) / JOINT_COMPRESS, 1 + certainty], dim=1)
-
-
-def joint_candidates(low, hrls, albedo, normal, config, centered, spp=None, constants=None):
-    """Returns the encoded candidates: LRHS, LRHS remodulated by HRLS's albedo, and three levels of the filter.
-
-    `low` [N, 6, H, W] is the encoded LRHS and its irradiance, both upsampled; the others are full-size layers.
-    `constants` is the JointConstants of a network that knows_spp.
-    """
-    brightness = luminance(low[:, 3:])[:, None]
-    guides = torch.cat([joint_guides(albedo, normal), brightness / JOINT_IRRADIANCE], dim=1)
-    widths, factor = None, 1.0
-    if config.knows_spp:
-        widths, factor = constants(spp)
-        factor = factor * spp[:, :1] / spp[:, 1:] / config.scale**2
-    light = joint_light(low, hrls, albedo, config, centered, factor)
-    levels = joint_filter(light, guides, max(JOINT_LEVELS), widths)
-    lights = [torch.expm1(JOINT_COMPRESS * levels[level - 1][:, :3]) / JOINT_COMPRESS for level in JOINT_LEVELS]
-    lights = [decode(low[:, 3:], config.transfer), *lights]
-    return low[:, :3], *(transfer(light * (albedo + ALBEDO_FLOOR), config.transfer) for light in lights)
-
-
-def joint_predict(network, lrhs, hrls, upsampled, centered, spp):
-    """Computes the encoded image of predict() for a network with a joint base."""
-    config = network.config
-    layers = dict(zip(config.hrls_layers, hrls.split(3, dim=1)))
-    albedo, normal = (encode_layer(layers[name], name, config) for name in ("albedo", "normal"))
-    low = torch.cat([encode(lrhs, ("color",), config), irradiance(lrhs, albedo, normal, config, centered)], dim=1)
-    up = upsampled(low)
-    high = encode(hrls, config.hrls_layers, config)
-    constants = network.joint if config.knows_spp else None
-    candidates = joint_candidates(up, layers["color"], albedo, normal, config, centered, spp, constants)
-    y = network(low, torch.cat([high, *candidates[2:]], dim=1), centered, spp)
-    weights = torch.softmax(y[:, 3:], dim=1).split(1, dim=1)
-    return y[:, :3] + sum(weight * candidate for weight, candidate in zip(weights, candidates, strict=True))
 
 
 def predict(network, lrhs, hrls, centered=torch.tensor(False), exposure=1.0, spp=None):
@@ -485,8 +364,6 @@ def predict(network, lrhs, hrls, centered=torch.tensor(False), exposure=1.0, spp
         y = kpcn.predict(network, hrls)
     elif config.network == "pyramid":
         y = pyramid.predict(network, lrhs, hrls, upsampled, centered, spp)
-    elif config.base == "joint":
-        y = joint_predict(network, lrhs, hrls, upsampled, centered, spp)
     else:
         low = encode(lrhs, ("color",), config)
         y = network(low, encode(hrls, config.hrls_layers, config), centered, spp)

@@ -12,15 +12,16 @@ FILTERED_LEVELS = 3  # levels below the full size whose light is filtered
 SIDE, ALBEDO_SIDE = 5, 3  # the sides of kernels that filter light, and of the one that filters albedo
 GUIDE_CHANNELS = 12  # light, color, albedo and normal
 GUIDES = 2  # a guided kernel has logits for its taps, and for the factors of albedo and normal
+COMPRESS = 0.2  # light is log(1 + COMPRESS x) / COMPRESS
 ALBEDO_AFFINITY, NORMAL_AFFINITY, MOST_FACTOR = 2.5**2, 1.5**2, 6.0
 
 
 def compressed(x):
-    return torch.log1p(model.JOINT_COMPRESS * x) / model.JOINT_COMPRESS
+    return torch.log1p(COMPRESS * x) / COMPRESS
 
 
 def expanded(light):
-    return torch.expm1(model.JOINT_COMPRESS * light) / model.JOINT_COMPRESS
+    return torch.expm1(COMPRESS * light) / COMPRESS
 
 
 def doubled(x):
@@ -116,17 +117,20 @@ class Pyramid(model.Kept):
 def lights_of(network, color, albedo, lrhs, centered, spp):
     """Returns the light of HRLS at full size and of both renders at each level, and that of LRHS alone, if any."""
     config, keep = network.config, network.keep
-    lights = [keep("light", compressed(model.without_fireflies(color) / (albedo + model.ALBEDO_FLOOR)))]
+    demodulated = model.without_fireflies(color) / (albedo + model.ALBEDO_FLOOR)
     own = share = None
     if config.reads_lrhs:
-        sampled = albedo[..., :: config.scale, :: config.scale]  # the pixels where a decimated LRHS was rendered
-        surface = torch.where(centered, F.avg_pool2d(albedo, config.scale), sampled)
-        own = keep("cell_light", compressed(lrhs / (surface + model.ALBEDO_FLOOR)))
         pixels = config.scale**2
-        certainty = config.lrhs_certainty
+        certainty = torch.as_tensor(config.lrhs_certainty, dtype=lrhs.dtype, device=lrhs.device)
         if config.knows_spp:
             certainty = certainty * spp[:, :1] / (spp[:, 1:] * pixels)
-        share = torch.as_tensor(certainty / (certainty + pixels), dtype=own.dtype, device=own.device)
+        share = certainty / (certainty + pixels)
+        shown = (..., slice(None, None, config.scale), slice(None, None, config.scale))  # by a decimated LRHS
+        given, at = lrhs / (albedo[shown] + model.ALBEDO_FLOOR), demodulated[shown]
+        demodulated[shown] = torch.where(centered, at, (at + certainty * given) / (1 + certainty))
+        surface = torch.where(centered, F.avg_pool2d(albedo, config.scale), albedo[shown])
+        own = keep("cell_light", compressed(lrhs / (surface + model.ALBEDO_FLOOR)))
+    lights = [keep("light", compressed(demodulated))]
     for level in range(1, FILTERED_LEVELS + 1):
         mean = F.avg_pool2d(lights[-1], 2)
         lights.append(keep(f"pool.{level}", mean.lerp(own, share) if level == config.halvings else mean))

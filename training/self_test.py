@@ -17,9 +17,9 @@ import compact
 import compiled
 import dataset
 import grow
-import joint_filter
 import kernel_filter
 import model
+import pyramid
 import safetensors
 import stock
 import train
@@ -65,7 +65,7 @@ class Choices(unittest.TestCase):
             self.assertEqual(tuple(fused.shape), (2, 3, 16, 20))
 
     def test_centered_lrhs_has_a_bias_of_its_own(self):
-        config = bent(stock.config("x4-balanced"), base="none")
+        config = bent(stock.config("x4-full"), base="none")
         network = model.Network(config)
         network.lrhs.centered_bias.data += 1
         images = torch.rand(1, 3, 4, 4), torch.rand(1, 18, 16, 16)
@@ -126,6 +126,26 @@ class Pyramid(unittest.TestCase):
         for other in others:
             self.assertGreater(float((other - first).abs().max()), 1e-3)
 
+    def test_gradient_of_what_samples_change(self):
+        """Compares gradients with finite differences, in double precision."""
+        network, weigh = random_pyramid(2).double(), torch.rand(2, 3, 16, 16).double()
+        images = torch.rand(2, 3, 8, 8).double(), torch.rand(2, 18, 16, 16).double()
+        spp = torch.tensor([[64.0, 4.0], [16.0, 1.0]]).double()[..., None, None]
+        for centered in torch.tensor([False, True]):
+            value = lambda: (model.predict(network, *images, centered, spp=spp)[0] * weigh).sum()
+            network.zero_grad()
+            value().backward()
+            for tensor in (network.lrhs.by_spp, network.hrls.by_spp):
+                along, step, ends = torch.randn_like(tensor), 1e-6, []
+                for sign in (1, -1):
+                    with torch.no_grad():
+                        tensor += sign * step * along
+                        ends.append(float(value()))
+                        tensor -= sign * step * along
+                slope = (ends[0] - ends[1]) / (2 * step)
+                self.assertNotEqual(slope, 0)
+                self.assertAlmostEqual(slope, float((tensor.grad * along).sum()), delta=1e-3 * abs(slope) + 1e-5)
+
     def test_at_another_scale_it_starts_as_it_was_without_lrhs(self):
         half = random_pyramid(2)
         half.lrhs.weight.data[:, half.lrhs.weight.shape[0] :] = 0
@@ -165,127 +185,6 @@ class Pyramid(unittest.TestCase):
                 one = slice(i, i + 1)
                 alone = model.predict(network, lrhs[one], hrls[one], centered[i], spp=spp[one])[0]
                 torch.testing.assert_close(both[one], alone, rtol=1e-4, atol=1e-5)
-
-
-class Grow(unittest.TestCase):
-    def test_grown_network_computes_the_same(self):
-        small = model.Config(4, 6, 4, 2, 1, 1, hrls_encoder="unshuffled", upscale="direct", upscaled_features=5)
-        large = bent(small, features=9, growth=7, dense_layers=3, blocks=3, groups=3)
-        networks = model.Network(small), model.Network(large)
-        self.assertTrue(grow.is_smaller(small, large))
-        self.assertFalse(grow.is_smaller(large, small))
-        networks[1].load_state_dict(grow.grow(networks[0].state_dict(), small, large, networks[1].state_dict()))
-        lrhs, hrls = torch.rand(2, 3, 6, 5), torch.rand(2, 18, 24, 20)
-        a, b = (network(lrhs, hrls) for network in networks)
-        torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-5)
-        # All new weights learn, at once or a step later.
-        b.sum().backward()
-        self.assertGreater(float(networks[1].groups[0].blocks[0].merge.weight.grad.abs().sum()), 0)
-
-    def test_kernels_of_another_size(self):
-        own, image = torch.rand(2, 3, 3, 3), torch.rand(1, 3, 4, 4)
-        point, even = torch.rand(2, 3, 1, 1), torch.rand(1, 3, 1, 1).expand(1, 3, 4, 4)
-        conv = torch.nn.functional.conv2d
-        torch.testing.assert_close(conv(image, grow.overlaid(own, point), padding=1), conv(image, point))
-        small = grow.overlaid(torch.rand(2, 3, 1, 1), own)
-        torch.testing.assert_close(conv(even, own), conv(even, small)[..., 1:-1, 1:-1])
-
-
-class JointFilter(unittest.TestCase):
-    def inputs(self, *shape):
-        """Returns random x and guides; no pixel has a certainty near zero."""
-        return torch.rand(2, 4, *shape) + 0.1, 2 * torch.rand(2, 7, *shape)
-
-    def test_compiled_computes_the_same(self):
-        for step in (1, 2, 8):
-            arguments = self.inputs(9, 40)
-            torch.testing.assert_close(joint_filter.level(*arguments, step), joint_filter.slow_level(*arguments, step))
-
-    def test_compiled_has_the_same_gradient(self):
-        """Steps reach beyond the image too, where the border is replicated."""
-        for step in (1, 2, 8):
-            arguments, weigh = self.inputs(7, 10), torch.rand(2, 4, 7, 10)
-            grads = []
-            for filtered, kind in ((joint_filter.level, torch.float32), (joint_filter.slow_level, torch.float64)):
-                leaves = [tensor.detach().clone().to(kind).requires_grad_() for tensor in arguments]
-                (filtered(*leaves, step) * weigh).sum().backward()
-                grads.append([leaf.grad.float() for leaf in leaves])
-            for compiled, slow in zip(*grads):
-                torch.testing.assert_close(compiled, slow, rtol=1e-4, atol=1e-5)
-
-    def test_keeps_to_one_surface(self):
-        x, guides = torch.rand(1, 4, 4, 8), torch.zeros(1, 1, 4, 8)
-        guides[..., 4:] = 20
-        alone = joint_filter.joint_filter(x[..., :4], guides[..., :4], 1)[0]
-        torch.testing.assert_close(joint_filter.joint_filter(x, guides, 1)[0][..., :3], alone[..., :3])
-
-    def test_counts_by_certainty(self):
-        """A column of certainty 0 has no effect, and a uniform image stays uniform whatever the certainty."""
-        x = torch.rand(1, 4, 4, 8)
-        blind, clear = x.clone(), x.clone()
-        blind[:, 3, :, 5] = clear[:, 3, :, 5] = 0
-        clear[:, :3, :, 5] = 1000
-        a, b = (joint_filter.joint_filter(image, torch.zeros(1, 1, 4, 8), 3) for image in (blind, clear))
-        torch.testing.assert_close(a, b)
-        x[:, :3] = 0.5
-        even = torch.stack(joint_filter.joint_filter(x, torch.rand(1, 1, 4, 8), 3))[:, :, :3]
-        torch.testing.assert_close(even, torch.full_like(even, 0.5))
-
-
-class Knowing(unittest.TestCase):
-    """Tests a network that knows the samples of both renders."""
-
-    def inputs(self, kind=torch.float32):
-        generator = torch.Generator().manual_seed(1)
-        lrhs, hrls = (torch.rand(2, *shape, generator=generator).to(kind) for shape in ((3, 4, 6), (18, 16, 24)))
-        return lrhs, hrls
-
-    def network(self):
-        torch.manual_seed(1)
-        return model.Network(stock.config("x4-balanced"))
-
-    def test_joint_filter_starts_with_fixed_constants(self):
-        knowing = stock.config("x4-balanced")
-        fixed = bent(knowing, knows_spp=False)
-        hrls, spp = self.inputs()[1], torch.tensor([16.0, 1.0])[None, :, None, None]
-        arguments = hrls[:, :6], hrls[:, :3], hrls[:, 3:6], hrls[:, 6:9]
-        with torch.no_grad():
-            for centered in torch.tensor([False, True]):
-                expected = model.joint_candidates(*arguments, fixed, centered)
-                found = model.joint_candidates(*arguments, knowing, centered, spp, self.network().joint)
-                for a, b in zip(found, expected):
-                    torch.testing.assert_close(a, b)
-
-    def test_gradient_of_what_samples_change(self):
-        """Compares gradients with finite differences, in double precision."""
-        network, (lrhs, hrls) = self.network().double(), self.inputs(torch.float64)
-        learned = [*network.joint.parameters(), network.lrhs.by_spp, network.hrls.by_spp]
-        with torch.no_grad():
-            for tensor in learned:
-                tensor += 0.1 * torch.randn_like(tensor)
-        spp = torch.tensor([[64.0, 4.0], [16.0, 1.0]]).double()[..., None, None]
-        weigh = torch.rand(2, 3, 16, 24).double()
-        value = lambda: (model.predict(network, lrhs, hrls, torch.tensor(True), spp=spp)[0] * weigh).sum()
-        value().backward()
-        for tensor in learned:
-            along, step = torch.randn_like(tensor), 1e-6
-            ends = []
-            for sign in (1, -1):
-                with torch.no_grad():
-                    tensor += sign * step * along
-                    ends.append(float(value()))
-                    tensor -= sign * step * along
-            slope = (ends[0] - ends[1]) / (2 * step)
-            self.assertNotEqual(slope, 0)
-            self.assertAlmostEqual(slope, float((tensor.grad * along).sum()), delta=1e-3 * abs(slope) + 1e-5)
-
-    def test_samples_of_lrhs_count(self):
-        network, (lrhs, hrls) = self.network(), self.inputs()
-        images = [
-            model.predict(network, lrhs, hrls, spp=torch.tensor([lrhs_spp, 1.0])[None, :, None, None])[0]
-            for lrhs_spp in (16.0, 64.0)
-        ]
-        self.assertFalse(torch.equal(*images))
 
 
 class Upscalers(unittest.TestCase):
@@ -339,28 +238,33 @@ class OtherDevices(unittest.TestCase):
                 torch.testing.assert_close(a, b, rtol=1e-3, atol=1e-4 * float(b.abs().max()) + 1e-6)
 
 
-class JointLight(unittest.TestCase):
-    def light(self, color, config, centered=False):
-        low, albedo = torch.zeros(1, 6, 8, 8), torch.full((1, 3, 8, 8), 0.6)
-        return model.joint_light(low, color, albedo, config, torch.tensor(centered))
+class Light(unittest.TestCase):
+    def lights(self, color, albedo, lrhs, centered):
+        config, spp = stock.config("x4-fast"), torch.tensor([16.0, 1.0])[None, :, None, None]
+        return pyramid.lights_of(model.create(config), color, albedo, lrhs, torch.tensor(centered), spp)
 
     def test_fireflies_are_darkened_and_lamps_are_not(self):
-        config = bent(stock.config("x4-balanced"), lrhs_certainty=0.0)
-        color = torch.full((1, 3, 8, 8), 0.25)
+        color = torch.full((1, 3, 16, 16), 0.25)
         color[..., 3, 3] = 50
         color[..., 6, 5:7] = color[..., 7, 5] = 50
-        light = torch.expm1(model.JOINT_COMPRESS * self.light(color, config)[:, :3]) / model.JOINT_COMPRESS
         expected = color.clone()
         expected[..., 3, 3] = model.FIREFLY * 0.25 + model.FIREFLY_FLOOR
-        torch.testing.assert_close(light, expected)
+        lights, _ = self.lights(color, torch.full_like(color, 0.6), color[..., ::4, ::4], True)
+        torch.testing.assert_close(pyramid.expanded(lights[0]), expected)
 
-    def test_certainty_is_where_lrhs_was_rendered(self):
-        config = bent(stock.config("x4-balanced"), lrhs_certainty=12.0)
-        certainty = self.light(torch.zeros(1, 3, 8, 8), config)[0, 3]
-        self.assertTrue((certainty[::4, ::4] == 13).all())
-        self.assertEqual(float(certainty.sum()), 64 + 4 * 12)
-        spread = self.light(torch.zeros(1, 3, 8, 8), config, centered=True)[0, 3]
-        self.assertTrue((spread == 1.75).all())
+    def test_lrhs_has_the_albedo_and_the_place_that_it_shows(self):
+        albedo = torch.zeros(1, 3, 16, 16)
+        albedo[..., ::4, ::4] = 1.6
+        color, lrhs = torch.ones(1, 3, 16, 16), torch.full((1, 3, 4, 4), 3.0)
+        for centered, surface in ((True, 0.1), (False, 1.6)):
+            lights, own = self.lights(color, albedo, lrhs, centered)
+            torch.testing.assert_close(pyramid.expanded(own), lrhs / (surface + model.ALBEDO_FLOOR))
+            light = color / (albedo + model.ALBEDO_FLOOR)
+            if not centered:  # a pixel of LRHS has 16 samples, and one of HRLS has 1
+                light[..., ::4, ::4] = (1 + 16 * 3) / 17 / (1.6 + model.ALBEDO_FLOOR)
+            torch.testing.assert_close(pyramid.expanded(lights[0]), light)
+            mean = torch.nn.functional.avg_pool2d(lights[1], 2)
+            torch.testing.assert_close(lights[2], (mean + own) / 2)  # both have 16 samples
 
 
 class Losses(unittest.TestCase):

@@ -5,15 +5,20 @@ Those that denoise read HRLS alone, and those of EDSR and RCAN read LRHS alone.
 
 from model import Config
 
-CHOICES = dict(
-    # Nothing but a small head runs at full size.
+# The network of Hou et al. 2021 has their trunk, and nothing but a small head runs at full size.
+FULL = dict(
+    features=64,
+    growth=64,
+    dense_layers=4,
+    blocks=5,
+    groups=3,
     hrls_encoder="unshuffled",
     upscaled_features=16,
     upscale="direct",
     guide="hrls",
     hrls_kernel=3,
+    head_features=48,
     head_layers=2,
-    base="joint",
 )
 # These describe the inputs that users have.
 INPUTS = dict(
@@ -23,14 +28,10 @@ INPUTS = dict(
     knows_spp=True,
     clip=100.0,
 )
-# A size is features, growth, dense_layers, blocks, groups, head_features; full has the trunk of Hou et al. 2021.
-SIZES = {"full": (64, 64, 4, 5, 3, 48), "balanced": (48, 32, 4, 3, 2, 32), "fast": (24, 16, 3, 2, 1, 16)}
-# These are pyramid networks: the features of their levels, and of the full size.
-BALANCED = dict(widths=("48", "64", "80", "96"), upscaled_features=24)
+# These are the sizes of pyramid networks: the features of their levels, and of the full size.
 PYRAMIDS = {
-    "denoise-balanced": BALANCED,
-    "x2-balanced": BALANCED,
-    "x4-fast": dict(widths=("24", "32", "48", "64"), upscaled_features=16),
+    "balanced": dict(widths=("48", "64", "80", "96"), upscaled_features=24),
+    "fast": dict(widths=("24", "32", "48", "64"), upscaled_features=16),
 }
 KPCN = dict(features=24, depth=5, kernel_side=11)
 # EDSR and RCAN have as many residual blocks.
@@ -44,25 +45,21 @@ def config(name, changes=()):
     """Returns the Config of a stock model by its name, with metadata entries changed, ENTRY=VALUE each."""
     kind, size = name.split("-")
     scale = 1 if kind == "denoise" else int(kind[1:])
-    certainty = float(scale**2)  # a pixel of LRHS has as many samples as the s x s pixels of HRLS that it covers
     if size in UPSCALERS:
         inputs = dict(lrhs_sampling=("centered",), exposure_key=0.18, clip=100.0)
         stock = Config(scale, **UPSCALERS[size], **inputs, network=size)
     elif size == "kpcn":
         inputs = {key: INPUTS[key] for key in ("optional_layers", "exposure_key", "clip")}
         stock = Config(1, **KPCN, **inputs, network="kpcn")
-    elif scale == 1:
-        inputs = {key: value for key, value in INPUTS.items() if key != "lrhs_sampling"}
-        stock = Config(scale, **inputs, **PYRAMIDS[name], network="pyramid")
-    elif name in PYRAMIDS:
-        stock = Config(scale, **INPUTS, **PYRAMIDS[name], network="pyramid", lrhs_certainty=certainty)
+    elif size == "full":
+        stock = Config(scale, **FULL, **INPUTS)
     else:
-        *trunk, head_features = SIZES[size]
-        stock = Config(scale, *trunk, **CHOICES, **INPUTS, head_features=head_features, lrhs_certainty=certainty)
+        # A pixel of LRHS has as many samples as the s x s pixels of HRLS that it covers.
+        inputs = INPUTS | (dict(lrhs_certainty=float(scale**2)) if scale > 1 else dict(lrhs_sampling=("nearest",)))
+        stock = Config(scale, **inputs, **PYRAMIDS[size], network="pyramid")
     return Config.parse(stock.metadata() | dict(change.split("=") for change in changes))
 
 
 def names():
-    with_lrhs = [f"x{scale}-{size}" for scale in (2, 4) for size in (*SIZES, *UPSCALERS)]
+    with_lrhs = [f"x{scale}-{size}" for scale in (2, 4) for size in ("full", *PYRAMIDS, *UPSCALERS)]
     return [*with_lrhs, "denoise-balanced", "denoise-kpcn"]
-

@@ -23,7 +23,6 @@ import safetensors
 import stock
 import validate
 
-JOINT_RATE = 4  # times the rate of the rest of the network
 LOGGED = ("step", "minutes", "loss", "psnr", "relmse", "psnr_2", "relmse_2", "psnr_4", "relmse_4", "views", "held_out")
 ENCODED_LOSSES = {"rms": loss.rms, "l1": loss.l1}
 WITHOUT = ("none", "hrls", "lrhs", "layers")
@@ -43,7 +42,7 @@ def parse():
         "--choice", nargs="*", default=[], metavar="ENTRY=VALUE", help="metadata entries unlike the stock model's"
     )
     parser.add_argument("--without", choices=WITHOUT, default="none", help="ablation: blank an input, or all but RGB")
-    parser.add_argument("--init", help="start from a smaller model, a pyramid of another scale, or fitting tensors")
+    parser.add_argument("--init", help="start from a narrower pyramid, one of another scale, or fitting tensors")
     parser.add_argument("--loss", choices=(*ENCODED_LOSSES, "robust"), default="rms")
     parser.add_argument("--beta", type=float, default=0.1, help="beta of the robust loss")
     parser.add_argument("--minutes", type=float, required=True, help="training time and length of the cosine decay")
@@ -76,7 +75,7 @@ class Run:
         if args.without == "lrhs":
             self.config.lrhs_certainty = 0.0
         self.network = model.create(self.config).to(self.device, memory_format=torch.channels_last)
-        self.optimizer = torch.optim.Adam(self.rates(), lr=args.rate)
+        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=args.rate)
         args.run.mkdir(parents=True, exist_ok=True)
         self.checkpoint = args.run / "checkpoint.pt"
         self.earlier = self.start_from(args.init) if args.init else {}
@@ -87,12 +86,6 @@ class Run:
             self.optimizer.load_state_dict(saved["optimizer"])
             self.average, self.step, self.seconds = saved["average"], saved["step"], saved["seconds"]
 
-    def rates(self):
-        """Returns groups of parameters with the factors of their learning rates."""
-        named = list(self.network.named_parameters())
-        joint, rest = ([p for name, p in named if name.startswith("joint.") == of] for of in (True, False))
-        return [{"params": rest, "factor": 1}, {"params": joint, "factor": JOINT_RATE}]
-
     def start_from(self, path):
         """Starts as another model, as far as grow.py can, or with its fitting tensors; returns how it was trained."""
         tensors, metadata = safetensors.load(path)
@@ -101,18 +94,12 @@ class Run:
         small = model.Config.parse(metadata)
         if small.network != self.config.network:
             raise SystemExit(f"{path}: its network is a {small.network}, expected a {self.config.network}")
-        if small.network == "fusion" and grow.is_smaller(small, self.config):
-            same = grow.grow(tensors, small, self.config, own)
-        elif grow.is_narrower(small, self.config):
+        if grow.is_narrower(small, self.config):
             same = grow.widened(tensors, small, self.config, own)
         elif grow.differs_in_lrhs_alone(small, self.config):
             same = grow.rejoined(tensors, small, self.config, own)
         else:
-            same = {key: value for key, value in tensors.items() if key in own}
-            if small.scale == self.config.scale and small.network == "fusion":
-                same = {key: grow.overlaid(own[key], value) for key, value in same.items()}
-            else:  # shuffled channels mean something else at another scale, and so do joined ones at other widths
-                same = {key: value for key, value in same.items() if own[key].shape == value.shape}
+            same = {key: value for key, value in tensors.items() if key in own and own[key].shape == value.shape}
         self.network.load_state_dict(own | same)
         return {"started_from": {"name": metadata["name"], "training": json.loads(metadata["training"])}}
 
@@ -179,7 +166,7 @@ class Run:
         args = self.args
         decay = 1 if args.constant else 0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * self.progress()))
         for group in self.optimizer.param_groups:
-            group["lr"] = group["factor"] * args.rate * decay * min(1, (self.step + 1) / 200)
+            group["lr"] = args.rate * decay * min(1, (self.step + 1) / 200)
         lrhs, hrls, reference, centered, spp = batch
         with torch.autocast(self.device.type, torch.bfloat16, enabled=args.precision == "bf16"):
             encoded = model.predict(self.network, *self.inputs(lrhs, hrls), centered, spp=spp)[0]

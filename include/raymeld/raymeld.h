@@ -303,7 +303,7 @@ typedef struct raymeld_fusion_desc {
    * output. The result has the same bits as that of a first call. Everything is computed after a failure, and
    * if the exposure has changed, so give an exposure. raymeld_record() and raymeld_submit() fail. */
   VkBool32 skip_unchanged RAYMELD_IS(VK_FALSE);
-  /* Names the optional layers of the model that HRLS does not have. Nothing is read or computed for them. */
+  /* Names the optional layers of the model that HRLS does not have. They count as 0, and nothing is read. */
   uint32_t absent_layer_count RAYMELD_IS(0);
   uint32_t reserved RAYMELD_IS(0);
   const char* const* absent_layers RAYMELD_IS(NULL);

@@ -73,8 +73,7 @@ void main() {
 
   vec4 sum[kRows][kVectors];
   [[unroll]] for (uint r = 0; r < kRows; ++r) {
-    uint first = first_bias(block, y0 + r, x);
-    [[unroll]] for (uint v = 0; v < kVectors; ++v) sum[r][v] = bias[first + v];
+    [[unroll]] for (uint v = 0; v < kVectors; ++v) sum[r][v] = bias[block * kVectors + v];
   }
   bool inside[kKernel][kColumn];
   uint pixel[kKernel][kColumn];

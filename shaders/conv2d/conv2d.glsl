@@ -1,15 +1,13 @@
 // Has what conv2d.comp and conv2d_columns.comp share: their parameters, where their input, weights and biases
 // lie, and how they store the result. WEIGHTS is the type of a vector of weights. It must be included after
 // params.h and tensor.glsl.
-#include "border.glsl"
 
 layout(constant_id = 1) const uint kVectors = 2;
 layout(constant_id = 3) const uint kRelu = 0;
 layout(constant_id = 4) const uint kResiduals = 0;
 layout(constant_id = 5) const uint kSecondInput = 0;  // a second input has channels from p.channels_first on
-layout(constant_id = 6) const uint kBorders = 0;  // the bias is a table, see border.glsl
-layout(constant_id = 7) const uint kUnshuffle = 1;  // 1 where there is a second input
-layout(constant_id = 8) const uint kShuffle = 1;
+layout(constant_id = 6) const uint kUnshuffle = 1;  // 1 where there is a second input
+layout(constant_id = 7) const uint kShuffle = 1;
 layout(push_constant) uniform Push {
   Conv2d p;
 };
@@ -35,16 +33,6 @@ uint source_of(uint i) {
 uint pixel_at(uint y, uint x, out bool inside) {
   inside = y < p.height && x < p.width;
   return inside ? kUnshuffle * (y * kUnshuffle * p.width + x) : 0;
-}
-
-// Returns the index of a pixel's first bias in a block of output channels.
-uint first_bias(uint block, uint y, uint x) {
-  uint first = block * kVectors;
-  if (kBorders != 0) {
-    uint blocks = (p.channels_out + 4 * kVectors - 1) / (4 * kVectors);
-    first += border_case(y, x, p.height, p.width) * blocks * kVectors;
-  }
-  return first;
 }
 
 void store(uint o, uint y, uint x, float value) {

@@ -73,8 +73,7 @@ void main() {
     [[unroll]] for (uint r = 0; r < kTile; ++r) {
       uint y = y0 + r, x = x0 + c;
       if (y < p.height && x < p.width) {
-        uint first = first_bias(block, y, x);
-        [[unroll]] for (uint v = 0; v < kVectors; ++v) sum[c][r][v] += bias[first + v];
+        [[unroll]] for (uint v = 0; v < kVectors; ++v) sum[c][r][v] += bias[block * kVectors + v];
         store_block(block, y, x, sum[c][r]);
       }
     }

@@ -20,7 +20,6 @@
 #extension GL_KHR_shader_subgroup_basic : require
 #include "params.h"
 #include "tensor.glsl"
-#include "border.glsl"
 #include "loops.glsl"
 
 layout(local_size_x_id = 0) in;  // kSubgroups times the subgroup size
@@ -37,9 +36,8 @@ layout(constant_id = 10) const uint kResiduals = 0;
 layout(constant_id = 11) const uint kUnshuffle = 1;
 layout(constant_id = 12) const uint kShuffle = 1;
 layout(constant_id = 13) const uint kSecondInput = 0;  // a second input has channels from p.channels_first on
-layout(constant_id = 14) const uint kBorders = 0;  // the bias is a table, see border.glsl
 // An invocation stores so many values of a row at once, 1, 2 or 4; rows and planes must be multiples of it.
-layout(constant_id = 15) const uint kRun = 1;
+layout(constant_id = 14) const uint kRun = 1;
 
 layout(push_constant) uniform Push { Conv2d p; };
 layout(std430, binding = 1) readonly buffer Weights { uvec4 weights[]; };
@@ -147,8 +145,7 @@ void store(uint o, uint y, uint x0, uint across, uint rest, float values[kRun]) 
   uint at = address(o / (kShuffle * kShuffle), kShuffle * y + o / kShuffle % kShuffle, left, p.plane_out,
                     kShuffle * p.width);
   [[unroll]] for (uint j = 0; j < kRun; ++j) {
-    uint x = (left + j) / kShuffle, borders = kBorders != 0 ? border_case(y, x, p.height, p.width) : 0;
-    values[j] += bias[borders * p.channels_out + o + (left + j) % kShuffle];
+    values[j] += bias[o + (left + j) % kShuffle];
     if (kRelu != 0) values[j] = rectified(values[j]);
   }
   if (kResiduals > 0) { ADD_RUN(residual0, at, values) }

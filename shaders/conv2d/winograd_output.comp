@@ -27,7 +27,7 @@ void main() {
     transform_sums(m);
     [[unroll]] for (uint y = 0; y < kTile; ++y) result[y][x] = m[y];
   }
-  finish(o, corners, result);
+  finish(o, result);
   store_tiles(o, corners, result);
   count_saturated();
 }

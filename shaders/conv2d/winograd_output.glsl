@@ -1,12 +1,10 @@
 // Declares the inputs and outputs of winograd_output.comp, finishes and stores tiles.
 // llvmpipe/winograd_output_vectors.comp includes it too. It must be included after winograd.glsl.
-#include "border.glsl"
 #include "winograd_transforms.glsl"
 layout(constant_id = 1) const uint kShuffle = 1;
 layout(constant_id = 2) const uint kRelu = 0;
 layout(constant_id = 3) const uint kResiduals = 0;
 layout(constant_id = 4) const uint kPairs = 0;  // target and residuals are accessed in pairs; even width
-layout(constant_id = 5) const uint kBorders = 0;  // the bias is a table, see border.glsl
 layout(push_constant) uniform Push {
   ADDRESS(Pairs, products)
   ADDRESS(Floats, bias)
@@ -22,10 +20,6 @@ BUFFER(3, writeonly, Target, STORAGE, target)
 BUFFER(4, readonly, Residual0, STORAGE, residual0)
 BUFFER(5, readonly, Residual1, STORAGE, residual1)
 BUFFER(6, readonly, Residual2, STORAGE, residual2)
-
-float bias_at(uint o, uint y, uint x, float inside) {
-  return kBorders != 0 ? bias.v[border_case(y, x, p.full_height, p.width) * p.channels + o] : inside;
-}
 
 float activated(float value) { return kRelu != 0 ? rectified(value) : value; }
 
@@ -59,14 +53,10 @@ void store_pair(uint o, uint y, uint x, vec2 values) {
 }
 
 // Transforms the rows of both tiles, whose columns are transformed already, and adds the bias.
-void finish(uint o, uvec2 corners[2], inout vec2 result[kMostSide][kMostSide]) {
-  float inside = bias.v[o];
+void finish(uint o, inout vec2 result[kMostSide][kMostSide]) {
   [[unroll]] for (uint y = 0; y < kTile; ++y) {
     transform_sums(result[y]);
-    [[unroll]] for (uint side = 0; side < 2; ++side) {
-      [[unroll]] for (uint x = 0; x < kTile; ++x)
-        result[y][x][side] += bias_at(o, corners[side].y + y, corners[side].x + x, inside);
-    }
+    [[unroll]] for (uint x = 0; x < kTile; ++x) result[y][x] += bias.v[o];
   }
 }
 

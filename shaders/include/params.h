@@ -102,7 +102,6 @@ struct WinogradMultiply {
 
 struct WinogradOutput {
   uint height;       // rows up to the end of the band
-  uint full_height;  // the convolution's height
   uint width;
   uint plane;
   uint rows_mask;
@@ -158,17 +157,6 @@ struct AboveClip {
   float clip;
 };
 
-// height, width and plane are of the LRHS size; plane_large and scale lead to the full size.
-struct Irradiance {
-  uint height;
-  uint width;
-  uint plane;
-  uint plane_large;
-  uint scale;
-  uint centered;      // 1: albedo and normal are means over scale x scale pixels; 0: the top-left one is read
-  uint log_transfer;  // 0: linear
-};
-
 // height, width and plane are of the full size, to which an image of the LRHS size is upsampled.
 struct Upsampled {
   uint height;
@@ -180,20 +168,6 @@ struct Upsampled {
   uint log_transfer;  // 0: linear
   float inverse_scale;
   float phase;
-};
-
-struct Demodulate {
-  Upsampled upsampled;
-  uint scale;            // a power of two
-  float lrhs_certainty;  // certainty of a full-size pixel that LRHS shows; HRLS has 1
-};
-
-struct JointFilter {
-  uint height;
-  uint width;
-  uint plane;
-  uint step;                         // a power of two
-  float albedo, normal, brightness;  // differences of guides are multiplied by these
 };
 
 struct Remodulate {
@@ -225,7 +199,9 @@ struct Light {
   uint height;
   uint width;
   uint plane;
-  uint log_transfer;  // 0: linear
+  uint lrhs_plane;
+  uint log_transfer;     // 0: linear
+  float lrhs_certainty;  // the certainty of a pixel of LRHS, where one of HRLS has 1
 };
 
 // height, width and plane are of the LRHS size; plane_large and scale lead to the full size.
@@ -279,17 +255,10 @@ struct Decode {
 }  // namespace raymeld::params
 #endif
 
-// These constants belong to the joint base; pyramids use ALBEDO_FLOOR, COMPRESS and both of FIREFLY too.
-// Differences between guides are divided by the widths, beside what a model has learned; the brightness
-// among them is encoded. A pixel brighter than FIREFLY times its second brightest neighbour + FIREFLY_FLOOR
-// is a firefly.
-#define RAYMELD_ALBEDO_FLOOR 0.4  // added to the albedo before radiance is divided by it
+// Demodulated radiance is radiance / (albedo + ALBEDO_FLOOR). A pixel brighter than FIREFLY times its second
+// brightest neighbour + FIREFLY_FLOOR is a firefly.
+#define RAYMELD_ALBEDO_FLOOR 0.4
 #define RAYMELD_COMPRESS 0.2  // log(1 + COMPRESS x) / COMPRESS is filtered
-#define RAYMELD_ALBEDO_WIDTH 1.5
-#define RAYMELD_NORMAL_WIDTH 1.2
-#define RAYMELD_BRIGHTNESS_WIDTH 0.0667
-#define RAYMELD_CANDIDATES 5  // images that mix.comp mixes
-#define RAYMELD_JOINT_STRIP 4  // pixels that an invocation of the joint filter computes
 #define RAYMELD_FIREFLY 20.0
 #define RAYMELD_FIREFLY_FLOOR 1e-3
 
@@ -308,13 +277,6 @@ struct Decode {
 #define RAYMELD_STRIP 4  // see strip.glsl
 
 #define RAYMELD_SUMMANDS 128  // see workgroup_sum.glsl
-
-// These bits say which borders of the image a pixel touches. Biases may depend on them: see border.glsl.
-#define RAYMELD_TOP 1
-#define RAYMELD_BOTTOM 2
-#define RAYMELD_LEFT 4
-#define RAYMELD_RIGHT 8
-#define RAYMELD_BORDER_CASES 16
 
 #define RAYMELD_FIRST_CONSTANT 56  // channels of encode.comp from here on are constants
 // A kind says how an input channel is encoded.

@@ -13,8 +13,8 @@
 layout(local_size_x = 32) in;
 #include "invocation.glsl"
 #include "winograd_output.glsl"
-layout(constant_id = 6) const uint kVector = 8;
-layout(constant_id = 7) const uint kOutputs = 1;  // 2: both are neighbours in the target, stored as a pair
+layout(constant_id = 5) const uint kVector = 8;
+layout(constant_id = 6) const uint kOutputs = 1;  // 2: both are neighbours in the target, stored as a pair
 #define KEEPS_ORDER
 #include "uniform.glsl"
 #include "vector.glsl"
@@ -39,7 +39,7 @@ void main() {
       [[unroll]] for (uint y = 0; y < kTile; ++y) result[k][y][x] = m[y];
       keep_order(result[k][0][x].x + result[k][0][x].y);
     }
-    finish(o + k, corners, result[k]);
+    finish(o + k, result[k]);
   }
   if (end_order()) return;
   if (kOutputs == 1) {

@@ -1,5 +1,7 @@
 // Writes the demodulated radiance of HRLS without its fireflies, x = radiance / (albedo + floor), as
-// log(1 + compress * x) / compress. Each invocation computes a strip of pixels, as in demodulate.comp.
+// log(1 + compress * x) / compress. Where LRHS is every kScale-th pixel of a full-size render, x is the mean
+// of both renders at these pixels. Each invocation computes a strip of pixels, so that the luminance of a
+// pixel is computed once and not for each of the three rows that need it.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -8,14 +10,16 @@
 #include "transfer.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;
+layout(constant_id = 0) const uint kScale = 0;  // 0: LRHS is not read
 #include "invocation.glsl"
 layout(push_constant) uniform Push {
-  ADDRESS(Values, color) ADDRESS(Values, albedo) ADDRESS(Values, target)
+  ADDRESS(Values, color) ADDRESS(Values, albedo) ADDRESS(Values, lrhs) ADDRESS(Values, target)
   Light p;
 };
 BUFFER(1, readonly, Color, STORAGE, color)
 BUFFER(2, readonly, Albedo, STORAGE, albedo)
-BUFFER(3, writeonly, Target, STORAGE, target)
+BUFFER(3, readonly, Lrhs, STORAGE, lrhs)
+BUFFER(4, writeonly, Target, STORAGE, target)
 #include "strip.glsl"
 
 vec3 color_at(ivec2 at) {
@@ -25,7 +29,43 @@ vec3 color_at(ivec2 at) {
   return rgb;
 }
 
-#include "fireflies.glsl"
+const vec3 kLuminance = vec3(0.2126, 0.7152, 0.0722);
+
+// Holds the colors of a strip, and the luminances of its pixels and of those around it, 0 outside the image.
+struct Neighbours {
+  vec3 own[kStrip];
+  float luminances[kStrip + 2][3];
+};
+
+// Returns the neighbours of the strip at `id`, where `last` is the image's last pixel.
+Neighbours neighbours_of(uvec2 id, ivec2 last) {
+  Neighbours result;
+  [[unroll]] for (uint row = 0; row < kStrip + 2; ++row) {
+    [[unroll]] for (uint column = 0; column < 3; ++column) {
+      ivec2 at = ivec2(id.x, kStrip * id.y) + ivec2(column, row) - 1;
+      ivec2 inside = clamp(at, ivec2(0), last);
+      vec3 color = color_at(inside);
+      result.luminances[row][column] = at == inside ? dot(color, kLuminance) : 0.0;
+      if (column == 1 && row >= 1 && row <= kStrip) result.own[row - 1] = color;
+    }
+  }
+  return result;
+}
+
+// Returns the factor, at most 1, that darkens a firefly to RAYMELD_FIREFLY times its second brightest
+// neighbour + RAYMELD_FIREFLY_FLOOR. The pixel is in the middle of the 3x3 luminances from `row` on,
+// which are 0 outside the image.
+float firefly_limit(float luminances[kStrip + 2][3], uint row) {
+  float first = 0.0, second = 0.0;
+  [[unroll]] for (uint i = 0; i < 9; ++i) {
+    if (i == 4) continue;
+    float near = luminances[row + i / 3][i % 3];
+    second = max(second, min(first, near));
+    first = max(first, near);
+  }
+  float most = RAYMELD_FIREFLY * second + RAYMELD_FIREFLY_FLOOR;
+  return min(1.0, most / max(luminances[row + 1][1], RAYMELD_FIREFLY_FLOOR));
+}
 
 void main() {
   uvec2 id = global_invocation_id().xy;
@@ -33,9 +73,16 @@ void main() {
   Neighbours near = neighbours_of(id, ivec2(p.width, p.height) - 1);
   [[unroll]] for (uint k = 0; k < kStrip; ++k) {
     vec3 own = near.own[k] * firefly_limit(near.luminances, k);
+    uvec2 pixel = strip.pixels[k], cell = kScale > 0 ? pixel / kScale : uvec2(0);
+    bool is_shown = kScale > 0 && pixel == kScale * cell;
     [[unroll]] for (uint c = 0; c < 3; ++c) {
-      uint element = address(c, strip.pixels[k].y, strip.pixels[k].x, p.plane, p.width);
-      float x = own[c] / (float(albedo.v[element]) + RAYMELD_ALBEDO_FLOOR);
+      uint element = address(c, pixel.y, pixel.x, p.plane, p.width);
+      float surface = float(albedo.v[element]) + RAYMELD_ALBEDO_FLOOR, x = own[c] / surface;
+      if (kScale > 0) {
+        uint from = address(c, cell.y, cell.x, p.lrhs_plane, p.width / kScale);
+        float given = to_linear(float(lrhs.v[from]), p.log_transfer) / surface;
+        x = is_shown ? (x + p.lrhs_certainty * given) / (1.0 + p.lrhs_certainty) : x;
+      }
       float value = log(1.0 + RAYMELD_COMPRESS * x) / RAYMELD_COMPRESS;
       if (strip.wanted[k]) target.v[element] = STORAGE(storable(value));
     }

@@ -10,7 +10,6 @@ std::span<const Suite> suites() {
       {.name = "exposure", .run = conform_exposure},
       {.name = "encode", .run = conform_encode},
       {.name = "decode", .run = conform_decode},
-      {.name = "joint", .run = conform_joint},
       {.name = "pyramid", .run = conform_pyramid},
       {.name = "attention", .run = conform_attention},
       {.name = "kpcn", .run = conform_kpcn},

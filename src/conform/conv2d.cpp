@@ -316,7 +316,6 @@ void conform_conv2d(Collector& collector) {
   run_values(collector, k1x1, 1, "conv2d 1x1");
   run_values(collector, k5x5, 5, "conv2d 5x5");
   run_specials(collector);
-  run_constants(collector);
 }
 
 }  // namespace raymeld::conform

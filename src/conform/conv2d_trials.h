@@ -12,7 +12,4 @@ std::vector<Method> conv2d_methods(const DeviceInfo& device, uint32_t kernel);
 // more than bounds, and one poisoned pixel in 3x3 convolutions.
 void run_specials(Collector& collector);
 
-// Tests constant input channels, also where taps fall on the zeros outside the image.
-void run_constants(Collector& collector);
-
 }  // namespace raymeld::conform

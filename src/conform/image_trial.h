@@ -13,8 +13,6 @@ namespace raymeld::conform {
 
 // Describes one run of a layer that reads images. The images hold values as the device would store them.
 struct ImageTrial {
-  static constexpr float kCertainty = 10;
-
   const Target& target;
   const Method& method;
   reference::Precision precision;
@@ -24,9 +22,6 @@ struct ImageTrial {
   reference::Size size;  // the size of LRHS
   uint64_t seed;
 
-  JointOptions options() const {
-    return {.transfer = transfer(), .scale = uint32_t(scale), .phase = phase, .lrhs_certainty = kCertainty};
-  }
   Transfer transfer() const { return log ? Transfer::kLog : Transfer::kLinear; }
   reference::Transfer expected_transfer() const {
     return log ? reference::Transfer::kLog : reference::Transfer::kLinear;
@@ -51,12 +46,6 @@ struct ImageTrial {
   reference::Planes radiance(int channels, const reference::Size& of, uint64_t salt) const {
     return image(channels, of, salt,
                  [&](double u) { return reference::apply(expected_transfer(), clip() * std::pow(u, 4)); });
-  }
-  // Returns color, albedo and normal as one tensor.
-  reference::Planes hrls() const {
-    const reference::Planes albedo = image(3, full(), 2, [](double u) { return u; });
-    const reference::Planes normal = image(3, full(), 3, [](double u) { return 2 * u - 1; });
-    return concat(concat(radiance(3, full(), 1), albedo), normal);
   }
 };
 

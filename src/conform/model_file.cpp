@@ -5,20 +5,15 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <sstream>
 
 namespace raymeld::conform {
 namespace {
 
 using reference::Architecture;
-using reference::Base;
 using reference::LayerKind;
 using reference::Transfer;
 using reference::Upscale;
-
-// Holds the names of the values of Upscale, in their order.
-constexpr std::array<std::string_view, 3> kUpscales{"stages", "direct", "half"};
 
 std::map<std::string, std::string> metadata_of(const Architecture& a) {
   // The reference knows layers only by kind, so one name for each kind and place is enough.
@@ -45,10 +40,7 @@ std::map<std::string, std::string> metadata_of(const Architecture& a) {
       {"upscaled_features", std::to_string(a.upscaled())},
       {"optional_layers", ""},
       {"exposure_key", "0"}};
-  if (a.scale > 1) {
-    shared.insert({{"lrhs_sampling", a.both_samplings ? "nearest,centered" : "nearest"},
-                   {"lrhs_certainty", fmt::format("{}", a.lrhs_certainty)}});
-  }
+  if (a.scale > 1) shared["lrhs_sampling"] = a.both_samplings ? "nearest,centered" : "nearest";
   if (a.upscaler != reference::Upscaler::kNone) {
     shared.insert({{"network", a.upscaler == reference::Upscaler::kEdsr ? "edsr" : "rcan"},
                    {"features", std::to_string(a.features)},
@@ -66,6 +58,7 @@ std::map<std::string, std::string> metadata_of(const Architecture& a) {
   }
   if (a.is_pyramid()) {
     shared.insert({{"network", "pyramid"}, {"widths", fmt::format("{}", fmt::join(a.widths, ","))}});
+    if (a.scale > 1) shared["lrhs_certainty"] = fmt::format("{}", a.lrhs_certainty);
     return shared;
   }
   shared.insert({{"features", std::to_string(a.features)},
@@ -75,14 +68,10 @@ std::map<std::string, std::string> metadata_of(const Architecture& a) {
                  {"groups", std::to_string(a.groups)},
                  {"long_skip", a.long_skip_fused ? "fused" : "lrhs"},
                  {"merge_relu", a.merge_relu ? "true" : "false"},
-                 {"base", a.base == Base::kJoint      ? "joint"
-                          : a.base == Base::kBilinear ? "bilinear"
-                                                      : "none"},
+                 {"base", a.has_base ? "bilinear" : "none"},
                  {"hrls_encoder", a.hrls_unshuffled ? "unshuffled" : "full"},
                  {"hrls_kernel", std::to_string(a.hrls_kernel)},
-                 {"upscale", std::string(kUpscales.at(size_t(a.upscale)))},
-                 {"half_features", std::to_string(a.half_features)},
-                 {"half_layers", std::to_string(a.half_layers)},
+                 {"upscale", a.upscale == Upscale::kDirect ? "direct" : "stages"},
                  {"guide", a.hrls_guide ? "hrls" : "none"},
                  {"head_features", std::to_string(a.head_features)},
                  {"head_layers", std::to_string(a.head_layers)}});
@@ -101,26 +90,6 @@ std::vector<LayerKind> layer_kinds(const std::string& list) {
   return kinds;
 }
 
-Base base_of(const std::string& name) {
-  return name == "joint" ? Base::kJoint : name == "bilinear" ? Base::kBilinear : Base::kNone;
-}
-
-// Adds widths of the joint filter to a file. The network then knows samples, and nothing depends on them.
-void add_joint_widths(const Architecture& a, SafeTensors& content) {
-  content.metadata["knows_spp"] = "true";
-  const auto add = [&](const char* name, std::vector<size_t> shape, std::vector<float> values) {
-    content.tensors[name] = {TensorType::kF32, std::move(shape), std::move(values)};
-  };
-  const std::vector<double>& widths = a.joint_widths;
-  std::vector<float> logarithms;
-  for (const double width : widths) logarithms.push_back(float(std::log(width)));
-  add("joint.widths", {widths.size() / 3, 3}, logarithms);
-  add("joint.widths_by_spp", {widths.size() / 3, 3}, std::vector<float>(widths.size()));
-  add("joint.certainty", {2}, {0, 0});
-  for (const char* name : {"lrhs.by_spp", "hrls.by_spp"})
-    add(name, {size_t(a.features)}, std::vector<float>(size_t(a.features)));
-}
-
 }  // namespace
 
 SafeTensors model_file(const Architecture& architecture, const reference::Weights& weights,
@@ -137,18 +106,11 @@ SafeTensors model_file(const Architecture& architecture, const reference::Weight
     content.tensors[name + ".centered_bias"] = {
         TensorType::kF32, {out}, {conv.centered_bias.begin(), conv.centered_bias.end()}};
   }
-  if (!architecture.joint_widths.empty()) add_joint_widths(architecture, content);
   return content;
 }
 
 Architecture read_architecture(const std::filesystem::path& model) {
-  const SafeTensors content = read_safetensors(model);
-  const std::map<std::string, std::string>& metadata = content.metadata;
-  const auto joint = [&](const char* name) {
-    const auto found = content.tensors.find(std::string("joint.") + name);
-    if (found == content.tensors.end()) return std::vector<double>{};
-    return std::vector<double>(found->second.values.begin(), found->second.values.end());
-  };
+  const std::map<std::string, std::string> metadata = read_safetensors(model).metadata;
   const auto number = [&](const char* key) { return std::stoi(metadata.at(key)); };
   const auto optional_number = [&](const char* key, int absent) {
     return metadata.contains(key) ? number(key) : absent;
@@ -200,24 +162,18 @@ Architecture read_architecture(const std::filesystem::path& model) {
           .hrls_layers = layer_kinds(metadata.at("hrls_layers")),
           .long_skip_fused = metadata.at("long_skip") == "fused",
           .merge_relu = metadata.at("merge_relu") == "true",
-          .base = base_of(metadata.at("base")),
+          .has_base = metadata.at("base") == "bilinear",
           .transfer = transfer,
           .clip = clip,
           .hrls_unshuffled = metadata.at("hrls_encoder") == "unshuffled",
           .hrls_guide = metadata.at("guide") == "hrls",
           .both_samplings = metadata.at("lrhs_sampling").find(',') != std::string::npos,
-          .upscale = Upscale(std::ranges::find(kUpscales, metadata.at("upscale")) - kUpscales.begin()),
-          .half_features = optional_number("half_features", 0),
-          .half_layers = optional_number("half_layers", 0),
+          .upscale = metadata.at("upscale") == "direct" ? Upscale::kDirect : Upscale::kStages,
           .upscaled_features = number("upscaled_features"),
           .head_features = number("head_features"),
           .head_layers = number("head_layers"),
-          .lrhs_certainty = std::stof(metadata.at("lrhs_certainty")),
           .hrls_kernel = optional_number("hrls_kernel", 3),
-          .knows_spp = metadata.contains("knows_spp") && metadata.at("knows_spp") == "true",
-          .joint_widths = joint("widths"),
-          .joint_widths_by_spp = joint("widths_by_spp"),
-          .joint_certainty = joint("certainty")};
+          .knows_spp = metadata.contains("knows_spp") && metadata.at("knows_spp") == "true"};
 }
 
 reference::Weights read_weights(const std::filesystem::path& model) {

@@ -24,13 +24,25 @@ Planes logits(const ImageTrial& c, int channels, const Size& of, uint64_t salt) 
   return c.image(channels, of, salt, [](double u) { return u == 0 ? -90 : u == 1 ? 90 : 8 * u - 4; });
 }
 
+// A decimated LRHS has a phase of 0.
 void check_light(Check& check, const ImageTrial& c) {
-  const Planes color = c.radiance(3, c.size, 1), surface = albedo(c, c.size, 2);
-  const Planes out =
-      run_layer(c, {color, surface}, c.size, [&](Graph& graph, const auto& in, const Tensor& to) {
-        light(graph, "light", in[0], in[1], to, c.transfer());
-      });
-  check.within(out, reference::light(exact(color), exact(surface), c.expected_transfer(), c.precision));
+  const Planes color = c.radiance(3, c.full(), 1), surface = albedo(c, c.full(), 2);
+  const Planes lrhs = c.radiance(3, c.size, 3);
+  constexpr float kCertainty = 10;
+  for (const bool decimated : {false, true}) {
+    if (decimated && c.phase > 0) continue;
+    const auto with = [&](const auto& given) { return decimated ? std::optional(given) : std::nullopt; };
+    const Planes out =
+        run_layer(c, {color, surface, lrhs}, c.full(), [&](Graph& graph, const auto& in, const Tensor& to) {
+          light(graph, "light", in[0], in[1], to, c.transfer(),
+                with(Decimated{in[2], uint32_t(c.scale), kCertainty}));
+        });
+    const Bounded low = exact(lrhs);
+    check.within(out,
+                 reference::light(exact(color), exact(surface), c.expected_transfer(), c.precision,
+                                  with(reference::Decimated{low, c.scale, kCertainty})),
+                 decimated ? "with LRHS" : "");
+  }
 }
 
 void check_cell_light(Check& check, const ImageTrial& c) {

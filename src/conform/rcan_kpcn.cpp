@@ -64,8 +64,33 @@ void check_remainder(Check& check, const ImageTrial& c) {
   check.within(out, reference::remainder(exact(whole), exact(part), c.expected_transfer(), c.precision));
 }
 
+void check_remodulate(Check& check, const ImageTrial& c) {
+  const double brightest = std::log1p(0.2 * c.clip() / 0.4) / 0.2;
+  const Planes in = c.image(3, c.size, 1, [&](double u) { return brightest * u; });
+  const Planes albedo = c.image(3, c.size, 2, [](double u) { return u; }), rest = c.radiance(3, c.size, 3);
+  const Planes out =
+      run_layer(c, {in, albedo, rest}, c.size, [&](Graph& graph, const auto& tensors, const Tensor& to) {
+        remodulate(graph, "remodulate", tensors[0], tensors[1], tensors[2], to, c.transfer());
+      });
+  check.within(
+      out, reference::remodulate(exact(in), exact(albedo), exact(rest), c.expected_transfer(), c.precision));
+}
+
+void check_saturation(Check& check, const Target& target, const Method& method) {
+  LayerRun run(target, Precision::kFp16, method.addressed);
+  const Tensor in = run.input("in", Planes(3, 1, 1, {1, 52, 52}));
+  const Tensor albedo = run.input("albedo", Planes(3, 1, 1, {1, 1, 1})), out = run.tensor("out", 3, 1, 1);
+  const Tensor rest = run.input("rest", Planes(3, 1, 1));
+  remodulate(run.graph(), "remodulate", in, albedo, rest, out, raymeld::Transfer::kLinear);
+  run.run();
+  check.within(run.read(out.slice(1, 2)), exact(Planes(2, 1, 1, {65504, 65504})));
+  check.that(run.status().saturated == 2,
+             fmt::format("counted {} of 2 values as saturated", run.status().saturated));
+}
+
 constexpr ImageLayer kKpcnLayers[] = {{.name = "gradients", .check = check_gradients},
-                                      {.name = "remainder", .check = check_remainder}};
+                                      {.name = "remainder", .check = check_remainder},
+                                      {.name = "remodulate", .check = check_remodulate}};
 
 }  // namespace
 
@@ -78,6 +103,9 @@ void conform_attention(Collector& collector) {
 void conform_kpcn(Collector& collector) {
   Collector::for_each(plain_methods(), [&](const Method& method, Precision precision) {
     for (const ImageLayer& layer : kKpcnLayers) try_layer(collector, layer, method, precision);
+    if (precision != Precision::kFp16) return;
+    collector.run("remodulate", method, precision, "values beyond 16 bits, 1 x 1",
+                  [&](Check& check) { check_saturation(check, collector.target(), method); });
   });
 }
 

@@ -9,7 +9,6 @@ void conform_conv2d(Collector& collector);
 void conform_exposure(Collector& collector);
 void conform_encode(Collector& collector);
 void conform_decode(Collector& collector);
-void conform_joint(Collector& collector);
 void conform_pyramid(Collector& collector);
 void conform_attention(Collector& collector);
 void conform_kpcn(Collector& collector);

@@ -1,7 +1,7 @@
 // Asks a driver how to make values of 16 bits (VK_KHR_shader_float_controls). Without this Vulkan lets a
 // driver truncate them, and flush subnormal ones to zero. That NaN and infinity are kept in 32 bits is not
-// asked for: it would take a twelfth more of the joint filter's cycles on GPUs, and shaders find such values
-// by their bits (finite.glsl).
+// asked for: it took a twelfth more of a filter's cycles on GPUs, and shaders find such values by their bits
+// (finite.glsl).
 #pragma once
 
 #include <cstdint>

@@ -133,8 +133,8 @@ class Graph {
   bool addressed() const { return addressed_; }
   bool keep() const { return keep_; }
   FrameImages frame_images() const { return frame_images_; }
-  // Makes passes that are added from now on read neighbouring pixels as vectors of DeviceInfo::vector_lanes;
-  // 0 makes them read each by itself.
+  // Makes 1x1 convolutions of unshuffled pixels that are added from now on read vectors of so many pixels,
+  // DeviceInfo::vector_lanes; 0 makes them read each by itself.
   void read_vectors(uint32_t lanes) { vector_ = lanes; }
   uint32_t vector() const { return vector_; }
 

@@ -67,38 +67,13 @@ void pack_weights(std::byte* target, const Convolution& conv, uint32_t lanes) {
   }
 }
 
-// Sets conv.sources and conv.constants.
-void find_sources(Convolution& conv) {
-  const std::vector<std::optional<float>>& constants = conv.options.constants;
-  const uint32_t deep = conv.options.unshuffle * conv.options.unshuffle;
-  const size_t count = constants.empty() ? conv.channels_in : constants.size() * deep;
-  for (uint32_t channel = 0; channel < count; ++channel) {
-    const std::optional<float> value = constants.empty() ? std::nullopt : constants[channel / deep];
-    if (!value) {
-      conv.sources.push_back(channel);
-    } else if (*value != 0) {
-      conv.constants.emplace_back(channel, *value);
-    }
-  }
-  if (conv.sources.size() != conv.channels_in) {
-    throw Error("layer {}: {} input channels in tensors, expected {}", conv.name, conv.channels_in,
-                conv.sources.size());
-  }
-  const size_t expected = conv.options.kernel * conv.options.kernel * count * conv.channels_out;
-  if (conv.weights.weight.size() != expected) {
-    throw Error("layer {}: {} weights, expected {}x{}x{}x{}", conv.name, conv.weights.weight.size(),
-                conv.channels_out, count, conv.options.kernel, conv.options.kernel);
-  }
-}
-
 Convolution make_convolution(const Graph& graph, const std::string& name, const Tensor& in, const Tensor& out,
                              const ConvWeights& weights, const Conv2dOptions& options) {
   const uint32_t u = options.unshuffle, s = options.shuffle, kernel = options.kernel;
   if (kernel != 1 && kernel != 3 && kernel != 5)
     throw Error("layer {}: kernel {}, expected 1, 3 or 5", name, kernel);
-  if (kernel == 5 && (!options.constants.empty() || !options.how.computes(kernel)))
-    throw Error("layer {}: a kernel of 5, expected the direct one or Winograd without constant channels",
-                name);
+  if (kernel == 5 && !options.how.computes(kernel))
+    throw Error("layer {}: a kernel of 5, expected the direct one or Winograd", name);
   const uint32_t second = options.second_input ? options.second_input->shape.channels : 0;
   if (second && (u > 1 || options.second_input->shape.height != in.shape.height ||
                  options.second_input->shape.width != in.shape.width)) {
@@ -118,8 +93,6 @@ Convolution make_convolution(const Graph& graph, const std::string& name, const 
                    .channels_in = (in.shape.channels + second) * u * u,
                    .channels_out = out.shape.channels * s * s,
                    .weights = weights,
-                   .sources = {},
-                   .constants = {},
                    .half = graph.storage() == Storage::kFloat16,
                    .in_factor = factor(in),
                    .second_factor = options.second_input ? factor(*options.second_input) : 1,
@@ -129,7 +102,11 @@ Convolution make_convolution(const Graph& graph, const std::string& name, const 
     throw Error("layer {}: {}x{} in, {}x{} out, expected the same size after shuffles by {} and {}", name,
                 in.shape.height, in.shape.width, out.shape.height, out.shape.width, u, s);
   }
-  find_sources(conv);
+  const size_t expected = size_t{kernel} * kernel * conv.channels_in * conv.channels_out;
+  if (weights.weight.size() != expected) {
+    throw Error("layer {}: {} weights, expected {}x{}x{}x{}", name, weights.weight.size(), conv.channels_out,
+                conv.channels_in, kernel, kernel);
+  }
   if (weights.bias.size() != conv.channels_out) {
     throw Error("layer {}: {} biases, expected {}", name, weights.bias.size(), conv.channels_out);
   }
@@ -190,7 +167,6 @@ void blocked(Graph& graph, const Convolution& conv, const Blocked& how) {
                     conv.options.relu,
                     static_cast<uint32_t>(conv.options.residuals.size()),
                     conv.options.second_input.has_value(),
-                    conv.has_borders(),
                     conv.options.unshuffle,
                     conv.options.shuffle};
   pass.bindings = {constant_binding(weights), constant_binding(bias_constant(graph, conv, blocks * lanes)),
@@ -240,29 +216,9 @@ std::vector<Tensor> Convolution::inputs() const {
 
 float Convolution::weight_at(uint32_t o, uint32_t i, uint32_t ky, uint32_t kx) const {
   const bool is_second = options.second_input && i >= channels_in - options.second_input->shape.channels;
-  return stored_weight(o, sources[i], ky, kx, is_second ? second_factor : in_factor);
-}
-
-float Convolution::bias_at(uint32_t o, uint32_t border_case) const {
-  const auto beyond = [&](uint32_t tap, uint32_t first, uint32_t last) {
-    return (tap == 0 && border_case & first) || (tap == 2 && border_case & last);
-  };
-  double sum = weights.bias_of(o) * bias_factor;
-  for (const auto& [channel, value] : constants) {
-    for (uint32_t ky = 0; ky < options.kernel; ++ky) {
-      if (beyond(ky, RAYMELD_TOP, RAYMELD_BOTTOM)) continue;
-      for (uint32_t kx = 0; kx < options.kernel; ++kx) {
-        if (beyond(kx, RAYMELD_LEFT, RAYMELD_RIGHT)) continue;
-        sum += double{value} * stored_weight(o, channel, ky, kx, bias_factor);
-      }
-    }
-  }
-  return static_cast<float>(sum);
-}
-
-float Convolution::stored_weight(uint32_t o, uint32_t channel, uint32_t ky, uint32_t kx, float factor) const {
-  const size_t inputs = weights.weight.size() / (size_t{channels_out} * options.kernel * options.kernel);
-  const float own = weights.weight[((o * inputs + channel) * options.kernel + ky) * options.kernel + kx];
+  const float factor = is_second ? second_factor : in_factor;
+  const float own =
+      weights.weight[((size_t{o} * channels_in + i) * options.kernel + ky) * options.kernel + kx];
   const float value = own * factor;
   if (!half) return value;
   if (std::abs(value) > 65504.0f)
@@ -272,15 +228,12 @@ float Convolution::stored_weight(uint32_t o, uint32_t channel, uint32_t ky, uint
 }
 
 uint32_t bias_constant(Graph& graph, const Convolution& conv, uint32_t padded_count) {
-  const uint32_t cases = conv.has_borders() ? RAYMELD_BORDER_CASES : 1;
-  const uint64_t size_bytes = uint64_t{cases} * padded_count * sizeof(float);
+  const uint64_t size_bytes = uint64_t{padded_count} * sizeof(float);
   return graph.constant(conv.name + ".bias", size_bytes, [=](std::byte* target) {
     std::memset(target, 0, size_bytes);
     auto* biases = reinterpret_cast<float*>(target);
-    for (uint32_t border_case = 0; border_case < cases; ++border_case) {
-      for (uint32_t o = 0; o < conv.channels_out; ++o)
-        biases[border_case * padded_count + o] = conv.bias_at(o, border_case);
-    }
+    for (uint32_t o = 0; o < conv.channels_out; ++o)
+      biases[o] = static_cast<float>(conv.weights.bias_of(o) * conv.bias_factor);
   });
 }
 

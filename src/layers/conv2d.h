@@ -16,10 +16,6 @@ struct Convolution {
   Conv2dOptions options;
   uint32_t height, width, channels_in, channels_out;
   ConvWeights weights;
-  // `sources` are the weights' input channels that are convolved, in order. `constants` are the others that
-  // have a value other than 0, with this value.
-  std::vector<uint32_t> sources;
-  std::vector<std::pair<uint32_t, float>> constants;
   bool half;  // weights are rounded to 16 bits
   // These powers of two scale the weights of `in`, the weights of the second input and the bias, as the
   // exponents of the tensors ask.
@@ -33,19 +29,9 @@ struct Convolution {
   // Returns a weight as the device keeps it, scaled for the exponents of input and output. Throws
   // Error where it does not fit.
   float weight_at(uint32_t o, uint32_t i, uint32_t ky, uint32_t kx) const;
-  // Returns the bias plus the part of the constants, as the device keeps it. Taps beyond the borders that
-  // `border_case` names do not count: see shaders/conv2d/border.glsl.
-  float bias_at(uint32_t o, uint32_t border_case) const;
-  // Returns whether bias_at() depends on borders.
-  bool has_borders() const { return options.kernel > 1 && !constants.empty(); }
-
- private:
-  // Returns the model's weight [o][channel][ky][kx] times `factor`, a power of two.
-  float stored_weight(uint32_t o, uint32_t channel, uint32_t ky, uint32_t kx, float factor) const;
 };
 
-// Adds the biases as a constant, with zeros after them up to `padded_count`; with has_borders() there are as
-// many for each case. Returns its index.
+// Adds the biases as a constant, with zeros after them up to `padded_count`. Returns its index.
 uint32_t bias_constant(Graph& graph, const Convolution& conv, uint32_t padded_count);
 
 // Returns the bytes of inputs, output and residuals, each counted once.

@@ -1,4 +1,4 @@
-// Adds the layers that prepare the inputs of KPCN.
+// Adds the layers of KPCN that are its own.
 #include "layers/shapes.h"
 
 namespace raymeld {
@@ -20,6 +20,19 @@ void remainder(Graph& graph, const std::string& name, const Tensor& whole, const
   Pass pass = pass_of(graph, name, shaders::kRemainder, {whole, part}, out);
   pass.set_push(params::Remainder{shape.height, shape.width, graph.plane(out), transfer == Transfer::kLog});
   pass.groups = element_groups(shape);
+  graph.add(std::move(pass));
+}
+
+void remodulate(Graph& graph, const std::string& name, const Tensor& demodulated, const Tensor& albedo,
+                const Tensor& rest, const Tensor& out, Transfer transfer) {
+  const Shape shape = with_channels(out.shape, 3);
+  expect_shape(name, "the demodulated radiance", demodulated, shape);
+  expect_shape(name, "the albedo", albedo, shape);
+  expect_shape(name, "the rest", rest, shape);
+  expect_shape(name, "the output", out, shape);
+  Pass pass = pass_of(graph, name, shaders::kRemodulate, {demodulated, albedo, rest}, out);
+  pass.set_push(params::Remodulate{shape.height, shape.width, graph.plane(out), transfer == Transfer::kLog});
+  pass.groups = strip_groups(shape);
   graph.add(std::move(pass));
 }
 

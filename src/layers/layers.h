@@ -131,10 +131,6 @@ struct Conv2dOptions {
   uint32_t unshuffle = 1;                   // reads `in` unshuffled by this: (r h, r w, c) -> (h, w, r r c)
   uint32_t shuffle = 1;                     // shuffles `out` by this, the inverse; channels as in PyTorch
   Conv2dKernel how = {};
-  // Has an element for each input channel of the weights, before `unshuffle`: the value of a channel that
-  // is the same everywhere and in no tensor, or nothing for the channels of `in` and `second_input`.
-  // Empty if all are in tensors, as they must be where the kernel is 5.
-  std::vector<std::optional<float>> constants = {};
 };
 
 // Convolves (h, w, in.channels) -> (h, w, out.channels) with stride 1 and zero padding. `out` may be a slice
@@ -214,64 +210,21 @@ struct DecodeOptions {
 // the clip to all of it at a quarter.
 void decode(Graph& graph, const std::string& name, const Tensor& in, const DecodeOptions& options);
 
-// The joint base mixes the output, pixel by pixel, from LRHS, from LRHS with the albedo of HRLS, and from
-// both filtered. All layers below read encoded images.
-struct JointOptions {
-  Transfer transfer = Transfer::kLinear;
-  uint32_t scale = 1;
-  float phase = 0;           // see DecodeOptions
-  float lrhs_certainty = 0;  // certainty of an LRHS pixel; HRLS has 1
-};
-
-// Demodulates LRHS (h, w, 3): divides it by albedo + 0.4 and encodes it again, then takes the mean
-// of 3x3 of its pixels by a level of joint_filter() without certainty and brightness. Albedo and
-// normal (H, W, 3) are read at the top-left one of the scale x scale pixels of an LRHS pixel or,
-// where phase > 0, averaged over them.
-void irradiance(Graph& graph, const std::string& name, const Tensor& lrhs, const Tensor& albedo,
-                const Tensor& normal, const Tensor& out, const JointOptions& options);
-
-// Writes (H, W, 5): ln(1 + 0.2 x) / 0.2, x being the demodulated radiance; the certainty of x; and a
-// brightness, the luminance of the bilinearly upsampled irradiance. lrhs (h, w, 6) is color and irradiance().
-// x is the mean, by certainty, of HRLS and LRHS over albedo + 0.4. HRLS has certainty 1, and its pixels that
-// are brighter than 20 times their second brightest neighbour + 0.001 are darkened to that. LRHS has
-// lrhs_certainty at the pixels that it was rendered at; where phase > 0, its irradiance is upsampled and has
-// lrhs_certainty / scale^2 everywhere. The certainty of x is the sum of both.
-void demodulate(Graph& graph, const std::string& name, const Tensor& color, const Tensor& albedo,
-                const Tensor& lrhs, const Tensor& out, const JointOptions& options);
-
-// Holds what joint_filter() multiplies differences of guides by, beside its own widths.
-struct GuideFactors {
-  float albedo = 1, normal = 1, brightness = 1;
-};
-
-// Filters (H, W, 4) -> (H, W, 4), demodulated radiance and its certainty: a level of the a-trous filter of
-// Dammertz et al. 2010, with the binomial 3x3 kernel at `step` pixels, edges replicated, times
-// exp(-|difference of albedo / 1.5, normal / 1.2, brightness / 0.0667, times their factors|^2). Radiance is
-// weighted by its certainty as well, and the mean certainty is passed on: normalized convolution, Knutsson
-// and Westin 1993.
-void joint_filter(Graph& graph, const std::string& name, const Tensor& in, const Tensor& albedo,
-                  const Tensor& normal, const Tensor& brightness, const Tensor& out, uint32_t step,
-                  const GuideFactors& factors = {});
-
-// Multiplies filtered demodulated radiance (H, W, 3) by albedo + 0.4, adds the encoded rest of the radiance,
-// if there is any, and encodes the result.
-void remodulate(Graph& graph, const std::string& name, const Tensor& demodulated, const Tensor& albedo,
-                const Tensor& out, Transfer transfer, const std::optional<Tensor>& rest = {});
-
-// Writes (H, W, 3): the residual plus five candidates, weighted by the softmax of the logits. rec (H, W, 8)
-// is the residual and five logits, lrhs (h, w, 6) color and irradiance, and candidates (H, W, 9) the results
-// of three calls of remodulate(). The first two of the five candidates are the upsampled LRHS, and the
-// upsampled irradiance times albedo + 0.4.
-void mix(Graph& graph, const std::string& name, const Tensor& rec, const Tensor& lrhs, const Tensor& albedo,
-         const Tensor& candidates, const Tensor& out, const JointOptions& options);
-
 // The layers of a pyramid network filter demodulated radiance x = radiance / (albedo + 0.4) by kernels that
 // the network predicts for each pixel. It is stored as ln(1 + 0.2 x) / 0.2, which is called light.
 
-// Writes the light of HRLS (H, W, 3). Color and albedo (H, W, 3) are encoded. Fireflies are darkened as in
-// demodulate().
+// Holds a render of every scale-th pixel, which joins light() at these pixels.
+struct Decimated {
+  Tensor lrhs;  // (H / scale, W / scale, 3), encoded
+  uint32_t scale;
+  float certainty;  // a pixel of LRHS has this, and one of HRLS has 1
+};
+
+// Writes the light of HRLS (H, W, 3). Color and albedo (H, W, 3) are encoded. Pixels that are
+// brighter than 20 times their second brightest neighbour + 0.001 are darkened to that.
+// With `decimated`, x is the mean by certainty of both renders at the pixels that LRHS shows.
 void light(Graph& graph, const std::string& name, const Tensor& color, const Tensor& albedo,
-           const Tensor& out, Transfer transfer);
+           const Tensor& out, Transfer transfer, const std::optional<Decimated>& decimated = {});
 
 // Writes the light of LRHS (h, w, 3), whose encoded color is `lrhs`. Its albedo is that of HRLS (scale h,
 // scale w, 3) at the pixel that LRHS is a sample of or, where `phase` is above 0, the mean over the pixels
@@ -313,7 +266,7 @@ void compose(Graph& graph, const std::string& name, const Tensor& rec, const Ten
              const Tensor& guides, const Tensor& lrhs, const Tensor& out, Transfer transfer, uint32_t scale,
              float phase);
 
-// These prepare the inputs of KPCN (Bako et al. 2017).
+// These prepare the inputs of KPCN (Bako et al. 2017), and make its output.
 
 // Writes the differences to the next pixel along x, and then along y: (H, W, C) -> (H, W, 2 C). They are 0 in
 // the last column and the last row.
@@ -322,6 +275,11 @@ void gradients(Graph& graph, const std::string& name, const Tensor& in, const Te
 // Writes max(0, whole - part) (H, W, C), both decoded, encoded again.
 void remainder(Graph& graph, const std::string& name, const Tensor& whole, const Tensor& part,
                const Tensor& out, Transfer transfer);
+
+// Multiplies filtered demodulated radiance (H, W, 3) by albedo + 0.4, adds the encoded rest of the radiance,
+// and encodes the result.
+void remodulate(Graph& graph, const std::string& name, const Tensor& demodulated, const Tensor& albedo,
+                const Tensor& rest, const Tensor& out, Transfer transfer);
 
 // These are channel attention (Zhang et al. 2018), which has two 1x1 convolutions of (1, 1, C) between them.
 

@@ -11,14 +11,6 @@ bool is_laid_out(uint32_t vector) { return vector > 0 && RAYMELD_LANES % vector 
 
 }  // namespace
 
-uint32_t filter_vector(const Graph& graph, const Shape& invocations, uint32_t reach) {
-  const uint32_t vector = graph.vector();
-  if (vector == 0 || kPixelsX % vector != 0 || graph.storage() != Storage::kFloat32) return 0;
-  const auto [x, y, z] = pixel_groups(invocations);
-  const bool numbered = x * (kPixelsX / vector) <= kUniformNumbers && y * kPixelsY <= kUniformNumbers;
-  return numbered && (kPixelsX + reach) * sizeof(float) <= Graph::kGuardBytes ? vector : 0;
-}
-
 uint32_t product_vector(const Conv2dKernel& how, uint32_t items) {
   return is_laid_out(how.vector) && items / how.vector <= kUniformNumbers ? how.vector : 0;
 }

@@ -10,9 +10,6 @@ inline constexpr uint32_t kUniformNumbers = 4096;   // uniform_number() returns 
 inline constexpr uint32_t kInputVectorPixels = 64;  // pixels of a row for winograd_input_vectors.comp
 inline constexpr uint32_t kUnshuffledPixels = 64;  // pixels of pointwise_unshuffled_vectors.comp's workgroups
 
-// Serves joint_filter, whose invocations read up to `reach` pixels beside their own.
-uint32_t filter_vector(const Graph& graph, const Shape& invocations, uint32_t reach);
-
 // Serves pointwise and winograd_multiply, whose products of `items` pixels or tiles lie in scratch memory.
 uint32_t product_vector(const Conv2dKernel& how, uint32_t items);
 

@@ -130,7 +130,6 @@ void conv2d_matrix(Graph& graph, const Convolution& conv) {
                     conv.options.unshuffle,
                     conv.options.shuffle,
                     conv.options.second_input.has_value(),
-                    conv.has_borders(),
                     run_of(graph, conv)};
   pass.bindings = {constant_binding(weights), constant_binding(bias_constant(graph, conv, conv.channels_out)),
                    read_binding(conv.in), write_binding(conv.out)};

@@ -5,13 +5,20 @@
 namespace raymeld {
 
 void light(Graph& graph, const std::string& name, const Tensor& color, const Tensor& albedo,
-           const Tensor& out, Transfer transfer) {
+           const Tensor& out, Transfer transfer, const std::optional<Decimated>& decimated) {
   const Shape shape = with_channels(out.shape, 3);
   expect_shape(name, "the color", color, shape);
   expect_shape(name, "the albedo", albedo, shape);
   expect_shape(name, "the output", out, shape);
-  Pass pass = pass_of(graph, name, shaders::kLight, {color, albedo}, out);
-  pass.set_push(params::Light{shape.height, shape.width, graph.plane(out), transfer == Transfer::kLog});
+  const Tensor lrhs = decimated ? decimated->lrhs : color;
+  const uint32_t scale = decimated ? decimated->scale : 0;
+  expect_shape(name, "LRHS", lrhs, with_channels(lrhs.shape, 3));
+  if (decimated) expect_shape(name, "the output", out, enlarged(lrhs.shape, scale, 3));
+  Pass pass = pass_of(graph, name, shaders::kLight, {color, albedo, lrhs}, out);
+  if (!decimated) pass.bytes -= traffic(graph, color);  // which is bound in the place of LRHS
+  pass.constants = {scale};
+  pass.set_push(params::Light{shape.height, shape.width, graph.plane(out), graph.plane(lrhs),
+                              transfer == Transfer::kLog, decimated ? decimated->certainty : 0});
   pass.groups = strip_groups(with_channels(shape, 1));
   graph.add(std::move(pass));
 }

@@ -29,12 +29,7 @@ RAYMELD_SPIRV_FORMS(above_clip)
 RAYMELD_SPIRV_FORMS(above_clip_image)
 RAYMELD_SPIRV_FORMS(decode)
 RAYMELD_SPIRV_FORMS(decode_image)
-RAYMELD_SPIRV_FORMS(irradiance)
-RAYMELD_SPIRV_FORMS(demodulate)
-RAYMELD_SPIRV_FORMS(joint_filter)
-RAYMELD_SPIRV(joint_filter_vectors_f32)
 RAYMELD_SPIRV_FORMS(remodulate)
-RAYMELD_SPIRV_FORMS(mix)
 RAYMELD_SPIRV_FORMS(kernel_filter)
 RAYMELD_SPIRV_FORMS(pool)
 RAYMELD_SPIRV_FORMS(light)
@@ -79,11 +74,7 @@ const Forms kAboveClip RAYMELD_FORMS(above_clip);
 const Forms kAboveClipImage RAYMELD_FORMS(above_clip_image);
 const Forms kDecode RAYMELD_FORMS(decode);
 const Forms kDecodeImage RAYMELD_FORMS(decode_image);
-const Forms kIrradiance RAYMELD_FORMS(irradiance);
-const Forms kDemodulate RAYMELD_FORMS(demodulate);
-const Forms kJointFilter RAYMELD_FORMS_AND_VECTORS(joint_filter, {});
 const Forms kRemodulate RAYMELD_FORMS(remodulate);
-const Forms kMix RAYMELD_FORMS(mix);
 const Forms kKernelFilter RAYMELD_FORMS(kernel_filter);
 const Forms kPool RAYMELD_FORMS(pool);
 const Forms kLight RAYMELD_FORMS(light);

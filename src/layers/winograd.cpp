@@ -200,12 +200,8 @@ struct Steps {
       bindings.push_back(residual_binding(conv, i, scratch.products));
     Pass p = pass_of(graph, conv.name, shaders::kWinogradOutput, std::move(bindings), paired());
     const uint32_t outputs = by_pairs_of_outputs() ? 2 : 1;
-    p.constants = {s.tile,
-                   conv.options.shuffle,
-                   conv.options.relu,
-                   static_cast<uint32_t>(residuals.size()),
-                   by_pairs(conv.options.shuffle) || outputs == 2,
-                   conv.has_borders()};
+    p.constants = {s.tile, conv.options.shuffle, conv.options.relu, static_cast<uint32_t>(residuals.size()),
+                   by_pairs(conv.options.shuffle) || outputs == 2};
     if (paired()) p.constants.insert(p.constants.end(), {kPairedVector, outputs});
     const Tensor& residual = residuals.empty() ? conv.out : residuals.front();
     for (const Tensor& other : residuals) {
@@ -215,12 +211,11 @@ struct Steps {
     }
     // Rows below the band belong to the next one.
     const uint32_t end = std::min(conv.height, (first_tile_row + s.band_rows) * s.tile);
-    set_push(
-        p,
-        params::WinogradOutput{end, conv.height, conv.width, graph.plane(conv.out), graph.rows_mask(conv.out),
-                               graph.plane(residual), graph.rows_mask(residual), s.tiles_x, first_tile_row,
-                               s.channels_out, s.products_stride},
-        paired());
+    set_push(p,
+             params::WinogradOutput{end, conv.width, graph.plane(conv.out), graph.rows_mask(conv.out),
+                                    graph.plane(residual), graph.rows_mask(residual), s.tiles_x,
+                                    first_tile_row, s.channels_out, s.products_stride},
+             paired());
     p.groups = {s.band_tiles / kTransformLocal, 1, conv.channels_out / outputs};
     p.bytes = share(first_tile_row) * traffic(graph, conv.out) * (1.0 + double(residuals.size()));
     graph.add(std::move(p));

@@ -54,7 +54,6 @@ void parse_hrls(const Entries& entries, Architecture& a) {
   a.optional_layers = optional_layers(entries, a.hrls_layers);
   a.knows_spp = entries.has("knows_spp") && entries.choice("knows_spp", "true", "false");
   if (!a.reads_lrhs()) return;
-  a.lrhs_certainty = entries.number("lrhs_certainty", true);
   parse_sampling(entries, a);
 }
 

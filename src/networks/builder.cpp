@@ -20,18 +20,15 @@ Conv2dLink Builder::link(const std::string& name, const Tensor& in, const Tensor
   Conv2dShape shape{in.shape.height / u, in.shape.width / u, channels_in * u * u, out.shape.channels * s * s,
                     options.kernel};
   shape.unshuffle = u, shape.shuffle = s;
-  const auto weights_in =
-      options.constants.empty() ? shape.channels_in : uint32_t(options.constants.size()) * u * u;
-  ConvWeights weights = model.conv(name, shape.channels_out, weights_in, shape.kernel, bias);
+  ConvWeights weights = model.conv(name, shape.channels_out, shape.channels_in, shape.kernel, bias);
   if (a.knows_spp && (name == "lrhs" || name == "hrls")) {
     const auto [lrhs_spp, hrls_spp] = samples.known(a.scale);
     weights.bias_by_spp = model.bias_by_spp(name, shape.channels_out);
     weights.log_spp = std::log2(name == "lrhs" ? lrhs_spp : hrls_spp);
   }
   options.how = choose(shape);
-  // The estimate includes the constants, without which a tile's error is smaller.
   if (options.how.winograd_tile() == 4 &&
-      !tile_4_is_accurate(a, weights, weights_in, options.kernel, options.how.algorithm)) {
+      !tile_4_is_accurate(a, weights, shape.channels_in, options.kernel, options.how.algorithm)) {
     shape.most_tile = 2;
     options.how = choose(shape);
   }

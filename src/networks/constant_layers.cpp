@@ -33,10 +33,6 @@ std::optional<float> constant_of(std::span<const float> values, ChannelKind kind
   return same ? std::optional(first) : std::nullopt;
 }
 
-bool is_read_by_joint_base(const Architecture& a, const std::string& layer) {
-  return a.base == Base::kJoint && (layer == "albedo" || layer == "normal");
-}
-
 }  // namespace
 
 void check_constant_layers(const Model& model, const ConstantLayers& constants) {
@@ -93,31 +89,16 @@ HrlsChannels hrls_channels(const Architecture& a, const ConstantLayers& constant
     result.first[layer] = static_cast<uint32_t>(result.encoded.size());
     for (uint32_t c = 0; c < 3; ++c) result.encoded.push_back(channel_of(c));
   };
-  for (const auto& [layer, values] : constants) {
-    if (!is_read_by_joint_base(a, layer)) continue;
-    append(layer, [kind = kind_of(layer), &encoded = values](uint32_t c) {
-      return EncodedChannel{kind, 0, encoded[c]};
-    });
-  }
-  result.unread = static_cast<uint32_t>(result.encoded.size());
   uint32_t next = 0;
   for (const std::string& layer : a.hrls_layers) {
     const auto constant = constants.find(layer);
     if (constant != constants.end()) {
-      if (a.kind == NetworkKind::kFusion) continue;
       append(layer, [&](uint32_t c) { return EncodedChannel{kind_of(layer), 0, constant->second[c]}; });
       continue;
     }
     const bool computed = compute_variance && layer == "variance";
     if (computed) result.variance = static_cast<uint32_t>(result.encoded.size());
     append(layer, [&](uint32_t c) { return EncodedChannel{kind_of(layer), computed ? c : next++}; });
-  }
-  for (const std::string& layer : a.hrls_layers) {
-    const auto constant = constants.find(layer);
-    for (size_t c = 0; c < 3; ++c) {
-      result.constants.push_back(constant == constants.end() ? std::nullopt
-                                                             : std::optional(constant->second[c]));
-    }
   }
   return result;
 }

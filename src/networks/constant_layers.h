@@ -1,5 +1,5 @@
 // Handles layers of HRLS that have one value everywhere, such as layers that a render lacks. No image holds
-// them, and no convolution reads them but those of pyramid networks and KPCN, which encode their values.
+// them; their encoded values are written beside the layers of the image.
 #pragma once
 
 #include <array>
@@ -31,16 +31,11 @@ std::vector<std::string> image_layers(const Architecture& architecture, const Co
 // the layers that the image does not hold.
 void take_constant_layers(const Architecture& architecture, Image& hrls, ConstantLayers& constants);
 
-// Describes the channels of encoded HRLS in network(): first the constant layers that the joint base reads
-// and no convolution does, then the layers of the image. In networks that encode constant layers all layers
-// keep their order.
+// Describes the channels of encoded HRLS in network().
 struct HrlsChannels {
   std::vector<EncodedChannel> encoded;
-  uint32_t unread = 0;                    // leading channels that no convolution reads
   std::optional<uint32_t> variance = {};  // the first of the three channels that variance() writes, if any
   std::map<std::string, uint32_t> first;  // each layer's first channel in `encoded`
-  // Holds the constant, if any, of each channel that the model has weights for; see Conv2dOptions.
-  std::vector<std::optional<float>> constants;
 };
 HrlsChannels hrls_channels(const Architecture& architecture, const ConstantLayers& constants,
                            bool compute_variance = false);

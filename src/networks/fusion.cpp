@@ -2,9 +2,6 @@
 // The LRHS size is (h, w), the scale is s, H = s h and W = s w. C, R, D, B, G and M are as in Architecture,
 // and K is the number of HRLS channels.
 #include <algorithm>
-#include <array>
-#include <cmath>
-#include <span>
 #include <utility>
 
 #include "networks/builder.h"
@@ -13,61 +10,17 @@
 namespace raymeld {
 namespace {
 
-// The joint base filters in kJointLevels levels. The first, the third and the fifth are candidates, beside
-// LRHS and its irradiance.
-constexpr uint32_t kFilteredCandidates = 3, kCandidates = 2 + kFilteredCandidates;
-
 struct FusionBuilder : Builder {
-  // Returns exp(x). Throws an Error that names the tensor where a float cannot hold it.
-  float exponential(const char* name, float x) const {
-    const float result = std::exp(x);
-    if (std::isfinite(result)) return result;
-    throw Error("model {}: tensor {} gives a factor exp({}), which is not finite", model.file(), name, x);
-  }
-
-  // Returns the certainty of a pixel of LRHS in the joint filter.
-  float lrhs_certainty() const {
-    if (!a.knows_spp || a.base != Base::kJoint) return a.lrhs_certainty;
-    const auto [lrhs_spp, hrls_spp] = samples.known(a.scale);
-    const auto learned = model.joint("certainty", {2});
-    return a.lrhs_certainty * lrhs_spp / (hrls_spp * float(a.scale * a.scale)) *
-           exponential("joint.certainty", learned[0] + learned[1] * std::log2(hrls_spp));
-  }
-
-  // Returns the factors of a level of the joint filter.
-  GuideFactors guide_factors(uint32_t level) const {
-    if (!a.knows_spp) return {};
-    const float log_spp = std::log2(samples.known(a.scale).hrls);
-    const auto widths = model.joint("widths", {kJointLevels, 3}),
-               by_spp = model.joint("widths_by_spp", {kJointLevels, 3});
-    const auto factor = [&](uint32_t guide) {
-      const uint32_t i = 3 * level + guide;
-      return exponential("joint.widths", widths[i] + by_spp[i] * log_spp);
-    };
-    return {factor(0), factor(1), factor(2)};
-  }
-
-  // Returns Conv2dOptions::constants for a convolution that reads `channels` other channels before HRLS, and
-  // the filtered images after HRLS.
-  std::vector<std::optional<float>> constants(uint32_t channels) const {
-    std::vector<std::optional<float>> result(channels);
-    result.insert(result.end(), hrls_channels.constants.begin(), hrls_channels.constants.end());
-    result.resize(result.size() + (a.base == Base::kJoint ? 3 * kFilteredCandidates : 0));
-    return result;
-  }
-
   // Adds (H, W, K) -> F_HRLS (h, w, C): Eq. 5 and 6, or one convolution of HRLS unshuffled by s.
   Tensor hrls_encoder(const Tensor& hrls) {
     const auto [height, width, channels] = hrls.shape;
     if (a.hrls_encoder == HrlsEncoder::kUnshuffled) {
       const Tensor f_hrls = tensor("hrls", height / a.scale, width / a.scale, a.features);
-      conv("hrls", hrls, f_hrls,
-           {.kernel = a.hrls_kernel, .relu = true, .unshuffle = a.scale, .constants = constants(0)});
+      conv("hrls", hrls, f_hrls, {.kernel = a.hrls_kernel, .relu = true, .unshuffle = a.scale});
       return f_hrls;
     }
     Tensor x = tensor("hrls", height, width, a.features);
-    std::vector<Conv2dLink> links{
-        link("hrls", hrls, x, {.kernel = 3, .relu = true, .constants = constants(0)})};
+    std::vector<Conv2dLink> links{link("hrls", hrls, x, {.kernel = 3, .relu = true})};
     for (uint32_t i = 0; i < a.levels(); ++i) {
       const std::string name = fmt::format("down.{}", i);
       const Tensor next = tensor(name, x.shape.height / 2, x.shape.width / 2, a.features);
@@ -107,32 +60,8 @@ struct FusionBuilder : Builder {
     return x;
   }
 
-  // Adds convolutions of `x` into as many `features`, the first with `options`. Each but the first adds to
-  // its input.
-  Tensor residual_layers(std::vector<Conv2dLink>& links, const std::string& name, uint32_t layers,
-                         uint32_t features, Tensor x, Conv2dOptions options) {
-    for (uint32_t i = 0; i < layers; ++i) {
-      const std::string layer = fmt::format("{}.{}", name, i);
-      const Tensor next = tensor(layer, x.shape.height, x.shape.width, features);
-      if (i > 0) options = {.kernel = 3, .relu = true, .residuals = {x}};
-      links.push_back(link(layer, x, next, options));
-      x = next;
-    }
-    return x;
-  }
-
-  // Adds F_DF (h, w, C) -> (H / 2, W / 2, E), which is upscaled, and convolved together with HRLS.
-  Tensor upscale_to_half(std::vector<Conv2dLink>& links, const Tensor& deep, const Tensor& hrls) {
-    const Tensor skip = tensor("half_skip", hrls.shape.height / 2, hrls.shape.width / 2, a.half_features);
-    conv("half_skip", hrls, skip, {.kernel = 3, .relu = true, .unshuffle = 2, .constants = constants(0)});
-    const Tensor up = shuffled(links, "half_up", deep, a.scale / 2, a.half_features);
-    return residual_layers(links, "half_layers", a.half_layers, a.half_features, up,
-                           {.kernel = 3, .relu = true, .second_input = skip});
-  }
-
   // Adds F_DF (h, w, C) -> (H, W, M), as Upscale says.
-  Tensor upscale(std::vector<Conv2dLink>& links, Tensor x, const Tensor& hrls) {
-    if (a.upscale == Upscale::kHalf) x = upscale_to_half(links, x, hrls);
+  Tensor upscale(std::vector<Conv2dLink>& links, Tensor x) {
     const uint32_t steps = a.upscale == Upscale::kStages ? a.levels() : 1;
     const uint32_t factor = a.upscale == Upscale::kDirect ? a.scale : 2;
     for (uint32_t i = 0; i < steps; ++i)
@@ -140,57 +69,25 @@ struct FusionBuilder : Builder {
     return x;
   }
 
-  // Demodulates HRLS and LRHS by albedo, filters them, and writes (H, W, 3 kFilteredCandidates), the
-  // remodulated candidates. Albedo, normal and the irradiance of LRHS guide the filter. The irradiance is
-  // computed here too, into channels 3 to 5 of encode.lrhs.
-  void joint_candidates(const Tensor& lrhs, const Tensor& hrls, const Tensor& candidates,
-                        const JointOptions& options) {
-    const Tensor albedo = layer(hrls, "albedo"), normal = layer(hrls, "normal");
-    irradiance(graph, "irradiance", lrhs.slice(0, 3), albedo, normal, lrhs.slice(3, 3), options);
-    const Tensor lights = tensor("demodulate", hrls.shape.height, hrls.shape.width, 5);
-    demodulate(graph, "demodulate", layer(hrls, "color"), albedo, lrhs, lights, options);
-    Tensor x = lights.slice(0, 4);
-    for (uint32_t level = 0; level < kJointLevels; ++level) {
-      const Tensor next = tensor(fmt::format("joint.{}", level), hrls.shape.height, hrls.shape.width, 4);
-      joint_filter(graph, fmt::format("joint.{}", level), x, albedo, normal, lights.slice(4, 1), next,
-                   1u << level, guide_factors(level));
-      x = next;
-      if (level % 2 == 0) {
-        remodulate(graph, fmt::format("remodulate.{}", level + 1), x.slice(0, 3), albedo,
-                   candidates.slice(level / 2 * 3, 3), a.transfer);
-      }
-    }
-  }
-
-  // Adds (H, W, M), and the guide as second input, if any -> (H, W, 3), or (H, W, 8) for a joint base.
+  // Adds (H, W, M) -> (H, W, 3). The first convolution has the guide as second input, if any. Those of the
+  // head but the first add to their input.
   Tensor reconstruct(std::vector<Conv2dLink>& links, Tensor x, std::optional<Tensor> guide) {
     const auto [height, width, channels] = x.shape;
-    const auto with_guide = [&](Conv2dOptions options) {
-      if (guide) options.constants = constants(x.shape.channels);
+    const auto add = [&](const std::string& layer, uint32_t features, Conv2dOptions options) {
       options.second_input = std::exchange(guide, std::nullopt);
-      return options;
+      const Tensor next = tensor(layer, height, width, features);
+      links.push_back(link(layer, x, next, options));
+      x = next;
     };
-    if (a.head_layers > 0)
-      x = residual_layers(links, "head", a.head_layers, a.head_features, x,
-                          with_guide({.kernel = 3, .relu = true}));
-    const Tensor fused = tensor("rec", height, width, a.base == Base::kJoint ? 3 + kCandidates : 3);
-    links.push_back(link("rec", x, fused, with_guide({.kernel = 3})));
-    return fused;
+    for (uint32_t i = 0; i < a.head_layers; ++i) {
+      Conv2dOptions options{.kernel = 3, .relu = true};
+      if (i > 0) options.residuals = {x};
+      add(fmt::format("head.{}", i), a.head_features, options);
+    }
+    add("rec", 3, {.kernel = 3});
+    return x;
   }
 };
-
-// Reads the base, which needs the layers that guide the joint filter.
-Base base(const Entries& entries, std::span<const std::string> hrls_layers) {
-  if (entries.text("base") != "joint") {
-    return entries.choice("base", "bilinear", "none") ? Base::kBilinear : Base::kNone;
-  }
-  for (const char* layer : {"albedo", "normal"}) {
-    if (std::ranges::find(hrls_layers, layer) == hrls_layers.end()) {
-      entries.reject("base", fmt::format("\"bilinear\" or \"none\", as hrls_layers has no {}", layer));
-    }
-  }
-  return Base::kJoint;
-}
 
 // Sets hrls_encoder and hrls_kernel. Models from before there was a choice of kernel have no entry for it.
 void parse_encoder(const Entries& entries, Architecture& a) {
@@ -201,21 +98,14 @@ void parse_encoder(const Entries& entries, Architecture& a) {
   if (full && a.hrls_kernel != 3) entries.reject("hrls_kernel", "\"3\", as HRLS is not unshuffled");
 }
 
-// Sets upscale, upscaled_features, half_features and half_layers. Only models that upscale by half size need
-// entries for the last two.
+// Sets upscale and upscaled_features.
 void parse_upscale(const Entries& entries, Architecture& a) {
-  const bool half = entries.text("upscale") == "half";
-  a.upscale = half                                            ? Upscale::kHalf
-              : entries.choice("upscale", "stages", "direct") ? Upscale::kStages
-                                                              : Upscale::kDirect;
+  a.upscale = entries.choice("upscale", "stages", "direct") ? Upscale::kStages : Upscale::kDirect;
   a.upscaled_features = entries.integer("upscaled_features", 1, kMostChannels);
   if (a.upscale == Upscale::kStages && a.upscaled_features != a.features) {
     entries.reject("upscaled_features",
                    fmt::format("{}, the features that are upscaled in stages", a.features));
   }
-  if (!half) return;
-  a.half_features = entries.integer("half_features", 1, kMostChannels);
-  a.half_layers = entries.integer("half_layers", 1, kMostRepeats);
 }
 
 }  // namespace
@@ -228,7 +118,7 @@ void parse_fusion(const Entries& entries, Architecture& a) {
   a.groups = entries.integer("groups", 1, kMostRepeats);
   a.long_skip = entries.choice("long_skip", "lrhs", "fused") ? LongSkip::kLrhs : LongSkip::kFused;
   a.merge_relu = entries.choice("merge_relu", "true", "false");
-  a.base = base(entries, a.hrls_layers);
+  a.has_base = entries.choice("base", "bilinear", "none");
   parse_encoder(entries, a);
   parse_upscale(entries, a);
   a.hrls_guide = entries.choice("guide", "hrls", "none");
@@ -246,23 +136,16 @@ void add_fusion(Builder builder, uint32_t height, uint32_t width, float phase) {
   Graph& graph = build.graph;
   const uint32_t full_height = a.scale * height, full_width = a.scale * width;
   const HrlsChannels& hrls_channels = build.hrls_channels;
-  const bool joint = a.base == Base::kJoint;
-  const JointOptions joint_options{a.transfer, a.scale, phase, build.lrhs_certainty()};
 
-  // A joint base puts the irradiance after the encoded LRHS, and the filtered images after the encoded HRLS.
-  const Tensor lrhs = build.tensor("encode.lrhs", height, width, joint ? 6 : 3);
-  const uint32_t layers = static_cast<uint32_t>(hrls_channels.encoded.size());
-  const uint32_t k = layers + (joint ? 3 * kFilteredCandidates : 0);
+  const Tensor lrhs = build.tensor("encode.lrhs", height, width, 3);
+  const auto k = static_cast<uint32_t>(hrls_channels.encoded.size());
   const Tensor hrls = build.tensor("encode.hrls", full_height, full_width, k);
-  const Tensor filtered = hrls.slice(layers, k - layers);
-  build.encode_lrhs(lrhs.slice(0, 3));
-  build.encode_hrls("encode.hrls", hrls, 0, layers);
+  build.encode_lrhs(lrhs);
+  build.encode_hrls("encode.hrls", hrls, 0, k);
   const Tensor bright = build.tensor("above_clip", height, width, 3);
   above_clip(graph, "above_clip", kLrhsSlot, bright, a.clip);
-  if (joint) build.joint_candidates(lrhs, hrls, filtered, joint_options);
 
-  const Tensor convolved = hrls.slice(hrls_channels.unread, k - hrls_channels.unread);
-  const Tensor f_hrls = build.hrls_encoder(convolved);
+  const Tensor f_hrls = build.hrls_encoder(hrls);
   const Tensor f_lrhs = build.tensor("lrhs", height, width, a.features);
   const bool centered = phase > 0;
   build.conv("lrhs", lrhs, f_lrhs, {.kernel = 3, .relu = true},
@@ -271,32 +154,20 @@ void add_fusion(Builder builder, uint32_t height, uint32_t width, float phase) {
   build.conv("fuse", f_lrhs, f_0, {.kernel = 1, .relu = true, .second_input = f_hrls});
   const Tensor deep = build.trunk(f_lrhs, f_0);  // F_DF
   std::vector<Conv2dLink> links;
-  const Tensor full = build.upscale(links, deep, convolved);
-  const Tensor fused = build.reconstruct(links, full, a.hrls_guide ? std::optional(convolved) : std::nullopt);
+  const Tensor full = build.upscale(links, deep);
+  const Tensor fused = build.reconstruct(links, full, a.hrls_guide ? std::optional(hrls) : std::nullopt);
   conv2d_chain(graph, links);
-  if (!joint) {
-    const Tensor* base = a.base == Base::kBilinear ? &lrhs : nullptr;
-    return decode(graph, "decode", fused, {a.transfer, base, a.scale, phase, &bright, a.clip});
-  }
-  const Tensor mixed = build.tensor("mix", full_height, full_width, 3);
-  mix(graph, "mix", fused, lrhs, build.layer(hrls, "albedo"), filtered, mixed, joint_options);
-  decode(graph, "decode", mixed, {a.transfer, nullptr, a.scale, phase, &bright, a.clip});
+  decode(graph, "decode", fused, {a.transfer, a.has_base ? &lrhs : nullptr, a.scale, phase, &bright, a.clip});
 }
 
-// The longest path of LRHS goes through the trunk, and that of HRLS through it or the joint filter.
+// The longest path of both goes through the trunk.
 uint32_t fusion_halo(const Architecture& a, bool compute_variance) {
   uint32_t x = a.scale - 1;
   x += a.head_layers + 1;  // head.i, rec
-  switch (a.upscale) {
-    case Upscale::kDirect:
-      x = x / a.scale + 1;  // up.0
-      break;
-    case Upscale::kHalf:
-      x = x / 2 + 1 + a.half_layers;  // up.0, half_layers.i
-      x = x / (a.scale / 2) + 1;      // half_up; half_skip reaches less far than the trunk
-      break;
-    case Upscale::kStages:
-      for (uint32_t i = 0; i < a.levels(); ++i) x = x / 2 + 1;  // up.i
+  if (a.upscale == Upscale::kDirect) {
+    x = x / a.scale + 1;  // up.0
+  } else {
+    for (uint32_t i = 0; i < a.levels(); ++i) x = x / 2 + 1;  // up.i
   }
   x += a.groups * a.blocks * a.dense_layers;  // the trunk
   const uint32_t lrhs = x + 1;
@@ -307,10 +178,7 @@ uint32_t fusion_halo(const Architecture& a, bool compute_variance) {
     x += 1;                                                         // hrls
   }
   if (compute_variance) x += 1;
-  if (a.base != Base::kJoint) return std::max(x / a.scale, lrhs);
-  x += (1u << kJointLevels) - 1;  // joint.i
-  // The upsampled irradiance, a mean of 3x3, reaches further than the neighbours of a firefly.
-  return x / a.scale + 2;
+  return std::max(x / a.scale, lrhs);
 }
 
 }  // namespace raymeld

@@ -62,7 +62,7 @@ void add_kpcn(Builder build, uint32_t height, uint32_t width, float) {
   const Tensor filtered_light = filtered(build, "diffuse", inputs, lit);
   const Tensor filtered_rest = filtered(build, "rest", inputs, rest);
   const Tensor fused = build.tensor("remodulate", height, width, 3);
-  remodulate(graph, "remodulate", filtered_light, albedo, fused, a.transfer, filtered_rest);
+  remodulate(graph, "remodulate", filtered_light, albedo, filtered_rest, fused, a.transfer);
   decode(graph, "decode", fused, {a.transfer, nullptr, 1, 0, &bright, a.clip});
 }
 

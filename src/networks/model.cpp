@@ -38,8 +38,6 @@ void Model::check_tensors() const {
   if (architecture_.knows_spp) {  // network() asked for these
     used.insert("hrls.by_spp");
     if (architecture_.reads_lrhs()) used.insert("lrhs.by_spp");
-    if (architecture_.base == Base::kJoint)
-      used.insert({"joint.widths", "joint.widths_by_spp", "joint.certainty"});
   }
   for (const auto& [key, values] : tensors_) {
     if (!used.contains(key)) {

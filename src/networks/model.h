@@ -20,13 +20,8 @@ enum class LongSkip { kLrhs, kFused };
 // 6), or unshuffled at once.
 enum class HrlsEncoder { kFull, kUnshuffled };
 
-// Chooses how features are brought to full size: doubled step by step (their Eq. 9), at once, or to half size
-// at once, where convolutions read HRLS again, and from there to full size.
-enum class Upscale { kStages, kDirect, kHalf };
-
-// Chooses what the network's output is added to: nothing, the bilinearly upsampled LRHS, or a mixture of
-// candidates that the network weights pixel by pixel (layers.h: mix).
-enum class Base { kNone, kBilinear, kJoint };
+// Chooses how features are brought to full size: doubled step by step (their Eq. 9), or at once.
+enum class Upscale { kStages, kDirect };
 
 // Lists the networks: that of Hou et al. 2021, a U-Net that predicts kernels, EDSR (Lim et al. 2017),
 // RCAN (Zhang et al. 2018) and KPCN (Bako et al. 2017).
@@ -54,8 +49,6 @@ struct Architecture {
   uint32_t hrls_kernel = 3;  // 1 or 3, for the convolution of unshuffled HRLS
   Upscale upscale = Upscale::kStages;
   uint32_t upscaled_features = 0;  // M
-  uint32_t half_features = 0;      // E, output channels of the convolutions at half size
-  uint32_t half_layers = 0;        // the number of these; each but the first adds to its input
   bool hrls_guide = false;         // the encoded HRLS is read again beside the upscaled features
   uint32_t head_features = 0;      // H, output channels of the convolutions before the last one
   uint32_t head_layers = 0;        // N of these convolutions; each but the first adds to its input
@@ -65,10 +58,9 @@ struct Architecture {
   // LRHS samples lie by default in the centre of their s x s full-size pixels, not in the top-left one.
   bool lrhs_centered = false;
   bool both_samplings = false;  // trained on both, with a separate bias for centered samples
-  Base base = Base::kNone;
-  float lrhs_certainty =
-      0;                   // certainty of a pixel of LRHS, where one of HRLS has 1; see docs/model-format.md
-  bool knows_spp = false;  // biases and certainty depend on SampleCounts
+  bool has_base = false;        // the output is added to the bilinearly upsampled LRHS
+  float lrhs_certainty = 0;     // a pyramid's certainty of a pixel of LRHS; see docs/model-format.md
+  bool knows_spp = false;       // biases and certainty depend on SampleCounts
   // Has the features of a pyramid's levels, of half the full size and so on; it is empty for other networks.
   // C, R, D, B, G, the heads and the base are fields of the network of Hou et al. 2021. Of these EDSR has C
   // and B, RCAN has C, B and G, and KPCN has C.
@@ -122,11 +114,6 @@ class Model {
   // Returns the part of layer `name`'s bias that grows with the logarithm of a sample count, [out].
   std::span<const float> bias_by_spp(const std::string& name, uint32_t out) const {
     return tensor(name + ".by_spp", {out});
-  }
-  // Returns what a model that knows_spp with a joint base has learned of its filter, see
-  // docs/model-format.md: "widths" and "widths_by_spp" [levels, 3], or "certainty" [2].
-  std::span<const float> joint(const std::string& name, const std::vector<size_t>& shape) const {
-    return tensor("joint." + name, shape);
   }
   // Returns the weights of layer `name`, whose shape must be [out][in][kernel][kernel]. `bias` names one of
   // its biases.

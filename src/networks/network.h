@@ -10,8 +10,7 @@ namespace raymeld {
 // channels of image_layers() of HRLS (s height, s width, K) in kHrlsSlot, if K is not 0, or, as images, each
 // layer in its layer_slot(). It writes the fused image (s height, s width, 3). `phase` says where LRHS
 // samples lie in their s x s full-size pixels (see DecodeOptions), and `choose` how each convolution is
-// computed. `exponents` are those of the tensors that it makes. `constants` become part of the convolutions'
-// biases, but those of a pyramid and of KPCN are encoded. `compute_variance` is that of image_layers().
+// computed. `exponents` are those of the tensors that it makes. `compute_variance` is that of image_layers().
 // `samples` matter to a model that knows_spp. Throws an Error that names the layer.
 void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase,
              const Conv2dChoice& choose = conv2d_direct, const StorageExponents& exponents = {},
@@ -40,7 +39,5 @@ std::vector<Conv2dShape> conv2d_shapes(const Model& model, uint32_t height, uint
 // their inputs. `algorithm` is kWinograd or kColumns.
 bool tile_4_is_accurate(const Architecture& architecture, const ConvWeights& weights, uint32_t channels_in,
                         uint32_t kernel, Algorithm algorithm);
-
-inline constexpr uint32_t kJointLevels = 5;  // levels of the joint base's filter
 
 }  // namespace raymeld

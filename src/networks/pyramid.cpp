@@ -1,8 +1,9 @@
 // Builds the pyramid network: a U-Net (Ronneberger et al. 2015) of four levels, of half the full size and so
 // on, which predicts kernels for each pixel of the full size and of three of these levels (Bako et al. 2017,
 // Vogels et al. 2018). They filter the light of both renders, from the coarsest to the finest. LRHS joins
-// the level of its own size; a network of scale 1 has none, and filters that of HRLS. Frames are padded to
-// whole pixels of the coarsest level.
+// the level of its own size and, where it is every s-th pixel of a render, also the pixels that it shows; a
+// network of scale 1 has none, and filters the light of HRLS. Frames are padded to whole pixels of the
+// coarsest level.
 #include <algorithm>
 #include <array>
 #include <optional>
@@ -80,12 +81,10 @@ struct Pyramid {
     return out;
   }
 
-  // Returns the share of LRHS in the light of its level.
-  float lrhs_share() const {
-    const auto pixels = float(a.scale * a.scale);
+  // Returns the certainty of a pixel of LRHS, where one of HRLS has 1.
+  float lrhs_certainty() const {
     const auto [lrhs_spp, hrls_spp] = build.samples.known(a.scale);
-    const float certainty = a.lrhs_certainty * (a.knows_spp ? lrhs_spp / (hrls_spp * pixels) : 1);
-    return certainty / (certainty + pixels);
+    return a.lrhs_certainty * (a.knows_spp ? lrhs_spp / (hrls_spp * float(a.scale * a.scale)) : 1);
   }
 
   void add() const {
@@ -97,15 +96,18 @@ struct Pyramid {
     build.encode_hrls("encode.hrls", hrls, 0, layers, full_frame);
     const Tensor bright = build.tensor("above_clip", low_frame.height, low_frame.width, 3);
     above_clip(graph, "above_clip", a.bright_slot(), bright, a.clip);
-    light(graph, "light", color, albedo, lit, a.transfer);
     std::optional<Tensor> lrhs;
     if (a.reads_lrhs()) lrhs = encoded_lrhs(albedo);
+    const float certainty = lrhs_certainty(), cell = float(a.scale * a.scale);
+    std::optional<Decimated> decimated;
+    if (lrhs && phase == 0) decimated = {lrhs->slice(0, 3), a.scale, certainty};
+    light(graph, "light", color, albedo, lit, a.transfer, decimated);
     std::array<Tensor, kFilteredLevels + 1> lights{lit}, guides{hrls.slice(3, 6)};
     for (uint32_t level = 1; level <= kFilteredLevels; ++level) {
       const std::string name = fmt::format("pool.{}", level);
       lights[level] = tensor(name, level, 3);
       std::optional<Blend> blend;
-      if (level == a.levels()) blend = {lrhs->slice(3, 3), lrhs_share()};
+      if (level == a.levels()) blend = {lrhs->slice(3, 3), certainty / (certainty + cell)};
       pool(graph, name, lights[level - 1], lights[level], blend);
       guides[level] = tensor(fmt::format("guides.{}", level), level, 6);
       pool(graph, fmt::format("guides.{}", level), guides[level - 1], guides[level]);
@@ -176,6 +178,7 @@ void parse_pyramid(const Entries& entries, Architecture& a) {
     entries.reject("hrls_layers", "color,albedo,normal first, as the network is a pyramid");
   a.widths = entries.integers("widths", kLevels, 1, kMostChannels);
   a.upscaled_features = entries.integer("upscaled_features", 1, kMostChannels);
+  if (a.reads_lrhs()) a.lrhs_certainty = entries.number("lrhs_certainty", true);
 }
 
 void add_pyramid(Builder build, uint32_t height, uint32_t width, float phase) {

@@ -40,4 +40,27 @@ Bounded remainder(const Bounded& whole, const Bounded& part, Transfer transfer, 
   return result;
 }
 
+Bounded remodulate(const Bounded& demodulated, const Bounded& albedo, const Bounded& rest, Transfer transfer,
+                   Precision precision) {
+  const int h = demodulated.value.h, w = demodulated.value.w;
+  expect_shape(demodulated, 3, h, w);
+  expect_shape(albedo, 3, h, w);
+  expect_shape(rest, 3, h, w);
+  Bounded result = exact(Planes(3, h, w));
+  const auto sum = [&](const auto& compressed, const auto& own, const auto& added) {
+    using std::exp;
+    const auto radiance = (exp(kCompress * compressed) - 1) / kCompress * (own + kAlbedoFloor);
+    return apply(transfer, radiance + invert(transfer, added));
+  };
+  for (int c = 0; c < 3; ++c) {
+    for (int y = 0; y < h; ++y) {
+      for (int x = 0; x < w; ++x) {
+        store(result, c, y, x,
+              evaluate(sum, at(demodulated, c, y, x), at(albedo, c, y, x), at(rest, c, y, x)), precision);
+      }
+    }
+  }
+  return result;
+}
+
 }  // namespace raymeld::reference

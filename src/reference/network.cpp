@@ -115,49 +115,6 @@ Bounded trunk(Run& run, const Architecture& a, const Bounded& fused, const Bound
   return x;
 }
 
-int first_channel(const Architecture& a, LayerKind kind) {
-  const auto found = std::find(a.hrls_layers.begin(), a.hrls_layers.end(), kind);
-  if (found == a.hrls_layers.end()) throw std::invalid_argument("reference: the joint base lacks a layer");
-  return 3 * int(found - a.hrls_layers.begin());
-}
-
-// Holds the images of the joint base that mix() reads.
-struct Candidates {
-  Bounded irradiance, albedo;
-  Bounded remodulated;  // three levels of the filter, 9 channels
-};
-
-// Returns the factors of a level of the joint filter; take_samples() has made them.
-GuideFactors factors_of(const Architecture& a, int level) {
-  GuideFactors factors{1, 1, 1};
-  if (!a.joint_widths.empty()) std::copy_n(a.joint_widths.begin() + 3 * level, 3, factors.begin());
-  return factors;
-}
-
-Candidates candidates(Run& run, const Architecture& a, const Bounded& lrhs, const Bounded& hrls, double phase,
-                      Precision precision) {
-  const Bounded color = slice(hrls, 0, 3), albedo = slice(hrls, first_channel(a, LayerKind::kAlbedo), 3);
-  const Bounded normal = slice(hrls, first_channel(a, LayerKind::kNormal), 3);
-  Candidates result{
-      run.keep("irradiance", irradiance(lrhs, albedo, normal, a.transfer, a.scale, phase, precision)),
-      albedo,
-      {}};
-  const Bounded demodulated =
-      run.keep("demodulate", demodulate(color, albedo, concat(lrhs, result.irradiance), a.lrhs_certainty,
-                                        a.transfer, a.scale, phase, precision));
-  const Bounded brightness = slice(demodulated, 4, 1);
-  Bounded x = slice(demodulated, 0, 4);
-  for (int level = 0; level < 5; ++level) {
-    x = run.keep("joint." + std::to_string(level),
-                 joint_filter(x, albedo, normal, brightness, 1 << level, precision, factors_of(a, level)));
-    if (level % 2 == 1) continue;
-    const Bounded remodulated = run.keep("remodulate." + std::to_string(level + 1),
-                                         remodulate(slice(x, 0, 3), albedo, a.transfer, precision));
-    result.remodulated = level == 0 ? remodulated : concat(result.remodulated, remodulated);
-  }
-  return result;
-}
-
 Bounded encode_hrls(Run& run, const Architecture& a, const Bounded& hrls) {
   if (a.hrls_unshuffled) return run.conv("hrls", space_to_depth(hrls, a.scale));
   Bounded x = run.conv("hrls", hrls);
@@ -176,13 +133,8 @@ Bounded residual_layers(Run& run, const std::string& name, int layers, Bounded x
   return x;
 }
 
-Bounded upscale(Run& run, const Architecture& a, Bounded x, const Bounded& hrls) {
+Bounded upscale(Run& run, const Architecture& a, Bounded x) {
   if (a.upscale == Upscale::kDirect) return run.conv_and_shuffle("up.0", x, a.scale);
-  if (a.upscale == Upscale::kHalf) {
-    const Bounded skip = run.conv("half_skip", space_to_depth(hrls, 2));
-    x = concat(run.conv_and_shuffle("half_up", x, a.scale / 2), skip);
-    return run.conv_and_shuffle("up.0", residual_layers(run, "half_layers", a.half_layers, x), 2);
-  }
   for (int i = 0; 1 << i < a.scale; ++i) x = run.conv_and_shuffle("up." + std::to_string(i), x, 2);
   return x;
 }
@@ -220,7 +172,10 @@ Outputs pyramid_outputs(Run& run, const Architecture& a, const Frame& frame, Pre
                    fitted(encode(lrhs, LayerKind::kRadiance, a.transfer, a.clip, precision, exposure), h, w));
   const Bounded above = run.keep("above_clip", above_clip(lrhs, a.clip, precision, exposure));
   const Bounded albedo = slice(high, 3, 3);
-  std::vector<Bounded> lights{run.keep("light", light(slice(high, 0, 3), albedo, a.transfer, precision))};
+  std::optional<Decimated> decimated;
+  if (s > 1 && phase == 0) decimated.emplace(low, s, a.lrhs_certainty);
+  std::vector<Bounded> lights{
+      run.keep("light", light(slice(high, 0, 3), albedo, a.transfer, precision, decimated))};
   if (s > 1) cell = run.keep("cell_light", cell_light(low, albedo, a.transfer, s, phase, precision));
   std::vector<Bounded> guides{slice(high, 3, 6)};
   const double share = a.lrhs_certainty / (a.lrhs_certainty + s * s);
@@ -333,7 +288,7 @@ Outputs kpcn_outputs(Run& run, const Architecture& a, const Frame& frame, Precis
   };
   const Bounded filtered_light = filtered("diffuse", lit), filtered_rest = filtered("rest", rest);
   const Bounded fused =
-      run.keep("remodulate", remodulate(filtered_light, albedo, a.transfer, precision, &filtered_rest));
+      run.keep("remodulate", remodulate(filtered_light, albedo, filtered_rest, a.transfer, precision));
   run.keep("output", decode(fused, nullptr, a.transfer, Precision::kFp32, exposure, &above, a.clip));
   return run.take();
 }
@@ -343,25 +298,19 @@ Outputs outputs_of(Run& run, const Architecture& a, const Frame& frame, Precisio
   if (a.is_pyramid()) return pyramid_outputs(run, a, frame, precision);
   if (a.is_kpcn()) return kpcn_outputs(run, a, frame, precision);
   const auto& [lrhs, hrls, phase, exposure] = frame;
-  const bool joint = a.base == Base::kJoint;
-  Bounded low =
+  const Bounded low =
       run.keep("encode.lrhs", encode(lrhs, LayerKind::kRadiance, a.transfer, a.clip, precision, exposure));
-  Bounded high = run.keep("encode.hrls", encode_all(a, hrls, precision, exposure));
-  const Candidates made = joint ? candidates(run, a, low, high, phase, precision) : Candidates{};
-  if (joint) low = concat(low, made.irradiance), high = concat(high, made.remodulated);
+  const Bounded high = run.keep("encode.hrls", encode_all(a, hrls, precision, exposure));
   const Bounded f_lrhs = run.conv_lrhs(low, phase > 0);
   const Bounded fused = run.conv("fuse", concat(f_lrhs, encode_hrls(run, a, high)));
-  Bounded x = upscale(run, a, trunk(run, a, fused, a.long_skip_fused ? fused : f_lrhs), high);
+  Bounded x = upscale(run, a, trunk(run, a, fused, a.long_skip_fused ? fused : f_lrhs));
   if (a.hrls_guide) x = concat(x, high);
   x = run.conv("rec", residual_layers(run, "head", a.head_layers, x), false);
-  if (joint) {
-    x = run.keep("mix", mix(x, low, made.albedo, made.remodulated, a.transfer, a.scale, phase, precision));
-  }
   const Bounded base = bilinear(low, a.scale, phase);
   const Bounded above = run.keep("above_clip", above_clip(lrhs, a.clip, precision, exposure));
   const Bounded upsampled = self_weighted(above, a.scale, phase);
-  run.keep("output", decode(x, a.base == Base::kBilinear ? &base : nullptr, a.transfer, Precision::kFp32,
-                            exposure, &upsampled, a.clip));
+  run.keep("output", decode(x, a.has_base ? &base : nullptr, a.transfer, Precision::kFp32, exposure,
+                            &upsampled, a.clip));
   return run.take();
 }
 
@@ -377,12 +326,6 @@ void take_samples(Architecture& architecture, Weights& weights, double lrhs_spp,
     conv.by_spp.clear();
   }
   architecture.lrhs_certainty *= lrhs_spp / (hrls_spp * architecture.scale * architecture.scale);
-  const double log_spp = std::log2(hrls_spp);
-  std::vector<double>& widths = architecture.joint_widths;
-  for (size_t i = 0; i < widths.size(); ++i)
-    widths[i] = std::exp(widths[i] + architecture.joint_widths_by_spp[i] * log_spp);
-  if (const auto& certainty = architecture.joint_certainty; !certainty.empty())
-    architecture.lrhs_certainty *= std::exp(certainty[0] + certainty[1] * log_spp);
   architecture.knows_spp = false;
 }
 

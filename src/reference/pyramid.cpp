@@ -74,10 +74,12 @@ class Kernel {
 
 }  // namespace
 
-Bounded light(const Bounded& color, const Bounded& albedo, Transfer transfer, Precision precision) {
+Bounded light(const Bounded& color, const Bounded& albedo, Transfer transfer, Precision precision,
+              const std::optional<Decimated>& decimated) {
   const int h = color.value.h, w = color.value.w;
   expect_shape(color, 3, h, w);
   expect_shape(albedo, 3, h, w);
+  if (decimated) expect_shape(decimated->lrhs, 3, h / decimated->scale, w / decimated->scale);
   Bounded result = exact(Planes(3, h, w));
   for (int c = 0; c < 3; ++c) {
     for (int y = 0; y < h; ++y) {
@@ -85,7 +87,11 @@ Bounded light(const Bounded& color, const Bounded& albedo, Transfer transfer, Pr
         const auto formula = [&]<typename T>(T) -> T {
           const T radiance =
               firefly_limit<T>(color, transfer, y, x) * invert(transfer, at(color, c, y, x).as<T>());
-          return compressed(T(radiance / (at(albedo, c, y, x).as<T>() + kAlbedoFloor)));
+          const T surface = at(albedo, c, y, x).as<T>() + kAlbedoFloor, own = radiance / surface;
+          if (!decimated || y % decimated->scale != 0 || x % decimated->scale != 0) return compressed(own);
+          const auto& [lrhs, scale, certainty] = *decimated;
+          const T given = invert(transfer, at(lrhs, c, y / scale, x / scale).as<T>()) / surface;
+          return compressed(T((own + certainty * given) / T(1 + certainty)));
         };
         store(result, c, y, x, evaluate_in_both(formula), precision);
       }

@@ -1,7 +1,7 @@
 #pragma once
 
-#include <array>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -101,50 +101,20 @@ Bounded self_weighted(const Bounded& x, int scale, double phase);
 Bounded decode(const Bounded& rec, const Bounded* base, Transfer transfer, Precision precision,
                double exposure = 1, const Bounded* above_clip = nullptr, double clip = 0);
 
-// The layers of the joint base work on encoded images. (h, w) is the LRHS size and (H, W) = scale * (h, w).
-
-// Divides LRHS color (3, h, w) by HRLS albedo (3, H, W) + 0.4 and encodes the quotient. Returns its mean over
-// 3x3 pixels, edges replicated, weighted by (1/4, 1/2, 1/4)^2 and by exp(-d^2), where d is the distance of
-// albedo / 1.5 and normal / 1.2. Albedo and normal are those of the top left of the s x s pixels that an LRHS
-// pixel covers, or, where phase > 0, their means over these.
-Bounded irradiance(const Bounded& lrhs, const Bounded& albedo, const Bounded& normal, Transfer transfer,
-                   int scale, double phase, Precision precision);
-
-// Returns (5, H, W): ln(1 + 0.2 x) / 0.2, the certainty of x, and the Rec. 709 luminance of the upsampled
-// irradiance. x is the mean by certainty of the demodulated radiance of HRLS and LRHS, color / (albedo +
-// 0.4). HRLS has the certainty 1; its luminance is limited to 20 times that of the second brightest of eight
-// neighbours (black outside) + 0.001. LRHS (6, h, w: color and irradiance) has `certainty` at the top left of
-// the pixels that each LRHS pixel covers. Where phase > 0, the upsampled irradiance takes its place, with
-// certainty / scale^2 everywhere.
-Bounded demodulate(const Bounded& color, const Bounded& albedo, const Bounded& lrhs, double certainty,
-                   Transfer transfer, int scale, double phase, Precision precision);
-
-// Holds the factors of albedo, normal and brightness.
-using GuideFactors = std::array<double, 3>;
-
-// Filters (4, H, W), demodulated radiance and its certainty. Returns the mean over the 3x3 pixels at
-// distances of `step`, edges replicated, weighted by (1/4, 1/2, 1/4)^2 and by exp(-d^2), where d is the
-// distance of albedo / 1.5, normal / 1.2 and brightness / 0.0667 (one channel), each times its factor. The
-// certainty weights the other channels as well.
-Bounded joint_filter(const Bounded& x, const Bounded& albedo, const Bounded& normal,
-                     const Bounded& brightness, int step, Precision precision,
-                     const GuideFactors& factors = {1, 1, 1});
-
-// Takes ln(1 + 0.2 x) / 0.2 of demodulated radiance x (3, H, W) and returns x * (albedo + 0.4), encoded, with
-// the encoded rest of the radiance added before, unless it is null.
-Bounded remodulate(const Bounded& demodulated, const Bounded& albedo, Transfer transfer, Precision precision,
-                   const Bounded* rest = nullptr);
-
-// Returns the residual in rec (8, H, W) plus the mean of five candidates, weighted by the softmax of the five
-// logits in rec. The candidates are the upsampled color of LRHS (6, h, w: color and irradiance), its
-// upsampled and remodulated irradiance, and the three images in `candidates` (9, H, W).
-Bounded mix(const Bounded& rec, const Bounded& lrhs, const Bounded& albedo, const Bounded& candidates,
-            Transfer transfer, int scale, double phase, Precision precision);
-
 // The layers of a pyramid network: light is ln(1 + 0.2 x) / 0.2 of x = radiance / (albedo + 0.4).
 
-// Returns the light of encoded color (3, H, W), whose fireflies are darkened as in demodulate().
-Bounded light(const Bounded& color, const Bounded& albedo, Transfer transfer, Precision precision);
+// Holds a render of every scale-th pixel, which joins light() at these pixels.
+struct Decimated {
+  const Bounded& lrhs;  // (3, H / scale, W / scale), encoded
+  int scale;
+  double certainty;  // a pixel of LRHS has this, and one of HRLS has 1
+};
+
+// Returns the light of encoded color (3, H, W). The luminance of a pixel is limited to 20 times that of the
+// second brightest of its eight neighbours (black outside) + 0.001. With `decimated`, x is the mean by
+// certainty of both renders at the top left pixel of each cell.
+Bounded light(const Bounded& color, const Bounded& albedo, Transfer transfer, Precision precision,
+              const std::optional<Decimated>& decimated = {});
 
 // Returns the light of LRHS (3, h, w). Its albedo is sampled_by_lrhs() that of HRLS.
 Bounded cell_light(const Bounded& lrhs, const Bounded& albedo, Transfer transfer, int scale, double phase,
@@ -167,7 +137,7 @@ Bounded kernel_filter(const Bounded& x, const Bounded& logits, int side, Precisi
 Bounded compose(const Bounded& rec, const Bounded& light, const Bounded& guides, const Bounded& lrhs,
                 Transfer transfer, int scale, double phase, Precision precision);
 
-// These prepare the inputs of KPCN.
+// These are KPCN's.
 
 // Returns (2c, h, w): the differences to the next pixel along x, and then along y, 0 in the last column and
 // row.
@@ -175,6 +145,11 @@ Bounded gradients(const Bounded& x, Precision precision);
 
 // Returns max(0, whole - part), both decoded, encoded again.
 Bounded remainder(const Bounded& whole, const Bounded& part, Transfer transfer, Precision precision);
+
+// Takes ln(1 + 0.2 x) / 0.2 of demodulated radiance x (3, H, W) and returns x * (albedo + 0.4) plus the
+// decoded rest of the radiance, encoded.
+Bounded remodulate(const Bounded& demodulated, const Bounded& albedo, const Bounded& rest, Transfer transfer,
+                   Precision precision);
 
 // The layers of channel attention follow.
 
@@ -185,8 +160,7 @@ Bounded channel_means(const Bounded& x, Precision precision);
 // Returns x / (1 + exp(-logit)) + residual, with the logits (c, 1, 1) limited to [-80, 80].
 Bounded attend(const Bounded& x, const Bounded& logits, const Bounded& residual, Precision precision);
 
-enum class Base { kNone, kBilinear, kJoint };
-enum class Upscale { kStages, kDirect, kHalf };
+enum class Upscale { kStages, kDirect };
 enum class Upscaler { kNone, kEdsr, kRcan };
 
 // Holds the architecture that a model file's metadata describe.
@@ -196,18 +170,15 @@ struct Architecture {
   int scale = 0, features = 0, growth = 0, dense_layers = 0, blocks = 0, groups = 0;
   std::vector<LayerKind> hrls_layers = {};  // 3 channels each, in the order of the HRLS input
   bool long_skip_fused = false, merge_relu = false;
-  Base base = Base::kNone;
+  bool has_base = false;  // the output is added to the upsampled LRHS
   Transfer transfer = Transfer::kLinear;
   double clip = 0;
   bool hrls_unshuffled = false, hrls_guide = false, both_samplings = false;
   Upscale upscale = Upscale::kStages;
-  int half_features = 0, half_layers = 0;                         // these belong to Upscale::kHalf
   int upscaled_features = 0, head_features = 0, head_layers = 0;  // upscaled_features 0: as many as features
-  double lrhs_certainty = 0;                                      // the joint base's certainty of LRHS
+  double lrhs_certainty = 0;                                      // a pyramid's certainty of LRHS
   int hrls_kernel = 3;                                            // the kernel of unshuffled HRLS
   bool knows_spp = false;                                         // see take_samples()
-  // Hold what a joint base has learned, or nothing. widths and widths_by_spp have three values a level.
-  std::vector<double> joint_widths = {}, joint_widths_by_spp = {}, joint_certainty = {};
   // Holds the features of a pyramid network's four levels, or nothing for the network of the paper. Of the
   // entries above it has those of the layers, transfer, clip, samplings, samples and upscaled_features.
   std::vector<int> widths = {};
@@ -221,26 +192,19 @@ struct Architecture {
   // Returns the LRHS pixels in each direction of a pixel of the coarsest level.
   int grid() const { return is_pyramid() ? (1 << widths.size()) / scale : 1; }
   int upscaled() const { return upscaled_features > 0 ? upscaled_features : features; }
-  // These count the channels that the network reads and writes.
-  int lrhs_channels() const { return base == Base::kJoint ? 6 : 3; }
-  int hrls_channels() const { return 3 * int(hrls_layers.size()) + (base == Base::kJoint ? 9 : 0); }
-  int rec_channels() const { return base == Base::kJoint ? 8 : 3; }
 };
 
 using Weights = std::map<std::string, Conv>;     // keys are names of layers: "groups.0.blocks.1.merge"
 using Outputs = std::map<std::string, Bounded>;  // keys are these and those that network() adds
 
 // Turns a network that knows_spp into the one that it is for these samples a pixel: lrhs and hrls have other
-// biases, and lrhs_certainty is multiplied by lrhs_spp / (hrls_spp s^2). What a joint base has learned gives
-// exp(widths + widths_by_spp log2 hrls_spp) in joint_widths, the factors of joint_filter(), and multiplies
-// lrhs_certainty by exp(certainty[0] + certainty[1] log2 hrls_spp).
+// biases, and lrhs_certainty is multiplied by lrhs_spp / (hrls_spp s^2).
 void take_samples(Architecture& architecture, Weights& weights, double lrhs_spp, double hrls_spp);
 
 // Returns every layer's output by the name of its weights: `merge` with the block's input added, `up.i` after
 // the shuffle. Further outputs are encode.lrhs, encode.hrls, above_clip (3, h, w; scene linear and not
 // exposed), groups.0 and so on (the last merge with the group's input added too), trunk (the last of these
-// with the long skip) and output (3, s*h, s*w; in fp32). The joint base adds irradiance, demodulate, joint.0
-// to joint.4, remodulate.1, remodulate.3, remodulate.5 and mix.
+// with the long skip) and output (3, s*h, s*w; in fp32).
 //
 // A pyramid network adds light, cell_light, pool.i, guides.i, filter.i and compose. All its outputs but
 // above_clip and output are of the padded size, whose sides are multiples of grid() LRHS pixels: the last row

@@ -63,7 +63,7 @@ Conv round_to(Conv conv, Precision precision) {
 template <typename Make>
 void make_pyramid(const Architecture& a, const Make& make) {
   const auto name_of = [](const char* kind, int level) { return fmt::format("{}.{}", kind, level); };
-  const int levels = int(a.widths.size()), inputs = 3 + a.hrls_channels();
+  const int levels = int(a.widths.size()), inputs = 3 + 3 * int(a.hrls_layers.size());
   const auto width = [&](int level) { return level > 0 ? a.widths[size_t(level) - 1] : a.upscaled_features; };
   make("hrls", width(1), 4 * inputs, 3);
   for (int level = 1; level < levels; ++level) {
@@ -96,7 +96,7 @@ Weights random_weights(const Architecture& a, Precision precision, uint64_t seed
   }
   if (a.is_kpcn()) {
     for (const char* branch : {"diffuse", "rest"}) {
-      int last = 3 * (a.hrls_channels() + 6);  // with the light, the rest and the gradients
+      int last = 3 * (3 * int(a.hrls_layers.size()) + 6);  // with the light, the rest and the gradients
       for (int i = 0; i + 1 < a.depth; ++i) {
         make(fmt::format("{}.{}", branch, i), a.features, last, 5);
         last = a.features;
@@ -125,8 +125,8 @@ Weights random_weights(const Architecture& a, Precision precision, uint64_t seed
     make("rec", 3, features, 3);
     return weights;
   }
-  const int hrls = a.hrls_channels();
-  make("lrhs", features, a.lrhs_channels(), 3);
+  const int hrls = 3 * int(a.hrls_layers.size());
+  make("lrhs", features, 3, 3);
   add_centered_bias(features);
   make("hrls", features, a.hrls_unshuffled ? a.scale * a.scale * hrls : hrls, a.hrls_kernel);
   for (int i = 0; i < (a.hrls_unshuffled ? 0 : steps); ++i)
@@ -141,13 +141,6 @@ Weights random_weights(const Architecture& a, Precision precision, uint64_t seed
       make(block + ".merge", features, features + a.dense_layers * a.growth, 1);
     }
   }
-  if (a.upscale == Upscale::kHalf) {
-    make("half_skip", a.half_features, 4 * hrls, 3);
-    make("half_up", a.scale * a.scale / 4 * a.half_features, features, 3);
-    for (int i = 0; i < a.half_layers; ++i)
-      make(fmt::format("half_layers.{}", i), a.half_features, (i > 0 ? 1 : 2) * a.half_features, 3);
-    make("up.0", 4 * a.upscaled(), a.half_features, 3);
-  }
   if (a.upscale == Upscale::kDirect) make("up.0", a.scale * a.scale * a.upscaled(), features, 3);
   for (int i = 0; i < (a.upscale == Upscale::kStages ? steps : 0); ++i)
     make(fmt::format("up.{}", i), 4 * features, features, 3);
@@ -156,7 +149,7 @@ Weights random_weights(const Architecture& a, Precision precision, uint64_t seed
     make(fmt::format("head.{}", i), a.head_features, last, 3);
     last = a.head_features;
   }
-  make("rec", a.rec_channels(), last, 3);
+  make("rec", 3, last, 3);
   return weights;
 }
 

@@ -47,7 +47,7 @@ class EveryWay : public testing::TestWithParam<Features> {
 
   TemporaryDirectory folder_;
   std::string file_ = (folder_ / "model.safetensors").string();
-  Subject subject_ = make_subject(joint_architecture(2), int(kHeight), int(kWidth), 1);
+  Subject subject_ = make_subject(guided_architecture(2), int(kHeight), int(kWidth), 1);
   CallerDevice caller_{GetParam().storage_16bit, GetParam().addresses, GetParam().matrices};
   std::unique_ptr<Device> device_;
   std::optional<Context> context_;

@@ -297,7 +297,7 @@ TEST_F(FrameTextureTest, FormatsAreWhatTheyStandFor) {
 }
 
 TEST_F(FrameTextureTest, OctahedralNormalsAreUnfolded) {
-  Subject subject = make_subject(joint_architecture(2), 8, 10, 6);
+  Subject subject = make_subject(pyramid_architecture(2), 8, 10, 6);
   use(subject);
   const std::vector<std::string> names = SharedModel(file_).layers();
   const auto normal = size_t(std::ranges::find(names, "normal") - names.begin());

@@ -48,7 +48,7 @@ TEST_F(Cli, ConformComparesNetworksWithThoseOfAnotherDevice) {
 
 TEST_F(Cli, ConformKeepsAndComparesNothingWithoutNetworks) {
   for (const char* option : {"--values", "--against"}) {
-    const ProcessResult result = run({"conform", "--suite", "pyramid,joint", option, "values.json"});
+    const ProcessResult result = run({"conform", "--suite", "pyramid,kpcn", option, "values.json"});
     EXPECT_EQ(result.exit_status, 2);
     EXPECT_NE(result.err.find("--values and --against need the suite 'network'"), std::string::npos)
         << result.err;

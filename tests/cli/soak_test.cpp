@@ -41,7 +41,7 @@ Image cropped(const Image& image, int width, int height) {
 struct Workload {
   Workload() {
     const char* file = std::getenv("RAYMELD_SOAK_MODEL");
-    model = std::make_unique<Model>(file ? file : source_path("tests/golden/joint-x4.safetensors"));
+    model = std::make_unique<Model>(file ? file : source_path("tests/golden/pyramid-x4.safetensors"));
     const Architecture& a = model->architecture();
     const int scale = int(a.scale), side = file ? 256 / scale : 11;
     if (file) {

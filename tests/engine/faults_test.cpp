@@ -33,7 +33,6 @@ reference::Architecture least_architecture() {
           .blocks = 1,
           .groups = 1,
           .hrls_layers = {reference::LayerKind::kRadiance},
-          .base = reference::Base::kNone,
           .clip = 100};
 }
 

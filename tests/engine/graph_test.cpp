@@ -10,7 +10,7 @@
 #include "conform/model_file.h"
 #include "error_of.h"
 #include "gpu.h"
-#include "layers/llvmpipe.h"
+#include "layers/shaders.h"
 #include "networks/network.h"
 #include "subject.h"
 
@@ -120,8 +120,8 @@ TEST(Barriers, ReusedMemory) {
 // Vectors of pixels may begin before a tensor and end after it.
 TEST(Graph, GuardsAreInFrontOfAndBehindAllTensors) {
   const TemporaryDirectory folder;
-  const Subject subject = make_subject(joint_architecture(4), 24, 16, 1);
-  const Model model(conform::model_file(subject.architecture, subject.weights), "joint");
+  const Subject subject = make_subject(pyramid_architecture(4), 24, 16, 1);
+  const Model model(conform::model_file(subject.architecture, subject.weights), "pyramid");
   for (const Storage storage : {Storage::kFloat32, Storage::kFloat16}) {
     for (const bool keep : {false, true}) {
       Graph graph(storage, true, keep);
@@ -130,26 +130,6 @@ TEST(Graph, GuardsAreInFrontOfAndBehindAllTensors) {
       EXPECT_TRUE(has_guards(graph));
     }
   }
-}
-
-TEST(Graph, VectorsOfPixelsAreForFloatsAndAsManyAsShadersNumber) {
-  const auto lanes_of = [](uint32_t lanes, const Shape& invocations, uint32_t reach = 16,
-                           Storage storage = Storage::kFloat32) {
-    Graph graph(storage, true);
-    graph.read_vectors(lanes);
-    return llvmpipe::filter_vector(graph, invocations, reach);
-  };
-  for (const uint32_t lanes : {4u, 8u, 16u}) {
-    EXPECT_EQ(lanes_of(lanes, {1, 1, 1}), lanes);
-    EXPECT_EQ(lanes_of(lanes, {4096, 4096 * lanes, 1}), lanes);
-    EXPECT_EQ(lanes_of(lanes, {1, 4096 * lanes + 1, 1}), 0u);
-  }
-  EXPECT_EQ(lanes_of(8, {4097, 1, 1}), 0u);
-  EXPECT_EQ(lanes_of(8, {1, 1, 1}, 64), 8u);
-  EXPECT_EQ(lanes_of(8, {1, 1, 1}, 65), 0u);
-  EXPECT_EQ(lanes_of(0, {1, 1, 1}), 0u);
-  EXPECT_EQ(lanes_of(128, {1, 1, 1}), 0u);
-  EXPECT_EQ(lanes_of(8, {1, 1, 1}, 16, Storage::kFloat16), 0u);
 }
 
 TEST(Graph, ReadingWhatNothingWroteIsAnError) {
@@ -259,7 +239,7 @@ TEST_F(GraphTest, KeepingAllActivationsMakesTheSameBits) {
   const TemporaryDirectory folder;
   const std::vector<Kernels> direct{{}}, all{{}, {.conv2d = banded}, {.addressed = true, .conv2d = banded}};
   size_t combinations = 0;
-  for (const auto& shape : {small_architecture, guided_architecture, joint_architecture}) {
+  for (const auto& shape : {small_architecture, guided_architecture}) {
     const Subject subject = make_subject(shape(4), 9, 5, 1);
     write_model(folder / "model.safetensors", subject.architecture, subject.weights);
     const Model model(folder / "model.safetensors");
@@ -328,7 +308,7 @@ std::vector<std::vector<std::tuple<std::string, uint32_t, Access>>> accesses_of(
 TEST(Graph, PassesByAddressHaveTheAccessesAndBarriersOfThoseWithBuffers) {
   const TemporaryDirectory folder;
   for (const auto& shape :
-       {small_architecture, guided_architecture, joint_architecture, unshuffled_architecture}) {
+       {small_architecture, guided_architecture, pyramid_architecture, unshuffled_architecture}) {
     const Subject subject = make_subject(shape(4), 9, 5, 1);
     write_model(folder / "model.safetensors", subject.architecture, subject.weights);
     const Model model(folder / "model.safetensors");

@@ -105,7 +105,7 @@ TEST_F(DeterminismTest, EverySplitOfTheWorkGivesTheSameBits) {
 
 // Dispatches may begin at any workgroup, also those of kernels that compute vectors of pixels.
 TEST_F(DeterminismTest, EverySplitOfOtherLayersGivesTheSameBits) {
-  for (const reference::Architecture& a : {joint_architecture(2), rcan_architecture(2)}) {
+  for (const reference::Architecture& a : {pyramid_architecture(2), rcan_architecture(2)}) {
     const Subject subject = make_subject(a, 20, 70, 1);
     const Model model(conform::model_file(subject.architecture, subject.weights), "model");
     Image whole, split;

@@ -72,7 +72,6 @@ std::vector<Architecture> shapes() {
     all.push_back(guided_architecture(scale));
     all.push_back(all.back());
     all.back().hrls_kernel = 1;
-    all.push_back(half_architecture(scale));
   }
   return all;
 }
@@ -83,24 +82,20 @@ TEST_F(FuserTest, TiledAndUntiledGiveTheSameBits) {
   all.push_back(pyramid_architecture(1));
   all.push_back(kpcn_architecture());
   for (const int scale : {2, 4, 8}) {
-    all.push_back(joint_architecture(scale));
     all.push_back(pyramid_architecture(scale));
     all.push_back(edsr_architecture(scale));
   }
   all.push_back(unshuffled_architecture(4));
   for (const Architecture& a : all) {
     const int scale = a.scale;
-    const bool joint = a.base == reference::Base::kJoint;  // joint bases and pyramids have large halos
-    const Size size = a.is_pyramid() ? Size{3, 19 + 640 / scale}
-                      : joint        ? Size{5, 20 + 220 / scale}
-                                     : Size{27, 30};
+    const Size size = a.is_pyramid() ? Size{3, 19 + 640 / scale} : Size{27, 30};
     const Subject subject = make_subject(a, size.h, size.w, uint64_t(scale));
     const Model model = model_of(subject);
     for (const Precision precision : kPrecisions) {
       for (const bool centered : {false, true}) {
         if (!is_tried(combinations++, 3)) continue;
-        SCOPED_TRACE(fmt::format("x{} guide {} joint {} pyramid {} {} centered {}", scale, a.hrls_guide,
-                                 joint, a.is_pyramid(), name_of(precision), centered));
+        SCOPED_TRACE(fmt::format("x{} guide {} pyramid {} {} centered {}", scale, a.hrls_guide,
+                                 a.is_pyramid(), name_of(precision), centered));
         const FuserOptions options{.storage = storage_of(precision),
                                    .phase = lrhs_phase(centered, uint32_t(scale))};
         const FuserOptions limited = tiled(model, subject, options);
@@ -221,7 +216,7 @@ TEST_F(FuserTest, RcanTakesAFrameOfOneTile) {
 TEST_F(FuserTest, TheHaloIsNeededAndEnough) {
   for (Architecture a : shapes()) {
     const int scale = a.scale;
-    a.base = reference::Base::kNone;
+    a.has_base = false;
     a.hrls_layers = {reference::LayerKind::kRadiance};
     a.features = 4;
     a.dense_layers = scale == 4 ? 2 : 1;

@@ -54,16 +54,14 @@ TEST_F(Conv2dTest, MatricesAreRefusedWhereTheyCannotBe) {
   EXPECT_ERROR(Program(gpu(), half, shared_cache(), 1), "layer conv", "no cooperative matrices of 16x16x16");
 }
 
-TEST_F(Conv2dTest, AKernelOf5IsDirectOrByWinogradAndHasNoConstantChannels) {
+TEST_F(Conv2dTest, AKernelOf5IsDirectOrByWinograd) {
   const std::vector<float> weight(50, 1.0f), bias(1, 0.0f);
   Graph graph(Storage::kFloat32);
-  const Tensor in = graph.input("in", {4, 4, 1}), two = graph.input("two", {4, 4, 2}),
-               out = graph.tensor("out", {4, 4, 1});
+  const Tensor two = graph.input("two", {4, 4, 2}), out = graph.tensor("out", {4, 4, 1});
   const auto add = [&](const Tensor& from, const Conv2dOptions& options) {
     conv2d(graph, "conv", from, out, {weight, bias}, options);
   };
   EXPECT_ERROR(add(two, {.kernel = 4}), "layer conv", "expected 1, 3 or 5");
-  EXPECT_ERROR(add(in, {.kernel = 5, .constants = {std::nullopt, 1.0f}}), "layer conv", "constant channels");
   for (const Algorithm algorithm : {Algorithm::kPointwise, Algorithm::kColumns, Algorithm::kMatrix})
     EXPECT_ERROR(add(two, {.kernel = 5, .how = {.algorithm = algorithm}}), "layer conv", "the direct one");
   add(two, {.kernel = 5});

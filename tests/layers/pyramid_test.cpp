@@ -12,6 +12,9 @@ TEST(Pyramid, WrongShapesAreErrors) {
   expect_only({full, full, full}, [&](Graph& graph, const std::vector<Tensor>& t) {
     light(graph, name, t[0], t[1], t[2], Transfer::kLog);
   });
+  expect_only({full, full, low, full}, [&](Graph& graph, const std::vector<Tensor>& t) {
+    light(graph, name, t[0], t[1], t[3], Transfer::kLog, Decimated{t[2], 4, 1});
+  });
   expect_only({low, full, low}, [&](Graph& graph, const std::vector<Tensor>& t) {
     cell_light(graph, name, t[0], t[1], t[2], Transfer::kLog, 4, 1.5f);
   });

@@ -18,7 +18,7 @@ TEST(RcanAndKpcn, WrongShapesAreErrors) {
     remainder(graph, name, t[0], t[1], t[2], Transfer::kLog);
   });
   expect_only({color, color, color, color}, [&](Graph& graph, const std::vector<Tensor>& t) {
-    remodulate(graph, name, t[0], t[1], t[2], Transfer::kLog, t[3]);
+    remodulate(graph, name, t[0], t[1], t[2], t[3], Transfer::kLog);
   });
 }
 

@@ -59,7 +59,7 @@ class VarianceTest : public GpuTest {
 
 // The host computes the variance in 64 bits. This moves the output far less than the variance itself does.
 TEST_F(VarianceTest, IsWhatFeedingItGives) {
-  for (const auto& architecture : {small_architecture(2), guided_architecture(4), joint_architecture(2)}) {
+  for (const auto& architecture : {small_architecture(2), guided_architecture(4), pyramid_architecture(2)}) {
     const Inputs in = inputs(architecture, 6, 9);
     const std::vector<float> fed = fuse(in.model, in.lrhs, in.with, {});
     const std::vector<float> computed = fuse(in.model, in.lrhs, in.without, {.compute_variance = true});

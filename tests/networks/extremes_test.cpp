@@ -126,7 +126,7 @@ const std::vector<std::pair<std::string, Change>>& input_classes() {
 // The output is not only finite, but as near to the exact one as rounding leaves it.
 TEST_F(ExtremesTest, WhateverTheImagesHoldTheOutputKeepsTheBounds) {
   for (const Architecture& architecture :
-       {joint_architecture(2), small_architecture(2), pyramid_architecture(2)}) {
+       {unshuffled_architecture(2), small_architecture(2), pyramid_architecture(2)}) {
     const Subject subject = make_subject(architecture, 4, 5, 21);
     const Model model = model_of(subject);
     for (const FuserOptions& options : all_options()) {
@@ -152,7 +152,7 @@ TEST_F(ExtremesTest, WhateverTheImagesHoldTheOutputKeepsTheBounds) {
 
 // A model with an exposure key sees the same picture at any brightness. Powers of two do not round.
 TEST_F(ExtremesTest, AnyBrightnessGivesTheSamePicture) {
-  for (const Architecture& architecture : {joint_architecture(4), pyramid_architecture(4)}) {
+  for (const Architecture& architecture : {unshuffled_architecture(4), pyramid_architecture(4)}) {
     const Subject subject = make_subject(architecture, 6, 5, 22);
     const Model model = model_of(subject, "0.18");
     Planes lrhs = subject.lrhs, hrls = subject.hrls;
@@ -285,7 +285,7 @@ TEST_F(ExtremesTest, ABadPixelOfHrlsIsDimmedAndStaysWhereItIs) {
 
 // Pixels that do not depend on a bad pixel have the bits of a clean render, with Winograd's tiles too.
 TEST_F(ExtremesTest, ABadPixelReachesAsFarAsItsKernelsSay) {
-  const Subject subject = make_subject(joint_architecture(2), 10, 96, 28);
+  const Subject subject = make_subject(unshuffled_architecture(2), 10, 96, 28);
   const Model model = model_of(subject);
   for (const FuserOptions& options : all_options()) {
     Fuser fuser = make_fuser(model, subject.lrhs, options);
@@ -384,7 +384,7 @@ Subject he_scaled(int blocks, double gain) {
   a.dense_layers = 4;
   a.blocks = blocks;
   a.groups = 3;
-  a.base = reference::Base::kNone;
+  a.has_base = false;
   Subject subject = make_subject(a, 8, 8, 23);
   for (auto& [name, conv] : subject.weights) {
     for (double& w : conv.weight) w = float(w * gain * std::sqrt(2));

@@ -58,7 +58,7 @@ TEST_F(ModelTest, TheGoldenModelsLoad) {
   EXPECT_TRUE(a.merge_relu);
   EXPECT_EQ(a.transfer, Transfer::kLog);
   EXPECT_EQ(a.clip, 1000);
-  EXPECT_EQ(a.base, Base::kBilinear);
+  EXPECT_TRUE(a.has_base);
   EXPECT_EQ(a.hrls_encoder, HrlsEncoder::kFull);
   EXPECT_EQ(a.upscale, Upscale::kStages);
   EXPECT_EQ(a.upscaled_features, 5u);
@@ -85,23 +85,17 @@ TEST_F(ModelTest, TheOtherChoicesOfTheNetworkAreRead) {
   EXPECT_TRUE(a.trained_on(true));
   EXPECT_TRUE(a.trained_on(false));
   EXPECT_TRUE(Model(golden_model_path("guided-x2")).architecture().lrhs_centered);
-  EXPECT_EQ(Model(golden_model_path("guided-x8")).architecture().base, Base::kNone);
-  EXPECT_EQ(Model(golden_model_path("joint-x4")).architecture().base, Base::kJoint);
-  EXPECT_EQ(Model(golden_model_path("joint-x4")).architecture().hrls_kernel, 1u);
+  EXPECT_FALSE(Model(golden_model_path("guided-x8")).architecture().has_base);
+  EXPECT_EQ(Model(golden_model_path("spp-x4")).architecture().hrls_kernel, 1u);
   EXPECT_FALSE(read_safetensors(golden_model_path("guided-x4")).metadata.contains("hrls_kernel"));
   EXPECT_EQ(Model(golden_model_path("guided-x4")).architecture().hrls_kernel, 3u);
-  EXPECT_EQ(Model(golden_model_path("joint-x2")).architecture().lrhs_certainty, 3);
-  const Architecture half = Model(golden_model_path("spp-x4")).architecture();
-  EXPECT_EQ(half.upscale, Upscale::kHalf);
-  EXPECT_EQ(half.half_features, 5u);
-  EXPECT_EQ(half.half_layers, 2u);
+  EXPECT_EQ(Model(golden_model_path("pyramid-x4")).architecture().lrhs_certainty, 10);
 }
 
 TEST_F(ModelTest, AModelThatKnowsSamplesHasBiasesForThem) {
-  EXPECT_FALSE(Model(golden_model_path("joint-x4")).architecture().knows_spp);
+  EXPECT_FALSE(Model(golden_model_path("guided-x4")).architecture().knows_spp);
   EXPECT_TRUE(Model(golden_model_path("spp-x4")).architecture().knows_spp);
-  for (const char* layer :
-       {"lrhs.by_spp", "hrls.by_spp", "joint.widths", "joint.widths_by_spp", "joint.certainty"}) {
+  for (const char* layer : {"lrhs.by_spp", "hrls.by_spp"}) {
     SafeTensors content = read_safetensors(golden_model_path("spp-x4"));
     content.tensors.erase(layer);
     write_safetensors(file_, content);
@@ -109,32 +103,10 @@ TEST_F(ModelTest, AModelThatKnowsSamplesHasBiasesForThem) {
     EXPECT_TRUE(contains(message, layer)) << message;
   }
   SafeTensors content = read_safetensors(golden_model_path("spp-x4"));
-  SafeTensors endless = content;
-  endless.tensors.at("joint.widths").values[4] = 100;
-  write_safetensors(file_, endless);
-  EXPECT_TRUE(contains(error_of([&] { Model model(file_); }), "joint.widths gives a factor"));
   content.metadata["knows_spp"] = "false";
   write_safetensors(file_, content);
   const std::string message = error_of([&] { Model model(file_); });
   EXPECT_TRUE(contains(message, "belongs to no layer")) << message;
-}
-
-TEST_F(ModelTest, AJointBaseNeedsAlbedoAndNormal) {
-  SafeTensors content = read_safetensors(golden_model_path("joint-x2"));
-  for (const char* layers : {"color", "color,albedo", "color,normal", "color,diffuse,albedo"}) {
-    content.metadata["hrls_layers"] = layers;
-    write_safetensors(file_, content);
-    const std::string message = error_of([&] { Model model(file_); });
-    EXPECT_TRUE(contains(message, file_.string())) << message;
-    EXPECT_TRUE(contains(message, "\"base\"")) << layers << ": " << message;
-  }
-}
-
-TEST_F(ModelTest, AJointBaseHasTensorsOfItsOwn) {
-  SafeTensors content = read_safetensors(golden_model_path("joint-x2"));
-  content.metadata["base"] = "bilinear";
-  write_safetensors(file_, content);
-  EXPECT_ERROR(Model{file_}, "tensor", "has shape");
 }
 
 TEST_F(ModelTest, ABiasForCenteredSamplesBelongsToBothSamplings) {
@@ -154,25 +126,13 @@ TEST_F(ModelTest, ABiasForCenteredSamplesBelongsToBothSamplings) {
 
 TEST_F(ModelTest, EveryEntryIsNeeded) {
   for (const char* key :
-       {"format", "format_version", "scale",         "features",        "growth",       "dense_layers",
-        "blocks", "groups",         "hrls_layers",   "long_skip",       "merge_relu",   "transfer",
-        "clip",   "base",           "lrhs_sampling", "hrls_encoder",    "upscale",      "upscaled_features",
-        "guide",  "head_features",  "head_layers",   "optional_layers", "exposure_key", "lrhs_certainty"}) {
+       {"format", "format_version", "scale",         "features",        "growth",      "dense_layers",
+        "blocks", "groups",         "hrls_layers",   "long_skip",       "merge_relu",  "transfer",
+        "clip",   "base",           "lrhs_sampling", "hrls_encoder",    "upscale",     "upscaled_features",
+        "guide",  "head_features",  "head_layers",   "optional_layers", "exposure_key"}) {
     const std::string message = error_after([&](SafeTensors& content) { content.metadata.erase(key); });
     EXPECT_TRUE(contains(message, fmt::format("\"{}\" is missing", key))) << message;
   }
-}
-
-TEST_F(ModelTest, UpscalingByHalfSizeNeedsEntriesOfItsOwn) {
-  const auto half = [&](const std::string& features) {
-    return error_after([&](SafeTensors& content) {
-      content.metadata["upscale"] = "half";
-      if (!features.empty()) content.metadata["half_features"] = features;
-    });
-  };
-  EXPECT_TRUE(contains(half(""), "\"half_features\" is missing"));
-  EXPECT_TRUE(contains(half("0"), "\"half_features\" is \"0\", expected an integer from 1 to 1024"));
-  EXPECT_TRUE(contains(half("4"), "\"half_layers\" is missing"));
 }
 
 TEST_F(ModelTest, APyramidHasWidthsAndGuides) {
@@ -188,6 +148,14 @@ TEST_F(ModelTest, APyramidHasWidthsAndGuides) {
   for (const char* widths : {"", "3,2,3", "3,2,3,2,1", "3,2,0,2", "3,2,x,2", "3,2,3,2,"})
     EXPECT_TRUE(contains(error("widths", widths), "expected 4 integers from 1 to 1024")) << widths;
   EXPECT_TRUE(contains(error("widths", "3,2,3,4"), "tensor down.4.weight has shape"));
+  for (const char* key : {"widths", "lrhs_certainty"}) {
+    SafeTensors content = read_safetensors(golden_model_path("pyramid-x2"));
+    content.metadata.erase(key);
+    write_safetensors(file_, content);
+    EXPECT_ERROR(Model{file_}, fmt::format("\"{}\" is missing", key));
+  }
+  for (const char* certainty : {"", "-1", "inf", "nan", "1e99", "16 "})
+    EXPECT_TRUE(contains(error("lrhs_certainty", certainty), "\"lrhs_certainty\"")) << certainty;
   EXPECT_TRUE(
       contains(error("network", "unet"), "one of \"fusion\", \"pyramid\", \"edsr\", \"rcan\", \"kpcn\""));
   for (const char* scale : {"0", "9"})
@@ -272,7 +240,6 @@ TEST_F(ModelTest, WrongEntriesAreNamed) {
       {"head_layers", {"", "-1", "65", "1"}},
       {"optional_layers", {"color", "depth", "diffuse", "albedo,albedo", "albedo,", "albedo, normal"}},
       {"exposure_key", {"", "-0.1", "inf", "nan", "auto", "1e99"}},
-      {"lrhs_certainty", {"", "-1", "inf", "nan", "1e99", "16 "}},
   };
   for (const auto& [key, values] : wrong) {
     for (const std::string& value : values) {

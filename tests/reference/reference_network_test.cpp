@@ -19,7 +19,7 @@ Architecture small(int scale) {
   a.hrls_layers = {LayerKind::kRadiance, LayerKind::kAlbedo, LayerKind::kNormal};
   a.transfer = Transfer::kLog;
   a.clip = 100;
-  a.base = Base::kBilinear;
+  a.has_base = true;
   return a;
 }
 

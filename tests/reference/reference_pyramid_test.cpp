@@ -36,6 +36,50 @@ TEST(Light, DarkensFireflies) {
   expect_near(light(exact(color), exact(albedo), kLinear, kFp32), {dimmed, 0, dimmed, 0, dimmed, 0});
 }
 
+TEST(Light, LimitsFirefliesByTheSecondBrightestNeighbour) {
+  const auto limited = [](const Planes& color, int y, int x) {
+    Planes albedo(3, 4, 4);
+    for (double& surface : albedo.data) surface = 0.6;
+    const Planes result = light(exact(color), exact(albedo), kLinear, kFp32).value;
+    return std::array{result.at(0, y, x), result.at(1, y, x)};
+  };
+  Planes color(3, 4, 4);
+  for (double& radiance : color.data) radiance = 0.5;
+  for (const int c : {0, 1, 2}) color.at(c, 1, 1) = 40;
+  EXPECT_NEAR(limited(color, 1, 1)[0], light_of(20 * 0.5 + 1e-3), 1e-9);
+  // One bright neighbour may be another firefly, but two are a lamp.
+  for (const int c : {0, 1, 2}) color.at(c, 1, 2) = 30;
+  EXPECT_NEAR(limited(color, 1, 1)[0], light_of(20 * 0.5 + 1e-3), 1e-9);
+  for (const int c : {0, 1, 2}) color.at(c, 2, 2) = 3;
+  EXPECT_NEAR(limited(color, 1, 1)[0], light_of(40), 1e-9);
+  // The ratio of the channels is kept, and pixels outside the image count as black.
+  Planes corner(3, 4, 4);
+  corner.at(0, 3, 3) = 10, corner.at(1, 3, 3) = 5;
+  const double factor = 1e-3 / (0.2126 * 10 + 0.7152 * 5);
+  EXPECT_NEAR(limited(corner, 3, 3)[0], light_of(factor * 10), 1e-9);
+  EXPECT_NEAR(limited(corner, 3, 3)[1], light_of(factor * 5), 1e-9);
+}
+
+// The first pixel of each cell is the mean of both renders.
+TEST(Light, HasASampleOfLrhsWhereItWasRendered) {
+  for (const Transfer transfer : {kLinear, kLog}) {
+    const auto encoded = [&](double x) { return transfer == kLog ? std::log(1 + 8 * x) / 3 : x; };
+    const std::vector<double> ones(24, encoded(1)), samples{encoded(5), encoded(2)};
+    std::vector<double> surfaces, low, expected;
+    for (int c = 0; c < 3; ++c) {
+      surfaces.insert(surfaces.end(), {0.6, 0.6, 0.1, 0.6, 0.6, 0.6, 0.6, 0.6});
+      low.insert(low.end(), samples.begin(), samples.end());
+      const double other = light_of(1);
+      expected.insert(expected.end(), {light_of((1 + 3 * 5) / 4.0), other, light_of((1 + 3 * 2) / 4.0 / 0.5),
+                                       other, other, other, other, other});
+    }
+    const Bounded lrhs = exact(Planes(3, 1, 2, low));
+    expect_near(light(exact(Planes(3, 2, 4, ones)), exact(Planes(3, 2, 4, surfaces)), transfer, kFp32,
+                      Decimated{lrhs, 2, 3}),
+                expected);
+  }
+}
+
 TEST(CellLight, HasTheMeanAlbedoOfTheCell) {
   const Planes albedo(3, 2, 2, {1, 0, 0, 1, 0.6, 0.6, 0.6, 0.6, 0, 0, 0, 0});
   const double encoded = std::log(1 + 8 * 3.0) / 3;
@@ -110,6 +154,7 @@ TEST(Compose, MixesRemodulatedLightAndLrhs) {
 TEST(PyramidLayers, RefuseOtherShapes) {
   const Bounded one = exact(gray(1)), two = exact(Planes(3, 2, 2));
   EXPECT_THROW(light(one, two, kLog, kFp32), std::invalid_argument);
+  EXPECT_THROW(light(two, two, kLog, kFp32, Decimated{two, 2, 1}), std::invalid_argument);
   EXPECT_THROW(cell_light(one, two, kLog, 4, 1.5, kFp32), std::invalid_argument);
   EXPECT_THROW(pool(one, kFp32), std::invalid_argument);
   EXPECT_THROW(kernel_filter(one, one, 3, kFp32), std::invalid_argument);

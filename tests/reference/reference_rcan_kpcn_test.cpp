@@ -33,6 +33,23 @@ TEST(Remainder, IsWhatThePartLeaves) {
   expect_near(remainder(exact(whole_log), exact(part_log), kLog, kFp32), {encoded(3), 0, 0});
 }
 
+TEST(Remodulate, MultipliesByTheAlbedoAndAddsTheRest) {
+  const auto light = [](double x) { return std::log(1 + 0.2 * x) / 0.2; };
+  const Planes in(3, 1, 1, {light(0), light(5), light(2)}), albedo(3, 1, 1, {1, 0.6, 0}),
+      rest(3, 1, 1, {3, 0, 1});
+  expect_near(remodulate(exact(in), exact(albedo), exact(rest), kLinear, kFp32), {3, 5, 1.8});
+  const auto encoded = [](double x) { return std::log(1 + 8 * x) / 3; };
+  const Planes rest_log(3, 1, 1, {encoded(3), 0, encoded(1)});
+  expect_near(remodulate(exact(in), exact(albedo), exact(rest_log), kLog, kFp32),
+              {encoded(3), encoded(5), encoded(1.8)});
+}
+
+TEST(Remodulate, RefusesOtherShapes) {
+  const Bounded one = exact(Planes(3, 1, 1)), two = exact(Planes(3, 2, 2));
+  EXPECT_THROW(remodulate(two, one, two, kLog, kFp32), std::invalid_argument);
+  EXPECT_THROW(remodulate(two, two, one, kLog, kFp32), std::invalid_argument);
+}
+
 TEST(ChannelMeans, AreOverAllPixels) {
   const Planes x(2, 2, 3, {1, 2, 3, 4, 5, 9, -1, -1, 0, 0, 0, -4});
   expect_near(channel_means(exact(x), kFp32), {4, -1});

@@ -11,7 +11,6 @@
 namespace raymeld::test {
 namespace {
 
-using reference::Base;
 using reference::Planes;
 
 Planes take_planes(std::map<std::string, TensorData>& tensors, const std::string& name) {
@@ -23,10 +22,6 @@ Planes take_planes(std::map<std::string, TensorData>& tensors, const std::string
 
 // These layers have outputs but no weights.
 std::vector<std::string> layers_without_weights(const reference::Architecture& a) {
-  if (a.base == Base::kJoint) {
-    return {"irradiance", "demodulate", "joint.0",      "joint.1",      "joint.2",     "joint.3",
-            "joint.4",    "mix",        "remodulate.1", "remodulate.3", "remodulate.5"};
-  }
   if (a.is_kpcn()) return {"light", "remainder", "gradients", "filter.diffuse", "filter.rest", "remodulate"};
   std::vector<std::string> layers;
   if (a.is_pyramid()) {
@@ -47,8 +42,8 @@ std::vector<std::string> layers_without_weights(const reference::Architecture& a
 
 const std::vector<std::string>& golden_names() {
   static const std::vector<std::string> names = {
-      "tiny-x2", "tiny-x4", "tiny-x8", "guided-x2", "guided-x4",  "guided-x8",  "joint-x2",  "joint-x4",
-      "spp-x4",  "edsr-x4", "rcan-x2", "kpcn-x1",   "pyramid-x1", "pyramid-x2", "pyramid-x4"};
+      "tiny-x2", "tiny-x4", "tiny-x8", "guided-x2",  "guided-x4",  "guided-x8", "spp-x4",
+      "edsr-x4", "rcan-x2", "kpcn-x1", "pyramid-x1", "pyramid-x2", "pyramid-x4"};
   return names;
 }
 

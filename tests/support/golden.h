@@ -9,7 +9,7 @@ namespace raymeld::test {
 
 // Holds a tiny network with random weights, its raw inputs, and every layer's output as PyTorch computed it
 // in float64. The files are tests/golden/tiny-x2 and so on; guided-x2 makes the other choices of the network,
-// joint-x2 has a joint base, spp-x4 knows samples, edsr-x4 is EDSR, rcan-x2 is RCAN, kpcn-x1 is KPCN, and
+// spp-x4 knows samples, edsr-x4 is EDSR, rcan-x2 is RCAN, kpcn-x1 is KPCN, and
 // pyramid-x1 (without LRHS), pyramid-x2 and pyramid-x4 are pyramid networks.
 struct Golden {
   reference::Architecture architecture;

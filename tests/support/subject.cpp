@@ -14,7 +14,7 @@ Architecture small_architecture(int scale) {
           .blocks = 1,
           .groups = 1,
           .hrls_layers = {LayerKind::kRadiance, LayerKind::kAlbedo, LayerKind::kNormal},
-          .base = reference::Base::kBilinear,
+          .has_base = true,
           .clip = 100};
 }
 
@@ -28,24 +28,9 @@ Architecture guided_architecture(int scale) {
   return a;
 }
 
-Architecture half_architecture(int scale) {
-  Architecture a = guided_architecture(scale);
-  a.upscale = reference::Upscale::kHalf;
-  a.half_features = 4;
-  a.half_layers = 2;
-  return a;
-}
-
-Architecture joint_architecture(int scale) {
-  Architecture a = guided_architecture(scale);
-  a.base = reference::Base::kJoint;
-  a.transfer = reference::Transfer::kLog;
-  a.lrhs_certainty = scale * scale;
-  return a;
-}
-
 Architecture unshuffled_architecture(int scale) {
-  Architecture a = joint_architecture(scale);
+  Architecture a = guided_architecture(scale);
+  a.transfer = reference::Transfer::kLog;
   a.hrls_kernel = 1;
   return a;
 }

@@ -15,11 +15,7 @@ reference::Architecture small_architecture(int scale);
 // Returns small_architecture() with HRLS unshuffled, upscaling at once, a guide, a head and a bias for
 // centered samples.
 reference::Architecture guided_architecture(int scale);
-// Returns guided_architecture() that upscales by half size.
-reference::Architecture half_architecture(int scale);
-// Returns guided_architecture() with a joint base and the log transfer.
-reference::Architecture joint_architecture(int scale);
-// Returns joint_architecture() with a 1x1 convolution of the unshuffled HRLS.
+// Returns guided_architecture() with the log transfer and a 1x1 convolution of the unshuffled HRLS.
 reference::Architecture unshuffled_architecture(int scale);
 // Returns a pyramid network, whose frames are padded to multiples of 16 / scale LRHS pixels.
 reference::Architecture pyramid_architecture(int scale);

@@ -1,5 +1,5 @@
-// Multiplies filtered demodulated radiance by albedo + floor, adds the rest of the radiance, if there is any,
-// and encodes the result as the network reads radiance.
+// Multiplies filtered demodulated radiance by albedo + floor, adds the rest of the radiance, and encodes the
+// result as the network reads radiance.
 // Each invocation computes a strip of elements, as in encode.comp; z is the channel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
@@ -9,7 +9,6 @@
 #include "transfer.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;
-layout(constant_id = 0) const bool kHasRest = false;
 #include "invocation.glsl"
 layout(push_constant) uniform Push {
   ADDRESS(Values, demodulated) ADDRESS(Values, albedo) ADDRESS(Values, rest) ADDRESS(Values, target)
@@ -31,7 +30,7 @@ void main() {
   [[unroll]] for (uint k = 0; k < kStrip; ++k) {
     float linear = (exp(RAYMELD_COMPRESS * float(demodulated.v[at[k]])) - 1.0) / RAYMELD_COMPRESS;
     linear *= float(albedo.v[at[k]]) + RAYMELD_ALBEDO_FLOOR;
-    if (kHasRest) linear += to_linear(float(rest.v[at[k]]), p.log_transfer);
+    linear += to_linear(float(rest.v[at[k]]), p.log_transfer);
     values[k] = to_network(linear, p.log_transfer);
   }
   [[unroll]] for (uint k = 0; k < kStrip; ++k) {
