@@ -72,10 +72,9 @@ struct FusionBuilder : Builder {
   // Adds (H, W, M) -> (H, W, 3). The first convolution has the guide as second input, if any. Those of the
   // head but the first add to their input.
   Tensor reconstruct(std::vector<Conv2dLink>& links, Tensor x, std::optional<Tensor> guide) {
-    const auto [height, width, channels] = x.shape;
     const auto add = [&](const std::string& layer, uint32_t features, Conv2dOptions options) {
       options.second_input = std::exchange(guide, std::nullopt);
-      const Tensor next = tensor(layer, height, width, features);
+      const Tensor next = tensor(layer, x.shape.height, x.shape.width, features);
       links.push_back(link(layer, x, next, options));
       x = next;
     };

@@ -173,7 +173,7 @@ Outputs pyramid_outputs(Run& run, const Architecture& a, const Frame& frame, Pre
   const Bounded above = run.keep("above_clip", above_clip(lrhs, a.clip, precision, exposure));
   const Bounded albedo = slice(high, 3, 3);
   std::optional<Decimated> decimated;
-  if (s > 1 && phase == 0) decimated.emplace(low, s, a.lrhs_certainty);
+  if (s > 1 && phase == 0) decimated.emplace(Decimated{low, s, a.lrhs_certainty});
   std::vector<Bounded> lights{
       run.keep("light", light(slice(high, 0, 3), albedo, a.transfer, precision, decimated))};
   if (s > 1) cell = run.keep("cell_light", cell_light(low, albedo, a.transfer, s, phase, precision));
