@@ -125,7 +125,7 @@ def lights_of(network, color, albedo, lrhs, centered, spp):
         if config.knows_spp:
             certainty = certainty * spp[:, :1] / (spp[:, 1:] * pixels)
         share = certainty / (certainty + pixels)
-        shown = (..., slice(None, None, config.scale), slice(None, None, config.scale))  # by a decimated LRHS
+        shown = (..., slice(None, None, config.scale), slice(None, None, config.scale))  # a decimated LRHS shows these
         given, at = lrhs / (albedo[shown] + model.ALBEDO_FLOOR), demodulated[shown]
         demodulated[shown] = torch.where(centered, at, (at + certainty * given) / (1 + certainty))
         surface = torch.where(centered, F.avg_pool2d(albedo, config.scale), albedo[shown])

@@ -55,8 +55,7 @@ def config(name, changes=()):
         stock = Config(scale, **FULL, **INPUTS)
     else:
         # A pixel of LRHS has as many samples as the s x s pixels of HRLS that it covers.
-        inputs = INPUTS | (dict(lrhs_certainty=float(scale**2)) if scale > 1 else dict(lrhs_sampling=("nearest",)))
-        stock = Config(scale, **inputs, **PYRAMIDS[size], network="pyramid")
+        stock = Config(scale, **INPUTS, **PYRAMIDS[size], lrhs_certainty=float(scale**2), network="pyramid")
     return Config.parse(stock.metadata() | dict(change.split("=") for change in changes))
 
 

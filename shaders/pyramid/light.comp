@@ -74,7 +74,7 @@ void main() {
   [[unroll]] for (uint k = 0; k < kStrip; ++k) {
     vec3 own = near.own[k] * firefly_limit(near.luminances, k);
     uvec2 pixel = strip.pixels[k], cell = kScale > 0 ? pixel / kScale : uvec2(0);
-    bool is_shown = kScale > 0 && pixel == kScale * cell;
+    bool is_shown = pixel == kScale * cell;
     [[unroll]] for (uint c = 0; c < 3; ++c) {
       uint element = address(c, pixel.y, pixel.x, p.plane, p.width);
       float surface = float(albedo.v[element]) + RAYMELD_ALBEDO_FLOOR, x = own[c] / surface;

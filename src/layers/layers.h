@@ -220,9 +220,9 @@ struct Decimated {
   float certainty;  // a pixel of LRHS has this, and one of HRLS has 1
 };
 
-// Writes the light of HRLS (H, W, 3). Color and albedo (H, W, 3) are encoded. Pixels that are
-// brighter than 20 times their second brightest neighbour + 0.001 are darkened to that.
-// With `decimated`, x is the mean by certainty of both renders at the pixels that LRHS shows.
+// Writes the light of HRLS (H, W, 3). Color and albedo (H, W, 3) are encoded. Pixels that are brighter than
+// 20 times their second brightest neighbour + 0.001 are darkened to that. `decimated` makes x the mean by
+// certainty of both renders at the pixels that LRHS shows.
 void light(Graph& graph, const std::string& name, const Tensor& color, const Tensor& albedo,
            const Tensor& out, Transfer transfer, const std::optional<Decimated>& decimated = {});
 

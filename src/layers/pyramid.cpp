@@ -12,8 +12,10 @@ void light(Graph& graph, const std::string& name, const Tensor& color, const Ten
   expect_shape(name, "the output", out, shape);
   const Tensor lrhs = decimated ? decimated->lrhs : color;
   const uint32_t scale = decimated ? decimated->scale : 0;
-  expect_shape(name, "LRHS", lrhs, with_channels(lrhs.shape, 3));
-  if (decimated) expect_shape(name, "the output", out, enlarged(lrhs.shape, scale, 3));
+  if (decimated) {
+    expect_shape(name, "LRHS", lrhs, with_channels(lrhs.shape, 3));
+    expect_shape(name, "the output", out, enlarged(lrhs.shape, scale, 3));
+  }
   Pass pass = pass_of(graph, name, shaders::kLight, {color, albedo, lrhs}, out);
   if (!decimated) pass.bytes -= traffic(graph, color);  // which is bound in the place of LRHS
   pass.constants = {scale};

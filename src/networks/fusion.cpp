@@ -134,10 +134,9 @@ void add_fusion(Builder builder, uint32_t height, uint32_t width, float phase) {
   const Architecture& a = build.a;
   Graph& graph = build.graph;
   const uint32_t full_height = a.scale * height, full_width = a.scale * width;
-  const HrlsChannels& hrls_channels = build.hrls_channels;
 
   const Tensor lrhs = build.tensor("encode.lrhs", height, width, 3);
-  const auto k = static_cast<uint32_t>(hrls_channels.encoded.size());
+  const auto k = static_cast<uint32_t>(build.hrls_channels.encoded.size());
   const Tensor hrls = build.tensor("encode.hrls", full_height, full_width, k);
   build.encode_lrhs(lrhs);
   build.encode_hrls("encode.hrls", hrls, 0, k);

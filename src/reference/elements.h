@@ -74,10 +74,9 @@ inline Element mean_over(const Bounded& x, int c, int top, int left, int h, int 
   return mean;
 }
 
-// Samples HRLS at a pixel of LRHS: returns the mean over the s x s pixels that it covers where `phase` is
-// above 0, else the first one of them. The division takes 2.5 ULP.
-inline Element sampled_by_lrhs(const Bounded& x, int c, int row, int column, int s, double phase) {
-  const int side = phase > 0 ? s : 1;
+// Returns the mean over the side x side pixels from the first one on of the s x s that an LRHS pixel covers;
+// the division takes 2.5 ULP.
+inline Element mean_of_covered(const Bounded& x, int c, int row, int column, int s, int side) {
   return mean_over(x, c, s * row, s * column, side, side, side * side + 5);
 }
 

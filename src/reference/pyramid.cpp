@@ -112,7 +112,7 @@ Bounded cell_light(const Bounded& lrhs, const Bounded& albedo, Transfer transfer
   for (int c = 0; c < 3; ++c) {
     for (int y = 0; y < h; ++y) {
       for (int x = 0; x < w; ++x) {
-        const Element own = sampled_by_lrhs(albedo, c, y, x, scale, phase);
+        const Element own = mean_of_covered(albedo, c, y, x, scale, phase > 0 ? scale : 1);
         store(result, c, y, x, evaluate(formula, at(lrhs, c, y, x), own), precision);
       }
     }
@@ -129,7 +129,7 @@ Bounded pool(const Bounded& x, Precision precision, const Bounded* other, double
   for (int c = 0; c < channels; ++c) {
     for (int y = 0; y < h; ++y) {
       for (int column = 0; column < w; ++column) {
-        const Element mean = mean_over(x, c, 2 * y, 2 * column, 2, 2, 2 * 2 + 5);
+        const Element mean = mean_of_covered(x, c, y, column, 2, 2);
         store(result, c, y, column, other ? evaluate(moved, mean, at(*other, c, y, column)) : mean,
               precision);
       }

@@ -111,12 +111,13 @@ struct Decimated {
 };
 
 // Returns the light of encoded color (3, H, W). The luminance of a pixel is limited to 20 times that of the
-// second brightest of its eight neighbours (black outside) + 0.001. With `decimated`, x is the mean by
-// certainty of both renders at the top left pixel of each cell.
+// second brightest of its eight neighbours (black outside) + 0.001. `decimated` makes x the mean by certainty
+// of both renders at the top left pixel of each cell.
 Bounded light(const Bounded& color, const Bounded& albedo, Transfer transfer, Precision precision,
               const std::optional<Decimated>& decimated = {});
 
-// Returns the light of LRHS (3, h, w). Its albedo is sampled_by_lrhs() that of HRLS.
+// Returns the light of LRHS (3, h, w). Its albedo is that of HRLS at the top left pixel of each cell or,
+// where phase > 0, the mean over the cell.
 Bounded cell_light(const Bounded& lrhs, const Bounded& albedo, Transfer transfer, int scale, double phase,
                    Precision precision);
 
