@@ -31,18 +31,13 @@ vec3 color_at(ivec2 pixel) {
   return color;
 }
 
+#include "variance.glsl"
+
 void main() {
   uvec3 id = global_invocation_id();
   if (id.x >= p.width || id.y >= p.height) return;
   ivec2 own = ivec2(min(id.xy, uvec2(p.frame_width, p.frame_height) - 1));
-  const float kShare = 1.0 / 9.0;
-  vec3 colors[9], mean = vec3(0.0), squares = vec3(0.0);
-  [[unroll]] for (int i = 0; i < 9; ++i) {
-    colors[i] = color_at(own + ivec2(i % 3, i / 3) - 1);
-    mean += colors[i] * kShare;  // the sum of nine colors could overflow
-  }
-  [[unroll]] for (int i = 0; i < 9; ++i) squares += (colors[i] - mean) * (colors[i] - mean);
-  vec3 variance = squares * kShare * (exposure.v[0] * exposure.v[0]);
+  vec3 variance = variance_at(own) * (exposure.v[0] * exposure.v[0]);
   [[unroll]] for (uint c = 0; c < 3; ++c) {
     float value = to_network(min(variance[c], p.clip), p.log_transfer);
     target.v[address(c, id.y, id.x, p.plane, p.width)] = STORAGE(storable(value));

@@ -192,7 +192,65 @@ struct Pool {
   uint width;
   uint plane;
   uint plane_large;
-  float share;  // how much of the other image takes the place of the mean; 0: no other image is read
+  float share;      // how much of the other image takes the place of the mean; 0: no other image is read
+  uint has_shares;  // 0: all pixels have that share; else each has its own
+};
+
+// Says which part of a frame a recording computes, in full-size pixels. It follows the exposure.
+struct Place {
+  uint y, x;           // the first pixel of the recording in the frame
+  uint height, width;  // of the frame
+  uint core_y, core_x, core_height, core_width;  // the pixels, from the first one, whose history is kept
+};
+
+// A history has `planes` planes of the frame's size, and then three colors and a count of the size of LRHS.
+// height, width and plane are those of LRHS, of which the frame has frame_height x frame_width.
+struct LightChange {
+  FRAME_VIEW motion;
+  uint height;
+  uint width;
+  uint frame_height;
+  uint frame_width;
+  uint plane;
+  uint scale;
+  uint planes;
+  uint log_transfer;     // 0: linear
+  float mean_of_cell;    // 1 / scale^3, by which a cell's motions become their mean in pixels of LRHS
+};
+
+// The first `channels` channels of HRLS are accumulated; the count is written to count_channel.
+struct Accumulate {
+  FRAME_VIEW motion;
+  uint height;
+  uint width;
+  uint frame_height;
+  uint frame_width;
+  uint plane;
+  uint channels;
+  uint count_channel;
+  uint kept_height;
+  uint kept_width;
+  float inverse_scale;  // 0: nothing is said of the light
+  float phase;
+  uint log_transfer;  // 0: linear
+  float clip;
+  float spp;   // samples of a pixel of this frame
+};
+
+struct ColorVariance {
+  uint height;
+  uint width;
+  uint plane;
+  uint log_transfer;  // 0: linear
+  float clip;
+};
+
+struct CellShare {
+  uint height;
+  uint width;
+  uint plane_large;
+  uint scale;
+  float certainty;  // of a pixel of LRHS, where a sample of HRLS has 1
 };
 
 struct Light {
@@ -266,6 +324,19 @@ struct Decode {
 // factors that the network predicts.
 #define RAYMELD_ALBEDO_AFFINITY 6.25
 #define RAYMELD_NORMAL_AFFINITY 2.25
+
+// A history joins as far as its albedo and normal are those around the pixel: by exp() of their squared
+// distances times these.
+#define RAYMELD_HISTORY_ALBEDO 40.0
+#define RAYMELD_HISTORY_NORMAL 10.0
+#define RAYMELD_HISTORY_LRHS 180.0
+#define RAYMELD_MOST_FRAMES 64.0       // that a history counts for
+#define RAYMELD_MOST_LRHS_FRAMES 16.0
+// A history is shortened by exp(LIGHT_CHANGE times the change of the logarithm of the light beyond LIGHT_NOISE).
+#define RAYMELD_LIGHT_CHANGE 16.0
+#define RAYMELD_LIGHT_NOISE 0.1
+#define RAYMELD_LIGHT_FLOOR 0.02  // added to luminance before its logarithm
+#define RAYMELD_MOST_SAMPLES 16.0  // that networks were trained with
 
 // A workgroup of conv2d_matrix.comp is this many pixels wide.
 #define RAYMELD_MATRIX_COLUMNS 32

@@ -8,6 +8,7 @@
 #include "tensor.glsl"
 #include "memory.glsl"
 #include "transfer.glsl"
+#include "firefly.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;
 layout(constant_id = 0) const uint kScale = 0;  // 0: LRHS is not read
@@ -28,8 +29,6 @@ vec3 color_at(ivec2 at) {
     rgb[c] = to_linear(float(color.v[address(c, at.y, at.x, p.plane, p.width)]), p.log_transfer);
   return rgb;
 }
-
-const vec3 kLuminance = vec3(0.2126, 0.7152, 0.0722);
 
 // Holds the colors of a strip, and the luminances of its pixels and of those around it, 0 outside the image.
 struct Neighbours {
@@ -52,19 +51,11 @@ Neighbours neighbours_of(uvec2 id, ivec2 last) {
   return result;
 }
 
-// Returns the factor, at most 1, that darkens a firefly to RAYMELD_FIREFLY times its second brightest
-// neighbour + RAYMELD_FIREFLY_FLOOR. The pixel is in the middle of the 3x3 luminances from `row` on,
-// which are 0 outside the image.
-float firefly_limit(float luminances[kStrip + 2][3], uint row) {
-  float first = 0.0, second = 0.0;
-  [[unroll]] for (uint i = 0; i < 9; ++i) {
-    if (i == 4) continue;
-    float near = luminances[row + i / 3][i % 3];
-    second = max(second, min(first, near));
-    first = max(first, near);
-  }
-  float most = RAYMELD_FIREFLY * second + RAYMELD_FIREFLY_FLOOR;
-  return min(1.0, most / max(luminances[row + 1][1], RAYMELD_FIREFLY_FLOOR));
+// Returns the luminances of the 3x3 pixels around pixel `row` of the strip.
+float[9] around(Neighbours near, uint row) {
+  float result[9];
+  [[unroll]] for (uint i = 0; i < 9; ++i) result[i] = near.luminances[row + i / 3][i % 3];
+  return result;
 }
 
 void main() {
@@ -72,7 +63,7 @@ void main() {
   Strip strip = strip_at(id, uvec2(p.width, p.height));
   Neighbours near = neighbours_of(id, ivec2(p.width, p.height) - 1);
   [[unroll]] for (uint k = 0; k < kStrip; ++k) {
-    vec3 own = near.own[k] * firefly_limit(near.luminances, k);
+    vec3 own = near.own[k] * firefly_limit(around(near, k));
     uvec2 pixel = strip.pixels[k], cell = kScale > 0 ? pixel / kScale : uvec2(0);
     bool is_shown = pixel == kScale * cell;
     [[unroll]] for (uint c = 0; c < 3; ++c) {

@@ -9,12 +9,13 @@
 layout(local_size_x = 64, local_size_y = 2) in;
 #include "invocation.glsl"
 layout(push_constant) uniform Push {
-  ADDRESS(Values, source) ADDRESS(Values, other) ADDRESS(Values, target)
+  ADDRESS(Values, source) ADDRESS(Values, other) ADDRESS(Values, shares) ADDRESS(Values, target)
   Pool p;
 };
 BUFFER(1, readonly, Source, STORAGE, source)
 BUFFER(2, readonly, Other, STORAGE, other)
-BUFFER(3, writeonly, Target, STORAGE, target)
+BUFFER(3, readonly, Shares, STORAGE, shares)
+BUFFER(4, writeonly, Target, STORAGE, target)
 
 float source_at(uint c, uint y, uint x) {
   return float(source.v[address(c, y, x, p.plane_large, 2 * p.width)]);
@@ -27,7 +28,9 @@ void main() {
   float mean = (source_at(id.z, y, x) + source_at(id.z, y, x + 1) + source_at(id.z, y + 1, x) +
                 source_at(id.z, y + 1, x + 1)) /
                4.0;
-  if (p.share > 0.0) mean += p.share * (float(other.v[element]) - mean);
+  float share = p.share;
+  if (p.has_shares != 0) share = float(shares.v[address(0, id.y, id.x, p.plane, p.width)]);
+  if (share > 0.0) mean += share * (float(other.v[element]) - mean);
   target.v[element] = STORAGE(storable(mean));
   count_saturated();
 }

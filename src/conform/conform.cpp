@@ -13,6 +13,7 @@ std::span<const Suite> suites() {
       {.name = "pyramid", .run = conform_pyramid},
       {.name = "attention", .run = conform_attention},
       {.name = "kpcn", .run = conform_kpcn},
+      {.name = "temporal", .run = conform_temporal},
       {.name = "network", .run = conform_network, .networks = true},
   };
   return all;

@@ -46,12 +46,13 @@ ConvWeights LayerRun::weights(const reference::Conv& conv) {
   return {weight, bias};
 }
 
-void LayerRun::run(const FrameBindings& frame, float exposure) {
+void LayerRun::run(const FrameBindings& frame, float exposure, const Place& place) {
   graph_.plan();
   program_ = std::make_unique<Program>(target_.device, graph_, target_.cache, 1);
   for (const auto& [tensor, values] : inputs_) program_->write(tensor, values);
   program_->bind(0, frame);
   program_->set_exposure(0, exposure);
+  program_->set_place(0, place);
   run_passes(target_.device, *program_, graph_);
 }
 

@@ -39,7 +39,7 @@ class LayerRun {
   // Keeps the weights as long as this object lives.
   ConvWeights weights(const reference::Conv& conv);
 
-  void run(const FrameBindings& frame = {}, float exposure = 1);
+  void run(const FrameBindings& frame = {}, float exposure = 1, const Place& place = {});
   reference::Planes read(const Tensor& tensor) const;
   Status status() const { return program_->status(); }
   Exposure exposure() const { return program_->exposure(0); }

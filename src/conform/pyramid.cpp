@@ -57,15 +57,20 @@ void check_cell_light(Check& check, const ImageTrial& c) {
 
 void check_pool(Check& check, const ImageTrial& c) {
   const Planes in = lights(c, c.enlarged(2), 1), other = lights(c, c.size, 2);
-  for (const float share : {0.0f, 0.2f, 1.0f}) {
+  const Planes shares = c.image(1, c.size, 3, [](double u) { return u; });
+  const Bounded moved = exact(other), by = exact(shares);
+  for (const float share : {0.0f, 0.2f, 1.0f, -1.0f}) {  // -1: each pixel has its own
     const Planes out =
-        run_layer(c, {in, other}, c.size, [&](Graph& graph, const auto& tensors, const Tensor& to) {
-          const Blend blend{tensors[1], share};
-          pool(graph, "pool", tensors[0], to, share > 0 ? std::optional(blend) : std::nullopt);
+        run_layer(c, {in, other, shares}, c.size, [&](Graph& graph, const auto& tensors, const Tensor& to) {
+          std::optional<Blend> blend;
+          if (share > 0) blend = {.other = tensors[1], .share = share};
+          if (share < 0) blend = {.other = tensors[1], .shares = tensors[2]};
+          pool(graph, "pool", tensors[0], to, blend);
         });
-    const Bounded moved = exact(other);
-    check.within(out, reference::pool(exact(in), c.precision, share > 0 ? &moved : nullptr, share),
-                 fmt::format("share {}", share));
+    check.within(out,
+                 reference::pool(exact(in), c.precision, share != 0 ? &moved : nullptr, share,
+                                 share < 0 ? &by : nullptr),
+                 share < 0 ? "shares by pixel" : fmt::format("share {}", share));
   }
 }
 

@@ -12,6 +12,7 @@ void conform_decode(Collector& collector);
 void conform_pyramid(Collector& collector);
 void conform_attention(Collector& collector);
 void conform_kpcn(Collector& collector);
+void conform_temporal(Collector& collector);
 void conform_network(Collector& collector);
 
 }  // namespace raymeld::conform

@@ -20,7 +20,7 @@ namespace raymeld {
 // Numbers the images that a frame brings and takes; the layers say which is which. They are bound anew for
 // each recording.
 using FrameSlot = uint32_t;
-inline constexpr uint32_t kFrameSlots = 8;
+inline constexpr uint32_t kFrameSlots = 11;
 
 // Says which of these images are Vulkan images; the others are buffers.
 struct FrameImages {
@@ -40,9 +40,20 @@ struct Exposure {
   float inverse = 1;
 };
 
+// Says which part of a frame a recording computes, for layers that read another frame. All are full-size
+// pixels; see params::Place.
+struct Place {
+  uint32_t y = 0, x = 0;           // the first pixel of the recording in the frame
+  uint32_t height = 0, width = 0;  // of the frame
+  uint32_t core_y = 0, core_x = 0, core_height = 0, core_width = 0;
+
+  bool operator==(const Place&) const = default;
+};
+
 enum class Access { kRead, kWrite };
 
-// Names a storage buffer or an image of a pass. kFrame and kExposure are bound anew for each recording.
+// Names a storage buffer or an image of a pass. kFrame and kExposure are bound anew for each recording. The
+// shader gets the view of the first kFrame of a pass; others are dense buffers.
 struct Binding {
   enum class Kind { kTensor, kConstant, kFrame, kExposure };
   Kind kind = Kind::kTensor;
@@ -92,7 +103,7 @@ struct Pass {
     push_bytes = static_cast<uint32_t>(addresses_bytes + sizeof(Params));
   }
   size_t address_count() const;
-  // Returns the frame image that this pass reads or writes, or null.
+  // Returns the first frame image that this pass reads or writes, or null.
   const Binding* frame() const;
   // Returns whether its descriptors differ from recording to recording.
   bool varies() const;

@@ -12,8 +12,8 @@
 namespace raymeld {
 namespace {
 
-// One set's exposure lies this far from the next: the largest alignment that Vulkan lets a device ask of a
-// binding's offset.
+// One set's exposure, with its place, lies this far from the next: the largest alignment that Vulkan lets a
+// device ask of a binding's offset.
 constexpr uint64_t kExposureStrideBytes = 256;
 
 constexpr VkAccessFlags kShaderAccess = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT;
@@ -121,7 +121,10 @@ Program::Program(const Device& device, const Graph& graph, PipelineCache& cache,
   common_->status = Buffer(device, sizeof(Status), Memory::kShared, "status");
   reset_status();
   common_->exposures = Buffer(device, sets * kExposureStrideBytes, Memory::kShared, "exposures");
-  for (uint32_t set = 0; set < sets; ++set) set_exposure(set, 1);
+  for (uint32_t set = 0; set < sets; ++set) {
+    set_exposure(set, 1);
+    set_place(set, {});
+  }
   if (graph.constant_bytes() > 0) upload_constants();
   prepare(cache, sets);
 }
@@ -238,7 +241,8 @@ VkDescriptorBufferInfo Program::buffer_info(const Binding& binding, uint32_t set
       return {common_->constants->buffer.handle(), constant.offset_bytes, constant.size_bytes};
     }
     case Binding::Kind::kExposure:
-      return {common_->exposures.handle(), set * kExposureStrideBytes, sizeof(Exposure)};
+      return {common_->exposures.handle(), set * kExposureStrideBytes,
+              sizeof(Exposure) + sizeof(Place)};
     case Binding::Kind::kFrame:
       break;
   }
@@ -316,6 +320,13 @@ void Program::set_exposure(uint32_t set, float exposure) {
   const Exposure values{exposure, 1 / exposure};
   std::memcpy(static_cast<std::byte*>(common_->exposures.mapped()) + set * kExposureStrideBytes, &values,
               sizeof(values));
+}
+
+void Program::set_place(uint32_t set, const Place& place) {
+  static_assert(sizeof(Place) == sizeof(params::Place));
+  std::memcpy(static_cast<std::byte*>(common_->exposures.mapped()) + set * kExposureStrideBytes +
+                  sizeof(Exposure),
+              &place, sizeof(place));
 }
 
 Exposure Program::exposure(uint32_t set) const {

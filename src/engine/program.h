@@ -68,6 +68,9 @@ class Program {
   // Returns the exposure that was last set, or that a pass wrote. The device must be idle.
   Exposure exposure(uint32_t set) const;
 
+  // Sets the place of recordings with descriptor set `set`, as set_exposure() does.
+  void set_place(uint32_t set, const Place& place);
+
   // Records passes [first, last) with descriptor set `set`, after a barrier against all earlier compute work.
   // A dispatch of more than limits().dispatch_work is split. With `timestamps`, which has as many passes as
   // the graph, a timestamp and a barrier follow each pass.

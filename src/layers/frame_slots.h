@@ -12,4 +12,7 @@ inline constexpr FrameSlot kHrlsSlot = 2;
 // Returns the slot of HRLS's layer i, which has three channels.
 constexpr FrameSlot layer_slot(uint32_t i) { return kHrlsSlot + i; }
 
+// Motion, and the histories that the last frame left and that this one leaves.
+inline constexpr FrameSlot kMotionSlot = 8, kLastSlot = 9, kNextSlot = 10;
+
 }  // namespace raymeld

@@ -235,7 +235,8 @@ void cell_light(Graph& graph, const std::string& name, const Tensor& lrhs, const
 // Holds an image that takes the place of a share of another one, 0 to 1.
 struct Blend {
   Tensor other;
-  float share;
+  float share = 0;
+  std::optional<Tensor> shares = {};  // (h, w, 1), each pixel's own, in the place of `share`
 };
 
 // Writes the mean of 2 x 2 pixels, (2 h, 2 w, C) -> (h, w, C). With `blend`, whose image is (h, w, C), the
@@ -265,6 +266,53 @@ void kernel_filter(Graph& graph, const std::string& name, const Tensor& in, cons
 void compose(Graph& graph, const std::string& name, const Tensor& rec, const Tensor& light,
              const Tensor& guides, const Tensor& lrhs, const Tensor& out, Transfer transfer, uint32_t scale,
              float phase);
+
+// These join a frame with the ones before it. A history is a buffer of the whole frame in the slots kLastSlot
+// and kNextSlot, in 32 bits: planes of the first `channels` channels of HRLS and of a count of frames, and
+// then three colors and a count of the size of LRHS. Radiance in it is scene linear, and the color is
+// demodulated as light() does. The image in kMotionSlot has two channels, which lead from a full-size pixel to
+// the same point in the last frame, in pixels along x and y. Program::set_place() says where the recording
+// lies in the frame.
+
+// Returns the floats of a history.
+constexpr uint64_t history_floats(uint32_t height, uint32_t width, uint32_t channels, uint32_t scale) {
+  return uint64_t{height} * width * (channels + 1) + uint64_t{height / scale} * (width / scale) * 4;
+}
+
+// Writes the share (h, w, 1) of the history that is right in spite of changes of the light: exp(-16 d), where d
+// is how far the logarithms of 0.02 + the luminance of LRHS (h, w, 3), encoded, now and in the history, both
+// means over 3x3 pixels, are further apart than 0.1. Joins LRHS to its own history.
+void light_change(Graph& graph, const std::string& name, const Tensor& lrhs, const Tensor& out,
+                  Transfer transfer, uint32_t scale, uint32_t channels,
+                  const std::optional<FrameSize>& frame = {});
+
+struct AccumulateOptions {
+  Transfer transfer = Transfer::kLinear;
+  float clip = 0;
+  float spp = 1;         // samples of a pixel of this frame
+  uint32_t channels = 9;  // those that are accumulated; the others are not written, but for the count
+  std::optional<Tensor> kept = {};  // (h, w, 1), the result of light_change()
+  uint32_t scale = 1;               // of `kept`
+  std::optional<FrameSize> frame = {};
+};
+
+// Joins encoded HRLS (H, W, K), which begins with color, albedo and normal, to its history. The first
+// options.channels channels of `out` (H, W, K + 1) get the result, and the last one the binary logarithm of the
+// samples behind it, from 0 to 4. A history of n frames and this frame are n / (n + 1) and 1 / (n + 1) of the
+// result. The history is read bilinearly where the motion leads. Each of its pixels counts by
+// exp(-40 a - 10 b), where a and b are the squared distances of its albedo and normal from the ranges that the
+// 3x3 pixels around the pixel have, and by what is kept. It counts for 63 frames at most.
+void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const Tensor& out,
+                const AccumulateOptions& options);
+
+// Writes the variance (H, W, 3) of an encoded color (H, W, 3), as variance() does.
+void color_variance(Graph& graph, const std::string& name, const Tensor& color, const Tensor& out,
+                    Transfer transfer, float clip);
+
+// Writes the share (h, w, 1) of LRHS in the light of its level: certainty / (certainty + scale^2 n), where n is
+// the mean of the samples of HRLS in a cell, of which `samples` (scale h, scale w, 1) has binary logarithms.
+void cell_share(Graph& graph, const std::string& name, const Tensor& samples, const Tensor& out,
+                uint32_t scale, float certainty);
 
 // These prepare the inputs of KPCN (Bako et al. 2017), and make its output.
 

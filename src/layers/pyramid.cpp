@@ -47,9 +47,12 @@ void pool(Graph& graph, const std::string& name, const Tensor& in, const Tensor&
       throw Error("layer {}: a share of {}, expected 0 to 1", name, blend->share);
   }
   const Tensor& other = blend ? blend->other : in;
-  Pass pass = pass_of(graph, name, shaders::kPool, {in, other}, out);
+  const Tensor shares = blend && blend->shares ? *blend->shares : in;
+  if (blend && blend->shares) expect_shape(name, "the shares", shares, with_channels(out.shape, 1));
+  Pass pass = pass_of(graph, name, shaders::kPool, {in, other, shares}, out);
+  if (!blend || !blend->shares) pass.bytes -= traffic(graph, in);  // which is bound in the place of the shares
   pass.set_push(params::Pool{out.shape.height, out.shape.width, graph.plane(out), graph.plane(in),
-                             blend ? blend->share : 0});
+                             blend ? blend->share : 0, blend && blend->shares});
   pass.groups = element_groups(out.shape);
   graph.add(std::move(pass));
 }

@@ -39,6 +39,12 @@ RAYMELD_SPIRV_FORMS(channel_means)
 RAYMELD_SPIRV_FORMS(attend)
 RAYMELD_SPIRV_FORMS(gradients)
 RAYMELD_SPIRV_FORMS(remainder)
+RAYMELD_SPIRV_FORMS(light_change)
+RAYMELD_SPIRV_FORMS(light_change_image)
+RAYMELD_SPIRV_FORMS(accumulate)
+RAYMELD_SPIRV_FORMS(accumulate_image)
+RAYMELD_SPIRV_FORMS(color_variance)
+RAYMELD_SPIRV_FORMS(cell_share)
 #undef RAYMELD_SPIRV_FORMS
 #undef RAYMELD_SPIRV_SHADER
 #undef RAYMELD_SPIRV
@@ -84,6 +90,12 @@ const Forms kChannelMeans RAYMELD_FORMS(channel_means);
 const Forms kAttend RAYMELD_FORMS(attend);
 const Forms kGradients RAYMELD_FORMS(gradients);
 const Forms kRemainder RAYMELD_FORMS(remainder);
+const Forms kLightChange RAYMELD_FORMS(light_change);
+const Forms kLightChangeImage RAYMELD_FORMS(light_change_image);
+const Forms kAccumulate RAYMELD_FORMS(accumulate);
+const Forms kAccumulateImage RAYMELD_FORMS(accumulate_image);
+const Forms kColorVariance RAYMELD_FORMS(color_variance);
+const Forms kCellShare RAYMELD_FORMS(cell_share);
 #undef RAYMELD_FORMS_AND_VECTORS
 #undef RAYMELD_FORMS
 #undef RAYMELD_BY_ADDRESS

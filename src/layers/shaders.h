@@ -46,6 +46,12 @@ extern const Forms kChannelMeans;
 extern const Forms kAttend;
 extern const Forms kGradients;
 extern const Forms kRemainder;
+extern const Forms kLightChange;
+extern const Forms kLightChangeImage;
+extern const Forms kAccumulate;
+extern const Forms kAccumulateImage;
+extern const Forms kColorVariance;
+extern const Forms kCellShare;
 }  // namespace shaders
 
 // Returns a pass with the form of the shader that the graph's activations need or, with `vectors`, with the

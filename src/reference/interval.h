@@ -82,4 +82,16 @@ inline Interval log(const Interval& x) {
   return {low - off(low), high + off(high)};
 }
 
+// The results have the errors of exp() and log().
+inline Interval exp2(const Interval& x) {
+  const auto off = [](double x) { return std::exp2(x) * (3 + 2 * std::abs(x)) * kUlp + kFlush; };
+  return {std::max(0.0, std::exp2(x.low) - off(x.low)), std::exp2(x.high) + off(x.high)};
+}
+
+inline Interval log2(const Interval& x) {
+  const auto off = [](double log) { return std::max(3 * kUlp * std::abs(log), 0x1p-21); };
+  const double low = std::log2(x.low), high = std::log2(x.high);
+  return {low - off(low), high + off(high)};
+}
+
 }  // namespace raymeld::reference

@@ -122,7 +122,9 @@ Bounded cell_light(const Bounded& lrhs, const Bounded& albedo, Transfer transfer
                    Precision precision);
 
 // Returns the mean of 2 x 2 pixels, moved to `other` by `share` if other is not null.
-Bounded pool(const Bounded& x, Precision precision, const Bounded* other = nullptr, double share = 0);
+// With `shares` (1, h, w) each pixel has its own.
+Bounded pool(const Bounded& x, Precision precision, const Bounded* other = nullptr, double share = 0,
+             const Bounded* shares = nullptr);
 
 // Returns for each pixel of x (3, H, W) the mean over side x side pixels, edges replicated, weighted by the
 // softmax of its logits (side^2, H, W). With `coarse` (3, H / 2, W / 2) there is one more logit a, and the
@@ -160,6 +162,38 @@ Bounded channel_means(const Bounded& x, Precision precision);
 
 // Returns x / (1 + exp(-logit)) + residual, with the logits (c, 1, 1) limited to [-80, 80].
 Bounded attend(const Bounded& x, const Bounded& logits, const Bounded& residual, Precision precision);
+
+// The layers that join a frame with the ones before it follow.
+
+// Holds what they read beside the frame.
+struct Past {
+  const Planes& motion;  // (2, H, W), from each full-size pixel to the same point in the last frame
+  const Planes& hrls;    // the last frame's history (A + 1, frame height, frame width), with a count at last
+  const Planes& lrhs;    // (4, frame height / scale, frame width / scale), likewise
+  int y, x;              // the first full-size pixel of this part of the frame
+  double exposure;
+};
+
+// Returns (5, h, w): the share of the history that is right, exp(-16 max(0, d - 0.1)) of the difference d of
+// the logarithms of 0.02 + luminance now and then, means over 3x3 pixels, and then the history of LRHS that is
+// kept. It counts by that share and by exp(-180 q), where q is the squared distance of the encoded history
+// from the range of the 3x3 pixels of LRHS, for 15 frames at most.
+Bounded light_change(const Bounded& lrhs, const Past& past, Transfer transfer, int scale, Precision precision);
+
+// Returns (2 A + 2, H, W): the first A channels of HRLS joined with the history, encoded, and the binary
+// logarithm of their samples, within 0 and 4, and then the history that is kept. The first channels are color,
+// albedo and normal, all others radiance; the history has demodulated radiance in the place of the color. A
+// pixel of the history counts by exp(-40 a - 10 b), with the squared distances a and b of its albedo and
+// normal from the ranges of the 3x3 pixels of HRLS, and by `kept` (1, H / scale, W / scale), upsampled.
+// Together the four pixels around a point count for 63 frames at most.
+Bounded accumulate(const Bounded& hrls, const Past& past, Transfer transfer, double clip, double spp,
+                   Precision precision, const Bounded* kept = nullptr, int scale = 1);
+
+// Returns the variance of an encoded color (3, H, W), as variance() does.
+Bounded color_variance(const Bounded& color, Transfer transfer, double clip, Precision precision);
+
+// Returns certainty / (certainty + the sum of the samples in each cell), which are given by their logarithms.
+Bounded cell_share(const Bounded& samples, int scale, double certainty, Precision precision);
 
 enum class Upscale { kStages, kDirect };
 enum class Upscaler { kNone, kEdsr, kRcan };

@@ -1,0 +1,146 @@
+// Joins encoded HRLS with what the last frame knew of the same points, and keeps the result for the next. The
+// history is read bilinearly where the motion leads. A pixel of it counts as far as its albedo and normal lie
+// within those of the 3x3 pixels around the pixel at hand, and as far as the light is still the same. Colors
+// are joined as demodulated radiance, without the fireflies of this frame. Each invocation computes a pixel.
+#version 450
+#extension GL_GOOGLE_include_directive : require
+#include "params.h"
+#include "tensor.glsl"
+#include "memory.glsl"
+#include "transfer.glsl"
+#include "finite.glsl"
+#include "frame.glsl"
+#include "bilinear.glsl"
+#include "history.glsl"
+#include "firefly.glsl"
+
+layout(local_size_x = 64, local_size_y = 2) in;
+#include "invocation.glsl"
+layout(push_constant) uniform Push {
+  ADDRESS(Floats, exposure) ADDRESS(Values, hrls) ADDRESS(Values, kept) ADDRESS(Values, target)
+  Accumulate p;
+};
+layout(std430, binding = 2) readonly buffer Last { float last[]; };
+layout(std430, binding = 3) buffer Next { float next[]; };
+BUFFER(4, readonly, Exposure, float, exposure)
+BUFFER(5, readonly, Hrls, STORAGE, hrls)
+BUFFER(6, readonly, Kept, STORAGE, kept)
+BUFFER(7, writeonly, Target, STORAGE, target)
+
+const uint kGuides = 3;    // the first channel of albedo and normal
+const uint kRadiance = 9;  // the first channel of other radiance
+
+float hrls_at(uint c, uvec2 at) { return float(hrls.v[address(c, at.y, at.x, p.plane, p.width)]); }
+
+float linear_at(uint c, uvec2 at) { return to_linear(hrls_at(c, at), p.log_transfer); }
+
+vec3 color_at(uvec2 at) { return vec3(linear_at(0, at), linear_at(1, at), linear_at(2, at)); }
+
+// Holds what the 3x3 pixels around one say of it.
+struct Around {
+  float low[6], high[6];  // the range of albedo and normal
+  float firefly;          // the factor by which the color is to be darkened
+};
+
+Around around(uvec2 own) {
+  Around result;
+  [[unroll]] for (uint c = 0; c < 6; ++c) {
+    result.low[c] = result.high[c] = hrls_at(kGuides + c, own);
+  }
+  ivec2 last_pixel = ivec2(p.frame_width, p.frame_height) - 1;
+  float luminances[9];
+  [[unroll]] for (uint i = 0; i < 9; ++i) {
+    ivec2 at = ivec2(own) + ivec2(i % 3, i / 3) - 1, inside = clamp(at, ivec2(0), last_pixel);
+    luminances[i] = at == inside ? dot(color_at(uvec2(inside)), kLuminance) : 0.0;
+    [[unroll]] for (uint c = 0; c < 6; ++c) {
+      float value = hrls_at(kGuides + c, uvec2(inside));
+      result.low[c] = min(result.low[c], value);
+      result.high[c] = max(result.high[c], value);
+    }
+  }
+  result.firefly = firefly_limit(luminances);
+  return result;
+}
+
+// Holds the elements of a plane of the history, their shares of its value, and the frames behind it.
+struct History {
+  uint elements[4];
+  float shares[4];
+  float frames;
+};
+
+History history_of(uvec2 own, Place place, uint plane, Around near) {
+  vec2 motion = vec2(frame_value(p.motion, 0, own), frame_value(p.motion, 1, own));
+  Taps taps = taps_at(vec2(own + uvec2(place.x, place.y)) + motion, uvec2(place.width, place.height));
+  History result;
+  float sum = 0.0;
+  result.frames = 0.0;
+  [[unroll]] for (uint i = 0; i < 4; ++i) {
+    uint element = taps.pixels[i].y * place.width + taps.pixels[i].x;
+    float of_albedo = 0.0, of_normal = 0.0;
+    [[unroll]] for (uint c = 0; c < 6; ++c) {
+      float unlike = beyond(last[(kGuides + c) * plane + element], near.low[c], near.high[c]);
+      of_albedo += c < 3 ? unlike : 0.0;
+      of_normal += c < 3 ? 0.0 : unlike;
+    }
+    float frames = last[p.channels * plane + element];
+    float weight = taps.weights[i] * exp(-(RAYMELD_HISTORY_ALBEDO * of_albedo + RAYMELD_HISTORY_NORMAL * of_normal));
+    weight = frames > 0.0 ? weight : 0.0;
+    result.elements[i] = element;
+    result.shares[i] = weight;
+    result.frames += weight * frames;
+    sum += weight;
+  }
+  [[unroll]] for (uint i = 0; i < 4; ++i) result.shares[i] = result.shares[i] / max(sum, 1e-6);
+  return result;
+}
+
+float kept_at(uvec2 own) {
+  Bilinear at = bilinear_at(own, p.phase, p.inverse_scale, uvec2(p.kept_width, p.kept_height));
+  return blended(at, vec4(kept.v[at.low.y * p.kept_width + at.low.x], kept.v[at.low.y * p.kept_width + at.high.x],
+                          kept.v[at.high.y * p.kept_width + at.low.x],
+                          kept.v[at.high.y * p.kept_width + at.high.x]));
+}
+
+void main() {
+  uvec2 id = global_invocation_id().xy;
+  if (id.x >= p.width || id.y >= p.height) return;
+  uint words[8];
+  [[unroll]] for (uint i = 0; i < 8; ++i) words[i] = floatBitsToUint(exposure.v[2 + i]);
+  Place place = place_of(words);
+  float factor = exposure.v[0], inverse = exposure.v[1];
+  uint plane = place.width * place.height;
+  uvec2 own = min(id, uvec2(p.frame_width, p.frame_height) - 1);
+  Around near = around(own);
+  History history = history_of(own, place, plane, near);
+  float frames = history.frames;
+  if (p.inverse_scale > 0.0) frames *= kept_at(own);
+  frames = min(frames, RAYMELD_MOST_FRAMES - 1.0);
+  float share = 1.0 / (frames + 1.0);
+
+  uvec2 core = own - uvec2(place.core_x, place.core_y);
+  bool is_kept = id == own && core.x < place.core_width && core.y < place.core_height;
+  uint element = (own.y + place.y) * place.width + own.x + place.x;
+  vec3 light = vec3(0.0);
+  for (uint step = 0; step < p.channels; ++step) {
+    // Albedo comes before the color, which is multiplied by it.
+    uint c = step < 6 ? step + 3 : step < 9 ? step - 6 : step;
+    bool is_color = c < kGuides, is_radiance = is_color || c >= kRadiance;
+    float past = 0.0;
+    [[unroll]] for (uint i = 0; i < 4; ++i)
+      past += history.shares[i] * last[c * plane + history.elements[i]];
+    if (is_radiance) past *= factor;
+    float value = is_radiance ? linear_at(c, own) : hrls_at(c, own);
+    if (is_color) value = value * near.firefly / (hrls_at(kGuides + c, own) + RAYMELD_ALBEDO_FLOOR);
+    float joined = frames > 0.0 ? past + share * (value - past) : value;
+    if (is_kept) next[c * plane + element] = is_radiance ? joined * inverse : joined;
+    if (c >= kGuides && c < kGuides + 3) light[c - kGuides] = joined + RAYMELD_ALBEDO_FLOOR;
+    if (is_color) joined *= light[c];
+    if (is_radiance) joined = to_network(min(joined, p.clip), p.log_transfer);
+    target.v[address(c, id.y, id.x, p.plane, p.width)] = STORAGE(storable(joined));
+  }
+  if (is_kept) next[p.channels * plane + element] = frames + 1.0;
+  float samples = clamp((frames + 1.0) * p.spp, 1.0, RAYMELD_MOST_SAMPLES);
+  target.v[address(p.count_channel, id.y, id.x, p.plane, p.width)] = STORAGE(storable(log2(samples)));
+  count_saturated();
+}

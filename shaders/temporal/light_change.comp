@@ -1,0 +1,97 @@
+// Writes how much of the history is still right where the light has changed: exp() of minus the change of the
+// logarithm of LRHS's luminance since the last frames, the mean of 3x3 pixels, beyond what may be noise. LRHS
+// has a history of its own for that, which is kept for the next frame. Each invocation computes a pixel.
+#version 450
+#extension GL_GOOGLE_include_directive : require
+#include "params.h"
+#include "tensor.glsl"
+#include "memory.glsl"
+#include "transfer.glsl"
+#include "finite.glsl"
+#include "frame.glsl"
+#include "history.glsl"
+#include "firefly.glsl"
+
+layout(local_size_x = 64, local_size_y = 2) in;
+#include "invocation.glsl"
+layout(push_constant) uniform Push {
+  ADDRESS(Floats, exposure) ADDRESS(Values, lrhs) ADDRESS(Values, target)
+  LightChange p;
+};
+layout(std430, binding = 2) readonly buffer Last { float last[]; };
+layout(std430, binding = 3) buffer Next { float next[]; };
+BUFFER(4, readonly, Exposure, float, exposure)
+BUFFER(5, readonly, Lrhs, STORAGE, lrhs)
+BUFFER(6, writeonly, Target, STORAGE, target)
+
+float lrhs_at(uint c, uvec2 at) { return float(lrhs.v[address(c, at.y, at.x, p.plane, p.width)]); }
+
+// Returns the mean motion of a cell, in pixels of LRHS.
+vec2 motion_of(uvec2 cell) {
+  vec2 sum = vec2(0.0);
+  for (uint i = 0; i < p.scale * p.scale; ++i) {
+    uvec2 at = p.scale * cell + uvec2(i % p.scale, i / p.scale);
+    sum += vec2(frame_value(p.motion, 0, at), frame_value(p.motion, 1, at));
+  }
+  return sum * p.mean_of_cell;
+}
+
+float logarithm(vec3 color) { return log(dot(color, kLuminance) + RAYMELD_LIGHT_FLOOR); }
+
+void main() {
+  uvec2 id = global_invocation_id().xy;
+  if (id.x >= p.width || id.y >= p.height) return;
+  uint words[8];
+  [[unroll]] for (uint i = 0; i < 8; ++i) words[i] = floatBitsToUint(exposure.v[2 + i]);
+  Place place = place_of(words);
+  float factor = exposure.v[0], inverse = exposure.v[1];
+  uvec2 size = uvec2(place.width, place.height) / p.scale, origin = uvec2(place.x, place.y) / p.scale;
+  uint plane = size.x * size.y, first = p.planes * place.width * place.height;
+  uvec2 own = min(id, uvec2(p.frame_width, p.frame_height) - 1);
+
+  vec3 now = vec3(0.0), low = vec3(0.0), high = vec3(0.0), before = vec3(0.0), past = vec3(0.0);
+  [[unroll]] for (int i = 0; i < 9; ++i) {
+    ivec2 near = ivec2(own) + ivec2(i % 3, i / 3) - 1;
+    uvec2 at = uvec2(clamp(near, ivec2(0), ivec2(p.frame_width, p.frame_height) - 1));
+    [[unroll]] for (uint c = 0; c < 3; ++c) {
+      float value = lrhs_at(c, at);
+      now[c] += to_linear(value, p.log_transfer) / 9.0;
+      low[c] = i == 0 ? value : min(low[c], value);
+      high[c] = i == 0 ? value : max(high[c], value);
+    }
+  }
+  vec2 point = vec2(own + origin) + motion_of(own);
+  float sum = 0.0, frames = 0.0, sums = 0.0;
+  [[unroll]] for (int i = 0; i < 9; ++i) {
+    Taps taps = taps_at(point + vec2(i % 3, i / 3) - 1.0, size);
+    [[unroll]] for (uint k = 0; k < 4; ++k) {
+      uint element = first + taps.pixels[k].y * size.x + taps.pixels[k].x;
+      float count = last[3 * plane + element], weight = count > 0.0 ? taps.weights[k] : 0.0;
+      sums += weight;
+      [[unroll]] for (uint c = 0; c < 3; ++c) before[c] += weight * last[c * plane + element];
+      if (i != 4) continue;
+      sum += weight;
+      frames += weight * count;
+      [[unroll]] for (uint c = 0; c < 3; ++c) past[c] += weight * last[c * plane + element];
+    }
+  }
+  before *= factor / max(sums, 1e-6);
+  past *= factor / max(sum, 1e-6);
+
+  float change = abs(logarithm(now) - logarithm(before)), unlike = 0.0;
+  float share = sum > 0.0 ? exp(-RAYMELD_LIGHT_CHANGE * max(change - RAYMELD_LIGHT_NOISE, 0.0)) : 1.0;
+  [[unroll]] for (uint c = 0; c < 3; ++c) unlike += beyond(to_network(past[c], p.log_transfer), low[c], high[c]);
+  frames = min(frames * share * exp(-RAYMELD_HISTORY_LRHS * unlike), RAYMELD_MOST_LRHS_FRAMES - 1.0);
+  uvec2 core = p.scale * own - uvec2(place.core_x, place.core_y);
+  if (id == own && core.x < place.core_width && core.y < place.core_height) {
+    uint element = first + (own.y + origin.y) * size.x + own.x + origin.x;
+    [[unroll]] for (uint c = 0; c < 3; ++c) {
+      float value = to_linear(lrhs_at(c, own), p.log_transfer);
+      float joined = frames > 0.0 ? past[c] + (value - past[c]) / (frames + 1.0) : value;
+      next[c * plane + element] = joined * inverse;
+    }
+    next[3 * plane + element] = frames + 1.0;
+  }
+  target.v[address(0, id.y, id.x, p.plane, p.width)] = STORAGE(storable(share));
+  count_saturated();
+}

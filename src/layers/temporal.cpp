@@ -1,0 +1,113 @@
+// Adds the layers that join a frame with the ones before it.
+#include "layers/shapes.h"
+
+namespace raymeld {
+namespace {
+
+std::vector<Binding> history_bindings(const Graph& graph) {
+  const auto history = [](FrameSlot slot, Access access) {
+    return Binding{.kind = Binding::Kind::kFrame, .access = access, .slot = slot};
+  };
+  return {frame_binding(graph, kMotionSlot), history(kLastSlot, Access::kRead),
+          history(kNextSlot, Access::kWrite), exposure_binding()};
+}
+
+FrameSize frame_size(const Tensor& tensor, const std::optional<FrameSize>& frame) {
+  return frame.value_or(FrameSize{tensor.shape.height, tensor.shape.width});
+}
+
+}  // namespace
+
+void light_change(Graph& graph, const std::string& name, const Tensor& lrhs, const Tensor& out,
+                  Transfer transfer, uint32_t scale, uint32_t channels,
+                  const std::optional<FrameSize>& frame) {
+  const Shape shape = with_channels(out.shape, 1);
+  expect_shape(name, "LRHS", lrhs, with_channels(shape, 3));
+  expect_shape(name, "the output", out, shape);
+  std::vector<Binding> bindings = history_bindings(graph);
+  bindings.push_back(read_binding(lrhs));
+  bindings.push_back(write_binding(out));
+  Pass pass =
+      pass_of(graph, name, graph.frame_images().inputs ? shaders::kLightChangeImage : shaders::kLightChange,
+              std::move(bindings));
+  const auto [height, width] = frame_size(out, frame);
+  pass.set_push(params::LightChange{{},
+                                    shape.height,
+                                    shape.width,
+                                    height,
+                                    width,
+                                    graph.plane(lrhs),
+                                    scale,
+                                    channels + 1,
+                                    transfer == Transfer::kLog,
+                                    1 / static_cast<float>(scale * scale * scale)});
+  pass.groups = pixel_groups(shape);
+  pass.bytes = traffic(graph, lrhs) + traffic(graph, out) +
+               static_cast<double>(shape.pixels() * (8 * scale * scale + 32));
+  graph.add(std::move(pass));
+}
+
+void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const Tensor& out,
+                const AccumulateOptions& options) {
+  const Shape shape = hrls.shape;
+  const auto [kept, scale] = std::pair(options.kept, options.scale);
+  expect_shape(name, "the output", out, with_channels(shape, shape.channels + 1));
+  if (options.channels < 9 || options.channels > shape.channels)
+    throw Error("layer {}: {} channels to accumulate, expected 9 to {}", name, options.channels,
+                shape.channels);
+  if (kept) expect_shape(name, "HRLS", hrls, enlarged(kept->shape, scale, shape.channels));
+  if (kept) expect_shape(name, "what is kept", *kept, with_channels(kept->shape, 1));
+  std::vector<Binding> bindings = history_bindings(graph);
+  bindings.push_back(read_binding(hrls));
+  bindings.push_back(read_binding(kept.value_or(hrls)));
+  bindings.push_back(write_binding(out));
+  Pass pass =
+      pass_of(graph, name, graph.frame_images().inputs ? shaders::kAccumulateImage : shaders::kAccumulate,
+              std::move(bindings));
+  const auto [height, width] = frame_size(hrls, options.frame);
+  pass.set_push(params::Accumulate{{},
+                                   shape.height,
+                                   shape.width,
+                                   height,
+                                   width,
+                                   graph.plane(hrls),
+                                   options.channels,
+                                   shape.channels,
+                                   kept ? kept->shape.height : 0,
+                                   kept ? kept->shape.width : 0,
+                                   kept ? 1 / static_cast<float>(scale) : 0,
+                                   (static_cast<float>(scale) - 1) / 2,
+                                   options.transfer == Transfer::kLog,
+                                   options.clip,
+                                   options.spp});
+  pass.groups = pixel_groups(shape);
+  pass.bytes = traffic(graph, hrls) + traffic(graph, out) +
+               static_cast<double>(shape.pixels() * (8 * (options.channels + 1) + 8));
+  graph.add(std::move(pass));
+}
+
+void color_variance(Graph& graph, const std::string& name, const Tensor& color, const Tensor& out,
+                    Transfer transfer, float clip) {
+  const Shape shape = with_channels(out.shape, 3);
+  expect_shape(name, "the color", color, shape);
+  expect_shape(name, "the output", out, shape);
+  Pass pass = pass_of(graph, name, shaders::kColorVariance, {color}, out);
+  pass.set_push(params::ColorVariance{shape.height, shape.width, graph.plane(out),
+                                      transfer == Transfer::kLog, clip});
+  pass.groups = pixel_groups(shape);
+  graph.add(std::move(pass));
+}
+
+void cell_share(Graph& graph, const std::string& name, const Tensor& samples, const Tensor& out,
+                uint32_t scale, float certainty) {
+  const Shape shape = with_channels(out.shape, 1);
+  expect_shape(name, "the samples", samples, enlarged(shape, scale, 1));
+  expect_shape(name, "the output", out, shape);
+  Pass pass = pass_of(graph, name, shaders::kCellShare, {samples}, out);
+  pass.set_push(
+      params::CellShare{shape.height, shape.width, graph.plane(samples), scale, certainty});
+  pass.groups = pixel_groups(shape);
+  graph.add(std::move(pass));
+}
+
+}  // namespace raymeld

@@ -1,0 +1,301 @@
+// Computes the layers that join a frame with the ones before it.
+#include <array>
+
+#include "reference/elements.h"
+
+namespace raymeld::reference {
+namespace {
+
+constexpr double kMostFrames = 63, kMostLrhsFrames = 15, kMostSamples = 16;
+constexpr double kHistoryAlbedo = 40, kHistoryNormal = 10, kHistoryLrhs = 180;
+constexpr double kLightChange = 16, kLightNoise = 0.1, kLightFloor = 0.02;
+constexpr double kLeastWeight = 1e-6;
+
+struct Tap {
+  int y, x;
+  double weight;
+};
+
+// Returns the pixels around (y, x) with their bilinear weights; a pixel outside the frame has none.
+std::array<Tap, 4> taps_at(double y, double x, int h, int w) {
+  std::array<Tap, 4> taps;
+  const bool known = std::isfinite(y) && std::isfinite(x);
+  y = known ? std::clamp(y, -2.0, h + 1.0) : -2;
+  x = known ? std::clamp(x, -2.0, w + 1.0) : -2;
+  const int top = int(std::floor(y)), left = int(std::floor(x));
+  const double down = y - top, right = x - left;
+  for (int i = 0; i < 4; ++i) {
+    Tap& tap = taps[size_t(i)];
+    tap = {top + i / 2, left + i % 2, (i / 2 ? down : 1 - down) * (i % 2 ? right : 1 - right)};
+    if (tap.y < 0 || tap.x < 0 || tap.y >= h || tap.x >= w) tap = {0, 0, 0};
+  }
+  return taps;
+}
+
+struct Range {
+  double low, high;
+};
+
+// Returns the range of a channel's 3x3 pixels around one.
+Range range_around(const Bounded& image, int c, int y, int x) {
+  Range range{image.value.at(c, y, x), image.value.at(c, y, x)};
+  for (int dy : {-1, 0, 1}) {
+    for (int dx : {-1, 0, 1}) {
+      const double value = image.value.at(c, std::clamp(y + dy, 0, image.value.h - 1),
+                                          std::clamp(x + dx, 0, image.value.w - 1));
+      range = {std::min(range.low, value), std::max(range.high, value)};
+    }
+  }
+  return range;
+}
+
+// Returns the squared distance of a value from a range.
+template <typename T>
+T beyond(const T& value, const Range& range) {
+  using std::max;
+  return square(T(max(value - range.high, T(0)) + max(range.low - value, T(0))));
+}
+
+// Holds the bilinear mean of a history's planes where some pixels count less.
+template <typename T>
+struct Read {
+  std::vector<T> planes;
+  T weight = 0, frames = 0;
+};
+
+// Reads `planes` planes of a history, of which the last one counts frames. count(tap) says how much a pixel
+// counts.
+template <typename T, typename Count>
+Read<T> read(const Planes& history, int planes, const std::array<Tap, 4>& taps, const Count& count) {
+  using std::max;
+  Read<T> result;
+  std::array<T, 4> weights{0, 0, 0, 0};
+  for (size_t i = 0; i < taps.size(); ++i) {
+    const auto& [y, x, weight] = taps[i];
+    const double frames = history.at(history.c - 1, y, x);
+    if (weight == 0 || frames == 0) continue;
+    weights[i] = T(weight) * count(taps[i]);
+    result.weight = result.weight + weights[i];
+    result.frames = result.frames + weights[i] * T(frames);
+  }
+  for (int c = 0; c < planes; ++c) {
+    T sum = 0;
+    for (size_t i = 0; i < taps.size(); ++i)
+      sum = sum + weights[i] / max(result.weight, T(kLeastWeight)) * T(history.at(c, taps[i].y, taps[i].x));
+    result.planes.push_back(sum);
+  }
+  return result;
+}
+
+// Returns the mean of the color in the 3x3 pixels of a history around a point.
+template <typename T>
+std::array<T, 3> mean_of_history(const Planes& history, double y, double x, double exposure) {
+  using std::max;
+  std::array<T, 3> sums{0, 0, 0};
+  T weights = 0;
+  for (int dy : {-1, 0, 1}) {
+    for (int dx : {-1, 0, 1}) {
+      for (const auto& [row, column, weight] : taps_at(y + dy, x + dx, history.h, history.w)) {
+        if (history.at(3, row, column) == 0) continue;
+        weights = weights + T(weight);
+        for (int c = 0; c < 3; ++c)
+          sums[size_t(c)] = sums[size_t(c)] + T(weight) * T(history.at(c, row, column));
+      }
+    }
+  }
+  for (T& sum : sums) sum = sum * (T(exposure) / max(weights, T(kLeastWeight)));
+  return sums;
+}
+
+template <typename T>
+std::array<T, 3> mean_around(const Bounded& lrhs, Transfer transfer, int y, int x) {
+  std::array<T, 3> sums{0, 0, 0};
+  for (int c = 0; c < 3; ++c) {
+    for (int dy : {-1, 0, 1}) {
+      for (int dx : {-1, 0, 1}) {
+        const int row = std::clamp(y + dy, 0, lrhs.value.h - 1);
+        const int column = std::clamp(x + dx, 0, lrhs.value.w - 1);
+        sums[size_t(c)] = sums[size_t(c)] + invert(transfer, at(lrhs, c, row, column).as<T>()) / T(9);
+      }
+    }
+  }
+  return sums;
+}
+
+template <typename T>
+T logarithm(const std::array<T, 3>& color) {
+  using std::log;
+  return log(luminance(color[0], color[1], color[2]) + T(kLightFloor));
+}
+
+// Returns what light_change() returns for a pixel.
+template <typename T>
+std::array<T, 5> light_change_at(const Bounded& lrhs, const Past& past, Transfer transfer, int scale, int y,
+                                 int x) {
+  using std::exp, std::max, std::min;
+  double down = 0, right = 0;
+  for (int i = 0; i < scale * scale; ++i) {
+    right += past.motion.at(0, scale * y + i / scale, scale * x + i % scale);
+    down += past.motion.at(1, scale * y + i / scale, scale * x + i % scale);
+  }
+  const double cubed = scale * scale * scale;
+  const double row = y + past.y / scale + down / cubed, column = x + past.x / scale + right / cubed;
+  const auto taps = taps_at(row, column, past.lrhs.h, past.lrhs.w);
+  Read<T> before = read<T>(past.lrhs, 3, taps, [](const Tap&) { return T(1); });
+  T unlike = 0;
+  for (int c = 0; c < 3; ++c) {
+    T& value = before.planes[size_t(c)];
+    value = value * T(past.exposure);
+    unlike = unlike + beyond<T>(apply(transfer, value), range_around(lrhs, c, y, x));
+  }
+  const T now = logarithm(mean_around<T>(lrhs, transfer, y, x));
+  const T then = logarithm(mean_of_history<T>(past.lrhs, row, column, past.exposure));
+  const T change = max(now - then, then - now);
+  const bool known = std::ranges::any_of(
+      taps, [&](const Tap& tap) { return tap.weight > 0 && past.lrhs.at(3, tap.y, tap.x) > 0; });
+  const T share = known ? T(exp(T(-kLightChange) * max(change - T(kLightNoise), T(0)))) : T(1);
+  const T frames = min(before.frames * share * exp(T(-kHistoryLrhs) * unlike), T(kMostLrhsFrames));
+  std::array<T, 5> result{share, 0, 0, 0, frames + 1};
+  for (int c = 0; c < 3; ++c) {
+    const T value = invert(transfer, at(lrhs, c, y, x).as<T>()), &known_value = before.planes[size_t(c)];
+    const T joined = known ? T(known_value + (value - known_value) / (frames + 1)) : value;
+    result[size_t(c) + 1] = joined * T(1 / past.exposure);
+  }
+  return result;
+}
+
+// Returns what accumulate() returns for a pixel. `kept` is the share that the light leaves.
+template <typename T>
+std::vector<T> accumulate_at(const Bounded& hrls, const Past& past, Transfer transfer, double clip, double spp,
+                             const T& kept, int y, int x) {
+  using std::exp, std::min, std::log2, std::clamp;
+  const int channels = past.hrls.c - 1;
+  const auto taps = taps_at(y + past.y + past.motion.at(1, y, x), x + past.x + past.motion.at(0, y, x),
+                            past.hrls.h, past.hrls.w);
+  const auto likeness = [&](const Tap& tap) {
+    T albedo = 0, normal = 0;
+    for (int c = 3; c < 9; ++c) {
+      T& sum = c < 6 ? albedo : normal;
+      sum = sum + beyond<T>(T(past.hrls.at(c, tap.y, tap.x)), range_around(hrls, c, y, x));
+    }
+    return T(exp(-(T(kHistoryAlbedo) * albedo + T(kHistoryNormal) * normal)));
+  };
+  const Read<T> before = read<T>(past.hrls, channels, taps, likeness);
+  const T frames = min(before.frames * kept, T(kMostFrames)), share = 1 / (frames + 1);
+  const T firefly = firefly_limit<T>(hrls, transfer, y, x);
+  std::vector<T> joined, encoded;
+  for (int c = 0; c < channels; ++c) {
+    const bool is_radiance = c < 3 || c >= 9;
+    T value = at(hrls, c, y, x).as<T>(), then = before.planes[size_t(c)];
+    if (is_radiance) {
+      value = invert(transfer, value);
+      then = then * T(past.exposure);
+    }
+    if (c < 3) value = value * firefly / (at(hrls, c + 3, y, x).as<T>() + kAlbedoFloor);
+    joined.push_back(then + share * (value - then));
+  }
+  for (int c = 0; c < channels; ++c) {
+    T value = joined[size_t(c)];
+    if (c < 3) value = value * (joined[size_t(c) + 3] + kAlbedoFloor);
+    encoded.push_back(c < 3 || c >= 9 ? apply(transfer, T(min(value, T(clip)))) : value);
+  }
+  encoded.push_back(log2(T(clamp(T((frames + 1) * T(spp)), 1.0, kMostSamples))));
+  for (int c = 0; c < channels; ++c)
+    encoded.push_back(c < 3 || c >= 9 ? T(joined[size_t(c)] * T(1 / past.exposure)) : joined[size_t(c)]);
+  encoded.push_back(frames + 1);
+  return encoded;
+}
+
+// Stores values of type double with the intervals that they lie in; from channel `wide` on in 32 bits.
+void store_all(Bounded& result, int y, int x, const auto& values, const auto& ranges, int wide,
+               Precision precision) {
+  for (int c = 0; c < result.value.c; ++c) {
+    const double value = values[size_t(c)];
+    const Interval& range = ranges[size_t(c)];
+    const double bound = std::isfinite(range.low) && std::isfinite(range.high)
+                             ? std::max(range.high - value, value - range.low)
+                             : std::numeric_limits<double>::infinity();
+    store(result, c, y, x, {value, bound}, c < wide ? precision : Precision::kFp32);
+  }
+}
+
+}  // namespace
+
+Bounded light_change(const Bounded& lrhs, const Past& past, Transfer transfer, int scale,
+                     Precision precision) {
+  const int h = lrhs.value.h, w = lrhs.value.w;
+  expect_shape(lrhs, 3, h, w);
+  Bounded result = exact(Planes(5, h, w));
+  for (int y = 0; y < h; ++y) {
+    for (int x = 0; x < w; ++x) {
+      store_all(result, y, x, light_change_at<double>(lrhs, past, transfer, scale, y, x),
+                light_change_at<Interval>(lrhs, past, transfer, scale, y, x), 1, precision);
+    }
+  }
+  return result;
+}
+
+Bounded accumulate(const Bounded& hrls, const Past& past, Transfer transfer, double clip, double spp,
+                   Precision precision, const Bounded* kept, int scale) {
+  const int h = hrls.value.h, w = hrls.value.w, channels = past.hrls.c - 1;
+  if (kept) expect_shape(*kept, 1, h / scale, w / scale);
+  const Bounded all = kept ? bilinear(*kept, scale, (scale - 1) / 2.0) : Bounded{};
+  Bounded result = exact(Planes(2 * channels + 2, h, w));
+  for (int y = 0; y < h; ++y) {
+    for (int x = 0; x < w; ++x) {
+      const Element share = kept ? at(all, 0, y, x) : Element{1, 0};
+      store_all(result, y, x,
+                accumulate_at<double>(hrls, past, transfer, clip, spp, share.as<double>(), y, x),
+                accumulate_at<Interval>(hrls, past, transfer, clip, spp, share.as<Interval>(), y, x),
+                channels + 1, precision);
+    }
+  }
+  return result;
+}
+
+Bounded color_variance(const Bounded& color, Transfer transfer, double clip, Precision precision) {
+  const int h = color.value.h, w = color.value.w;
+  expect_shape(color, 3, h, w);
+  Bounded result = exact(Planes(3, h, w));
+  for (int c = 0; c < 3; ++c) {
+    for (int y = 0; y < h; ++y) {
+      for (int x = 0; x < w; ++x) {
+        const auto formula = [&]<typename T>(T) -> T {
+          using std::min;
+          std::vector<T> colors;
+          T mean = 0, squares = 0;
+          for (int i = 0; i < 9; ++i) {
+            const int row = std::clamp(y + i / 3 - 1, 0, h - 1), column = std::clamp(x + i % 3 - 1, 0, w - 1);
+            colors.push_back(invert(transfer, at(color, c, row, column).as<T>()));
+            mean = mean + colors.back() * T(1.0 / 9);
+          }
+          for (const T& one : colors) squares = squares + square(T(one - mean));
+          return apply(transfer, T(min(T(squares * T(1.0 / 9)), T(clip))));
+        };
+        store(result, c, y, x, evaluate_in_both(formula), precision);
+      }
+    }
+  }
+  return result;
+}
+
+Bounded cell_share(const Bounded& samples, int scale, double certainty, Precision precision) {
+  const int h = samples.value.h / scale, w = samples.value.w / scale;
+  expect_shape(samples, 1, scale * h, scale * w);
+  Bounded result = exact(Planes(1, h, w));
+  for (int y = 0; y < h; ++y) {
+    for (int x = 0; x < w; ++x) {
+      const auto formula = [&]<typename T>(T) -> T {
+        using std::exp2;
+        T sum = 0;
+        for (int i = 0; i < scale * scale; ++i)
+          sum = sum + exp2(at(samples, 0, scale * y + i / scale, scale * x + i % scale).as<T>());
+        return certainty / (certainty + sum);
+      };
+      store(result, 0, y, x, evaluate_in_both(formula), precision);
+    }
+  }
+  return result;
+}
+
+}  // namespace raymeld::reference
