@@ -104,7 +104,10 @@ float Fuser::recorded_exposure(float asked) const {
 uint64_t Fuser::allocated_bytes() const {
   const uint64_t frame_bytes =
       host_ ? host_->lrhs.size_bytes() + host_->hrls.size_bytes() + host_->fused.size_bytes() : 0;
-  return (program_ ? program_->allocated_bytes() : 0) + frame_bytes + (wide_ ? wide_->allocated_bytes() : 0);
+  uint64_t history_bytes = host_ ? host_->motion.size_bytes() : 0;
+  for (const auto& [sequence, history] : histories_) history_bytes += 2 * history.last.size_bytes();
+  return (program_ ? program_->allocated_bytes() : 0) + frame_bytes + history_bytes +
+         (wide_ ? wide_->allocated_bytes() : 0);
 }
 
 std::array<Shape, 3> Fuser::image_shapes(TileSize tile) const {
@@ -129,7 +132,9 @@ void Fuser::record(VkCommandBuffer commands, const FrameBuffer& lrhs, const Fram
 void Fuser::record(VkCommandBuffer commands, const FrameBindings& frame, float exposure,
                    std::optional<TileSize> size) {
   exposure = recorded_exposure(exposure);
-  if (options_.skip_unchanged) throw Error("record() cannot be used with skip_unchanged, expected fuse()");
+  if (options_.skip_unchanged || options_.temporal)
+    throw Error("record() cannot be used with {}, expected fuse()",
+                options_.temporal ? "temporal" : "skip_unchanged");
   if (size && !is_prepared(*size))
     throw Error("recording a frame of {} x {} LRHS pixels: prepare() was not called for this size",
                 size->width, size->height);
@@ -187,27 +192,68 @@ void Fuser::prepare_host() {
   };
   make(host->lrhs, shapes[0], "lrhs");
   make(host->hrls, shapes[1], "hrls");
+  if (options_.temporal) make(host->motion, {shapes[2].height, shapes[2].width, 2}, "motion");
   host->fused = Buffer(device_, frame_bytes(shapes[2]), Memory::kReadback, "fused");
-  program_->bind(kHostSet, bindings(dense_view(host->lrhs, shapes[0]), dense_view(host->hrls, shapes[1]),
-                                    dense_view(host->fused, shapes[2])));
+  bind_host(*host);
   if (options_.profile) host->timestamps.emplace(device_, uint32_t(plan_.graph.passes().size()));
   record_chunks(*host);
   host_ = std::move(host);
 }
 
+// Points fuse()'s descriptor set at its buffers and at the histories of the frame at hand. Recordings with this
+// set have to be made anew.
+void Fuser::bind_host(Host& host) {
+  const auto shapes = image_shapes(plan_.tiling.tile);
+  FrameBindings frame = bindings(dense_view(host.lrhs, shapes[0]), dense_view(host.hrls, shapes[1]),
+                                 dense_view(host.fused, shapes[2]));
+  if (options_.temporal) {
+    const Shape motion{shapes[2].height, shapes[2].width, 2};
+    frame[kMotionSlot] = {dense_view(host.motion, motion), motion};
+    if (!history_) history_ = &history(0);
+    for (const auto& [slot, buffer] :
+         {std::pair(kLastSlot, &history_->last), std::pair(kNextSlot, &history_->next)}) {
+      const Shape shape{1, static_cast<uint32_t>(buffer->size_bytes() / sizeof(float)), 1};
+      frame[slot] = {dense_view(*buffer, shape), shape};
+    }
+  }
+  program_->bind(kHostSet, frame);
+}
+
+Fuser::History& Fuser::history(size_t sequence) {
+  const auto found = histories_.find(sequence);
+  if (found != histories_.end()) return found->second;
+  const uint64_t bytes = sizeof(float) * history_floats(model_, plan_.tiling.frame, options_);
+  History made{Buffer(device_, bytes, Memory::kDevice, "history"),
+               Buffer(device_, bytes, Memory::kDevice, "next history")};
+  fill_now(device_, made.last.handle(), {0, bytes, 0}, "history");
+  return histories_.emplace(sequence, std::move(made)).first->second;
+}
+
+void Fuser::reset_history(size_t sequence) {
+  const auto found = histories_.find(sequence);
+  if (found == histories_.end()) return;
+  const Buffer& last = found->second.last;
+  fill_now(device_, last.handle(), {0, last.size_bytes(), 0}, "history");
+}
+
 void Fuser::record_chunks(Host& host) const {
   const auto passes = plan_.graph.passes();
-  for (size_t first = 0; first < passes.size();) {
+  size_t chunk = 0;
+  for (size_t first = 0; first < passes.size(); ++chunk) {
     double work = passes[first].work();
     size_t last = first + 1;
     while (last < passes.size() && work + passes[last].work() <= program_->limits().submit_work) {
       work += passes[last++].work();
     }
-    VkCommandBuffer commands = host.pool.begin(fmt::format("passes {} to {}", first, last - 1));
+    if (chunk == host.chunks.size()) {
+      host.chunks.push_back(host.pool.begin(fmt::format("passes {} to {}", first, last - 1)));
+    } else {
+      host.pool.restart(host.chunks[chunk]);
+    }
+    const VkCommandBuffer commands = host.chunks[chunk];
     program_->record(commands, kHostSet, first, last, host.timestamps ? &*host.timestamps : nullptr);
     if (last == passes.size()) show_host(device_, commands);
     host.pool.end(commands);
-    host.chunks.push_back(commands);
     first = last;
   }
 }
@@ -237,9 +283,14 @@ FuseReport Fuser::fuse(const Image& lrhs, const Image& hrls, Image& fused, const
 }
 
 FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress,
-                       float exposure, size_t sequence) {
+                       float exposure, size_t sequence, const float* motion) {
   if (exposure != 0) check_exposure(exposure);
   if (options_.frame_images.any()) throw Error("fuse() cannot be used with frame_images, expected record()");
+  if (options_.temporal != (motion != nullptr))
+    throw Error("a frame {} motion, expected {}", motion ? "with" : "without",
+                motion ? "none, as no history is kept" : "it, as a history is kept");
+  motion_ = motion;
+  if (motion) history_ = &history(sequence);
   if (!model_.architecture().reads_lrhs()) lrhs = hrls;  // HRLS begins with its color
   // The default exposure is the whole frame's, so that all tiles have the same.
   const float factor = exposure != 0 ? exposure : this->exposure(lrhs);
@@ -261,6 +312,7 @@ FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const
     throw NotFinite("model {} gave {} values that are not finite; the image is of no use", model_.name(),
                     report.status.not_finite);
   }
+  if (history_) std::swap(history_->last, history_->next);
   if (last_frame_) {
     std::copy_n(last_frame_->fused(), last_frame_->fused_size(), fused);
     last_frame_->end();

@@ -126,8 +126,14 @@ class Fuser {
   FuseReport fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress = {},
                   float exposure = 0, size_t sequence = 0);
   // Does the same on planar, dense memory of the caller's, whose sizes are not checked.
+  // With FuserOptions::temporal `motion` (2, s h, s w) leads from each pixel to the same point in the last frame
+  // of the sequence, in pixels along x and y; where it is not finite there is no such point. A frame that
+  // throws leaves the history as it was.
   FuseReport fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress = {},
-                  float exposure = 0, size_t sequence = 0);
+                  float exposure = 0, size_t sequence = 0, const float* motion = nullptr);
+
+  // Makes the next frame of a sequence its first one.
+  void reset_history(size_t sequence = 0);
 
  private:
   static constexpr uint32_t kHostSet = kFramesInFlight;  // the descriptor set of fuse()'s own recordings
@@ -146,12 +152,17 @@ class Fuser {
 
   // Holds the buffers and recordings of fuse(), made once.
   struct Host {
-    Buffer lrhs, hrls, fused;
+    Buffer lrhs, hrls, motion, fused;
     Commands pool;
     std::vector<VkCommandBuffer> chunks;   // parts of one tile, each short enough for a watchdog
     std::optional<Timestamps> timestamps;  // with FuserOptions::profile
     std::optional<StagingRing> staging;    // where the host does not see lrhs and hrls
-    explicit Host(const Device& device) : pool(device) {}
+    explicit Host(const Device& device) : pool(device, VK_COMMAND_POOL_CREATE_RESET_COMMAND_BUFFER_BIT) {}
+  };
+
+  // Holds what the last frame of a sequence left for the next one, and room for what that one leaves.
+  struct History {
+    Buffer last, next;
   };
 
   // Holds a graph of record() beside the network for frames of the tile's size: the network for another size,
@@ -181,12 +192,18 @@ class Fuser {
                                const Progress& progress);
   FuseReport run(const float* lrhs, const float* hrls, float* fused, float exposure,
                  const Progress& progress);
+  History& history(size_t sequence);
+  void bind_host(Host& host);
+  // Returns where a tile lies in the frame.
+  Place place_of(const Tile& at) const;
   Status run_tile(const Progress& progress, FuseReport& report);
   Image redo_tile(const ImageWindow& lrhs, const ImageWindow& hrls, const Progress& progress,
                   FuseReport& report);
   void prepare_host();
   void run_empty(const Progress& progress);
   void record_chunks(Host& host) const;
+  // Returns the part of a frame's image that a tile reads, of which it has the shape.
+  ImageWindow window(const float* image, const Shape& shape, uint32_t scale, const Tile& at) const;
   // Returns the parts of the frame's LRHS and HRLS that a tile reads.
   std::array<ImageWindow, 2> windows(const float* lrhs, const float* hrls, const Tile& at) const;
   void upload(const ImageWindow& window, const Buffer& to);
@@ -210,6 +227,9 @@ class Fuser {
   bool last_redone_ = false;
   std::map<size_t, LastFrame> last_frames_;  // keyed by sequence; see FuserOptions::skip_unchanged
   LastFrame* last_frame_ = nullptr;          // the one of the frame at hand
+  std::map<size_t, History> histories_;      // keyed by sequence; see FuserOptions::temporal
+  History* history_ = nullptr;               // the one of the frame at hand
+  const float* motion_ = nullptr;            // of the frame at hand
 };
 
 }  // namespace raymeld

@@ -42,6 +42,10 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
   program_->set_exposure(kHostSet, exposure);
   const Tiling& tiling = plan_.tiling;
   const double count = tiling.count();
+  if (history_) {
+    bind_host(*host_);
+    record_chunks(*host_);
+  }
   uint64_t skipped = 0;  // LRHS pixels
   for (uint32_t index = 0; index < tiling.count(); ++index) {
     const Tile at = tiling.at(index);
@@ -54,6 +58,12 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
     const auto [low, high] = windows(lrhs, hrls, at);
     upload(low, host_->lrhs);
     upload(high, host_->hrls);
+    if (history_) {
+      const Shape fused_shape = image_shapes(tiling.tile)[2];
+      upload(window(motion_, {fused_shape.height, fused_shape.width, 2}, model_.architecture().scale, at),
+             host_->motion);
+      program_->set_place(kHostSet, place_of(at));
+    }
     if (host_->staging) host_->staging->wait();  // so that no time of the device counts it
     const Status status = run_tile(of_frame, report);
     // The next frame computes this tile even if nothing changes, so that it counts these values as well.
@@ -121,19 +131,32 @@ void Fuser::ImageWindow::copy(size_t first, size_t last, float* to) const {
     std::memcpy(to, values + row / height * plane + row % height * row_stride, width * sizeof(float));
 }
 
+Fuser::ImageWindow Fuser::window(const float* image, const Shape& shape, uint32_t scale, const Tile& at) const {
+  const size_t stride = size_t{scale} * plan_.tiling.frame.width;
+  return {.values = image ? image + scale * at.y * stride + scale * at.x : nullptr,
+          .row_stride = stride,
+          .plane = scale * plan_.tiling.frame.height * stride,
+          .channels = shape.channels,
+          .height = shape.height,
+          .width = shape.width};
+}
+
 std::array<Fuser::ImageWindow, 2> Fuser::windows(const float* lrhs, const float* hrls, const Tile& at) const {
   const auto shapes = image_shapes(plan_.tiling.tile);
-  const auto window = [&](const float* image, const Shape& shape, uint32_t scale) {
-    const size_t stride = size_t{scale} * plan_.tiling.frame.width;
-    return ImageWindow{.values = image ? image + scale * at.y * stride + scale * at.x : nullptr,
-                       .row_stride = stride,
-                       .plane = scale * plan_.tiling.frame.height * stride,
-                       .channels = shape.channels,
-                       .height = shape.height,
-                       .width = shape.width};
-  };
-  return {window(lrhs, shapes[0], 1),
-          window(hrls, shapes[1], static_cast<uint32_t>(model_.architecture().scale))};
+  return {window(lrhs, shapes[0], 1, at), window(hrls, shapes[1], model_.architecture().scale, at)};
+}
+
+Place Fuser::place_of(const Tile& at) const {
+  const uint32_t s = model_.architecture().scale;
+  const auto [height, width] = plan_.tiling.frame;
+  return {.y = s * at.y,
+          .x = s * at.x,
+          .height = s * height,
+          .width = s * width,
+          .core_y = s * (at.core_y - at.y),
+          .core_x = s * (at.core_x - at.x),
+          .core_height = s * at.core.height,
+          .core_width = s * at.core.width};
 }
 
 void Fuser::upload(const ImageWindow& window, const Buffer& to) {

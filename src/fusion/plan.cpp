@@ -21,9 +21,11 @@ Graph make_graph(const Model& model, TileSize tile, const FuserOptions& options,
   Graph graph(options.storage, options.kernels.addressed, options.keep_activations, options.frame_images);
   graph.read_vectors(options.kernels.vector);
   network(graph, model, tile.height, tile.width, options.phase, choose, exponents, options.constants,
-          options.compute_variance, options.samples);
+          options.compute_variance, options.samples, options.temporal);
   return graph;
 }
+
+Shape motion_shape(const Shape& fused) { return {fused.height, fused.width, 2}; }
 
 // Returns the shapes of those of the frame's images that are buffers.
 std::vector<Shape> buffer_shapes(const Model& model, TileSize tile, const FuserOptions& options) {
@@ -31,6 +33,7 @@ std::vector<Shape> buffer_shapes(const Model& model, TileSize tile, const FuserO
   std::vector<Shape> shapes;
   if (!options.frame_images.inputs) shapes = {lrhs, hrls};
   if (!options.frame_images.output) shapes.push_back(fused);
+  if (options.temporal && !options.frame_images.inputs) shapes.push_back(motion_shape(fused));
   return shapes;
 }
 
@@ -157,6 +160,12 @@ std::array<Shape, 3> frame_shapes(const Model& model, TileSize tile, const Const
           Shape{height, width, 3}};
 }
 
+uint64_t history_floats(const Model& model, TileSize frame, const FuserOptions& options) {
+  const uint32_t scale = model.architecture().scale;
+  return history_floats(scale * frame.height, scale * frame.width,
+                        history_channels(model, options.phase, options.compute_variance), scale);
+}
+
 uint64_t frame_bytes(const Shape& shape) { return shape.pixels() * shape.channels * sizeof(float); }
 
 // Leaves a fifth of the memory: a driver that tells no budget still shares its heap with others.
@@ -178,6 +187,13 @@ FuserOptions wide_options(const DeviceInfo& device, FuserOptions options, uint64
 FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const DeviceInfo& device,
                      const FuserOptions& options) {
   check_lrhs_size({height, width});
+  if (options.temporal && (options.skip_unchanged || options.fp32_kernels))
+    throw Error(
+        "model {}: a history is not kept where frames skip what did not change, or where tiles are computed "
+        "again in fp32, expected one precision",
+        model.name());
+  const uint64_t histories_bytes =
+      options.temporal ? 2 * sizeof(float) * history_floats(model, {height, width}, options) : 0;
   const uint64_t most_bytes = memory_limit(device, options) / (options.fp32_kernels ? 2 : 1);
   const StorageExponents exponents = exponents_for(model, options);
   std::optional<FusePlan> plan;  // the plan of the tile tried last
@@ -186,6 +202,7 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
     reason = early_obstacle(model, tile, most_bytes, options);
     if (!reason) {
       plan = plan_tile(model, tile, options, exponents);
+      plan->frame_bytes += histories_bytes;
       reason = obstacle(*plan, buffer_shapes(model, tile, options), device, most_bytes);
     }
     if (!reason && options.fp32_kernels) reason = wide_obstacle(*plan, model, device, options);
@@ -194,7 +211,7 @@ FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const 
       throw Error("keeping every layer's output needs a frame of one tile, which does not fit: {}", *reason);
     return !reason;
   };
-  const uint32_t reach = receptive_halo(model.architecture(), options.compute_variance);
+  const uint32_t reach = receptive_halo(model.architecture(), options.compute_variance, options.temporal);
   const uint32_t halo = reach == kWholeFrame ? std::max(height, width) : reach;
   const Tiling tiling = choose_tiling({height, width}, halo, fits, model.architecture().grid());
   if (tiling.count() == 0) {

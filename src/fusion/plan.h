@@ -50,6 +50,9 @@ struct FuserOptions {
   // Makes fuse() compute only the tiles in which a pixel changed since the last frame, and take the others
   // from the last output: see LastFrame.
   bool skip_unchanged = false;
+  // Joins each frame with the ones before it: see accumulate(). fuse() then takes motion. Not with
+  // skip_unchanged or fp32_kernels.
+  bool temporal = false;
   ConstantLayers constants = {};  // HRLS layers with one value, which no image holds
   // Makes the device compute the color's variance where the model reads it; no image holds it.
   bool compute_variance = false;
@@ -75,7 +78,7 @@ struct FusePlan {
   Graph graph;  // the planned graph of one tile
   // Holds the kernels that network() was given for the convolutions, in order.
   std::vector<std::pair<Conv2dShape, Conv2dKernel>> kernels = {};
-  uint64_t frame_bytes = 0;  // status, exposures, and the images on their way in and out of fuse()
+  uint64_t frame_bytes = 0;  // status, exposures, histories, and the images on their way in and out of fuse()
   double flop = 0;           // work of the whole frame, halos included
 
   uint64_t peak_bytes() const { return graph.constant_bytes() + graph.activation_bytes() + frame_bytes; }
@@ -108,6 +111,9 @@ void check_lrhs_size(TileSize size);
 // Returns the graph of frames of (size.height, size.width) LRHS pixels for a device that runs `plan`, whose
 // one tile is no smaller. It has the kernels of `plan` and fits its memory. Throws SizeError and Error.
 Graph graph_within(const FusePlan& plan, const Model& model, TileSize size, const FuserOptions& options);
+
+// Returns the floats of the history of a frame of (height, width) LRHS pixels.
+uint64_t history_floats(const Model& model, TileSize frame, const FuserOptions& options);
 
 // Returns the shapes of a tile's images as frames bring and take them: LRHS, HRLS by image_layers(), fused.
 // A render that the model does not read has no channels.

@@ -297,7 +297,7 @@ struct AccumulateOptions {
 };
 
 // Joins encoded HRLS (H, W, K), which begins with color, albedo and normal, to its history. The first
-// options.channels channels of `out` (H, W, K + 1) get the result, and the last one the binary logarithm of the
+// options.channels channels of `out` (H, W, N) get the result, and the last one the binary logarithm of the
 // samples behind it, from 0 to 4. A history of n frames and this frame are n / (n + 1) and 1 / (n + 1) of the
 // result. The history is read bilinearly where the motion leads. Each of its pixels counts by
 // exp(-40 a - 10 b), where a and b are the squared distances of its albedo and normal from the ranges that the

@@ -1,4 +1,6 @@
 // Adds the layers that join a frame with the ones before it.
+#include <algorithm>
+
 #include "layers/shapes.h"
 
 namespace raymeld {
@@ -51,10 +53,10 @@ void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const
                 const AccumulateOptions& options) {
   const Shape shape = hrls.shape;
   const auto [kept, scale] = std::pair(options.kept, options.scale);
-  expect_shape(name, "the output", out, with_channels(shape, shape.channels + 1));
-  if (options.channels < 9 || options.channels > shape.channels)
-    throw Error("layer {}: {} channels to accumulate, expected 9 to {}", name, options.channels,
-                shape.channels);
+  expect_shape(name, "the output", out, with_channels(shape, out.shape.channels));
+  const uint32_t most = std::min(shape.channels, out.shape.channels - 1);
+  if (options.channels < 9 || options.channels > most)
+    throw Error("layer {}: {} channels to accumulate, expected 9 to {}", name, options.channels, most);
   if (kept) expect_shape(name, "HRLS", hrls, enlarged(kept->shape, scale, shape.channels));
   if (kept) expect_shape(name, "what is kept", *kept, with_channels(kept->shape, 1));
   std::vector<Binding> bindings = history_bindings(graph);
@@ -72,7 +74,7 @@ void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const
                                    width,
                                    graph.plane(hrls),
                                    options.channels,
-                                   shape.channels,
+                                   out.shape.channels - 1,
                                    kept ? kept->shape.height : 0,
                                    kept ? kept->shape.width : 0,
                                    kept ? 1 / static_cast<float>(scale) : 0,

@@ -20,8 +20,10 @@ Conv2dLink Builder::link(const std::string& name, const Tensor& in, const Tensor
   Conv2dShape shape{in.shape.height / u, in.shape.width / u, channels_in * u * u, out.shape.channels * s * s,
                     options.kernel};
   shape.unshuffle = u, shape.shuffle = s;
-  ConvWeights weights = model.conv(name, shape.channels_out, shape.channels_in, shape.kernel, bias);
-  if (a.knows_spp && (name == "lrhs" || name == "hrls")) {
+  const bool by_pixel = temporal && name == "hrls";
+  ConvWeights weights = by_pixel ? model.conv_by_pixel()
+                                 : model.conv(name, shape.channels_out, shape.channels_in, shape.kernel, bias);
+  if (a.knows_spp && !by_pixel && (name == "lrhs" || name == "hrls")) {
     const auto [lrhs_spp, hrls_spp] = samples.known(a.scale);
     weights.bias_by_spp = model.bias_by_spp(name, shape.channels_out);
     weights.log_spp = std::log2(name == "lrhs" ? lrhs_spp : hrls_spp);

@@ -23,7 +23,24 @@ Model::Model(SafeTensors content, const std::string& file) : file_(file) {
     tensors_[key] = {std::move(data.shape), std::move(data.values)};
   }
   check_tensors();
+  if (architecture_.is_pyramid() && architecture_.knows_spp) weigh_samples();
 }
+
+// Makes the weights of conv_by_pixel(): the bias by samples takes the mean over the four pixels.
+void Model::weigh_samples() {
+  constexpr size_t kTaps = 9, kPixels = 4;
+  const Values& weight = tensors_.at("hrls.weight");
+  const size_t out = weight.shape[0], in = weight.shape[1];
+  const std::vector<float>& by_spp = tensors_.at("hrls.by_spp").values;
+  by_pixel_.assign(out * (in + kPixels) * kTaps, 0);
+  for (size_t o = 0; o < out; ++o) {
+    float* to = by_pixel_.data() + o * (in + kPixels) * kTaps;
+    std::copy_n(weight.values.data() + o * in * kTaps, in * kTaps, to);
+    for (size_t i = 0; i < kPixels; ++i) to[(in + i) * kTaps + kTaps / 2] = by_spp[o] / kPixels;
+  }
+}
+
+ConvWeights Model::conv_by_pixel() const { return {by_pixel_, tensors_.at("hrls.bias").values}; }
 
 // Builds the smallest network, which asks for every tensor by name and shape. No tensor may be unused.
 void Model::check_tensors() const {

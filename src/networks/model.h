@@ -119,6 +119,10 @@ class Model {
   // its biases.
   ConvWeights conv(const std::string& name, uint32_t out, uint32_t in, uint32_t kernel,
                    const std::string& bias = "bias") const;
+  // Returns the weights of the layer `hrls` of a pyramid network that knows_spp, whose input has the binary
+  // logarithm of the samples of each of 2 x 2 pixels as its last four channels, in the place of a sample count
+  // of all.
+  ConvWeights conv_by_pixel() const;
 
  private:
   struct Values {
@@ -127,12 +131,14 @@ class Model {
   };
   std::span<const float> tensor(const std::string& name, const std::vector<size_t>& shape) const;
   void check_tensors() const;
+  void weigh_samples();
 
   std::string file_;
   std::string name_;
   Architecture architecture_;
   std::map<std::string, std::string> metadata_;
   std::map<std::string, Values> tensors_;
+  std::vector<float> by_pixel_;  // the weights of conv_by_pixel(), or empty
 };
 
 // Reads the metadata of a model's file. Throws an Error that names the file, the entry and the values that it

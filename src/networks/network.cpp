@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 
 #include "networks/builder.h"
@@ -43,15 +44,17 @@ double encoded(Transfer transfer, float radiance) {
 
 void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase,
              const Conv2dChoice& choose, const StorageExponents& exponents, const ConstantLayers& constants,
-             bool compute_variance, const SampleCounts& samples) {
+             bool compute_variance, const SampleCounts& samples, bool temporal) {
   check_constant_layers(model, constants);
+  if (temporal) history_channels(model, phase, compute_variance);
   const HrlsChannels channels = hrls_channels(model.architecture(), constants, compute_variance);
   Builder build{.graph = graph,
                 .model = model,
                 .choose = choose,
                 .exponents = exponents,
                 .hrls_channels = channels,
-                .samples = samples};
+                .samples = samples,
+                .temporal = temporal};
   functions_of(model.architecture().kind).add(build, height, width, phase);
 }
 
@@ -93,8 +96,26 @@ bool tile_4_is_accurate(const Architecture& a, const ConvWeights& weights, uint3
          kMost;
 }
 
-uint32_t receptive_halo(const Architecture& a, bool compute_variance) {
-  return functions_of(a.kind).halo(a, compute_variance);
+uint32_t history_channels(const Model& model, float phase, bool compute_variance) {
+  const Architecture& a = model.architecture();
+  if (!a.is_pyramid() || !a.knows_spp)
+    throw Error("model {} keeps no history, expected a pyramid network that knows the samples of a pixel",
+                model.name());
+  if (a.reads_lrhs() && phase == 0)
+    throw Error("model {}: a history needs an ordinary small render as LRHS, not every {}. pixel", model.name(),
+                a.scale);
+  const auto variance = std::ranges::find(a.hrls_layers, "variance");
+  if (variance == a.hrls_layers.end()) return 3 * uint32_t(a.hrls_layers.size());
+  if (!compute_variance || variance + 1 != a.hrls_layers.end())
+    throw Error("model {}: a history needs the variance as the last layer, computed by the device", model.name());
+  return 3 * (uint32_t(a.hrls_layers.size()) - 1);
+}
+
+// accumulate() reads one pixel around each, and the LRHS pixels around that, of which light_change() reads the
+// neighbours.
+uint32_t receptive_halo(const Architecture& a, bool compute_variance, bool temporal) {
+  const uint32_t halo = functions_of(a.kind).halo(a, compute_variance);
+  return temporal ? halo + divide_up(3, a.grid()) * a.grid() : halo;
 }
 
 std::vector<Conv2dShape> conv2d_shapes(const Model& model, uint32_t height, uint32_t width) {

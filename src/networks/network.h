@@ -11,11 +11,18 @@ namespace raymeld {
 // layer in its layer_slot(). It writes the fused image (s height, s width, 3). `phase` says where LRHS
 // samples lie in their s x s full-size pixels (see DecodeOptions), and `choose` how each convolution is
 // computed. `exponents` are those of the tensors that it makes. `compute_variance` is that of image_layers().
-// `samples` matter to a model that knows_spp. Throws an Error that names the layer.
+// `samples` matter to a model that knows_spp. With `temporal` HRLS is joined with the frames before it: see
+// accumulate(); history_channels() says for which models that is possible. Throws an Error that names the
+// layer.
 void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase,
              const Conv2dChoice& choose = conv2d_direct, const StorageExponents& exponents = {},
              const ConstantLayers& constants = {}, bool compute_variance = false,
-             const SampleCounts& samples = {});
+             const SampleCounts& samples = {}, bool temporal = false);
+
+// Returns the channels of HRLS of which a history is kept. Throws an Error that names the model unless it is a
+// pyramid network that knows_spp, whose variance, if it reads any, is computed by the device and its last layer,
+// and unless LRHS is an ordinary small render.
+uint32_t history_channels(const Model& model, float phase, bool compute_variance);
 
 // Estimates the activations that the model's weights make of encoded images.
 ActivationEstimate estimate_activations(const Model& model);
@@ -26,8 +33,9 @@ StorageExponents storage_exponents(const Model& model);
 inline constexpr uint32_t kWholeFrame = 1u << 24;  // a halo that no frame is larger than
 
 // Returns on how many LRHS pixels in each direction the s x s output pixels of an LRHS pixel can depend,
-// which is how far tiles must overlap, or kWholeFrame.
-uint32_t receptive_halo(const Architecture& architecture, bool compute_variance = false);
+// which is how far tiles must overlap, or kWholeFrame. With `temporal` other frames are read as well, but of
+// this one no more than the halo.
+uint32_t receptive_halo(const Architecture& architecture, bool compute_variance = false, bool temporal = false);
 
 // Lists the shapes of a network's convolutions in the order in which network() asks for them.
 std::vector<Conv2dShape> conv2d_shapes(const Model& model, uint32_t height, uint32_t width);

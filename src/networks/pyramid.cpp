@@ -32,12 +32,52 @@ struct Pyramid {
   }
   uint32_t features(uint32_t level) const { return a.widths[level - 1]; }
 
-  // Adds LRHS (height, width, 6): its encoded color, and its light.
-  Tensor encoded_lrhs(const Tensor& albedo) const {
-    const Tensor lrhs = build.tensor("encode.lrhs", height, width, 6), color = lrhs.slice(0, 3);
-    build.encode_lrhs(color, low_frame);
-    cell_light(build.graph, "cell_light", color, albedo, lrhs.slice(3, 3), a.transfer, a.scale, phase);
+  // Adds LRHS (height, width, 6): its encoded color, and room for its light.
+  Tensor encoded_lrhs() const {
+    const Tensor lrhs = build.tensor("encode.lrhs", height, width, 6);
+    build.encode_lrhs(lrhs.slice(0, 3), low_frame);
     return lrhs;
+  }
+
+  // Adds the inputs of the U-Net: room for the light of HRLS, and its encoded layers.
+  Tensor encoded_hrls(uint32_t layers) const {
+    const Tensor inputs = tensor("encode.hrls", 0, 3 + layers);
+    build.encode_hrls("encode.hrls", inputs.slice(3, layers), 0, layers, full_frame);
+    return inputs;
+  }
+
+  // Adds these inputs where HRLS is joined with the frames before it; the samples of each pixel follow.
+  Tensor accumulated(uint32_t layers, const std::optional<Tensor>& lrhs) const {
+    Graph& graph = build.graph;
+    const auto [lrhs_spp, hrls_spp] = build.samples.known(a.scale);
+    const uint32_t channels = history_channels(build.model, phase, build.hrls_channels.variance.has_value());
+    const Tensor hrls = tensor("encode.hrls", 0, channels), inputs = tensor("accumulate", 0, 3 + layers + 1);
+    build.encode_hrls("encode.hrls", hrls, 0, channels, full_frame);
+    AccumulateOptions options{.transfer = a.transfer,
+                              .clip = a.clip,
+                              .spp = hrls_spp,
+                              .channels = channels,
+                              .scale = a.scale,
+                              .frame = full_frame};
+    if (lrhs) {
+      options.kept = build.tensor("light_change", height, width, 1);
+      light_change(graph, "light_change", lrhs->slice(0, 3), *options.kept, a.transfer, a.scale, channels,
+                   low_frame);
+    }
+    accumulate(graph, "accumulate", hrls, inputs.slice(3, layers + 1), options);
+    if (channels < layers) {
+      color_variance(graph, "color_variance", inputs.slice(3, 3), inputs.slice(3 + channels, 3), a.transfer,
+                     a.clip);
+    }
+    return inputs;
+  }
+
+  // Adds the share of each LRHS pixel in the light of its level, which depends on the samples of HRLS.
+  Tensor shares_of_lrhs(const Tensor& samples) const {
+    const Tensor shares = build.tensor("cell_share", height, width, 1);
+    const float certainty = a.lrhs_certainty * build.samples.known(a.scale).lrhs / float(a.scale * a.scale);
+    cell_share(build.graph, "cell_share", samples, shares, a.scale, certainty);
+    return shares;
   }
 
   // Adds a 3x3 convolution that adds to its input; that of LRHS's level reads LRHS too.
@@ -90,14 +130,16 @@ struct Pyramid {
   void add() const {
     Graph& graph = build.graph;
     const auto layers = static_cast<uint32_t>(build.hrls_channels.encoded.size());
-    const Tensor inputs = tensor("encode.hrls", 0, 3 + layers), lit = inputs.slice(0, 3);
-    const Tensor hrls = inputs.slice(3, layers), albedo = build.layer(hrls, "albedo");
-    const Tensor color = build.layer(hrls, "color");
-    build.encode_hrls("encode.hrls", hrls, 0, layers, full_frame);
     const Tensor bright = build.tensor("above_clip", low_frame.height, low_frame.width, 3);
     above_clip(graph, "above_clip", a.bright_slot(), bright, a.clip);
     std::optional<Tensor> lrhs;
-    if (a.reads_lrhs()) lrhs = encoded_lrhs(albedo);
+    if (a.reads_lrhs()) lrhs = encoded_lrhs();
+    const Tensor inputs = build.temporal ? accumulated(layers, lrhs) : encoded_hrls(layers);
+    const Tensor lit = inputs.slice(0, 3), hrls = inputs.slice(3, layers);
+    const Tensor albedo = build.layer(hrls, "albedo"), color = build.layer(hrls, "color");
+    if (lrhs) {
+      cell_light(graph, "cell_light", lrhs->slice(0, 3), albedo, lrhs->slice(3, 3), a.transfer, a.scale, phase);
+    }
     const float certainty = lrhs_certainty(), cell = float(a.scale * a.scale);
     std::optional<Decimated> decimated;
     if (lrhs && phase == 0) decimated = {lrhs->slice(0, 3), a.scale, certainty};
@@ -107,7 +149,10 @@ struct Pyramid {
       const std::string name = fmt::format("pool.{}", level);
       lights[level] = tensor(name, level, 3);
       std::optional<Blend> blend;
-      if (level == a.levels()) blend = {lrhs->slice(3, 3), certainty / (certainty + cell)};
+      if (level == a.levels()) {
+        blend = {.other = lrhs->slice(3, 3), .share = certainty / (certainty + cell)};
+        if (build.temporal) blend->shares = shares_of_lrhs(inputs.slice(3 + layers, 1));
+      }
       pool(graph, name, lights[level - 1], lights[level], blend);
       guides[level] = tensor(fmt::format("guides.{}", level), level, 6);
       pool(graph, fmt::format("guides.{}", level), guides[level - 1], guides[level]);

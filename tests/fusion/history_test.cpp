@@ -1,0 +1,217 @@
+// Tests frames that are joined with the ones before them.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+#include "error_of.h"
+#include "fusion/fuser.h"
+#include "golden.h"
+#include "gpu.h"
+#include "support.h"
+
+namespace raymeld::test {
+namespace {
+
+// Makes the frames of a sequence for a golden model. They are smooth, so that no pixel is a firefly.
+class HistoryTest : public GpuTest {
+ protected:
+  struct Frame {
+    std::vector<float> lrhs, hrls, motion;
+  };
+
+  static constexpr TileSize kSize{24, 40};  // of LRHS
+
+  static uint32_t scale_of(const Model& model) { return model.architecture().scale; }
+  static size_t pixels_of(const Model& model, TileSize size = kSize) {
+    return size_t{scale_of(model)} * scale_of(model) * size.height * size.width;
+  }
+
+  static FuserOptions options_of(const Model& model, float hrls_spp, bool temporal) {
+    return {.temporal = temporal,
+            .compute_variance = true,
+            .phase = lrhs_phase(true, scale_of(model)),
+            .samples = {.lrhs = 16, .hrls = hrls_spp},
+            .exposure = 0.5f};
+  }
+
+  // Returns a frame whose pattern has moved by so many pixels to the right since frame 0, with motion from the
+  // frame before.
+  static Frame make_frame(const Model& model, int moved = 0, int motion = 0, TileSize size = kSize) {
+    const auto wave = [](double y, double x, int c) {
+      return float(0.5 + 0.3 * std::sin(0.11 * x + 0.4 * c) * std::cos(0.07 * y - 0.3 * c));
+    };
+    const auto image = [&](uint32_t scale, int channels, double step) {
+      std::vector<float> values;
+      for (int c = 0; c < channels; ++c) {
+        for (uint32_t y = 0; y < scale * size.height; ++y)
+          for (uint32_t x = 0; x < scale * size.width; ++x)
+            values.push_back(wave(step * (y + 0.5), step * (x + 0.5) - moved, c));
+      }
+      return values;
+    };
+    const uint32_t scale = scale_of(model);
+    Frame frame{scale > 1 ? image(1, 3, scale) : std::vector<float>(), image(scale, 9, 1),
+                std::vector<float>(2 * pixels_of(model, size))};
+    std::fill_n(frame.motion.begin(), pixels_of(model, size), float(-motion));
+    return frame;
+  }
+
+  static Fuser make_fuser(const Model& model, const FuserOptions& options, TileSize size = kSize) {
+    return Fuser(gpu(), model, size.height, size.width, options, shared_cache_folder());
+  }
+
+  static std::vector<float> fuse(Fuser& fuser, const Model& model, const Frame& frame, bool temporal = true,
+                                 size_t sequence = 0) {
+    std::vector<float> fused(3 * pixels_of(model, fuser.plan().tiling.frame));
+    fuser.fuse(frame.lrhs.data(), frame.hrls.data(), fused.data(), {}, 0, sequence,
+               temporal ? frame.motion.data() : nullptr);
+    return fused;
+  }
+
+  static float difference(const std::vector<float>& a, const std::vector<float>& b) {
+    float most = 0;
+    for (size_t i = 0; i < a.size(); ++i) most = std::max(most, std::abs(a[i] - b[i]));
+    return most;
+  }
+};
+
+const char* const kModels[] = {"pyramid-x1", "pyramid-x2"};
+
+// A mean of equal frames is the frame, of as many more samples.
+TEST_F(HistoryTest, EqualFramesAreAFrameOfMoreSamples) {
+  for (const char* name : kModels) {
+    SCOPED_TRACE(name);
+    const Model model(golden_model_path(name));
+    const Frame frame = make_frame(model);
+    Fuser fuser = make_fuser(model, options_of(model, 1.5f, true));
+    std::vector<float> before;
+    for (const int frames : {1, 2, 3}) {
+      Fuser alone = make_fuser(model, options_of(model, 1.5f * float(frames), false));
+      const std::vector<float> fused = fuse(fuser, model, frame);
+      EXPECT_LE(difference(fused, fuse(alone, model, frame, false)), 2e-5f) << frames;
+      if (frames > 1) {
+        EXPECT_GT(difference(fused, before), 1e-4f) << "samples must matter to the network";
+      }
+      before = fused;
+    }
+  }
+}
+
+TEST_F(HistoryTest, AMovedFrameIsAFrameOfMoreSamplesWhereItWasSeenBefore) {
+  const Model model(golden_model_path("pyramid-x1"));
+  constexpr int kMoved = 3;
+  Fuser fuser = make_fuser(model, options_of(model, 2, true));
+  fuse(fuser, model, make_frame(model));
+  const Frame moved = make_frame(model, kMoved, kMoved);
+  const std::vector<float> fused = fuse(fuser, model, moved);
+  Fuser alone = make_fuser(model, options_of(model, 4, false));
+  const std::vector<float> of_four = fuse(alone, model, moved, false);
+  // Returns the largest difference in some columns.
+  const auto in_columns = [&](uint32_t first, uint32_t last) {
+    float most = 0;
+    for (size_t i = 0; i < fused.size(); ++i) {
+      const size_t x = i % kSize.width;
+      if (first <= x && x < last) most = std::max(most, std::abs(fused[i] - of_four[i]));
+    }
+    return most;
+  };
+  // New pixels come into sight at the left edge.
+  EXPECT_GT(in_columns(0, kMoved), 1e-4f);
+  EXPECT_LE(in_columns(kSize.width - 4, kSize.width), 2e-5f);
+}
+
+TEST_F(HistoryTest, TilesGiveTheSameBits) {
+  for (const char* name : kModels) {
+    SCOPED_TRACE(name);
+    const Model model(golden_model_path(name));
+    const TileSize size{16, 19 + 640 / scale_of(model)};
+    for (const Storage storage : {Storage::kFloat32, Storage::kFloat16}) {
+      FuserOptions options = options_of(model, 1, true);
+      options.storage = storage;
+      Fuser whole = make_fuser(model, options, size);
+      options.max_memory_bytes = whole.plan().peak_bytes() - whole.plan().graph.activation_bytes() / 3;
+      Fuser parts = make_fuser(model, options, size);
+      EXPECT_EQ(whole.plan().tiling.count(), 1u);
+      EXPECT_GT(parts.plan().tiling.count(), 1u);
+      for (const int frame : {0, 1, 2}) {
+        const Frame made = make_frame(model, 2 * frame, 2, size);
+        EXPECT_TRUE(same_bits(fuse(whole, model, made), fuse(parts, model, made))) << "frame " << frame;
+      }
+    }
+  }
+}
+
+TEST_F(HistoryTest, SequencesAndResetsBeginAnew) {
+  const Model model(golden_model_path("pyramid-x2"));
+  const Frame frame = make_frame(model);
+  Fuser fuser = make_fuser(model, options_of(model, 1, true));
+  const std::vector<float> first = fuse(fuser, model, frame);
+  const std::vector<float> second = fuse(fuser, model, frame);
+  EXPECT_FALSE(same_bits(second, first));
+  EXPECT_TRUE(same_bits(fuse(fuser, model, frame, true, 7), first));
+  fuser.reset_history();
+  EXPECT_TRUE(same_bits(fuse(fuser, model, frame), first));
+  EXPECT_TRUE(same_bits(fuse(fuser, model, frame, true, 7), second));
+}
+
+TEST_F(HistoryTest, AFrameThatEndsEarlyLeavesTheHistory) {
+  const Model model(golden_model_path("pyramid-x2"));
+  const Frame frame = make_frame(model);
+  Fuser fuser = make_fuser(model, options_of(model, 1, true));
+  const std::vector<float> first = fuse(fuser, model, frame);
+  const std::vector<float> second = fuse(fuser, model, frame);
+  fuser.reset_history();
+  EXPECT_TRUE(same_bits(fuse(fuser, model, frame), first));
+  std::vector<float> fused(3 * pixels_of(model));
+  EXPECT_THROW(fuser.fuse(frame.lrhs.data(), frame.hrls.data(), fused.data(), [](double) { return false; }, 0,
+                          0, frame.motion.data()),
+               Cancelled);
+  EXPECT_TRUE(same_bits(fuse(fuser, model, frame), second));
+}
+
+// No pixel of such a frame was seen before, wherever its motion leads.
+TEST_F(HistoryTest, MotionThatLeadsNowhereIsAFirstFrame) {
+  const Model model(golden_model_path("pyramid-x2"));
+  Frame frame = make_frame(model);
+  Fuser fuser = make_fuser(model, options_of(model, 1, true));
+  const std::vector<float> first = fuse(fuser, model, frame);
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  for (const float nowhere : {std::numeric_limits<float>::quiet_NaN(), kInfinity, -kInfinity, 1e30f, -200.0f}) {
+    std::ranges::fill(frame.motion, nowhere);
+    EXPECT_TRUE(same_bits(fuse(fuser, model, frame), first)) << nowhere;
+  }
+}
+
+TEST_F(HistoryTest, WhatKeepsNoHistorySaysSo) {
+  const Model model(golden_model_path("pyramid-x2"));
+  const Frame frame = make_frame(model);
+  const FuserOptions options = options_of(model, 1, true);
+  const auto refused = [&](const Model& of, const FuserOptions& with) {
+    return error_of([&] { make_fuser(of, with); });
+  };
+  const auto has = [](const std::string& text, const char* part) { return text.find(part) != std::string::npos; };
+  FuserOptions other = options;
+  other.phase = 0;
+  EXPECT_TRUE(has(refused(model, other), "ordinary small render"));
+  other = options;
+  other.compute_variance = false;
+  EXPECT_TRUE(has(refused(model, other), "variance"));
+  other = options;
+  other.skip_unchanged = true;
+  EXPECT_TRUE(has(refused(model, other), "skip what did not change"));
+  other = options;
+  other.fp32_kernels.emplace();
+  EXPECT_TRUE(has(refused(model, other), "one precision"));
+  for (const char* name : {"pyramid-x4", "tiny-x2", "kpcn-x1", "edsr-x4"})
+    EXPECT_TRUE(has(refused(Model(golden_model_path(name)), options), "keeps no history")) << name;
+
+  Fuser fuser = make_fuser(model, options);
+  EXPECT_TRUE(has(error_of([&] { fuse(fuser, model, frame, false); }), "without motion"));
+  Fuser alone = make_fuser(model, options_of(model, 1, false));
+  EXPECT_TRUE(has(error_of([&] { fuse(alone, model, frame); }), "with motion"));
+  EXPECT_TRUE(has(error_of([&] { fuser.record(VK_NULL_HANDLE, FrameBindings{}); }), "temporal"));
+}
+
+}  // namespace
+}  // namespace raymeld::test
