@@ -19,14 +19,16 @@ using Array = py::array_t<float, py::array::forcecast>;
 
 std::string text_of(const std::vector<py::ssize_t>& shape) { return py::str(py::tuple(py::cast(shape))); }
 
-// Copies an image of (height, width, 3) to `planes`, channel by channel. Throws ValueError for other shapes.
-void copy_planes(const Array& image, const std::string& name, size_t height, size_t width, float* planes) {
+// Copies an image of (height, width, channels) to `planes`, channel by channel. Throws ValueError for other
+// shapes.
+void copy_planes(const Array& image, const std::string& name, size_t height, size_t width, float* planes,
+                 py::ssize_t channels = 3) {
   const std::vector<py::ssize_t> shape(image.shape(), image.shape() + image.ndim()),
-      expected{py::ssize_t(height), py::ssize_t(width), 3};
+      expected{py::ssize_t(height), py::ssize_t(width), channels};
   if (shape != expected)
     throw py::value_error(name + " has the shape " + text_of(shape) + ", expected " + text_of(expected));
   const auto pixels = image.unchecked<3>();
-  for (py::ssize_t c = 0; c < 3; ++c)
+  for (py::ssize_t c = 0; c < channels; ++c)
     for (py::ssize_t y = 0; y < expected[0]; ++y)
       for (py::ssize_t x = 0; x < expected[1]; ++x) *planes++ = pixels(y, x, c);
 }
@@ -71,7 +73,7 @@ class Fuser {
  public:
   Fuser(std::shared_ptr<raymeld::SharedModel> model, int64_t height, int64_t width,
         const std::string& precision, const std::string& kernels, const std::string& sampling, float lrhs_spp,
-        float hrls_spp, uint64_t max_memory_bytes, float exposure, bool skip_unchanged,
+        float hrls_spp, uint64_t max_memory_bytes, float exposure, bool skip_unchanged, bool temporal,
         const std::vector<std::string>& absent_layers, const std::string& device)
       : model_(std::move(model)),
         height_(side(height, "height")),
@@ -96,6 +98,7 @@ class Fuser {
     desc.max_memory_bytes = max_memory_bytes;
     desc.exposure = exposure;
     desc.skip_unchanged = skip_unchanged;
+    desc.temporal = temporal;
     for (const std::string& layer : absent_layers_) absent_.push_back(layer.c_str());
     desc.absent_layer_count = uint32_t(absent_.size());
     desc.absent_layers = absent_.data();
@@ -123,6 +126,11 @@ class Fuser {
            std::to_string(height_) + " x " + std::to_string(width_) + " pixels (height x width), " +
            precision() + ">";
   }
+  void reset_history() {
+    const py::gil_scoped_release released;
+    const std::lock_guard lock(mutex_);
+    if (fusion_) fusion_->reset_history();
+  }
   py::dict status() {
     raymeld_status last;
     {
@@ -137,11 +145,14 @@ class Fuser {
     return status;
   }
 
-  py::array_t<float> fuse(const std::optional<Array>& lrhs, const std::map<std::string, Array>& hrls) {
+  py::array_t<float> fuse(const std::optional<Array>& lrhs, const std::map<std::string, Array>& hrls,
+                          const std::optional<Array>& motion) {
     const size_t full_height = size_t{height_} * scale(), full_width = size_t{width_} * scale();
     const size_t plane = full_height * full_width;
     std::vector<float> small(lrhs ? 3 * size_t{height_} * width_ : 0), large, fused(3 * plane);
     if (lrhs) copy_planes(*lrhs, "lrhs", height_, width_, small.data());
+    std::vector<float> moved(motion ? 2 * plane : 0);
+    if (motion) copy_planes(*motion, "motion", full_height, full_width, moved.data(), 2);
     std::vector<std::string> needed = layers();
     const bool given_variance = reads_variance_ && hrls.contains("variance");
     if (given_variance) needed = model_layers_with_variance();
@@ -160,7 +171,8 @@ class Fuser {
         desc_.compute_variance = !given_variance;
         fusion_.emplace(*context_, *model_, desc_);
       }
-      status_ = fusion_->fuse(lrhs ? small.data() : nullptr, large.data(), fused.data());
+      status_ = fusion_->fuse_next(lrhs ? small.data() : nullptr, large.data(),
+                                   motion ? moved.data() : nullptr, fused.data());
     }
     py::array_t<float> image({full_height, full_width, size_t{3}});
     auto pixels = image.mutable_unchecked<3>();
@@ -242,26 +254,32 @@ PYBIND11_MODULE(raymeld, module) {
       "that know them; 0 stands for scale^2 and 1. max_memory_bytes limits the memory taken on the device; 0 "
       "allows all\n"
       "that it has to give. With an exposure of 0, each frame gets the exposure that suits the model.\n"
-      "skip_unchanged computes only the tiles that changed since the last frame. absent_layers are the\n"
+      "skip_unchanged computes only the tiles that changed since the last frame. temporal joins each frame\n"
+      "with the ones before it, by the motion that fuse() then takes. absent_layers are the\n"
       "optional layers of the model that HRLS does not have. device is an index of devices(), a UUID\n"
       "or part of a name; '' is the first GPU, else a driver for CPUs.\n"
       "Raises Error and ValueError.")
       .def(py::init<std::shared_ptr<SharedModel>, int64_t, int64_t, const std::string&, const std::string&,
-                    const std::string&, float, float, uint64_t, float, bool, const std::vector<std::string>&,
-                    const std::string&>(),
+                    const std::string&, float, float, uint64_t, float, bool, bool,
+                    const std::vector<std::string>&, const std::string&>(),
            py::arg("model"), py::arg("height"), py::arg("width"), py::kw_only(),
            py::arg("precision") = "auto", py::arg("kernels") = "auto", py::arg("sampling") = "model",
            py::arg("lrhs_spp") = 0.0f, py::arg("hrls_spp") = 0.0f, py::arg("max_memory_bytes") = 0,
-           py::arg("exposure") = 0.0f, py::arg("skip_unchanged") = false,
+           py::arg("exposure") = 0.0f, py::arg("skip_unchanged") = false, py::arg("temporal") = false,
            py::arg("absent_layers") = std::vector<std::string>{}, py::arg("device") = "")
       .def("__repr__", &Fuser::repr)
       .def(
-          "fuse", &Fuser::fuse, py::arg("lrhs"), py::arg("hrls"),
+          "fuse", &Fuser::fuse, py::arg("lrhs"), py::arg("hrls"), py::arg("motion") = py::none(),
           "lrhs is (height, width, 3) and hrls {layer: (scale * height, scale * width, 3)} of all `layers`,\n"
           "scene linear. A model of scale 1 reads HRLS alone, and lrhs must be None. A model that reads the\n"
           "variance takes it from hrls, or else computes it from the color.\n"
+          "With temporal, motion (scale * height, scale * width, 2) leads from each pixel to the same point "
+          "in\n"
+          "the last frame, in pixels to the right and downwards.\n"
           "Returns (scale * height, scale * width, 3). Other threads run while the device works.\n"
           "Raises Error, ValueError and KeyError.")
+      .def("reset_history", &Fuser::reset_history,
+           "Makes the next frame the first one of a sequence, as after a cut; with temporal.")
       .def_property_readonly("layers", &Fuser::layers, "The layers of HRLS that fuse() asks for.")
       .def_property_readonly("scale", &Fuser::scale)
       .def_property_readonly("precision", &Fuser::precision, "'fp32' or 'fp16'.")

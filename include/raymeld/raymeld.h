@@ -305,7 +305,13 @@ typedef struct raymeld_fusion_desc {
   VkBool32 skip_unchanged RAYMELD_IS(VK_FALSE);
   /* Names the optional layers of the model that HRLS does not have. They count as 0, and nothing is read. */
   uint32_t absent_layer_count RAYMELD_IS(0);
-  uint32_t reserved RAYMELD_IS(0);
+  /* VK_TRUE: each frame is joined with the ones before it, whose light it takes over where motion leads, so
+   * that frames of few samples add up. A frame then needs its motion: see raymeld_frame and
+   * raymeld_fuse_next(). Takes two buffers for what is kept, of (3 for each layer but the variance, and 1)
+   * floats a full-size pixel. For pyramid networks that know the samples of a pixel (raymeld_model_info),
+   * with an ordinary small render as LRHS and with compute_variance if the model reads the variance. No tile
+   * is computed again in fp32. */
+  VkBool32 temporal RAYMELD_IS(VK_FALSE);
   const char* const* absent_layers RAYMELD_IS(NULL);
   /* Gives the caller's memory for the activations, memory_size_bytes from memory_offset_bytes on, as
    * raymeld_get_memory_needs() asks for it. A frame reads and writes it in
@@ -457,6 +463,11 @@ typedef struct raymeld_frame {
   uint32_t height RAYMELD_IS(0);
   uint32_t width RAYMELD_IS(0);
   uint32_t reserved RAYMELD_IS(0);
+  /* Leads from each full-size pixel to the same point in the last frame, in pixels to the right and
+   * downwards: two channels, as large as hrls, and without what a jittered camera moves. Needed with
+   * temporal, and NULL without. Where it is not finite there is no such point. If the inputs are Vulkan
+   * images, it is one. */
+  const raymeld_image* motion RAYMELD_IS(NULL);
 } raymeld_frame;
 
 /* Makes ready what is needed to record frames with another LRHS size, for dynamic resolution. The fusion must
@@ -542,6 +553,15 @@ RAYMELD_API raymeld_result raymeld_take_status(raymeld_fusion fusion, raymeld_st
  * tiles after a failure. */
 RAYMELD_API raymeld_result raymeld_fuse(raymeld_fusion fusion, const float* lrhs, const float* hrls,
                                         float* fused, raymeld_status* status);
+
+/* Does the same for the next frame of a sequence, with `temporal`: `motion` (2, s h, s w) is that of
+ * raymeld_frame. A frame that fails leaves what is kept as it was. */
+RAYMELD_API raymeld_result raymeld_fuse_next(raymeld_fusion fusion, const float* lrhs, const float* hrls,
+                                             const float* motion, float* fused, raymeld_status* status);
+
+/* Makes the next frame the first one of a sequence, as after a cut; with `temporal`. Frames that were
+ * recorded before may be pending. */
+RAYMELD_API raymeld_result raymeld_reset_history(raymeld_fusion fusion);
 
 /* Computes the exposure that raymeld_fuse() would use for lrhs (3, h, w) in host memory, planar and dense.
  * For a model of scale 1, lrhs is the color of HRLS. This is the description's exposure or, if that is 0, the

@@ -188,6 +188,12 @@ class Fusion {
     detail::check(raymeld_fuse(get(), lrhs, hrls, fused, &status));
     return status;
   }
+  raymeld_status fuse_next(const float* lrhs, const float* hrls, const float* motion, float* fused) {
+    raymeld_status status;
+    detail::check(raymeld_fuse_next(get(), lrhs, hrls, motion, fused, &status));
+    return status;
+  }
+  void reset_history() { detail::check(raymeld_reset_history(get())); }
   float exposure(const float* lrhs) const {
     float exposure = 1;
     detail::check(raymeld_exposure(get(), lrhs, &exposure));

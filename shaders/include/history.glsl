@@ -1,4 +1,5 @@
-// Finds a pixel in the last frame. A history is a buffer of planes of the whole frame, scene linear and dense.
+// Finds a pixel in the last frame. A history is a buffer of planes of the whole frame, scene linear and
+// dense.
 
 // Holds the four pixels of the last frame around a point, and their bilinear weights, which are 0 outside the
 // frame.

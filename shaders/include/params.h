@@ -214,8 +214,8 @@ struct LightChange {
   uint plane;
   uint scale;
   uint planes;
-  uint log_transfer;     // 0: linear
-  float mean_of_cell;    // 1 / scale^3, by which a cell's motions become their mean in pixels of LRHS
+  uint log_transfer;   // 0: linear
+  float mean_of_cell;  // 1 / scale^3, by which a cell's motions become their mean in pixels of LRHS
 };
 
 // The first `channels` channels of HRLS are accumulated; the count is written to count_channel.
@@ -234,7 +234,7 @@ struct Accumulate {
   float phase;
   uint log_transfer;  // 0: linear
   float clip;
-  float spp;   // samples of a pixel of this frame
+  float spp;  // samples of a pixel of this frame
 };
 
 struct ColorVariance {
@@ -330,9 +330,10 @@ struct Decode {
 #define RAYMELD_HISTORY_ALBEDO 40.0
 #define RAYMELD_HISTORY_NORMAL 10.0
 #define RAYMELD_HISTORY_LRHS 180.0
-#define RAYMELD_MOST_FRAMES 64.0       // that a history counts for
+#define RAYMELD_MOST_FRAMES 64.0  // that a pixel is the mean of
 #define RAYMELD_MOST_LRHS_FRAMES 16.0
-// A history is shortened by exp(LIGHT_CHANGE times the change of the logarithm of the light beyond LIGHT_NOISE).
+// Where the logarithm of the light has changed by more than LIGHT_NOISE, a history is shortened by exp() of
+// the rest times this.
 #define RAYMELD_LIGHT_CHANGE 16.0
 #define RAYMELD_LIGHT_NOISE 0.1
 #define RAYMELD_LIGHT_FLOOR 0.02  // added to luminance before its logarithm

@@ -84,8 +84,8 @@ History history_of(uvec2 own, Place place, uint plane, Around near) {
       of_normal += c < 3 ? 0.0 : unlike;
     }
     float frames = last[p.channels * plane + element];
-    float weight = taps.weights[i] * exp(-(RAYMELD_HISTORY_ALBEDO * of_albedo + RAYMELD_HISTORY_NORMAL * of_normal));
-    weight = frames > 0.0 ? weight : 0.0;
+    float likeness = exp(-(RAYMELD_HISTORY_ALBEDO * of_albedo + RAYMELD_HISTORY_NORMAL * of_normal));
+    float weight = frames > 0.0 ? taps.weights[i] * likeness : 0.0;
     result.elements[i] = element;
     result.shares[i] = weight;
     result.frames += weight * frames;
@@ -97,9 +97,9 @@ History history_of(uvec2 own, Place place, uint plane, Around near) {
 
 float kept_at(uvec2 own) {
   Bilinear at = bilinear_at(own, p.phase, p.inverse_scale, uvec2(p.kept_width, p.kept_height));
-  return blended(at, vec4(kept.v[at.low.y * p.kept_width + at.low.x], kept.v[at.low.y * p.kept_width + at.high.x],
-                          kept.v[at.high.y * p.kept_width + at.low.x],
-                          kept.v[at.high.y * p.kept_width + at.high.x]));
+  uint low = at.low.y * p.kept_width, high = at.high.y * p.kept_width;
+  return blended(at, vec4(kept.v[low + at.low.x], kept.v[low + at.high.x], kept.v[high + at.low.x],
+                          kept.v[high + at.high.x]));
 }
 
 void main() {

@@ -1,5 +1,5 @@
-// Writes the share of LRHS in the light of its level: certainty / (certainty + scale^2 n), where n is the mean
-// of the samples of HRLS in the cell, given by their binary logarithm. Each invocation computes a pixel.
+// Writes the share of LRHS in the light of its level: certainty / (certainty + scale^2 n), where n is the
+// mean of the samples of HRLS in the cell, given by their binary logarithm. Each invocation computes a pixel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"

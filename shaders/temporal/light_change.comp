@@ -80,7 +80,8 @@ void main() {
 
   float change = abs(logarithm(now) - logarithm(before)), unlike = 0.0;
   float share = sum > 0.0 ? exp(-RAYMELD_LIGHT_CHANGE * max(change - RAYMELD_LIGHT_NOISE, 0.0)) : 1.0;
-  [[unroll]] for (uint c = 0; c < 3; ++c) unlike += beyond(to_network(past[c], p.log_transfer), low[c], high[c]);
+  [[unroll]] for (uint c = 0; c < 3; ++c)
+    unlike += beyond(to_network(past[c], p.log_transfer), low[c], high[c]);
   frames = min(frames * share * exp(-RAYMELD_HISTORY_LRHS * unlike), RAYMELD_MOST_LRHS_FRAMES - 1.0);
   uvec2 core = p.scale * own - uvec2(place.core_x, place.core_y);
   if (id == own && core.x < place.core_width && core.y < place.core_height) {

@@ -166,7 +166,7 @@ class SharedBuffers {
   std::set<VkBuffer> of(const raymeld_frame& frame) {
     std::set<VkBuffer> found;
     const std::lock_guard lock(mutex_);
-    for (const raymeld_image* image : {frame.lrhs, frame.hrls, frame.fused}) {
+    for (const raymeld_image* image : {frame.lrhs, frame.hrls, frame.fused, frame.motion}) {
       if (!image) continue;
       const VkBuffer buffer = read(*image, "raymeld_image").buffer;
       if (buffers_.contains(buffer)) found.insert(buffer);
@@ -261,9 +261,10 @@ FuserOptions options_of(const raymeld_fusion_desc& desc, const ContextState& con
   options.frame_images = {.inputs = desc.input_images != 0, .output = desc.output_image != 0};
   options.constants = absent_layers(desc, model);
   options.compute_variance = desc.compute_variance;
+  options.temporal = desc.temporal;
   options.compute_exposure = desc.exposure == 0 && !desc.skip_unchanged;
   // Only raymeld_fuse() computes tiles again in fp32, and it takes no images of Vulkan.
-  if (options.frame_images.any()) options.fp32_kernels.reset();
+  if (options.frame_images.any() || desc.temporal) options.fp32_kernels.reset();
   if (desc.memory) options.scratch = {desc.memory, desc.memory_offset_bytes, desc.memory_size_bytes};
   options.phase = lrhs_phase(centered, model.architecture().scale);
   options.samples = {desc.lrhs_spp, desc.hrls_spp};
@@ -346,6 +347,12 @@ const raymeld_image* element(const raymeld_image* first, uint32_t i) {
   return at;
 }
 
+// Throws InvalidArgument unless there is motion where a history is kept, and only there.
+void check_motion(const FuserOptions& options, const void* motion) {
+  if (options.temporal && !motion) throw InvalidArgument("motion is NULL, and the fusion is temporal");
+  if (!options.temporal && motion) throw InvalidArgument("motion is given, and the fusion is not temporal");
+}
+
 // Throws InvalidArgument unless exactly those renders are given that a model reads.
 void check_renders(const Model& model, const void* lrhs, const void* hrls) {
   const Architecture& a = model.architecture();
@@ -370,6 +377,10 @@ FrameBindings bindings_of(const raymeld_frame& frame, const std::array<Shape, 3>
         binding_of(element(frame.hrls, i), shapes[1], true, false, {"hrls", i, layers[i]});
   }
   bindings[kFusedSlot] = binding_of(frame.fused, shapes[2], images.output, true, {"fused"});
+  if (frame.motion) {
+    const Shape motion{shapes[2].height, shapes[2].width, 2};
+    bindings[kMotionSlot] = binding_of(frame.motion, motion, images.inputs, false, {"motion"});
+  }
   return bindings;
 }
 
@@ -717,6 +728,7 @@ raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands, c
       throw InvalidArgument(
           "raymeld_record() cannot find what changed in the inputs: skip_unchanged is for raymeld_fuse()");
     check_renders(made.model->model, asked.lrhs, asked.hrls);
+    check_motion(made.options, asked.motion);
     check_given_exposure(asked.exposure);
     if (made.ring && made.ring->is_pending(made.fuser.next_frame()))
       throw InvalidArgument(
@@ -774,6 +786,19 @@ raymeld_result raymeld_take_status(raymeld_fusion fusion, raymeld_status* status
 
 raymeld_result raymeld_fuse(raymeld_fusion fusion, const float* lrhs, const float* hrls, float* fused,
                             raymeld_status* status) {
+  return raymeld_fuse_next(fusion, lrhs, hrls, nullptr, fused, status);
+}
+
+raymeld_result raymeld_reset_history(raymeld_fusion fusion) {
+  return guarded(RAYMELD_ERROR_INTERNAL, [&] {
+    raymeld_fusion_t& made = given(fusion, "fusion");
+    if (!made.options.temporal) throw InvalidArgument("the fusion keeps no history, as it is not temporal");
+    made.fuser.reset_history();
+  });
+}
+
+raymeld_result raymeld_fuse_next(raymeld_fusion fusion, const float* lrhs, const float* hrls,
+                                 const float* motion, float* fused, raymeld_status* status) {
   return guarded(RAYMELD_ERROR_DEVICE, [&] {
     raymeld_fusion_t& made = given(fusion, "fusion");
     Fuser& fuser = made.fuser;
@@ -784,7 +809,8 @@ raymeld_result raymeld_fuse(raymeld_fusion fusion, const float* lrhs, const floa
     if (status) size_of(*status, "raymeld_status");
     fusion->wait_for_submitted();
     check_renders(made.model->model, lrhs, hrls);
-    const FuseReport report = fuser.fuse(lrhs, hrls, &given(fused, "fused"));
+    check_motion(made.options, motion);
+    const FuseReport report = fuser.fuse(lrhs, hrls, &given(fused, "fused"), {}, 0, 0, motion);
     raymeld_status known;
     known.saturated = report.status.saturated;
     known.not_finite = report.status.not_finite;

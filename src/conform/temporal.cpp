@@ -21,7 +21,7 @@ struct Scene {
   static constexpr int kChannels = 9 + kOthers;
 
   const ImageTrial& c;
-  Size frame{c.scale * (c.size.h + 3), c.scale * (c.size.w + 2)};
+  Size frame{c.scale * (c.size.h + 3), c.scale*(c.size.w + 2)};
   int y = 2 * c.scale, x = c.scale;
   float exposure = c.seed % 2 ? 1.0f : 0.25f;
   Planes hrls, lrhs, motion, past_hrls, past_lrhs;
@@ -49,7 +49,8 @@ struct Scene {
 
   // Returns motions that are exact in floats, some of them out of the frame, or no numbers.
   Planes drawn_motion() const {
-    Planes result = reference::random_planes(2, c.full().h, c.full().w, reference::Fill::kUniform, c.seed + 40);
+    Planes result =
+        reference::random_planes(2, c.full().h, c.full().w, reference::Fill::kUniform, c.seed + 40);
     for (size_t i = 0; i < result.data.size(); ++i) {
       result.data[i] = std::round(24 * result.data[i]) / 8;
       if (i % 31 == 7) result.data[i] = i % 2 ? 1e9 : std::numeric_limits<double>::quiet_NaN();
@@ -61,7 +62,9 @@ struct Scene {
     const auto at = [](int value) { return uint32_t(value); };
     return {at(y), at(x), at(frame.h), at(frame.w), at(c.scale), 0, at(c.full().h - c.scale), at(c.full().w)};
   }
-  bool is_core(int row, int column) const { return row >= c.scale && row < c.full().h && column < c.full().w; }
+  bool is_core(int row, int column) const {
+    return row >= c.scale && row < c.full().h && column < c.full().w;
+  }
   reference::Past past() const { return {motion, past_hrls, past_lrhs, y, x, exposure}; }
 };
 
@@ -74,9 +77,9 @@ FrameImage history_buffer(const Device& device, const Planes* hrls, const Planes
   return FrameImage(device, all);
 }
 
-// Returns what add() writes (channels, size), and then the part of the new history that it keeps, which begins
-// at `first` with planes of `of`, each of which has `step` full-size pixels a pixel. Values that were not
-// written are those of `expected`.
+// Returns what add() writes (channels, size), and then the part of the new history that it keeps, which
+// begins at `first` with planes of `of`, each of which has `step` full-size pixels a pixel. Values that were
+// not written are those of `expected`.
 template <typename Add>
 Planes run_with_history(Check& check, const Scene& s, const Planes& in, const Size& size, int channels,
                         const Add& add, size_t first, const Size& of, int planes_kept, int step,
@@ -117,7 +120,8 @@ Planes run_with_history(Check& check, const Scene& s, const Planes& in, const Si
       }
     }
   }
-  check.that(touched == cores, fmt::format("{} values of the history were written, expected {}", touched, cores));
+  check.that(touched == cores,
+             fmt::format("{} values of the history were written, expected {}", touched, cores));
   return result;
 }
 
@@ -139,9 +143,8 @@ void check_accumulate(Check& check, const ImageTrial& c) {
   const float spp = c.seed % 3 == 0 ? 1.0f : 2.5f;
   for (const bool with_kept : {false, true}) {
     const Bounded all = exact(kept);
-    const Bounded expected =
-        reference::accumulate(exact(s.hrls), s.past(), c.expected_transfer(), c.clip(), spp, c.precision,
-                              with_kept ? &all : nullptr, c.scale);
+    const Bounded expected = reference::accumulate(exact(s.hrls), s.past(), c.expected_transfer(), c.clip(),
+                                                   spp, c.precision, with_kept ? &all : nullptr, c.scale);
     const auto add = [&](LayerRun& run, const Tensor& hrls, const Tensor& out) {
       AccumulateOptions options{.transfer = c.transfer(),
                                 .clip = float(c.clip()),

@@ -92,12 +92,14 @@ void copy_now(const Device& device, VkBuffer from, VkBuffer to, const VkBufferCo
   do_now(device, name, [&](VkCommandBuffer commands) { record_copy(device, commands, from, to, region); });
 }
 
+void record_fill(const Device& device, VkCommandBuffer commands, VkBuffer to, const FillRegion& region) {
+  begin_transfer(device, commands);
+  device.vk().CmdFillBuffer(commands, to, region.offset_bytes, region.size_bytes, region.pattern);
+  end_transfer(device, commands);
+}
+
 void fill_now(const Device& device, VkBuffer to, const FillRegion& region, const std::string& name) {
-  do_now(device, name, [&](VkCommandBuffer commands) {
-    begin_transfer(device, commands);
-    device.vk().CmdFillBuffer(commands, to, region.offset_bytes, region.size_bytes, region.pattern);
-    end_transfer(device, commands);
-  });
+  do_now(device, name, [&](VkCommandBuffer commands) { record_fill(device, commands, to, region); });
 }
 
 }  // namespace raymeld

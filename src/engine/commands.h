@@ -44,6 +44,9 @@ struct FillRegion {
   uint32_t pattern;
 };
 
+// Records such a fill. It waits for the shaders of earlier work, and later ones see its result.
+void record_fill(const Device& device, VkCommandBuffer commands, VkBuffer to, const FillRegion& region);
+
 // Fills a part of a buffer: submits and waits. Throws Error.
 void fill_now(const Device& device, VkBuffer to, const FillRegion& region, const std::string& name);
 

@@ -241,8 +241,7 @@ VkDescriptorBufferInfo Program::buffer_info(const Binding& binding, uint32_t set
       return {common_->constants->buffer.handle(), constant.offset_bytes, constant.size_bytes};
     }
     case Binding::Kind::kExposure:
-      return {common_->exposures.handle(), set * kExposureStrideBytes,
-              sizeof(Exposure) + sizeof(Place)};
+      return {common_->exposures.handle(), set * kExposureStrideBytes, sizeof(Exposure) + sizeof(Place)};
     case Binding::Kind::kFrame:
       break;
   }
@@ -324,9 +323,9 @@ void Program::set_exposure(uint32_t set, float exposure) {
 
 void Program::set_place(uint32_t set, const Place& place) {
   static_assert(sizeof(Place) == sizeof(params::Place));
-  std::memcpy(static_cast<std::byte*>(common_->exposures.mapped()) + set * kExposureStrideBytes +
-                  sizeof(Exposure),
-              &place, sizeof(place));
+  std::memcpy(
+      static_cast<std::byte*>(common_->exposures.mapped()) + set * kExposureStrideBytes + sizeof(Exposure),
+      &place, sizeof(place));
 }
 
 Exposure Program::exposure(uint32_t set) const {

@@ -69,6 +69,7 @@ Program& Fuser::made_program() {
     program_.emplace(device_, plan_.graph, cache_, kFramesInFlight + 1, options_.work_limits,
                      options_.scratch);
     if (computes_exposure()) exposure_program(plan_.tiling.tile);
+    if (options_.temporal) history(0);  // record() allocates nothing
   }
   return *program_;
 }
@@ -132,16 +133,20 @@ void Fuser::record(VkCommandBuffer commands, const FrameBuffer& lrhs, const Fram
 void Fuser::record(VkCommandBuffer commands, const FrameBindings& frame, float exposure,
                    std::optional<TileSize> size) {
   exposure = recorded_exposure(exposure);
-  if (options_.skip_unchanged || options_.temporal)
-    throw Error("record() cannot be used with {}, expected fuse()",
-                options_.temporal ? "temporal" : "skip_unchanged");
+  if (options_.skip_unchanged) throw Error("record() cannot be used with skip_unchanged, expected fuse()");
   if (size && !is_prepared(*size))
     throw Error("recording a frame of {} x {} LRHS pixels: prepare() was not called for this size",
                 size->width, size->height);
   const auto [height, width] = size.value_or(plan_.tiling.tile);
   Program& program =
       TileSize{height, width} == plan_.tiling.tile ? made_program() : prepared_.at({height, width}).program;
-  program.bind(next_set_, frame);
+  if (options_.temporal) {
+    program.bind(next_set_, with_history(commands, frame, {height, width}));
+    const Tile whole{.core = {height, width}};
+    program.set_place(next_set_, place_of(whole, {height, width}));
+  } else {
+    program.bind(next_set_, frame);
+  }
   recorded_ = true;
   if (exposure != 0) {
     program.set_exposure(next_set_, exposure);
@@ -151,6 +156,7 @@ void Fuser::record(VkCommandBuffer commands, const FrameBindings& frame, float e
     found.record(commands, next_set_, 0, found.graph().passes().size());
   }
   program.record(commands, next_set_, 0, program.graph().passes().size());
+  if (options_.temporal) std::swap(history(0).last, history(0).next);
   show_host(device_, commands);
   next_set_ = (next_set_ + 1) % kFramesInFlight;
 }
@@ -200,8 +206,8 @@ void Fuser::prepare_host() {
   host_ = std::move(host);
 }
 
-// Points fuse()'s descriptor set at its buffers and at the histories of the frame at hand. Recordings with this
-// set have to be made anew.
+// Points fuse()'s descriptor set at its buffers and at the histories of the frame at hand. Recordings with
+// this set have to be made anew.
 void Fuser::bind_host(Host& host) {
   const auto shapes = image_shapes(plan_.tiling.tile);
   FrameBindings frame = bindings(dense_view(host.lrhs, shapes[0]), dense_view(host.hrls, shapes[1]),
@@ -209,14 +215,29 @@ void Fuser::bind_host(Host& host) {
   if (options_.temporal) {
     const Shape motion{shapes[2].height, shapes[2].width, 2};
     frame[kMotionSlot] = {dense_view(host.motion, motion), motion};
-    if (!history_) history_ = &history(0);
-    for (const auto& [slot, buffer] :
-         {std::pair(kLastSlot, &history_->last), std::pair(kNextSlot, &history_->next)}) {
-      const Shape shape{1, static_cast<uint32_t>(buffer->size_bytes() / sizeof(float)), 1};
-      frame[slot] = {dense_view(*buffer, shape), shape};
-    }
+    bind_history(frame, history_ ? *history_ : history(0));
   }
   program_->bind(kHostSet, frame);
+}
+
+void Fuser::bind_history(FrameBindings& frame, const History& history) {
+  for (const auto& [slot, buffer] :
+       {std::pair(kLastSlot, &history.last), std::pair(kNextSlot, &history.next)}) {
+    const Shape shape{1, static_cast<uint32_t>(buffer->size_bytes() / sizeof(float)), 1};
+    frame[slot] = {dense_view(*buffer, shape), shape};
+  }
+}
+
+FrameBindings Fuser::with_history(VkCommandBuffer commands, FrameBindings frame, TileSize size) {
+  if (plan_.tiling.count() > 1)
+    throw SizeError("record() keeps no history of a frame of {} tiles, expected fuse()",
+                    plan_.tiling.count());
+  History& known = history(0);
+  if (known.is_empty || known.size != size) record_fill(device_, commands, known.last.handle(), known.all());
+  known.is_empty = false;
+  known.size = size;
+  bind_history(frame, known);
+  return frame;
 }
 
 Fuser::History& Fuser::history(size_t sequence) {
@@ -225,15 +246,12 @@ Fuser::History& Fuser::history(size_t sequence) {
   const uint64_t bytes = sizeof(float) * history_floats(model_, plan_.tiling.frame, options_);
   History made{Buffer(device_, bytes, Memory::kDevice, "history"),
                Buffer(device_, bytes, Memory::kDevice, "next history")};
-  fill_now(device_, made.last.handle(), {0, bytes, 0}, "history");
   return histories_.emplace(sequence, std::move(made)).first->second;
 }
 
 void Fuser::reset_history(size_t sequence) {
   const auto found = histories_.find(sequence);
-  if (found == histories_.end()) return;
-  const Buffer& last = found->second.last;
-  fill_now(device_, last.handle(), {0, last.size_bytes(), 0}, "history");
+  if (found != histories_.end()) found->second.is_empty = true;
 }
 
 void Fuser::record_chunks(Host& host) const {
@@ -312,7 +330,11 @@ FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const
     throw NotFinite("model {} gave {} values that are not finite; the image is of no use", model_.name(),
                     report.status.not_finite);
   }
-  if (history_) std::swap(history_->last, history_->next);
+  if (history_) {
+    std::swap(history_->last, history_->next);
+    history_->is_empty = false;
+    history_->size = plan_.tiling.frame;
+  }
   if (last_frame_) {
     std::copy_n(last_frame_->fused(), last_frame_->fused_size(), fused);
     last_frame_->end();

@@ -81,7 +81,10 @@ class Fuser {
   // one queue. `exposure` is the factor of radiance for the network; FuserOptions::exposure does not count
   // here. With FuserOptions::compute_exposure, 0 makes the device compute exposure() of this LRHS; frames in
   // several tiles then throw SizeError. Throws Error when a view exceeds the device's limits, and with
-  // FuserOptions::skip_unchanged, since record() does not look for changes.
+  // FuserOptions::skip_unchanged, since record() does not look for changes. With FuserOptions::temporal each
+  // recording goes on with the frame of the one before, so that all must be submitted, in this order; frames
+  // in several tiles throw SizeError, and a frame of another size than the last one is the first of a
+  // sequence.
   void record(VkCommandBuffer commands, const FrameBuffer& lrhs, const FrameBuffer& hrls,
               const FrameBuffer& fused, float exposure = 1);
   // Does the same with images by slot, for FuserOptions::frame_images. They are read in
@@ -126,13 +129,13 @@ class Fuser {
   FuseReport fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress = {},
                   float exposure = 0, size_t sequence = 0);
   // Does the same on planar, dense memory of the caller's, whose sizes are not checked.
-  // With FuserOptions::temporal `motion` (2, s h, s w) leads from each pixel to the same point in the last frame
-  // of the sequence, in pixels along x and y; where it is not finite there is no such point. A frame that
-  // throws leaves the history as it was.
+  // With FuserOptions::temporal `motion` (2, s h, s w) leads from each pixel to the same point in the last
+  // frame of the sequence, in pixels along x and y; where it is not finite there is no such point. A frame
+  // that throws leaves the history as it was.
   FuseReport fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress = {},
                   float exposure = 0, size_t sequence = 0, const float* motion = nullptr);
 
-  // Makes the next frame of a sequence its first one.
+  // Makes the next frame of a sequence its first one. record() goes on with sequence 0.
   void reset_history(size_t sequence = 0);
 
  private:
@@ -163,6 +166,9 @@ class Fuser {
   // Holds what the last frame of a sequence left for the next one, and room for what that one leaves.
   struct History {
     Buffer last, next;
+    TileSize size = {};    // of the last frame
+    bool is_empty = true;  // whatever `last` holds
+    FillRegion all() const { return {0, last.size_bytes(), 0}; }
   };
 
   // Holds a graph of record() beside the network for frames of the tile's size: the network for another size,
@@ -193,9 +199,12 @@ class Fuser {
   FuseReport run(const float* lrhs, const float* hrls, float* fused, float exposure,
                  const Progress& progress);
   History& history(size_t sequence);
+  static void bind_history(FrameBindings& frame, const History& history);
   void bind_host(Host& host);
+  // Joins a frame of record() with the history of sequence 0.
+  FrameBindings with_history(VkCommandBuffer commands, FrameBindings frame, TileSize size);
   // Returns where a tile lies in the frame.
-  Place place_of(const Tile& at) const;
+  Place place_of(const Tile& at, TileSize frame) const;
   Status run_tile(const Progress& progress, FuseReport& report);
   Image redo_tile(const ImageWindow& lrhs, const ImageWindow& hrls, const Progress& progress,
                   FuseReport& report);

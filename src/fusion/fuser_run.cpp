@@ -43,6 +43,8 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
   const Tiling& tiling = plan_.tiling;
   const double count = tiling.count();
   if (history_) {
+    if (history_->is_empty || history_->size != tiling.frame)
+      fill_now(device_, history_->last.handle(), history_->all(), "history");
     bind_host(*host_);
     record_chunks(*host_);
   }
@@ -62,7 +64,7 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
       const Shape fused_shape = image_shapes(tiling.tile)[2];
       upload(window(motion_, {fused_shape.height, fused_shape.width, 2}, model_.architecture().scale, at),
              host_->motion);
-      program_->set_place(kHostSet, place_of(at));
+      program_->set_place(kHostSet, place_of(at, tiling.frame));
     }
     if (host_->staging) host_->staging->wait();  // so that no time of the device counts it
     const Status status = run_tile(of_frame, report);
@@ -131,7 +133,8 @@ void Fuser::ImageWindow::copy(size_t first, size_t last, float* to) const {
     std::memcpy(to, values + row / height * plane + row % height * row_stride, width * sizeof(float));
 }
 
-Fuser::ImageWindow Fuser::window(const float* image, const Shape& shape, uint32_t scale, const Tile& at) const {
+Fuser::ImageWindow Fuser::window(const float* image, const Shape& shape, uint32_t scale,
+                                 const Tile& at) const {
   const size_t stride = size_t{scale} * plan_.tiling.frame.width;
   return {.values = image ? image + scale * at.y * stride + scale * at.x : nullptr,
           .row_stride = stride,
@@ -146,9 +149,9 @@ std::array<Fuser::ImageWindow, 2> Fuser::windows(const float* lrhs, const float*
   return {window(lrhs, shapes[0], 1, at), window(hrls, shapes[1], model_.architecture().scale, at)};
 }
 
-Place Fuser::place_of(const Tile& at) const {
+Place Fuser::place_of(const Tile& at, TileSize frame) const {
   const uint32_t s = model_.architecture().scale;
-  const auto [height, width] = plan_.tiling.frame;
+  const auto [height, width] = frame;
   return {.y = s * at.y,
           .x = s * at.x,
           .height = s * height,

@@ -270,8 +270,8 @@ void compose(Graph& graph, const std::string& name, const Tensor& rec, const Ten
 // These join a frame with the ones before it. A history is a buffer of the whole frame in the slots kLastSlot
 // and kNextSlot, in 32 bits: planes of the first `channels` channels of HRLS and of a count of frames, and
 // then three colors and a count of the size of LRHS. Radiance in it is scene linear, and the color is
-// demodulated as light() does. The image in kMotionSlot has two channels, which lead from a full-size pixel to
-// the same point in the last frame, in pixels along x and y. Program::set_place() says where the recording
+// demodulated as light() does. The image in kMotionSlot has two channels, which lead from a full-size pixel
+// to the same point in the last frame, in pixels along x and y. Program::set_place() says where the recording
 // lies in the frame.
 
 // Returns the floats of a history.
@@ -279,9 +279,9 @@ constexpr uint64_t history_floats(uint32_t height, uint32_t width, uint32_t chan
   return uint64_t{height} * width * (channels + 1) + uint64_t{height / scale} * (width / scale) * 4;
 }
 
-// Writes the share (h, w, 1) of the history that is right in spite of changes of the light: exp(-16 d), where d
-// is how far the logarithms of 0.02 + the luminance of LRHS (h, w, 3), encoded, now and in the history, both
-// means over 3x3 pixels, are further apart than 0.1. Joins LRHS to its own history.
+// Writes the share (h, w, 1) of the history that is right in spite of changes of the light: exp(-16 d), where
+// d is how far the logarithms of 0.02 + the luminance of LRHS (h, w, 3), encoded, now and in the history,
+// both means over 3x3 pixels, are further apart than 0.1. Joins LRHS to its own history.
 void light_change(Graph& graph, const std::string& name, const Tensor& lrhs, const Tensor& out,
                   Transfer transfer, uint32_t scale, uint32_t channels,
                   const std::optional<FrameSize>& frame = {});
@@ -289,7 +289,7 @@ void light_change(Graph& graph, const std::string& name, const Tensor& lrhs, con
 struct AccumulateOptions {
   Transfer transfer = Transfer::kLinear;
   float clip = 0;
-  float spp = 1;         // samples of a pixel of this frame
+  float spp = 1;          // samples of a pixel of this frame
   uint32_t channels = 9;  // those that are accumulated; the others are not written, but for the count
   std::optional<Tensor> kept = {};  // (h, w, 1), the result of light_change()
   uint32_t scale = 1;               // of `kept`
@@ -300,8 +300,8 @@ struct AccumulateOptions {
 // options.channels channels of `out` (H, W, N) get the result, and the last one the binary logarithm of the
 // samples behind it, from 0 to 4. A history of n frames and this frame are n / (n + 1) and 1 / (n + 1) of the
 // result. The history is read bilinearly where the motion leads. Each of its pixels counts by
-// exp(-40 a - 10 b), where a and b are the squared distances of its albedo and normal from the ranges that the
-// 3x3 pixels around the pixel have, and by what is kept. It counts for 63 frames at most.
+// exp(-40 a - 10 b), where a and b are the squared distances of its albedo and normal from the ranges that
+// the 3x3 pixels around the pixel have, and by what is kept. It counts for 63 frames at most.
 void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const Tensor& out,
                 const AccumulateOptions& options);
 
@@ -309,8 +309,9 @@ void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const
 void color_variance(Graph& graph, const std::string& name, const Tensor& color, const Tensor& out,
                     Transfer transfer, float clip);
 
-// Writes the share (h, w, 1) of LRHS in the light of its level: certainty / (certainty + scale^2 n), where n is
-// the mean of the samples of HRLS in a cell, of which `samples` (scale h, scale w, 1) has binary logarithms.
+// Writes the share (h, w, 1) of LRHS in the light of its level: certainty / (certainty + scale^2 n), where n
+// is the mean of the samples of HRLS in a cell, of which `samples` (scale h, scale w, 1) has binary
+// logarithms.
 void cell_share(Graph& graph, const std::string& name, const Tensor& samples, const Tensor& out,
                 uint32_t scale, float certainty);
 

@@ -50,7 +50,8 @@ void pool(Graph& graph, const std::string& name, const Tensor& in, const Tensor&
   const Tensor shares = blend && blend->shares ? *blend->shares : in;
   if (blend && blend->shares) expect_shape(name, "the shares", shares, with_channels(out.shape, 1));
   Pass pass = pass_of(graph, name, shaders::kPool, {in, other, shares}, out);
-  if (!blend || !blend->shares) pass.bytes -= traffic(graph, in);  // which is bound in the place of the shares
+  if (!blend || !blend->shares)
+    pass.bytes -= traffic(graph, in);  // which is bound in the place of the shares
   pass.set_push(params::Pool{out.shape.height, out.shape.width, graph.plane(out), graph.plane(in),
                              blend ? blend->share : 0, blend && blend->shares});
   pass.groups = element_groups(out.shape);

@@ -94,8 +94,8 @@ void color_variance(Graph& graph, const std::string& name, const Tensor& color, 
   expect_shape(name, "the color", color, shape);
   expect_shape(name, "the output", out, shape);
   Pass pass = pass_of(graph, name, shaders::kColorVariance, {color}, out);
-  pass.set_push(params::ColorVariance{shape.height, shape.width, graph.plane(out),
-                                      transfer == Transfer::kLog, clip});
+  pass.set_push(
+      params::ColorVariance{shape.height, shape.width, graph.plane(out), transfer == Transfer::kLog, clip});
   pass.groups = pixel_groups(shape);
   graph.add(std::move(pass));
 }
@@ -106,8 +106,7 @@ void cell_share(Graph& graph, const std::string& name, const Tensor& samples, co
   expect_shape(name, "the samples", samples, enlarged(shape, scale, 1));
   expect_shape(name, "the output", out, shape);
   Pass pass = pass_of(graph, name, shaders::kCellShare, {samples}, out);
-  pass.set_push(
-      params::CellShare{shape.height, shape.width, graph.plane(samples), scale, certainty});
+  pass.set_push(params::CellShare{shape.height, shape.width, graph.plane(samples), scale, certainty});
   pass.groups = pixel_groups(shape);
   graph.add(std::move(pass));
 }

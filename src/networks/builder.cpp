@@ -21,8 +21,9 @@ Conv2dLink Builder::link(const std::string& name, const Tensor& in, const Tensor
                     options.kernel};
   shape.unshuffle = u, shape.shuffle = s;
   const bool by_pixel = temporal && name == "hrls";
-  ConvWeights weights = by_pixel ? model.conv_by_pixel()
-                                 : model.conv(name, shape.channels_out, shape.channels_in, shape.kernel, bias);
+  ConvWeights weights = by_pixel
+                            ? model.conv_by_pixel()
+                            : model.conv(name, shape.channels_out, shape.channels_in, shape.kernel, bias);
   if (a.knows_spp && !by_pixel && (name == "lrhs" || name == "hrls")) {
     const auto [lrhs_spp, hrls_spp] = samples.known(a.scale);
     weights.bias_by_spp = model.bias_by_spp(name, shape.channels_out);

@@ -120,8 +120,8 @@ class Model {
   ConvWeights conv(const std::string& name, uint32_t out, uint32_t in, uint32_t kernel,
                    const std::string& bias = "bias") const;
   // Returns the weights of the layer `hrls` of a pyramid network that knows_spp, whose input has the binary
-  // logarithm of the samples of each of 2 x 2 pixels as its last four channels, in the place of a sample count
-  // of all.
+  // logarithm of the samples of each of 2 x 2 pixels as its last four channels, in the place of a sample
+  // count of all.
   ConvWeights conv_by_pixel() const;
 
  private:

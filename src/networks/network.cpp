@@ -102,17 +102,18 @@ uint32_t history_channels(const Model& model, float phase, bool compute_variance
     throw Error("model {} keeps no history, expected a pyramid network that knows the samples of a pixel",
                 model.name());
   if (a.reads_lrhs() && phase == 0)
-    throw Error("model {}: a history needs an ordinary small render as LRHS, not every {}. pixel", model.name(),
-                a.scale);
+    throw Error("model {}: a history needs an ordinary small render as LRHS, not every {}. pixel",
+                model.name(), a.scale);
   const auto variance = std::ranges::find(a.hrls_layers, "variance");
   if (variance == a.hrls_layers.end()) return 3 * uint32_t(a.hrls_layers.size());
   if (!compute_variance || variance + 1 != a.hrls_layers.end())
-    throw Error("model {}: a history needs the variance as the last layer, computed by the device", model.name());
+    throw Error("model {}: a history needs the variance as the last layer, computed by the device",
+                model.name());
   return 3 * (uint32_t(a.hrls_layers.size()) - 1);
 }
 
-// accumulate() reads one pixel around each, and the LRHS pixels around that, of which light_change() reads the
-// neighbours.
+// accumulate() reads one pixel around each, and the LRHS pixels around that, of which light_change() reads
+// the neighbours.
 uint32_t receptive_halo(const Architecture& a, bool compute_variance, bool temporal) {
   const uint32_t halo = functions_of(a.kind).halo(a, compute_variance);
   return temporal ? halo + divide_up(3, a.grid()) * a.grid() : halo;

@@ -19,9 +19,9 @@ void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, 
              const ConstantLayers& constants = {}, bool compute_variance = false,
              const SampleCounts& samples = {}, bool temporal = false);
 
-// Returns the channels of HRLS of which a history is kept. Throws an Error that names the model unless it is a
-// pyramid network that knows_spp, whose variance, if it reads any, is computed by the device and its last layer,
-// and unless LRHS is an ordinary small render.
+// Returns the channels of HRLS of which a history is kept. Throws an Error that names the model unless it is
+// a pyramid network that knows_spp, whose variance, if it reads any, is computed by the device and its last
+// layer, and unless LRHS is an ordinary small render.
 uint32_t history_channels(const Model& model, float phase, bool compute_variance);
 
 // Estimates the activations that the model's weights make of encoded images.
@@ -35,7 +35,8 @@ inline constexpr uint32_t kWholeFrame = 1u << 24;  // a halo that no frame is la
 // Returns on how many LRHS pixels in each direction the s x s output pixels of an LRHS pixel can depend,
 // which is how far tiles must overlap, or kWholeFrame. With `temporal` other frames are read as well, but of
 // this one no more than the halo.
-uint32_t receptive_halo(const Architecture& architecture, bool compute_variance = false, bool temporal = false);
+uint32_t receptive_halo(const Architecture& architecture, bool compute_variance = false,
+                        bool temporal = false);
 
 // Lists the shapes of a network's convolutions in the order in which network() asks for them.
 std::vector<Conv2dShape> conv2d_shapes(const Model& model, uint32_t height, uint32_t width);

@@ -138,7 +138,8 @@ struct Pyramid {
     const Tensor lit = inputs.slice(0, 3), hrls = inputs.slice(3, layers);
     const Tensor albedo = build.layer(hrls, "albedo"), color = build.layer(hrls, "color");
     if (lrhs) {
-      cell_light(graph, "cell_light", lrhs->slice(0, 3), albedo, lrhs->slice(3, 3), a.transfer, a.scale, phase);
+      cell_light(graph, "cell_light", lrhs->slice(0, 3), albedo, lrhs->slice(3, 3), a.transfer, a.scale,
+                 phase);
     }
     const float certainty = lrhs_certainty(), cell = float(a.scale * a.scale);
     std::optional<Decimated> decimated;

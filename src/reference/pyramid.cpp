@@ -126,7 +126,9 @@ Bounded pool(const Bounded& x, Precision precision, const Bounded* other, double
   expect_shape(x, channels, 2 * h, 2 * w);
   if (other) expect_shape(*other, channels, h, w);
   if (shares) expect_shape(*shares, 1, h, w);
-  const auto moved_by = [](const auto& mean, const auto& to, const auto& by) { return mean + by * (to - mean); };
+  const auto moved_by = [](const auto& mean, const auto& to, const auto& by) {
+    return mean + by * (to - mean);
+  };
   const auto moved = [&](const auto& mean, const auto& to) { return mean + share * (to - mean); };
   Bounded result = exact(Planes(channels, h, w));
   for (int c = 0; c < channels; ++c) {

@@ -166,8 +166,8 @@ std::array<T, 5> light_change_at(const Bounded& lrhs, const Past& past, Transfer
 
 // Returns what accumulate() returns for a pixel. `kept` is the share that the light leaves.
 template <typename T>
-std::vector<T> accumulate_at(const Bounded& hrls, const Past& past, Transfer transfer, double clip, double spp,
-                             const T& kept, int y, int x) {
+std::vector<T> accumulate_at(const Bounded& hrls, const Past& past, Transfer transfer, double clip,
+                             double spp, const T& kept, int y, int x) {
   using std::exp, std::min, std::log2, std::clamp;
   const int channels = past.hrls.c - 1;
   const auto taps = taps_at(y + past.y + past.motion.at(1, y, x), x + past.x + past.motion.at(0, y, x),

@@ -1,0 +1,241 @@
+// Tests frames of the library that are joined with the ones before them.
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+
+#include "api_subject.h"
+#include "caller_image.h"
+#include "golden.h"
+
+namespace raymeld::test {
+namespace {
+
+using reference::Planes;
+
+constexpr uint32_t kHeight = 9, kWidth = 14, kScale = 2;
+
+// Holds a frame of noise with motion.
+struct Frame {
+  Planes lrhs, hrls, motion;
+
+  explicit Frame(uint64_t seed, uint32_t height = kHeight, uint32_t width = kWidth)
+      : lrhs(noise(3, height, width, seed)),
+        hrls(noise(9, kScale * height, kScale * width, seed + 100)),
+        motion(2, int(kScale * height), int(kScale * width)) {
+    for (size_t i = 0; i < motion.data.size(); ++i) motion.data[i] = double(i % 5) / 4 - 0.5;
+  }
+
+  static Planes noise(int channels, uint32_t height, uint32_t width, uint64_t seed) {
+    Planes image = random_planes(channels, int(height), int(width), Fill::kUniform, seed);
+    for (double& value : image.data) value = 0.5 + 0.4 * value;
+    return reference::round_to(image, reference::Precision::kFp32);
+  }
+};
+
+class TemporalTest : public testing::Test {
+ protected:
+  TemporalTest() { set_cache_home(folder_ / "cache"); }
+
+  static raymeld_fusion_desc desc() {
+    raymeld_fusion_desc desc;
+    desc.height = kHeight;
+    desc.width = kWidth;
+    desc.precision = RAYMELD_PRECISION_FP32;
+    desc.lrhs_sampling = RAYMELD_SAMPLING_CENTERED;
+    desc.compute_variance = VK_TRUE;
+    desc.exposure = 0.5f;
+    desc.temporal = VK_TRUE;
+    return desc;
+  }
+
+  static std::vector<float> fuse(Fusion& fusion, const Frame& frame) {
+    std::vector<float> fused(size_t{3} * size_t(frame.hrls.h) * size_t(frame.hrls.w));
+    fusion.fuse_next(floats(frame.lrhs).data(), floats(frame.hrls).data(), floats(frame.motion).data(),
+                     fused.data());
+    return fused;
+  }
+
+  // Returns what raymeld_fuse_next() makes of frames of a sequence.
+  std::vector<std::vector<float>> expected(const std::vector<Frame>& frames) const {
+    raymeld_fusion_desc of = desc();
+    of.height = uint32_t(frames[0].lrhs.h);
+    of.width = uint32_t(frames[0].lrhs.w);
+    Fusion fusion(context_, model_, of);
+    std::vector<std::vector<float>> all;
+    for (const Frame& frame : frames) all.push_back(fuse(fusion, frame));
+    return all;
+  }
+
+  // Holds a frame's images in buffers.
+  struct Buffers {
+    FrameImage lrhs, hrls, motion, fused;
+    std::array<raymeld_image, 4> images;
+    raymeld_frame frame;
+
+    Buffers(const Device& device, const Frame& of)
+        : lrhs(device, of.lrhs),
+          hrls(device, of.hrls),
+          motion(device, of.motion, conform::frame_layouts()[3]),
+          fused(device, Shape{uint32_t(of.hrls.h), uint32_t(of.hrls.w), 3}),
+          images{image_at(lrhs), image_at(hrls), image_at(motion), image_at(fused)} {
+      frame.lrhs = &images[0];
+      frame.hrls = &images[1];
+      frame.motion = &images[2];
+      frame.fused = &images[3];
+      frame.height = uint32_t(of.lrhs.h);
+      frame.width = uint32_t(of.lrhs.w);
+    }
+  };
+
+  std::vector<std::unique_ptr<Buffers>> submit(Fusion& fusion, const std::vector<Frame>& frames) const {
+    std::vector<std::unique_ptr<Buffers>> all;
+    for (const Frame& frame : frames) {
+      all.push_back(std::make_unique<Buffers>(*device_, frame));
+      fusion.submit(all.back()->frame);
+    }
+    fusion.take_status();  // waits for them
+    return all;
+  }
+
+  TemporaryDirectory folder_;
+  CallerDevice caller_;
+  std::unique_ptr<Device> device_ = Device::wrap(caller_.external());
+  Context context_{context_desc(caller_.external())};
+  SharedModel model_{golden_model_path("pyramid-x2").string()};
+};
+
+const std::vector<Frame>& frames() {
+  static const std::vector<Frame> all{Frame(1), Frame(2), Frame(3), Frame(4), Frame(5)};
+  return all;
+}
+
+TEST_F(TemporalTest, SubmittedFramesHaveTheSameBits) {
+  const auto alone = expected(frames());
+  EXPECT_FALSE(same_bits(alone[1], expected({frames()[1]})[0])) << "the frame before must matter";
+  Fusion fusion(context_, model_, desc());
+  const auto submitted = submit(fusion, frames());
+  for (size_t i = 0; i < alone.size(); ++i) {
+    EXPECT_TRUE(same_bits(floats(submitted[i]->fused.read()), alone[i])) << "frame " << i;
+    EXPECT_EQ(submitted[i]->fused.touched_outside(), 0u);
+  }
+  // A call on the host goes on with the last one of these frames.
+  std::vector<Frame> more = frames();
+  more.emplace_back(6);
+  EXPECT_TRUE(same_bits(fuse(fusion, more.back()), expected(more).back()));
+}
+
+TEST_F(TemporalTest, RecordingAllocatesNothing) {
+  Fusion fusion(context_, model_, desc());
+  const auto count = [&] {
+    const auto calls = caller_.take_calls();
+    const auto found = calls.find("vkAllocateMemory");
+    return found == calls.end() ? 0 : found->second;
+  };
+  submit(fusion, {frames()[0]});  // makes the ring of command buffers
+  const Buffers next(*device_, frames()[1]);
+  count();
+  fusion.submit(next.frame);
+  EXPECT_EQ(count(), 0);
+  fusion.take_status();
+}
+
+TEST_F(TemporalTest, AResetBetweenFramesBeginsAnew) {
+  Fusion fusion(context_, model_, desc());
+  const std::vector<Frame> first{frames()[0], frames()[1]}, second{frames()[2], frames()[3]};
+  submit(fusion, first);
+  fusion.reset_history();
+  const auto after = submit(fusion, second);
+  const auto alone = expected(second);
+  for (size_t i = 0; i < second.size(); ++i)
+    EXPECT_TRUE(same_bits(floats(after[i]->fused.read()), alone[i])) << "frame " << i;
+}
+
+TEST_F(TemporalTest, AFrameOfAnotherSizeIsTheFirstOfItsSize) {
+  const std::vector<Frame> small{Frame(7, 6, 10), Frame(8, 6, 10)};
+  Fusion fusion(context_, model_, desc());
+  fusion.prepare_size(6, 10);
+  submit(fusion, {frames()[0]});
+  const auto resized = submit(fusion, small);
+  const auto alone = expected(small);
+  for (size_t i = 0; i < small.size(); ++i)
+    EXPECT_TRUE(same_bits(floats(resized[i]->fused.read()), alone[i])) << "frame " << i;
+}
+
+// Returns planes [first, first + 4) as texels of four floats; planes that are not there are 0.
+std::vector<std::byte> texels_of(const Planes& image, int first) {
+  std::vector<std::byte> bytes;
+  for (int y = 0; y < image.h; ++y) {
+    for (int x = 0; x < image.w; ++x) {
+      for (int c = first; c < first + 4; ++c) {
+        const float value = c < std::min(image.c, first + 3) ? float(image.at(c, y, x)) : 0;
+        const auto* begin = reinterpret_cast<const std::byte*>(&value);
+        bytes.insert(bytes.end(), begin, begin + sizeof(value));
+      }
+    }
+  }
+  return bytes;
+}
+
+TEST_F(TemporalTest, FramesOfVulkanImagesHaveTheSameBits) {
+  const auto alone = expected(frames());
+  raymeld_fusion_desc of = desc();
+  of.input_images = VK_TRUE;
+  Fusion fusion(context_, model_, of);
+  for (size_t i = 0; i < frames().size(); ++i) {
+    const Frame& frame = frames()[i];
+    std::vector<std::unique_ptr<CallerImage>> made;
+    const auto image = [&](const Planes& planes, int first) {
+      made.push_back(std::make_unique<CallerImage>(*device_, VK_FORMAT_R32G32B32A32_SFLOAT,
+                                                   uint32_t(planes.w), uint32_t(planes.h),
+                                                   VK_IMAGE_USAGE_SAMPLED_BIT));
+      made.back()->write(texels_of(planes, first), VK_IMAGE_LAYOUT_GENERAL);
+      raymeld_image at;
+      at.view = made.back()->view();
+      return at;
+    };
+    const raymeld_image lrhs = image(frame.lrhs, 0), motion = image(frame.motion, 0);
+    const std::array<raymeld_image, 3> hrls{image(frame.hrls, 0), image(frame.hrls, 3), image(frame.hrls, 6)};
+    const FrameImage fused(*device_, Shape{uint32_t(frame.hrls.h), uint32_t(frame.hrls.w), 3});
+    const raymeld_image out = image_at(fused);
+    raymeld_frame asked;
+    asked.lrhs = &lrhs;
+    asked.hrls = hrls.data();
+    asked.motion = &motion;
+    asked.fused = &out;
+    fusion.submit(asked);
+    fusion.take_status();
+    EXPECT_TRUE(same_bits(floats(fused.read()), alone[i])) << "frame " << i;
+  }
+}
+
+TEST_F(TemporalTest, WrongUseSaysWhatWasExpected) {
+  Fusion fusion(context_, model_, desc());
+  std::vector<float> fused(size_t{3} * kScale * kScale * kHeight * kWidth);
+  const std::vector<float> lrhs = floats(frames()[0].lrhs), hrls = floats(frames()[0].hrls);
+  const std::vector<float> motion = floats(frames()[0].motion);
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.fuse(lrhs.data(), hrls.data(), fused.data()),
+                 "motion is NULL");
+  Buffers buffers(*device_, frames()[0]);
+  buffers.frame.motion = nullptr;
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.submit(buffers.frame), "motion is NULL");
+
+  raymeld_fusion_desc of = desc();
+  of.temporal = VK_FALSE;
+  Fusion alone(context_, model_, of);
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT,
+                 alone.fuse_next(lrhs.data(), hrls.data(), motion.data(), fused.data()), "not temporal");
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, alone.reset_history(), "not temporal");
+
+  of = desc();
+  of.compute_variance = VK_FALSE;
+  EXPECT_FAILURE(RAYMELD_ERROR_DEVICE, Fusion(context_, model_, of), "variance");
+  of = desc();
+  of.skip_unchanged = VK_TRUE;
+  EXPECT_FAILURE(RAYMELD_ERROR_DEVICE, Fusion(context_, model_, of), "skip what did not change");
+  const SharedModel other(golden_model_path("tiny-x2").string());
+  EXPECT_FAILURE(RAYMELD_ERROR_DEVICE, Fusion(context_, other, desc()), "keeps no history");
+}
+
+}  // namespace
+}  // namespace raymeld::test
