@@ -1,0 +1,151 @@
+#!/usr/bin/python3
+"""Measures what frames gain from the ones before them, on the sequences of scenes/sequences.py.
+
+PYTHONPATH=build/release/python:training training/evaluation/temporal.py --sequences SEQUENCES [--model x4-fast]
+fuses each frame by itself and with its history, writes bench/quality/temporal.csv and, with --write-docs, the table of
+docs/temporal.md.
+"""
+
+import argparse
+import csv
+import json
+import pathlib
+
+import numpy
+import OpenImageIO as oiio
+import raymeld
+import torch
+
+import loss
+import pack
+from evaluation import tables
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+LAYERS = ("color", "albedo", "normal", "diffuse", "specular")
+SHOWN = (1, 2, 4, 8, 12, 16, 32, 64)  # frames whose PSNR is in the table
+SETTLED = 4  # frames after which flicker is measured
+YOUNG = 4  # pixels that came into sight within so many frames are young
+UNLIKE = 0.15  # distance of albedo or normal from the range of the 3x3 pixels, beyond which a surface is another one
+COLUMNS = ("sequence", "model", "frame", "psnr_alone", "psnr", "flicker_alone", "flicker", "young_share")
+COLUMNS += ("young_alone", "young")
+
+
+def parse():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sequences", required=True, type=pathlib.Path)
+    parser.add_argument("--model", default="x4-fast")
+    parser.add_argument("--out", type=pathlib.Path, default=ROOT / "bench/quality/temporal.csv")
+    parser.add_argument("--write-docs", action="store_true")
+    return parser.parse_args()
+
+
+def pixels_of(planes):
+    return numpy.ascontiguousarray(planes.transpose(1, 2, 0))
+
+
+def read_motion(path):
+    """Reads Cycles's Vector pass, whose y points upwards, as pixels to the right and downwards [H, W, 2]."""
+    image = oiio.ImageBuf(str(path))
+    names = [name.split(".", 1)[-1] for name in image.spec().channelnames]
+    pixels = image.get_pixels(oiio.FLOAT)
+    return numpy.stack([pixels[..., names.index("Vector.X")], -pixels[..., names.index("Vector.Y")]], -1)
+
+
+def srgb(linear):
+    x = numpy.clip(linear, 0, 1)
+    return numpy.where(x <= 0.0031308, 12.92 * x, 1.055 * numpy.maximum(x, 1e-8) ** (1 / 2.4) - 0.055)
+
+
+def psnr(image, reference):
+    return loss.psnr(*(torch.from_numpy(x).double().clamp(0, 100) for x in (image, reference)))
+
+
+class Ages:
+    """Counts for how many frames each pixel's surface has been in sight, by albedo and normal."""
+
+    def __init__(self):
+        self.guides = self.ages = None
+
+    def next(self, guides, motion):
+        height, width = guides.shape[:2]
+        last, ages = self.guides, self.ages
+        self.guides = guides
+        if last is None:
+            self.ages = numpy.full((height, width), 1000)
+            return self.ages
+        padded = numpy.pad(guides, ((1, 1), (1, 1), (0, 0)), "edge")
+        near = [padded[dy : dy + height, dx : dx + width] for dy in range(3) for dx in range(3)]
+        low, high = numpy.minimum.reduce(near), numpy.maximum.reduce(near)
+        rows, columns = numpy.mgrid[:height, :width]
+        x, y = (numpy.rint(at + motion[..., i]).astype(int) for i, at in enumerate((columns, rows)))
+        seen = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+        x, y = x.clip(0, width - 1), y.clip(0, height - 1)
+        away = numpy.maximum(last[y, x] - high, low - last[y, x]).max(-1)
+        self.ages = numpy.where(seen & (away < UNLIKE), ages[y, x] + 1, 0)
+        return self.ages
+
+
+def measure(folder, model_name):
+    """Returns a row of COLUMNS for each frame of a sequence."""
+    record = json.loads((folder / "sequence.json").read_text())
+    model = raymeld.Model(model_name)
+    low = pack.read_layers(folder / "lrhs-0001.exr", ("color",))
+    options = {"sampling": "centered", "lrhs_spp": record["lrhs_spp"], "hrls_spp": record["hrls_spp"]}
+    size = low.shape[1:]
+    alone, joined = (raymeld.Fusion(model, *size, temporal=temporal, **options) for temporal in (False, True))
+    ages, last, rows = Ages(), None, []
+    for frame in range(1, record["frames"] + 1):
+        path = folder / f"hrls-{frame:04}.exr"
+        planes = pack.read_layers(path, LAYERS)
+        layers = {name: pixels_of(planes[3 * i : 3 * i + 3]) for i, name in enumerate(LAYERS)}
+        lrhs, motion = pixels_of(pack.read_layers(folder / f"lrhs-{frame:04}.exr", ("color",))), read_motion(path)
+        fused = [alone.fuse(lrhs, layers), joined.fuse(lrhs, layers, motion)]
+        reference = pixels_of(
+            pack.read_layers(folder / f"reference-{frame if record['moving'] else 1:04}.exr", ("color",))
+        )
+        errors = [srgb(image) - srgb(reference) for image in fused]
+        young = ages.next(numpy.concatenate([layers["albedo"], layers["normal"]], -1), motion) < YOUNG
+        flicker = [float(numpy.sqrt(((a - b) ** 2).mean())) for a, b in zip(errors, last)] if last else ["", ""]
+        of_young = [float((error[young] ** 2).sum()) for error in errors]
+        psnrs = [psnr(image, reference) for image in fused]
+        rows.append(dict(zip(COLUMNS, (folder.name, model_name, frame, *psnrs, *flicker, young.mean(), *of_young))))
+        last = errors
+    return rows
+
+
+def table(rows):
+    frames = [frame for frame in SHOWN if any(row["frame"] == frame for row in rows)]
+    head = ["", *(f"frame {frame}" for frame in frames), "flicker", "newly in sight"]
+    lines = []
+    for name in dict.fromkeys(row["sequence"] for row in rows):
+        by_frame = {row["frame"]: row for row in rows if row["sequence"] == name}
+        settled = [row for frame, row in by_frame.items() if frame > SETTLED]
+        sums = {key: sum(row[key] for row in settled) for key in COLUMNS[5:]}
+        leads = [
+            f"{by_frame[frame]['psnr_alone']:.2f} → {by_frame[frame]['psnr']:.2f}" if frame in by_frame else ""
+            for frame in frames
+        ]
+        young = f"{sums['young'] / sums['young_alone']:.2f}" if sums["young_alone"] else ""
+        lines.append([name, *leads, f"{sums['flicker'] / sums['flicker_alone']:.2f}", young])
+    return tables.Sheet("temporal", head, lines)
+
+
+def main():
+    args = parse()
+    torch.set_num_threads(1)
+    rows = []
+    for folder in sorted(path.parent for path in args.sequences.glob("*/sequence.json")):
+        rows += measure(folder, args.model)
+        print(table([row for row in rows if row["sequence"] == folder.name]).markdown(), flush=True)
+    with args.out.open("w", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        for row in rows:
+            writer.writerow({key: f"{x:.6g}" if isinstance(x, float) else x for key, x in row.items()})
+    if args.write_docs:
+        page = ROOT / "docs/temporal.md"
+        page.write_text(tables.insert(page.read_text(), [table(rows)]))
+
+
+if __name__ == "__main__":
+    main()
