@@ -155,6 +155,8 @@ class Fuser {
     if (motion) copy_planes(*motion, "motion", full_height, full_width, moved.data(), 2);
     std::vector<std::string> needed = layers();
     const bool given_variance = reads_variance_ && hrls.contains("variance");
+    if (given_variance && desc_.temporal)
+      throw py::value_error("hrls has a variance, which a temporal fusion computes");
     if (given_variance) needed = model_layers_with_variance();
     for (const std::string& layer : needed) {
       const auto found = hrls.find(layer);

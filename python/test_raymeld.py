@@ -152,6 +152,26 @@ class Test(unittest.TestCase):
         self.assertEqual(upscaled.shape, (4 * HEIGHT, 4 * WIDTH, 3))
         self.assertTrue(numpy.isfinite(upscaled).all())
 
+    def test_temporal_frames_join_the_ones_before(self):
+        model = raymeld.Model(os.path.join(os.path.dirname(MODEL), "pyramid-x2.safetensors"))
+        fusion = raymeld.Fusion(model, HEIGHT, WIDTH, sampling="centered", temporal=True)
+        hrls = {name: image(i, 2 * HEIGHT, 2 * WIDTH) for i, name in enumerate(fusion.layers)}
+        motion = numpy.zeros((2 * HEIGHT, 2 * WIDTH, 2), numpy.float32)
+        first, second = (fusion.fuse(self.lrhs, hrls, motion) for _ in range(2))
+        self.assertGreater(abs(second - first).max(), 0)
+        fusion.reset_history()
+        numpy.testing.assert_array_equal(fusion.fuse(self.lrhs, hrls, motion=motion), first)
+        nowhere = numpy.full_like(motion, numpy.nan)
+        numpy.testing.assert_array_equal(fusion.fuse(self.lrhs, hrls, nowhere), first)
+        with self.assertRaisesRegex(ValueError, r"motion has the shape .*, expected \(12, 16, 2\)"):
+            fusion.fuse(self.lrhs, hrls, motion[..., :1])
+        with self.assertRaisesRegex(ValueError, "variance, which a temporal fusion computes"):
+            fusion.fuse(self.lrhs, {**hrls, "variance": hrls["color"]}, motion)
+        with self.assertRaisesRegex(raymeld.Error, "motion is NULL"):
+            fusion.fuse(self.lrhs, hrls)
+        with self.assertRaisesRegex(raymeld.Error, "not temporal"):
+            raymeld.Fusion(model, HEIGHT, WIDTH).fuse(self.lrhs, hrls, motion)
+
     def test_other_threads_run_meanwhile(self):
         height, width = 48, 64
         fusion = raymeld.Fusion(self.model, height, width, kernels="direct")
