@@ -129,6 +129,7 @@ class Fuser {
   void reset_history() {
     const py::gil_scoped_release released;
     const std::lock_guard lock(mutex_);
+    if (!desc_.temporal) throw py::value_error("the fusion keeps no history, as it is not temporal");
     if (fusion_) fusion_->reset_history();
   }
   py::dict status() {

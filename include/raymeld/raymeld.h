@@ -308,9 +308,9 @@ typedef struct raymeld_fusion_desc {
   /* VK_TRUE: each frame is joined with the ones before it, whose light it takes over where motion leads, so
    * that frames of few samples add up. A frame then needs its motion: see raymeld_frame and
    * raymeld_fuse_next(). Takes two buffers for what is kept, of (3 for each layer but the variance, and 1)
-   * floats a full-size pixel. For pyramid networks that know the samples of a pixel (raymeld_model_info),
-   * with an ordinary small render as LRHS and with compute_variance if the model reads the variance. No tile
-   * is computed again in fp32. */
+   * floats a full-size pixel and 4 a pixel of LRHS. For pyramid networks that know the samples of a pixel
+   * (raymeld_model_info), with an ordinary small render as LRHS and with compute_variance if the model reads
+   * the variance. No tile is computed again in fp32. */
   VkBool32 temporal RAYMELD_IS(VK_FALSE);
   const char* const* absent_layers RAYMELD_IS(NULL);
   /* Gives the caller's memory for the activations, memory_size_bytes from memory_offset_bytes on, as
@@ -488,6 +488,10 @@ RAYMELD_API raymeld_result raymeld_prepare_size(raymeld_fusion fusion, uint32_t 
  * other readers of the output must wait for that stage and access. All layouts stay. At most frames_in_flight
  * recordings may be pending, on one queue, each submitted once; this is not checked. The next recording takes
  * the place of the oldest, whether that was submitted or not.
+ *
+ * With `temporal` a recording goes on with the frame of the one before, so all must be submitted, in the
+ * order in which they were recorded. A frame of another size than the last one is the first of a sequence. A
+ * fusion whose tile size is not the description's size returns RAYMELD_ERROR_DEVICE.
  *
  * The command buffer is a primary one, for the context's queue family. Images and buffers that are not shared
  * between families must belong to that family. The pipeline, the descriptor sets and the push constants that

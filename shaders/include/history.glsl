@@ -23,11 +23,6 @@ Taps taps_at(vec2 point, uvec2 size) {
   return taps;
 }
 
-// Reads where this recording lies in the frame, which follows its exposure.
-Place place_of(uint words[8]) {
-  return Place(words[0], words[1], words[2], words[3], words[4], words[5], words[6], words[7]);
-}
-
 // Returns the squared distance of a value from the range [low, high].
 float beyond(float value, float low, float high) {
   float distance = max(value - high, 0.0) + max(low - value, 0.0);

@@ -192,11 +192,11 @@ struct Pool {
   uint width;
   uint plane;
   uint plane_large;
-  float share;      // how much of the other image takes the place of the mean; 0: no other image is read
-  uint has_shares;  // 0: all pixels have that share; else each has its own
+  float share;  // how much of the other image takes the place of the mean; 0: no other image is read
 };
 
-// Says which part of a frame a recording computes, in full-size pixels. It follows the exposure.
+// Says which part of a frame a recording computes, in full-size pixels. It follows the exposure, as floats,
+// which hold these numbers exactly.
 struct Place {
   uint y, x;           // the first pixel of the recording in the frame
   uint height, width;  // of the frame
@@ -240,6 +240,8 @@ struct Accumulate {
 struct ColorVariance {
   uint height;
   uint width;
+  uint frame_height;
+  uint frame_width;
   uint plane;
   uint log_transfer;  // 0: linear
   float clip;

@@ -7,6 +7,7 @@
 #include "memory.glsl"
 
 layout(local_size_x = 64, local_size_y = 2) in;
+layout(constant_id = 0) const bool kHasShares = false;  // each pixel has its own
 #include "invocation.glsl"
 layout(push_constant) uniform Push {
   ADDRESS(Values, source) ADDRESS(Values, other) ADDRESS(Values, shares) ADDRESS(Values, target)
@@ -29,7 +30,7 @@ void main() {
                 source_at(id.z, y + 1, x + 1)) /
                4.0;
   float share = p.share;
-  if (p.has_shares != 0) share = float(shares.v[address(0, id.y, id.x, p.plane, p.width)]);
+  if (kHasShares) share = float(shares.v[address(0, id.y, id.x, p.plane, p.width)]);
   if (share > 0.0) mean += share * (float(other.v[element]) - mean);
   target.v[element] = STORAGE(storable(mean));
   count_saturated();

@@ -26,6 +26,7 @@ BUFFER(4, readonly, Exposure, float, exposure)
 BUFFER(5, readonly, Hrls, STORAGE, hrls)
 BUFFER(6, readonly, Kept, STORAGE, kept)
 BUFFER(7, writeonly, Target, STORAGE, target)
+#include "place.glsl"
 
 const uint kGuides = 3;    // the first channel of albedo and normal
 const uint kRadiance = 9;  // the first channel of other radiance
@@ -105,9 +106,7 @@ float kept_at(uvec2 own) {
 void main() {
   uvec2 id = global_invocation_id().xy;
   if (id.x >= p.width || id.y >= p.height) return;
-  uint words[8];
-  [[unroll]] for (uint i = 0; i < 8; ++i) words[i] = floatBitsToUint(exposure.v[2 + i]);
-  Place place = place_of(words);
+  Place place = place_of_recording();
   float factor = exposure.v[0], inverse = exposure.v[1];
   uint plane = place.width * place.height;
   uvec2 own = min(id, uvec2(p.frame_width, p.frame_height) - 1);

@@ -23,6 +23,7 @@ layout(std430, binding = 3) buffer Next { float next[]; };
 BUFFER(4, readonly, Exposure, float, exposure)
 BUFFER(5, readonly, Lrhs, STORAGE, lrhs)
 BUFFER(6, writeonly, Target, STORAGE, target)
+#include "place.glsl"
 
 float lrhs_at(uint c, uvec2 at) { return float(lrhs.v[address(c, at.y, at.x, p.plane, p.width)]); }
 
@@ -41,9 +42,7 @@ float logarithm(vec3 color) { return log(dot(color, kLuminance) + RAYMELD_LIGHT_
 void main() {
   uvec2 id = global_invocation_id().xy;
   if (id.x >= p.width || id.y >= p.height) return;
-  uint words[8];
-  [[unroll]] for (uint i = 0; i < 8; ++i) words[i] = floatBitsToUint(exposure.v[2 + i]);
-  Place place = place_of(words);
+  Place place = place_of_recording();
   float factor = exposure.v[0], inverse = exposure.v[1];
   uvec2 size = uvec2(place.width, place.height) / p.scale, origin = uvec2(place.x, place.y) / p.scale;
   uint plane = size.x * size.y, first = p.planes * place.width * place.height;

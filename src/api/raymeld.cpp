@@ -263,7 +263,7 @@ FuserOptions options_of(const raymeld_fusion_desc& desc, const ContextState& con
   options.compute_variance = desc.compute_variance;
   options.temporal = desc.temporal;
   options.compute_exposure = desc.exposure == 0 && !desc.skip_unchanged;
-  // Only raymeld_fuse() computes tiles again in fp32, and it takes no images of Vulkan.
+  // Only raymeld_fuse() computes tiles again in fp32. It takes no images of Vulkan, and keeps one history.
   if (options.frame_images.any() || desc.temporal) options.fp32_kernels.reset();
   if (desc.memory) options.scratch = {desc.memory, desc.memory_offset_bytes, desc.memory_size_bytes};
   options.phase = lrhs_phase(centered, model.architecture().scale);
@@ -279,6 +279,8 @@ void check_desc(const raymeld_fusion_desc& desc) {
   check_given_exposure(desc.exposure);
   check_samples(desc.lrhs_spp, "lrhs_spp");
   check_samples(desc.hrls_spp, "hrls_spp");
+  if (desc.skip_unchanged && desc.temporal)
+    throw InvalidArgument("skip_unchanged and temporal are both set, expected one of them");
   if (desc.skip_unchanged && (desc.input_images || desc.output_image))
     throw InvalidArgument(
         "skip_unchanged is for raymeld_fuse(), which takes no Vulkan images: input_images and output_image "
@@ -378,8 +380,8 @@ FrameBindings bindings_of(const raymeld_frame& frame, const std::array<Shape, 3>
   }
   bindings[kFusedSlot] = binding_of(frame.fused, shapes[2], images.output, true, {"fused"});
   if (frame.motion) {
-    const Shape motion{shapes[2].height, shapes[2].width, 2};
-    bindings[kMotionSlot] = binding_of(frame.motion, motion, images.inputs, false, {"motion"});
+    bindings[kMotionSlot] =
+        binding_of(frame.motion, motion_shape(shapes[2]), images.inputs, false, {"motion"});
   }
   return bindings;
 }
@@ -766,7 +768,12 @@ raymeld_result raymeld_submit(raymeld_fusion fusion, const raymeld_frame* frame,
     recorded = raymeld_record(fusion, commands, frame);
     if (recorded != RAYMELD_SUCCESS) return;
     hand_over(device, commands, shared, family, VK_QUEUE_FAMILY_EXTERNAL);
-    made.ring->submit(index, waits, signals);
+    try {
+      made.ring->submit(index, waits, signals);
+    } catch (...) {
+      made.fuser.reset_history();  // nothing writes what the next frame would go on with
+      throw;
+    }
   });
   return submitted != RAYMELD_SUCCESS ? submitted : recorded;
 }

@@ -323,9 +323,11 @@ void Program::set_exposure(uint32_t set, float exposure) {
 
 void Program::set_place(uint32_t set, const Place& place) {
   static_assert(sizeof(Place) == sizeof(params::Place));
-  std::memcpy(
-      static_cast<std::byte*>(common_->exposures.mapped()) + set * kExposureStrideBytes + sizeof(Exposure),
-      &place, sizeof(place));
+  const auto numbers = std::bit_cast<std::array<uint32_t, sizeof(Place) / sizeof(uint32_t)>>(place);
+  std::array<float, numbers.size()> values;
+  std::ranges::copy(numbers, values.begin());
+  std::byte* recording = static_cast<std::byte*>(common_->exposures.mapped()) + set * kExposureStrideBytes;
+  std::memcpy(recording + sizeof(Exposure), values.data(), sizeof(values));
 }
 
 Exposure Program::exposure(uint32_t set) const {

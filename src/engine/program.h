@@ -68,7 +68,8 @@ class Program {
   // Returns the exposure that was last set, or that a pass wrote. The device must be idle.
   Exposure exposure(uint32_t set) const;
 
-  // Sets the place of recordings with descriptor set `set`, as set_exposure() does.
+  // Sets the place of recordings with descriptor set `set`, as set_exposure() does. Its numbers are at most
+  // 2^24.
   void set_place(uint32_t set, const Place& place);
 
   // Records passes [first, last) with descriptor set `set`, after a barrier against all earlier compute work.

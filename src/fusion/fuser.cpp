@@ -45,8 +45,9 @@ Fuser::Fuser(const Device& device, const Model& model, uint32_t height, uint32_t
 
 void Fuser::take_smaller_tiles(const OutOfMemory& refused) try {
   FuserOptions smaller = options_;
-  smaller.max_memory_bytes = plan_.peak_bytes() / 4 * 3 * (options_.fp32_kernels ? 2 : 1);
   const auto [height, width] = plan_.tiling.frame;
+  const uint64_t kept = 2 * history_bytes(model_, plan_.tiling.frame, device_.info(), options_);
+  smaller.max_memory_bytes = kept + (plan_.peak_bytes() - kept) / 4 * 3 * (options_.fp32_kernels ? 2 : 1);
   FusePlan plan = plan_fusion(model_, height, width, device_.info(), smaller);
   if (shortage_.empty()) shortage_ = refused.what();
   wide_.reset();
@@ -103,11 +104,12 @@ float Fuser::recorded_exposure(float asked) const {
 }
 
 uint64_t Fuser::allocated_bytes() const {
-  const uint64_t frame_bytes =
-      host_ ? host_->lrhs.size_bytes() + host_->hrls.size_bytes() + host_->fused.size_bytes() : 0;
-  uint64_t history_bytes = host_ ? host_->motion.size_bytes() : 0;
-  for (const auto& [sequence, history] : histories_) history_bytes += 2 * history.last.size_bytes();
-  return (program_ ? program_->allocated_bytes() : 0) + frame_bytes + history_bytes +
+  const uint64_t frame_bytes = host_ ? host_->lrhs.size_bytes() + host_->hrls.size_bytes() +
+                                           host_->motion.size_bytes() + host_->fused.size_bytes()
+                                     : 0;
+  uint64_t histories_bytes = 0;
+  for (const auto& [sequence, history] : histories_) histories_bytes += 2 * history.last.size_bytes();
+  return (program_ ? program_->allocated_bytes() : 0) + frame_bytes + histories_bytes +
          (wide_ ? wide_->allocated_bytes() : 0);
 }
 
@@ -140,6 +142,9 @@ void Fuser::record(VkCommandBuffer commands, const FrameBindings& frame, float e
   const auto [height, width] = size.value_or(plan_.tiling.tile);
   Program& program =
       TileSize{height, width} == plan_.tiling.tile ? made_program() : prepared_.at({height, width}).program;
+  const bool has_motion = frame[kMotionSlot].view.buffer || frame[kMotionSlot].texture.view;
+  if (options_.temporal && !has_motion)
+    throw Error("a recording without motion, expected it, as a history is kept");
   if (options_.temporal) {
     program.bind(next_set_, with_history(commands, frame, {height, width}));
     const Tile whole{.core = {height, width}};
@@ -156,7 +161,7 @@ void Fuser::record(VkCommandBuffer commands, const FrameBindings& frame, float e
     found.record(commands, next_set_, 0, found.graph().passes().size());
   }
   program.record(commands, next_set_, 0, program.graph().passes().size());
-  if (options_.temporal) std::swap(history(0).last, history(0).next);
+  if (options_.temporal) history(0).go_on({height, width});
   show_host(device_, commands);
   next_set_ = (next_set_ + 1) % kFramesInFlight;
 }
@@ -198,7 +203,7 @@ void Fuser::prepare_host() {
   };
   make(host->lrhs, shapes[0], "lrhs");
   make(host->hrls, shapes[1], "hrls");
-  if (options_.temporal) make(host->motion, {shapes[2].height, shapes[2].width, 2}, "motion");
+  if (options_.temporal) make(host->motion, motion_shape(shapes[2]), "motion");
   host->fused = Buffer(device_, frame_bytes(shapes[2]), Memory::kReadback, "fused");
   bind_host(*host);
   if (options_.profile) host->timestamps.emplace(device_, uint32_t(plan_.graph.passes().size()));
@@ -213,7 +218,7 @@ void Fuser::bind_host(Host& host) {
   FrameBindings frame = bindings(dense_view(host.lrhs, shapes[0]), dense_view(host.hrls, shapes[1]),
                                  dense_view(host.fused, shapes[2]));
   if (options_.temporal) {
-    const Shape motion{shapes[2].height, shapes[2].width, 2};
+    const Shape motion = motion_shape(shapes[2]);
     frame[kMotionSlot] = {dense_view(host.motion, motion), motion};
     bind_history(frame, history_ ? *history_ : history(0));
   }
@@ -232,10 +237,8 @@ FrameBindings Fuser::with_history(VkCommandBuffer commands, FrameBindings frame,
   if (plan_.tiling.count() > 1)
     throw SizeError("record() keeps no history of a frame of {} tiles, expected fuse()",
                     plan_.tiling.count());
-  History& known = history(0);
+  const History& known = history(0);
   if (known.is_empty || known.size != size) record_fill(device_, commands, known.last.handle(), known.all());
-  known.is_empty = false;
-  known.size = size;
   bind_history(frame, known);
   return frame;
 }
@@ -243,7 +246,7 @@ FrameBindings Fuser::with_history(VkCommandBuffer commands, FrameBindings frame,
 Fuser::History& Fuser::history(size_t sequence) {
   const auto found = histories_.find(sequence);
   if (found != histories_.end()) return found->second;
-  const uint64_t bytes = sizeof(float) * history_floats(model_, plan_.tiling.frame, options_);
+  const uint64_t bytes = history_bytes(model_, plan_.tiling.frame, device_.info(), options_);
   History made{Buffer(device_, bytes, Memory::kDevice, "history"),
                Buffer(device_, bytes, Memory::kDevice, "next history")};
   return histories_.emplace(sequence, std::move(made)).first->second;
@@ -308,7 +311,6 @@ FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const
     throw Error("a frame {} motion, expected {}", motion ? "with" : "without",
                 motion ? "none, as no history is kept" : "it, as a history is kept");
   motion_ = motion;
-  if (motion) history_ = &history(sequence);
   if (!model_.architecture().reads_lrhs()) lrhs = hrls;  // HRLS begins with its color
   // The default exposure is the whole frame's, so that all tiles have the same.
   const float factor = exposure != 0 ? exposure : this->exposure(lrhs);
@@ -325,16 +327,12 @@ FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const
     ~Reset() { fuser.reset_status(); }
   } const reset{*this};
   const FuseReport report =
-      run_within_memory(lrhs, hrls, last_frame_ ? last_frame_->fused() : fused, factor, progress);
+      run_within_memory(lrhs, hrls, last_frame_ ? last_frame_->fused() : fused, factor, progress, sequence);
   if (report.status.not_finite > 0) {
     throw NotFinite("model {} gave {} values that are not finite; the image is of no use", model_.name(),
                     report.status.not_finite);
   }
-  if (history_) {
-    std::swap(history_->last, history_->next);
-    history_->is_empty = false;
-    history_->size = plan_.tiling.frame;
-  }
+  if (history_) history_->go_on(plan_.tiling.frame);
   if (last_frame_) {
     std::copy_n(last_frame_->fused(), last_frame_->fused_size(), fused);
     last_frame_->end();
@@ -366,9 +364,10 @@ void Fuser::run_empty(const Progress& progress) {
 }
 
 FuseReport Fuser::run_within_memory(const float* lrhs, const float* hrls, float* fused, float exposure,
-                                    const Progress& progress) {
+                                    const Progress& progress, size_t sequence) {
   return within_memory([&] {
     made_program();
+    if (motion_) history_ = &history(sequence);
     prepare_host();
     return run(lrhs, hrls, fused, exposure, progress);
   });

@@ -169,6 +169,12 @@ class Fuser {
     TileSize size = {};    // of the last frame
     bool is_empty = true;  // whatever `last` holds
     FillRegion all() const { return {0, last.size_bytes(), 0}; }
+    // Makes what a frame of this size left that of the last frame.
+    void go_on(TileSize of) {
+      std::swap(last, next);
+      size = of;
+      is_empty = false;
+    }
   };
 
   // Holds a graph of record() beside the network for frames of the tile's size: the network for another size,
@@ -195,7 +201,7 @@ class Fuser {
   std::array<Shape, 3> image_shapes(TileSize tile) const;
   FrameBindings bindings(const FrameBuffer& lrhs, const FrameBuffer& hrls, const FrameBuffer& fused) const;
   FuseReport run_within_memory(const float* lrhs, const float* hrls, float* fused, float exposure,
-                               const Progress& progress);
+                               const Progress& progress, size_t sequence = 0);
   FuseReport run(const float* lrhs, const float* hrls, float* fused, float exposure,
                  const Progress& progress);
   History& history(size_t sequence);

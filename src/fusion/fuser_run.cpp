@@ -61,9 +61,8 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
     upload(low, host_->lrhs);
     upload(high, host_->hrls);
     if (history_) {
-      const Shape fused_shape = image_shapes(tiling.tile)[2];
-      upload(window(motion_, {fused_shape.height, fused_shape.width, 2}, model_.architecture().scale, at),
-             host_->motion);
+      const Shape shape = motion_shape(image_shapes(tiling.tile)[2]);
+      upload(window(motion_, shape, model_.architecture().scale, at), host_->motion);
       program_->set_place(kHostSet, place_of(at, tiling.frame));
     }
     if (host_->staging) host_->staging->wait();  // so that no time of the device counts it

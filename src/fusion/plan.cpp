@@ -25,8 +25,6 @@ Graph make_graph(const Model& model, TileSize tile, const FuserOptions& options,
   return graph;
 }
 
-Shape motion_shape(const Shape& fused) { return {fused.height, fused.width, 2}; }
-
 // Returns the shapes of those of the frame's images that are buffers.
 std::vector<Shape> buffer_shapes(const Model& model, TileSize tile, const FuserOptions& options) {
   const auto [lrhs, hrls, fused] = frame_shapes(model, tile, options.constants, options.compute_variance);
@@ -160,10 +158,23 @@ std::array<Shape, 3> frame_shapes(const Model& model, TileSize tile, const Const
           Shape{height, width, 3}};
 }
 
-uint64_t history_floats(const Model& model, TileSize frame, const FuserOptions& options) {
+uint64_t history_bytes(const Model& model, TileSize frame, const DeviceInfo& device,
+                       const FuserOptions& options) {
+  if (!options.temporal) return 0;
+  if (options.skip_unchanged)
+    throw Error("a history is not kept where what did not change is skipped, expected one of the two");
+  if (options.fp32_kernels)
+    throw Error("a history is not kept where tiles are computed again in fp32, expected one precision");
   const uint32_t scale = model.architecture().scale;
-  return history_floats(scale * frame.height, scale * frame.width,
-                        history_channels(model, options.phase, options.compute_variance), scale);
+  const uint32_t channels = history_channels(model, options.phase, options.compute_variance);
+  const uint64_t bytes =
+      sizeof(float) * history_floats(scale * frame.height, scale * frame.width, channels, scale);
+  const uint64_t most = std::min(device.max_storage_range_bytes, device.max_allocation_bytes);
+  if (bytes > most)
+    throw Error(
+        "a history of the frame needs {:.1f} MiB, more than the {:.1f} MiB that the device binds at once",
+        double(bytes) / kMebibyte, double(most) / kMebibyte);
+  return bytes;
 }
 
 uint64_t frame_bytes(const Shape& shape) { return shape.pixels() * shape.channels * sizeof(float); }
@@ -187,13 +198,7 @@ FuserOptions wide_options(const DeviceInfo& device, FuserOptions options, uint64
 FusePlan plan_fusion(const Model& model, uint32_t height, uint32_t width, const DeviceInfo& device,
                      const FuserOptions& options) {
   check_lrhs_size({height, width});
-  if (options.temporal && (options.skip_unchanged || options.fp32_kernels))
-    throw Error(
-        "model {}: a history is not kept where frames skip what did not change, or where tiles are computed "
-        "again in fp32, expected one precision",
-        model.name());
-  const uint64_t histories_bytes =
-      options.temporal ? 2 * sizeof(float) * history_floats(model, {height, width}, options) : 0;
+  const uint64_t histories_bytes = 2 * history_bytes(model, {height, width}, device, options);
   const uint64_t most_bytes = memory_limit(device, options) / (options.fp32_kernels ? 2 : 1);
   const StorageExponents exponents = exponents_for(model, options);
   std::optional<FusePlan> plan;  // the plan of the tile tried last

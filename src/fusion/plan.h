@@ -50,8 +50,8 @@ struct FuserOptions {
   // Makes fuse() compute only the tiles in which a pixel changed since the last frame, and take the others
   // from the last output: see LastFrame.
   bool skip_unchanged = false;
-  // Joins each frame with the ones before it: see accumulate(). fuse() then takes motion. Not with
-  // skip_unchanged or fp32_kernels.
+  // Joins each frame with the ones before it: see accumulate(). Frames then have motion. The memory of one
+  // sequence counts for max_memory_bytes. Not with skip_unchanged or fp32_kernels.
   bool temporal = false;
   ConstantLayers constants = {};  // HRLS layers with one value, which no image holds
   // Makes the device compute the color's variance where the model reads it; no image holds it.
@@ -112,8 +112,13 @@ void check_lrhs_size(TileSize size);
 // one tile is no smaller. It has the kernels of `plan` and fits its memory. Throws SizeError and Error.
 Graph graph_within(const FusePlan& plan, const Model& model, TileSize size, const FuserOptions& options);
 
-// Returns the floats of the history of a frame of (height, width) LRHS pixels.
-uint64_t history_floats(const Model& model, TileSize frame, const FuserOptions& options);
+// Returns the bytes of the history of a frame, a buffer of which each sequence has two; 0 unless
+// options.temporal. Throws Error where none is kept, or where the device cannot bind it.
+uint64_t history_bytes(const Model& model, TileSize frame, const DeviceInfo& device,
+                       const FuserOptions& options);
+
+// Returns the shape of a tile's motion, whose fused image has this shape.
+inline Shape motion_shape(const Shape& fused) { return {fused.height, fused.width, 2}; }
 
 // Returns the shapes of a tile's images as frames bring and take them: LRHS, HRLS by image_layers(), fused.
 // A render that the model does not read has no channels.

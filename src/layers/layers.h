@@ -281,7 +281,9 @@ constexpr uint64_t history_floats(uint32_t height, uint32_t width, uint32_t chan
 
 // Writes the share (h, w, 1) of the history that is right in spite of changes of the light: exp(-16 d), where
 // d is how far the logarithms of 0.02 + the luminance of LRHS (h, w, 3), encoded, now and in the history,
-// both means over 3x3 pixels, are further apart than 0.1. Joins LRHS to its own history.
+// both means over 3x3 pixels, are further apart than 0.1. It is 1 where there is no history. Joins LRHS to a
+// history of its own, which counts by this share and by exp(-180 q), where q is the squared distance of its
+// encoded color from the range of the 3x3 pixels of LRHS, and for 15 frames at most.
 void light_change(Graph& graph, const std::string& name, const Tensor& lrhs, const Tensor& out,
                   Transfer transfer, uint32_t scale, uint32_t channels,
                   const std::optional<FrameSize>& frame = {});
@@ -307,7 +309,7 @@ void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const
 
 // Writes the variance (H, W, 3) of an encoded color (H, W, 3), as variance() does.
 void color_variance(Graph& graph, const std::string& name, const Tensor& color, const Tensor& out,
-                    Transfer transfer, float clip);
+                    Transfer transfer, float clip, const std::optional<FrameSize>& frame = {});
 
 // Writes the share (h, w, 1) of LRHS in the light of its level: certainty / (certainty + scale^2 n), where n
 // is the mean of the samples of HRLS in a cell, of which `samples` (scale h, scale w, 1) has binary

@@ -52,8 +52,9 @@ void pool(Graph& graph, const std::string& name, const Tensor& in, const Tensor&
   Pass pass = pass_of(graph, name, shaders::kPool, {in, other, shares}, out);
   if (!blend || !blend->shares)
     pass.bytes -= traffic(graph, in);  // which is bound in the place of the shares
+  pass.constants = {blend && blend->shares};
   pass.set_push(params::Pool{out.shape.height, out.shape.width, graph.plane(out), graph.plane(in),
-                             blend ? blend->share : 0, blend && blend->shares});
+                             blend ? blend->share : 0});
   pass.groups = element_groups(out.shape);
   graph.add(std::move(pass));
 }

@@ -89,13 +89,14 @@ void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const
 }
 
 void color_variance(Graph& graph, const std::string& name, const Tensor& color, const Tensor& out,
-                    Transfer transfer, float clip) {
+                    Transfer transfer, float clip, const std::optional<FrameSize>& frame) {
   const Shape shape = with_channels(out.shape, 3);
   expect_shape(name, "the color", color, shape);
   expect_shape(name, "the output", out, shape);
   Pass pass = pass_of(graph, name, shaders::kColorVariance, {color}, out);
-  pass.set_push(
-      params::ColorVariance{shape.height, shape.width, graph.plane(out), transfer == Transfer::kLog, clip});
+  const auto [height, width] = frame_size(out, frame);
+  pass.set_push(params::ColorVariance{shape.height, shape.width, height, width, graph.plane(out),
+                                      transfer == Transfer::kLog, clip});
   pass.groups = pixel_groups(shape);
   graph.add(std::move(pass));
 }

@@ -67,7 +67,7 @@ struct Pyramid {
     accumulate(graph, "accumulate", hrls, inputs.slice(3, layers + 1), options);
     if (channels < layers) {
       color_variance(graph, "color_variance", inputs.slice(3, 3), inputs.slice(3 + channels, 3), a.transfer,
-                     a.clip);
+                     a.clip, full_frame);
     }
     return inputs;
   }
