@@ -46,8 +46,6 @@ struct Place {
   uint32_t y = 0, x = 0;           // the first pixel of the recording in the frame
   uint32_t height = 0, width = 0;  // of the frame
   uint32_t core_y = 0, core_x = 0, core_height = 0, core_width = 0;
-
-  bool operator==(const Place&) const = default;
 };
 
 enum class Access { kRead, kWrite };

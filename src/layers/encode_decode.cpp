@@ -1,4 +1,5 @@
 // Adds the layers that convert between scene linear images and the network's range.
+#include "layers/shapes.h"
 #include "layers/upsampled.h"
 
 namespace raymeld {
@@ -25,16 +26,6 @@ void check_image(const std::string& name, const Tensor& tensor) {
     throw Error("layer {}: an image of {} channels, expected {}", name, tensor.shape.channels,
                 kImageChannels);
   }
-}
-
-// Returns the size of a frame's image, by default that of the tensor.
-FrameSize frame_size(const std::string& name, const Tensor& tensor, const std::optional<FrameSize>& frame) {
-  const auto [height, width, channels] = tensor.shape;
-  if (!frame) return {height, width};
-  if (frame->height == 0 || frame->width == 0 || frame->height > height || frame->width > width)
-    throw Error("layer {}: an image of {}x{}, expected at most {}x{}", name, frame->height, frame->width,
-                height, width);
-  return *frame;
 }
 
 }  // namespace

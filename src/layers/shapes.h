@@ -25,6 +25,17 @@ inline Shape enlarged(const Shape& shape, uint32_t scale, uint32_t channels) {
   return {scale * shape.height, scale * shape.width, channels};
 }
 
+// Returns the size of a frame's image, by default that of the tensor. Throws Error.
+inline FrameSize frame_size(const std::string& name, const Tensor& tensor,
+                            const std::optional<FrameSize>& frame) {
+  const auto [height, width, channels] = tensor.shape;
+  if (!frame) return {height, width};
+  if (frame->height == 0 || frame->width == 0 || frame->height > height || frame->width > width)
+    throw Error("layer {}: an image of {}x{}, expected at most {}x{}", name, frame->height, frame->width,
+                height, width);
+  return *frame;
+}
+
 // Returns a pass that reads the inputs once and writes the output.
 inline Pass pass_of(const Graph& graph, const std::string& name, const Forms& forms,
                     std::initializer_list<Tensor> inputs, const Tensor& out, bool vectors = false) {

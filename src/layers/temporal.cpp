@@ -14,10 +14,6 @@ std::vector<Binding> history_bindings(const Graph& graph) {
           history(kNextSlot, Access::kWrite), exposure_binding()};
 }
 
-FrameSize frame_size(const Tensor& tensor, const std::optional<FrameSize>& frame) {
-  return frame.value_or(FrameSize{tensor.shape.height, tensor.shape.width});
-}
-
 }  // namespace
 
 void light_change(Graph& graph, const std::string& name, const Tensor& lrhs, const Tensor& out,
@@ -32,7 +28,7 @@ void light_change(Graph& graph, const std::string& name, const Tensor& lrhs, con
   Pass pass =
       pass_of(graph, name, graph.frame_images().inputs ? shaders::kLightChangeImage : shaders::kLightChange,
               std::move(bindings));
-  const auto [height, width] = frame_size(out, frame);
+  const auto [height, width] = frame_size(name, out, frame);
   pass.set_push(params::LightChange{{},
                                     shape.height,
                                     shape.width,
@@ -66,7 +62,7 @@ void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const
   Pass pass =
       pass_of(graph, name, graph.frame_images().inputs ? shaders::kAccumulateImage : shaders::kAccumulate,
               std::move(bindings));
-  const auto [height, width] = frame_size(hrls, options.frame);
+  const auto [height, width] = frame_size(name, hrls, options.frame);
   pass.set_push(params::Accumulate{{},
                                    shape.height,
                                    shape.width,
@@ -94,7 +90,7 @@ void color_variance(Graph& graph, const std::string& name, const Tensor& color, 
   expect_shape(name, "the color", color, shape);
   expect_shape(name, "the output", out, shape);
   Pass pass = pass_of(graph, name, shaders::kColorVariance, {color}, out);
-  const auto [height, width] = frame_size(out, frame);
+  const auto [height, width] = frame_size(name, out, frame);
   pass.set_push(params::ColorVariance{shape.height, shape.width, height, width, graph.plane(out),
                                       transfer == Transfer::kLog, clip});
   pass.groups = pixel_groups(shape);
