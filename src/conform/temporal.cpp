@@ -68,13 +68,12 @@ struct Scene {
   reference::Past past() const { return {motion, past_hrls, past_lrhs, y, x, exposure}; }
 };
 
-// Returns a buffer with both histories.
-FrameImage history_buffer(const Device& device, const Planes* hrls, const Planes* lrhs, size_t floats) {
-  if (!hrls) return FrameImage(device, Shape{1, uint32_t(floats), 1});
-  Planes all(1, 1, int(floats));
-  std::ranges::copy(hrls->data, all.data.begin());
-  std::ranges::copy(lrhs->data, all.data.begin() + ptrdiff_t(hrls->data.size()));
-  return FrameImage(device, all);
+// Returns both histories of the frame before, as one buffer has them.
+Planes past_histories(const Scene& s) {
+  std::vector<double> values = s.past_hrls.data;
+  values.insert(values.end(), s.past_lrhs.data.begin(), s.past_lrhs.data.end());
+  const auto count = int(values.size());
+  return {1, 1, count, std::move(values)};
 }
 
 // Returns what add() writes (channels, size), and then the part of the new history that it keeps, which
@@ -86,9 +85,8 @@ Planes run_with_history(Check& check, const Scene& s, const Planes& in, const Si
                         const Bounded& expected) {
   const Device& device = s.c.target.device;
   const FrameImage motion(device, s.motion, frame_layouts()[s.c.seed % frame_layouts().size()]);
-  const size_t floats = s.past_hrls.data.size() + s.past_lrhs.data.size();
-  const FrameImage last = history_buffer(device, &s.past_hrls, &s.past_lrhs, floats);
-  const FrameImage next = history_buffer(device, nullptr, nullptr, floats);
+  const Planes past = past_histories(s);
+  const FrameImage last(device, past), next(device, Shape{1, uint32_t(past.w), 1});
   FrameBindings frame;
   frame[kMotionSlot] = motion.binding();
   frame[kLastSlot] = last.binding();
