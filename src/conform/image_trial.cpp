@@ -1,6 +1,7 @@
 #include "conform/image_trial.h"
 
 namespace raymeld::conform {
+namespace {
 
 void try_layer(const Collector& collector, const ImageLayer& layer, const Method& method,
                reference::Precision precision) {
@@ -19,6 +20,14 @@ void try_layer(const Collector& collector, const ImageLayer& layer, const Method
     collector.run(layer.name, method, precision, trial.shape(),
                   [&](Check& check) { layer.check(check, trial); });
   }
+}
+
+}  // namespace
+
+void try_layers(const Collector& collector, std::span<const ImageLayer> layers) {
+  Collector::for_each(plain_methods(), [&](const Method& method, reference::Precision precision) {
+    for (const ImageLayer& layer : layers) try_layer(collector, layer, method, precision);
+  });
 }
 
 }  // namespace raymeld::conform

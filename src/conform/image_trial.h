@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 
 #include "conform/collector.h"
 #include "reference/transfer.h"
@@ -68,8 +69,8 @@ struct ImageLayer {
   void (*check)(Check&, const ImageTrial&);
 };
 
-// Tries a layer at all awkward sizes, and with both transfers, three scales and two phases.
-void try_layer(const Collector& collector, const ImageLayer& layer, const Method& method,
-               reference::Precision precision);
+// Tries layers in buffers and by address and in both precisions, each at all awkward sizes, and with both
+// transfers, three scales and two phases.
+void try_layers(const Collector& collector, std::span<const ImageLayer> layers);
 
 }  // namespace raymeld::conform

@@ -126,10 +126,6 @@ constexpr ImageLayer kPyramidLayers[] = {{.name = "light", .check = check_light}
 
 }  // namespace
 
-void conform_pyramid(Collector& collector) {
-  Collector::for_each(plain_methods(), [&](const Method& method, Precision precision) {
-    for (const ImageLayer& layer : kPyramidLayers) try_layer(collector, layer, method, precision);
-  });
-}
+void conform_pyramid(Collector& collector) { try_layers(collector, kPyramidLayers); }
 
 }  // namespace raymeld::conform

@@ -94,15 +94,11 @@ constexpr ImageLayer kKpcnLayers[] = {{.name = "gradients", .check = check_gradi
 
 }  // namespace
 
-void conform_attention(Collector& collector) {
-  Collector::for_each(plain_methods(), [&](const Method& method, Precision precision) {
-    for (const ImageLayer& layer : kAttentionLayers) try_layer(collector, layer, method, precision);
-  });
-}
+void conform_attention(Collector& collector) { try_layers(collector, kAttentionLayers); }
 
 void conform_kpcn(Collector& collector) {
+  try_layers(collector, kKpcnLayers);
   Collector::for_each(plain_methods(), [&](const Method& method, Precision precision) {
-    for (const ImageLayer& layer : kKpcnLayers) try_layer(collector, layer, method, precision);
     if (precision != Precision::kFp16) return;
     collector.run("remodulate", method, precision, "values beyond 16 bits, 1 x 1",
                   [&](Check& check) { check_saturation(check, collector.target(), method); });

@@ -185,10 +185,6 @@ constexpr ImageLayer kTemporalLayers[] = {{.name = "light_change", .check = chec
 
 }  // namespace
 
-void conform_temporal(Collector& collector) {
-  Collector::for_each(plain_methods(), [&](const Method& method, Precision precision) {
-    for (const ImageLayer& layer : kTemporalLayers) try_layer(collector, layer, method, precision);
-  });
-}
+void conform_temporal(Collector& collector) { try_layers(collector, kTemporalLayers); }
 
 }  // namespace raymeld::conform

@@ -207,7 +207,7 @@ void Fuser::prepare_host() {
   host->fused = Buffer(device_, frame_bytes(shapes[2]), Memory::kReadback, "fused");
   bind_host(*host);
   if (options_.profile) host->timestamps.emplace(device_, uint32_t(plan_.graph.passes().size()));
-  record_chunks(*host);
+  if (!options_.temporal) record_chunks(*host);  // run() records each frame with its own histories
   host_ = std::move(host);
 }
 

@@ -129,9 +129,9 @@ class Fuser {
   FuseReport fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress = {},
                   float exposure = 0, size_t sequence = 0);
   // Does the same on planar, dense memory of the caller's, whose sizes are not checked.
-  // With FuserOptions::temporal `motion` (2, s h, s w) leads from each pixel to the same point in the last
-  // frame of the sequence, in pixels along x and y; where it is not finite there is no such point. A frame
-  // that throws leaves the history as it was.
+  // `motion` (2, s h, s w), which FuserOptions::temporal needs, leads from each pixel to the same point in
+  // the last frame of the sequence, in pixels along x and y; where it is not finite there is no such point. A
+  // frame that throws leaves the history as it was.
   FuseReport fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress = {},
                   float exposure = 0, size_t sequence = 0, const float* motion = nullptr);
 

@@ -20,7 +20,7 @@ Conv2dLink Builder::link(const std::string& name, const Tensor& in, const Tensor
   Conv2dShape shape{in.shape.height / u, in.shape.width / u, channels_in * u * u, out.shape.channels * s * s,
                     options.kernel};
   shape.unshuffle = u, shape.shuffle = s;
-  const bool by_pixel = temporal && name == "hrls";
+  const bool by_pixel = history_channels > 0 && name == "hrls";
   ConvWeights weights = by_pixel
                             ? model.conv_by_pixel()
                             : model.conv(name, shape.channels_out, shape.channels_in, shape.kernel, bias);

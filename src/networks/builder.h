@@ -13,7 +13,7 @@ struct Builder {
   const StorageExponents& exponents;
   const HrlsChannels& hrls_channels;
   SampleCounts samples = {};
-  bool temporal = false;                   // `hrls` reads the samples of each pixel beside the layers
+  uint32_t history_channels = 0;  // HRLS channels that history_channels() returned; 0: no history is kept
   ActivationEstimate* estimate = nullptr;  // follows the convolutions, unless null
   const Architecture& a = model.architecture();
 

@@ -46,15 +46,15 @@ void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, 
              const Conv2dChoice& choose, const StorageExponents& exponents, const ConstantLayers& constants,
              bool compute_variance, const SampleCounts& samples, bool temporal) {
   check_constant_layers(model, constants);
-  if (temporal) history_channels(model, phase, compute_variance);
   const HrlsChannels channels = hrls_channels(model.architecture(), constants, compute_variance);
-  Builder build{.graph = graph,
-                .model = model,
-                .choose = choose,
-                .exponents = exponents,
-                .hrls_channels = channels,
-                .samples = samples,
-                .temporal = temporal};
+  Builder build{
+      .graph = graph,
+      .model = model,
+      .choose = choose,
+      .exponents = exponents,
+      .hrls_channels = channels,
+      .samples = samples,
+      .history_channels = temporal ? history_channels(model, phase, channels.variance.has_value()) : 0};
   functions_of(model.architecture().kind).add(build, height, width, phase);
 }
 

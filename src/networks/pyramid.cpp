@@ -50,7 +50,7 @@ struct Pyramid {
   Tensor accumulated(uint32_t layers, const std::optional<Tensor>& lrhs) const {
     Graph& graph = build.graph;
     const auto [lrhs_spp, hrls_spp] = build.samples.known(a.scale);
-    const uint32_t channels = history_channels(build.model, phase, build.hrls_channels.variance.has_value());
+    const uint32_t channels = build.history_channels;
     const Tensor hrls = tensor("encode.hrls", 0, channels), inputs = tensor("accumulate", 0, 3 + layers + 1);
     build.encode_hrls("encode.hrls", hrls, 0, channels, full_frame);
     AccumulateOptions options{.transfer = a.transfer,
@@ -134,7 +134,7 @@ struct Pyramid {
     above_clip(graph, "above_clip", a.bright_slot(), bright, a.clip);
     std::optional<Tensor> lrhs;
     if (a.reads_lrhs()) lrhs = encoded_lrhs();
-    const Tensor inputs = build.temporal ? accumulated(layers, lrhs) : encoded_hrls(layers);
+    const Tensor inputs = build.history_channels > 0 ? accumulated(layers, lrhs) : encoded_hrls(layers);
     const Tensor lit = inputs.slice(0, 3), hrls = inputs.slice(3, layers);
     const Tensor albedo = build.layer(hrls, "albedo"), color = build.layer(hrls, "color");
     if (lrhs) {
@@ -152,7 +152,7 @@ struct Pyramid {
       std::optional<Blend> blend;
       if (level == a.levels()) {
         blend = {.other = lrhs->slice(3, 3), .share = certainty / (certainty + cell)};
-        if (build.temporal) blend->shares = shares_of_lrhs(inputs.slice(3 + layers, 1));
+        if (build.history_channels > 0) blend->shares = shares_of_lrhs(inputs.slice(3 + layers, 1));
       }
       pool(graph, name, lights[level - 1], lights[level], blend);
       guides[level] = tensor(fmt::format("guides.{}", level), level, 6);

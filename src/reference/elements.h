@@ -27,15 +27,18 @@ inline Element at(const Bounded& x, int c, int y, int column) {
   return {x.value.at(c, y, column), x.bound.at(c, y, column)};
 }
 
-// Evaluates `formula` in double and in intervals. It is called with a value of the type to compute in.
-template <typename Formula>
-Element evaluate_in_both(const Formula& formula) {
-  const double value = formula(double());
-  const Interval range = formula(Interval(0));
+// Returns a value with the bound that its interval sets.
+inline Element within(double value, const Interval& range) {
   if (!std::isfinite(range.low) || !std::isfinite(range.high)) {
     return {value, std::numeric_limits<double>::infinity()};
   }
   return {value, std::max(range.high - value, value - range.low)};
+}
+
+// Evaluates `formula` in double and in intervals. It is called with a value of the type to compute in.
+template <typename Formula>
+Element evaluate_in_both(const Formula& formula) {
+  return within(formula(double()), formula(Interval(0)));
 }
 
 // Evaluates `formula` of elements.

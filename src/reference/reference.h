@@ -122,7 +122,7 @@ Bounded cell_light(const Bounded& lrhs, const Bounded& albedo, Transfer transfer
                    Precision precision);
 
 // Returns the mean of 2 x 2 pixels, moved to `other` by `share` if other is not null.
-// With `shares` (1, h, w) each pixel has its own.
+// `shares` (1, h, w) give each pixel its own.
 Bounded pool(const Bounded& x, Precision precision, const Bounded* other = nullptr, double share = 0,
              const Bounded* shares = nullptr);
 

@@ -210,12 +210,8 @@ std::vector<T> accumulate_at(const Bounded& hrls, const Past& past, Transfer tra
 void store_all(Bounded& result, int y, int x, const auto& values, const auto& ranges, int wide,
                Precision precision) {
   for (int c = 0; c < result.value.c; ++c) {
-    const double value = values[size_t(c)];
-    const Interval& range = ranges[size_t(c)];
-    const double bound = std::isfinite(range.low) && std::isfinite(range.high)
-                             ? std::max(range.high - value, value - range.low)
-                             : std::numeric_limits<double>::infinity();
-    store(result, c, y, x, {value, bound}, c < wide ? precision : Precision::kFp32);
+    store(result, c, y, x, within(values[size_t(c)], ranges[size_t(c)]),
+          c < wide ? precision : Precision::kFp32);
   }
 }
 

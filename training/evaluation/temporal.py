@@ -12,13 +12,11 @@ import json
 import pathlib
 
 import numpy
-import OpenImageIO as oiio
 import raymeld
 import torch
 
 import loss
-import pack
-from evaluation import tables
+from evaluation import images, tables
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 LAYERS = ("color", "albedo", "normal", "diffuse", "specular")
@@ -39,25 +37,15 @@ def parse():
     return parser.parse_args()
 
 
-def pixels_of(planes):
-    return numpy.ascontiguousarray(planes.transpose(1, 2, 0))
-
-
 def read_motion(path):
     """Reads Cycles's Vector pass, whose y points upwards, as pixels to the right and downwards [H, W, 2]."""
-    image = oiio.ImageBuf(str(path))
-    names = [name.split(".", 1)[-1] for name in image.spec().channelnames]
-    pixels = image.get_pixels(oiio.FLOAT)
-    return numpy.stack([pixels[..., names.index("Vector.X")], -pixels[..., names.index("Vector.Y")]], -1)
+    exr = images.Exr.read(path)
+    vector = {exr.channels[i][-1]: exr.pixels[..., i] for i in exr.indices(lambda layer: layer == "Vector")}
+    return numpy.stack([vector["X"], -vector["Y"]], -1)
 
 
-def srgb(linear):
-    x = numpy.clip(linear, 0, 1)
-    return numpy.where(x <= 0.0031308, 12.92 * x, 1.055 * numpy.maximum(x, 1e-8) ** (1 / 2.4) - 0.055)
-
-
-def psnr(image, reference):
-    return loss.psnr(*(torch.from_numpy(x).double().clamp(0, 100) for x in (image, reference)))
+def shown(linear):
+    return loss.srgb(torch.from_numpy(linear)).numpy()
 
 
 class Ages:
@@ -89,25 +77,21 @@ def measure(folder, model_name):
     """Returns a row of COLUMNS for each frame of a sequence."""
     record = json.loads((folder / "sequence.json").read_text())
     model = raymeld.Model(model_name)
-    low = pack.read_layers(folder / "lrhs-0001.exr", ("color",))
+    size = images.read(folder / "lrhs-0001.exr").shape[:2]
     options = {"sampling": "centered", "lrhs_spp": record["lrhs_spp"], "hrls_spp": record["hrls_spp"]}
-    size = low.shape[1:]
     alone, joined = (raymeld.Fusion(model, *size, temporal=temporal, **options) for temporal in (False, True))
     ages, last, rows = Ages(), None, []
     for frame in range(1, record["frames"] + 1):
         path = folder / f"hrls-{frame:04}.exr"
-        planes = pack.read_layers(path, LAYERS)
-        layers = {name: pixels_of(planes[3 * i : 3 * i + 3]) for i, name in enumerate(LAYERS)}
-        lrhs, motion = pixels_of(pack.read_layers(folder / f"lrhs-{frame:04}.exr", ("color",))), read_motion(path)
+        layers = dict(zip(LAYERS, images.layers(path, LAYERS)))
+        lrhs, motion = images.read(folder / f"lrhs-{frame:04}.exr"), read_motion(path)
         fused = [alone.fuse(lrhs, layers), joined.fuse(lrhs, layers, motion)]
-        reference = pixels_of(
-            pack.read_layers(folder / f"reference-{frame if record['moving'] else 1:04}.exr", ("color",))
-        )
-        errors = [srgb(image) - srgb(reference) for image in fused]
+        reference = images.read(folder / f"reference-{frame if record['moving'] else 1:04}.exr")
+        errors = [shown(image) - shown(reference) for image in fused]
         young = ages.next(numpy.concatenate([layers["albedo"], layers["normal"]], -1), motion) < YOUNG
         flicker = [float(numpy.sqrt(((a - b) ** 2).mean())) for a, b in zip(errors, last)] if last else ["", ""]
         of_young = [float((error[young] ** 2).sum()) for error in errors]
-        psnrs = [psnr(image, reference) for image in fused]
+        psnrs = [images.psnr(image, reference) for image in fused]
         rows.append(dict(zip(COLUMNS, (folder.name, model_name, frame, *psnrs, *flicker, young.mean(), *of_young))))
         last = errors
     return rows
