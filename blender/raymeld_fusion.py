@@ -1,14 +1,16 @@
 """Renders the scene twice with Cycles, small with many samples and full-size with few, and has raymeld fuse both.
 
-Or it renders one of them, and has raymeld denoise the full-size one or upscale the small one.
+Or it renders one of them, and has raymeld denoise the full-size one or upscale the small one. It does so for a frame or
+for an animation, whose frames are joined in time.
 
 This add-on for Blender 3.4 and newer is installed with Preferences > Add-ons > Install. It runs the program raymeld,
-whose path is in the add-on's preferences; without a path there, PATH is searched. The operator is Render > Render with
-Raymeld, and the settings are in the render properties.
+whose path is in the add-on's preferences; without a path there, PATH is searched. The operators are Render > Render with
+Raymeld and Render > Render Animation with Raymeld, and the settings are in the render properties.
 """
 
 import contextlib
 import os
+import random
 import shutil
 import subprocess
 import tempfile
@@ -69,10 +71,15 @@ class RaymeldSettings(bpy.types.PropertyGroup):
         items=[(q, q.title(), "") for q in ("fast", "balanced", "high")],
         default="balanced",
     )
+    temporal: bpy.props.BoolProperty(
+        name="Join Frames",
+        default=True,
+        description="Joins each frame of an animation with the ones before it, by its motion vectors",
+    )
     folder: bpy.props.StringProperty(
         name="Keep in",
         subtype="DIR_PATH",
-        description="Folder that keeps the renders and the result. Empty: the files are deleted",
+        description="Folder that keeps the renders and the result. Empty: the files are deleted; an animation needs it",
     )
 
 
@@ -180,10 +187,9 @@ def program_path(context):
     return program
 
 
-def run_program(program, renders, folder, settings):
+def run_program(program, renders, output, settings, more=()):
     """Gives raymeld the renders, paths by the name of their options, and returns the path of the result."""
-    output = os.path.join(folder, "raymeld.exr")
-    command = [program, settings.command, "-o", output, "--quality", settings.quality]
+    command = [program, settings.command, "-o", output, "--quality", settings.quality, *more]
     for option, path in renders.items():
         command += [option, path]
     if "--lrhs" in renders:
@@ -208,32 +214,87 @@ def load(path):
     return image
 
 
-def run(context):
-    scene, layer, settings = context.scene, context.view_layer, context.scene.raymeld
+def jitter(scene, frame):
+    """Returns what to set so that the camera is moved within the pixel, as far as Cycles's pixel filter reaches.
+
+    Cycles takes the first sample in the middle of each pixel, so that frames of one sample add up to jagged edges.
+    """
+    camera, (width, height) = scene.camera.data, size_of(scene.render)
+    size = {"HORIZONTAL": width, "VERTICAL": height}.get(camera.sensor_fit, max(width, height))
+    rng = random.Random(frame)
+    offsets = [sum(rng.random() - 0.5 for _ in range(4)) * scene.cycles.filter_width / 4 for _ in range(2)]
+    return [(camera, f"shift_{axis}", getattr(camera, f"shift_{axis}") + offsets[i] / size)
+            for i, axis in enumerate("xy")]
+
+
+def render_inputs(scene, layer, folder, number="", temporal=False):
+    """Renders what raymeld reads of the current frame. Returns the paths by the name of raymeld's options."""
+    settings, scale, seed = scene.raymeld, int(scene.raymeld.scale), scene.cycles.seed
+    if number:
+        seed += 2 * scene.frame_current
+    renders = {}
+    with changed(plain_render(scene, layer)):
+        if settings.command != "denoise":
+            renders["--lrhs"] = os.path.join(folder, f"lrhs{number}.exr")
+            with changed(small_render(scene, scale)):
+                render_to(renders["--lrhs"], scene, settings.many or scale**2, seed + 1)
+        if settings.command != "upscale":
+            renders["--hrls"] = os.path.join(folder, f"hrls{number}.exr")
+            passes = [(layer, "use_pass_" + name, True) for name in (*PASSES, *(["vector"] if temporal else []))]
+            passes += jitter(scene, scene.frame_current) if temporal and settings.few == 1 else []
+            with changed(passes + [(layer.cycles, "denoising_store_passes", True)]):
+                render_to(renders["--hrls"], scene, settings.few, seed)
+    return renders
+
+
+def check_scene(scene):
     if scene.render.engine != "CYCLES":
         raise Failure("the render engine is not Cycles")
     if not scene.camera:
         raise Failure("the scene has no camera")
-    program, scale = program_path(context), int(settings.scale)
-    small = None if settings.command == "denoise" else small_render(scene, scale)
-    renders = {}
+    if scene.raymeld.command != "denoise":
+        small_render(scene, int(scene.raymeld.scale))
+
+
+def run(context):
+    scene, settings = context.scene, context.scene.raymeld
+    check_scene(scene)
+    program = program_path(context)
     with contextlib.ExitStack() as stack:
         if settings.folder:
             folder = bpy.path.abspath(settings.folder)
             os.makedirs(folder, exist_ok=True)
         else:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="raymeld-"))
-        with changed(plain_render(scene, layer)):
-            if small:
-                renders["--lrhs"] = os.path.join(folder, "lrhs.exr")
-                with changed(small):
-                    render_to(renders["--lrhs"], scene, settings.many or scale**2, scene.cycles.seed + 1)
-            if settings.command != "upscale":
-                renders["--hrls"] = os.path.join(folder, "hrls.exr")
-                passes = [(layer, "use_pass_" + name, True) for name in PASSES]
-                with changed(passes + [(layer.cycles, "denoising_store_passes", True)]):
-                    render_to(renders["--hrls"], scene, settings.few, scene.cycles.seed)
-        return load(run_program(program, renders, folder, settings))
+        renders = render_inputs(scene, context.view_layer, folder)
+        return load(run_program(program, renders, os.path.join(folder, "raymeld.exr"), settings))
+
+
+def run_animation(context):
+    """Returns the number of frames."""
+    scene, settings = context.scene, context.scene.raymeld
+    check_scene(scene)
+    program = program_path(context)
+    if not settings.folder:
+        raise Failure("an animation needs a folder, Keep in, for its frames")
+    temporal = settings.temporal and settings.command != "upscale"
+    if temporal and scene.render.use_motion_blur:
+        raise Failure("Cycles gives no motion vectors with Motion Blur: switch that or Join Frames off")
+    if temporal and scene.frame_step != 1:
+        raise Failure("motion vectors lead from each frame to the last one: set Step to 1, or switch Join Frames off")
+    folder, before = bpy.path.abspath(settings.folder), scene.frame_current
+    os.makedirs(folder, exist_ok=True)
+    frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+    try:
+        for frame in frames:
+            scene.frame_set(frame)
+            renders = render_inputs(scene, context.view_layer, folder, f".{frame:04}", temporal)
+    finally:
+        scene.frame_set(before)
+    patterns = {option: path.replace(f".{frames[-1]:04}.", ".####.") for option, path in renders.items()}
+    more = ["--frames", f"{frames[0]}-{frames[-1]}x{scene.frame_step}", *(["--temporal"] if temporal else [])]
+    run_program(program, patterns, os.path.join(folder, "raymeld.####.exr"), settings, more)
+    return len(frames)
 
 
 class RENDER_OT_raymeld(bpy.types.Operator):
@@ -255,6 +316,22 @@ class RENDER_OT_raymeld(bpy.types.Operator):
         return {"FINISHED"}
 
 
+class RENDER_OT_raymeld_animation(bpy.types.Operator):
+    """Render the animation cheaply, and write the files raymeld.####.exr"""
+
+    bl_idname = "render.raymeld_animation"
+    bl_label = "Render Animation with Raymeld"
+
+    def execute(self, context):
+        try:
+            count = run_animation(context)
+        except (Failure, OSError, RuntimeError) as failure:
+            self.report({"ERROR"}, str(failure))
+            return {"CANCELLED"}
+        self.report({"INFO"}, f"Made {count} frames in {context.scene.raymeld.folder}")
+        return {"FINISHED"}
+
+
 class RENDER_PT_raymeld(bpy.types.Panel):
     bl_label = "Raymeld"
     bl_space_type = "PROPERTIES"
@@ -268,18 +345,25 @@ class RENDER_PT_raymeld(bpy.types.Panel):
 
     def draw(self, context):
         self.layout.use_property_split = True
-        unused = {"denoise": ("scale", "many"), "upscale": ("few",)}.get(context.scene.raymeld.command, ())
-        for name in ("command", "scale", "few", "many", "quality", "folder"):
+        unused = {"denoise": ("scale", "many"), "upscale": ("few", "temporal")}.get(context.scene.raymeld.command, ())
+        for name in ("command", "scale", "few", "many", "quality", "temporal", "folder"):
             if name not in unused:
                 self.layout.prop(context.scene.raymeld, name)
-        self.layout.operator(RENDER_OT_raymeld.bl_idname)
+        draw_menu(self, context)
 
 
-CLASSES = (RaymeldPreferences, RaymeldSettings, RENDER_OT_raymeld, RENDER_PT_raymeld)
+CLASSES = (
+    RaymeldPreferences,
+    RaymeldSettings,
+    RENDER_OT_raymeld,
+    RENDER_OT_raymeld_animation,
+    RENDER_PT_raymeld,
+)
 
 
 def draw_menu(self, _context):
     self.layout.operator(RENDER_OT_raymeld.bl_idname)
+    self.layout.operator(RENDER_OT_raymeld_animation.bl_idname)
 
 
 def register():

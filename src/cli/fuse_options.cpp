@@ -86,7 +86,9 @@ void add_files(CLI::App& command, Task of, FuseArguments& a) {
       .add_option(
           "--map", a.map,
           "Maps channels to layers: a preset (generic, cycles, arnold, pbrt, renderman), LAYER=PREFIX, "
-          "LAYER=CHANNEL,CHANNEL,CHANNEL, viewlayer=NAME or view=NAME; may be repeated")
+          "LAYER=CHANNEL,CHANNEL,CHANNEL, viewlayer=NAME, view=NAME, motion=PREFIX, motion=CHANNEL,CHANNEL "
+          "or "
+          "motion-factors=X,Y; may be repeated")
       ->type_name("ITEM")
       ->allow_extra_args(false);
 }
@@ -270,9 +272,38 @@ CLI::Option* add_frames(CLI::App& command, SequenceArguments& a) {
       ->type_name("RANGES");
 }
 
-void add_more_sequence(CLI::App& command, CLI::Option* frames, SequenceArguments& a, FuseArguments& frame) {
+// Adds the options for frames that are joined in time.
+void add_temporal(CLI::App& command, CLI::Option* frames, SequenceArguments& a, FuseArguments& frame) {
+  CLI::Option* temporal =
+      command
+          .add_flag(
+              "--temporal", frame.temporal,
+              "Joins each frame with the ones before it, along the motion vectors of HRLS: less noise and "
+              "less flicker; starts anew where a frame is missing or shows something else")
+          ->needs(frames);
+  add_parsed(command, "--reset-at", a.reset_at, parse_frames,
+             "Makes these frames of --frames start anew, as the first of a shot")
+      ->type_name("RANGES")
+      ->needs(temporal);
+  command.add_flag("--still", frame.still, "Says that nothing moves, so that no motion vectors are needed")
+      ->needs(temporal);
+}
+
+// Throws CLI::ExcludesError for options that do not go with --temporal.
+void check_temporal(const FuseArguments& a) {
+  if (!a.temporal) return;
+  for (const auto& [name, given] : {std::pair("--window", a.window.has_value()),
+                                    {"--skip-unchanged", a.skip_unchanged},
+                                    {"--profile", a.profile},
+                                    {"--overflow redo", a.overflow == Overflow::kRedo}})
+    if (given) throw CLI::ExcludesError("--temporal", name);
+}
+
+void add_more_sequence(CLI::App& command, Task of, CLI::Option* frames, SequenceArguments& a,
+                       FuseArguments& frame) {
   add_parsed(command, "--shard", a.shard, parse_shard,
-             "Takes part I of N of the sequence: every N-th frame, from the I-th on")
+             "Takes part I of N of the sequence: every N-th frame, from the I-th on, or frames that follow "
+             "each other with --temporal")
       ->type_name("I/N")
       ->needs(frames);
   command
@@ -286,6 +317,7 @@ void add_more_sequence(CLI::App& command, CLI::Option* frames, SequenceArguments
                 "the others from its output; computes all tiles if the exposure differs, so give "
                 "--input-exposure a factor or off")
       ->needs(frames);
+  if (of != Task::kUpscale) add_temporal(command, frames, a, frame);
   // This is the option's name in earlier versions.
   command.add_flag("--changed-only", frame.skip_unchanged)->needs(frames)->group("");
 }
@@ -302,7 +334,7 @@ void add_options(CLI::App& command, Task of, FuseArguments& a, SequenceArguments
   group("Messages");
   add_reports(command, a);
   group(kMoreOptions);
-  add_more_sequence(command, frames, sequence, a);
+  add_more_sequence(command, of, frames, sequence, a);
   add_more_files(command, of, a);
   add_run(command, a);
   add_more_reports(command, a);
@@ -329,6 +361,7 @@ CLI::App* add_command(CLI::App& app, Task of, const char* name, const char* desc
   add_options(*command, of, *arguments, *sequence);
   command->callback([of, arguments, sequence] {
     check_files(of, *arguments);
+    check_temporal(*arguments);
     if (arguments->output.empty() && !arguments->dry_run) throw CLI::RequiredError("--output");
     if (!sequence->frames.empty()) return run_sequence(*sequence, *arguments);
     check_no_patterns(*arguments);

@@ -207,7 +207,8 @@ void Fuser::prepare_host() {
   host->fused = Buffer(device_, frame_bytes(shapes[2]), Memory::kReadback, "fused");
   bind_host(*host);
   if (options_.profile) host->timestamps.emplace(device_, uint32_t(plan_.graph.passes().size()));
-  if (!options_.temporal) record_chunks(*host);  // run() records each frame with its own histories
+  if (!options_.temporal)
+    record_chunks(*host, plan_.graph.passes().size());  // run() records each frame with its own histories
   host_ = std::move(host);
 }
 
@@ -257,8 +258,21 @@ void Fuser::reset_history(size_t sequence) {
   if (found != histories_.end()) found->second.is_empty = true;
 }
 
-void Fuser::record_chunks(Host& host) const {
-  const auto passes = plan_.graph.passes();
+// Returns the number of passes until the last one that writes to a history.
+size_t Fuser::history_end() const {
+  const auto writes_history = [](const Pass& pass) {
+    return std::ranges::any_of(pass.bindings, [](const Binding& binding) {
+      return binding.kind == Binding::Kind::kFrame && binding.slot == kNextSlot;
+    });
+  };
+  size_t end = plan_.graph.passes().size();
+  while (end > 0 && !writes_history(plan_.graph.passes()[end - 1])) --end;
+  return end;
+}
+
+// Records the passes before `end` for fuse().
+void Fuser::record_chunks(Host& host, size_t end) const {
+  const auto passes = plan_.graph.passes().first(end);
   size_t chunk = 0;
   for (size_t first = 0; first < passes.size(); ++chunk) {
     double work = passes[first].work();
@@ -277,9 +291,10 @@ void Fuser::record_chunks(Host& host) const {
     host.pool.end(commands);
     first = last;
   }
+  host.chunk_count = chunk;
 }
 
-void Fuser::check_sizes(const Image& lrhs, const Image& hrls) const {
+void Fuser::check_sizes(const Image& lrhs, const Image& hrls, const Image& motion) const {
   const auto shapes = image_shapes(plan_.tiling.frame);
   const auto check_size = [](const char* role, const Image& image, const Shape& shape) {
     if (shape.channels == 0) return;  // it is not read
@@ -292,15 +307,24 @@ void Fuser::check_sizes(const Image& lrhs, const Image& hrls) const {
   };
   check_size("LRHS", lrhs, shapes[0]);
   check_size("HRLS", hrls, shapes[1]);
+  if (options_.temporal) check_size("motion", motion, motion_shape(shapes[2]));
 }
 
 FuseReport Fuser::fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress,
-                       float exposure, size_t sequence) {
-  check_sizes(lrhs, hrls);
+                       float exposure, size_t sequence, const Image& motion) {
+  check_sizes(lrhs, hrls, motion);
   const Shape shape = image_shapes(plan_.tiling.frame)[2];
   if (fused.width != int(shape.width) || fused.height != int(shape.height) || fused.channels != 3)
     fused = Image(int(shape.width), int(shape.height), 3);
-  return fuse(lrhs.data.data(), hrls.data.data(), fused.data.data(), progress, exposure, sequence);
+  return fuse(lrhs.data.data(), hrls.data.data(), fused.data.data(), progress, exposure, sequence,
+              motion.data.empty() ? nullptr : motion.data.data());
+}
+
+void Fuser::remember(const Image& lrhs, const Image& hrls, const Image& motion, const Progress& progress,
+                     float exposure, size_t sequence) {
+  if (!options_.temporal) throw Error("a frame to remember, expected a fusion that keeps a history");
+  check_sizes(lrhs, hrls, motion);
+  fuse(lrhs.data.data(), hrls.data.data(), nullptr, progress, exposure, sequence, motion.data.data());
 }
 
 FuseReport Fuser::fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress,

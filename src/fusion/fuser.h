@@ -127,13 +127,18 @@ class Fuser {
   // `exposure` is the factor of radiance for the network, to be given for parts of a larger frame; 0 means
   // exposure().
   FuseReport fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress = {},
-                  float exposure = 0, size_t sequence = 0);
+                  float exposure = 0, size_t sequence = 0, const Image& motion = {});
   // Does the same on planar, dense memory of the caller's, whose sizes are not checked.
   // `motion` (2, s h, s w), which FuserOptions::temporal needs, leads from each pixel to the same point in
   // the last frame of the sequence, in pixels along x and y; where it is not finite there is no such point. A
   // frame that throws leaves the history as it was.
   FuseReport fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress = {},
                   float exposure = 0, size_t sequence = 0, const float* motion = nullptr);
+
+  // Takes a frame into the history of its sequence as fuse() does, without fusing it. Runs only the layers
+  // that the history depends on.
+  void remember(const Image& lrhs, const Image& hrls, const Image& motion, const Progress& progress = {},
+                float exposure = 0, size_t sequence = 0);
 
   // Makes the next frame of a sequence its first one. record() goes on with sequence 0.
   void reset_history(size_t sequence = 0);
@@ -158,6 +163,7 @@ class Fuser {
     Buffer lrhs, hrls, motion, fused;
     Commands pool;
     std::vector<VkCommandBuffer> chunks;   // parts of one tile, each short enough for a watchdog
+    size_t chunk_count = 0;                // those of the frame at hand
     std::optional<Timestamps> timestamps;  // with FuserOptions::profile
     std::optional<StagingRing> staging;    // where the host does not see lrhs and hrls
     explicit Host(const Device& device) : pool(device, VK_COMMAND_POOL_CREATE_RESET_COMMAND_BUFFER_BIT) {}
@@ -197,7 +203,7 @@ class Fuser {
   float recorded_exposure(float asked) const;
   Program& exposure_program(TileSize size);
   void reset_status();
-  void check_sizes(const Image& lrhs, const Image& hrls) const;
+  void check_sizes(const Image& lrhs, const Image& hrls, const Image& motion) const;
   std::array<Shape, 3> image_shapes(TileSize tile) const;
   FrameBindings bindings(const FrameBuffer& lrhs, const FrameBuffer& hrls, const FrameBuffer& fused) const;
   FuseReport run_within_memory(const float* lrhs, const float* hrls, float* fused, float exposure,
@@ -216,7 +222,8 @@ class Fuser {
                   FuseReport& report);
   void prepare_host();
   void run_empty(const Progress& progress);
-  void record_chunks(Host& host) const;
+  void record_chunks(Host& host, size_t end) const;
+  size_t history_end() const;
   // Returns the part of a frame's image that a tile reads, of which it has the shape.
   ImageWindow window(const float* image, const Shape& shape, uint32_t scale, const Tile& at) const;
   // Returns the parts of the frame's LRHS and HRLS that a tile reads.

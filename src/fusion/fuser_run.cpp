@@ -46,7 +46,7 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
     if (history_->is_empty || history_->size != tiling.frame)
       fill_now(device_, history_->last.handle(), history_->all(), "history");
     bind_host(*host_);
-    record_chunks(*host_);
+    record_chunks(*host_, fused ? plan_.graph.passes().size() : history_end());
   }
   uint64_t skipped = 0;  // LRHS pixels
   for (uint32_t index = 0; index < tiling.count(); ++index) {
@@ -74,6 +74,7 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
       copy_core(redo_tile(low, high, of_frame, report).data.data(), fused, at);
       continue;
     }
+    if (!fused) continue;  // see remember()
     host_->fused.invalidate();
     copy_core(static_cast<const float*>(host_->fused.mapped()), fused, at);
     report.status.saturated += status.saturated;
@@ -87,12 +88,12 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
 Status Fuser::run_tile(const Progress& progress, FuseReport& report) {
   program_->reset_status();
   double done = 0;
-  for (VkCommandBuffer chunk : host_->chunks) {
+  for (size_t i = 0; i < host_->chunk_count; ++i) {
     const auto start = std::chrono::steady_clock::now();
-    device_.submit_and_wait(chunk);
+    device_.submit_and_wait(host_->chunks[i]);
     const std::chrono::duration<double, std::milli> time = std::chrono::steady_clock::now() - start;
     report.device_ms += time.count();
-    if (!progress(++done / static_cast<double>(host_->chunks.size()))) throw Cancelled();
+    if (!progress(++done / static_cast<double>(host_->chunk_count))) throw Cancelled();
   }
   if (options_.profile) add_pass_times(report);
   return program_->status();

@@ -42,6 +42,15 @@ std::optional<std::string> ChannelGroups::alpha(const std::string& prefix) const
   return upper ? upper : find(prefix, "a");
 }
 
+std::optional<std::array<std::string, 2>> ChannelGroups::pair(const std::string& prefix) const {
+  for (const auto& [x, y] :
+       {std::pair("X", "Y"), {"x", "y"}, {"U", "V"}, {"u", "v"}, {"R", "G"}, {"r", "g"}}) {
+    const auto first = find(prefix, x), second = find(prefix, y);
+    if (first && second) return std::array{*first, *second};
+  }
+  return std::nullopt;
+}
+
 bool ChannelGroups::is_luminance_chroma(const std::string& prefix) const {
   return find(prefix, "Y") && (find(prefix, "RY") || find(prefix, "BY"));
 }

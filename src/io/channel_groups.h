@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <map>
 #include <optional>
 #include <span>
@@ -22,6 +23,8 @@ class ChannelGroups {
   // Returns the names of the prefix's R, G, B or X, Y, Z, in either case, or of a lone Y three times.
   std::optional<ChannelTriple> triple(const std::string& prefix) const;
   std::optional<std::string> alpha(const std::string& prefix) const;
+  // Returns the names of the prefix's X, Y, its U, V or its R, G, in either case.
+  std::optional<std::array<std::string, 2>> pair(const std::string& prefix) const;
   // Returns whether the prefix has Y with RY or BY, which is not a grey picture.
   bool is_luminance_chroma(const std::string& prefix) const;
 

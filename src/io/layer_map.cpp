@@ -45,9 +45,22 @@ std::optional<std::string> find_alpha(const LayerPreset& preset, const Scope& sc
   return std::nullopt;
 }
 
+std::optional<MotionSource> find_motion(const LayerPreset& preset, const Scope& scope,
+                                        const ChannelGroups& groups) {
+  for (std::string_view pass : preset.motion.passes)
+    if (const auto pair = groups.pair(prefix_of(scope, pass)))
+      return MotionSource{*pair, preset.motion.factors};
+  return std::nullopt;
+}
+
 LayerMap apply(const LayerPreset& preset, const Scope& scope, const ChannelGroups& groups) {
-  LayerMap map{std::string(preset.name),         scope.view_layer, scope.view, {}, {},
-               find_alpha(preset, scope, groups)};
+  LayerMap map{std::string(preset.name),
+               scope.view_layer,
+               scope.view,
+               {},
+               {},
+               find_alpha(preset, scope, groups),
+               find_motion(preset, scope, groups)};
   for (const LayerRecipe& recipe : preset.recipes) {
     const std::string layer(recipe.layer);
     if (map.layers.contains(layer)) continue;
@@ -156,13 +169,28 @@ ChannelTriple overridden(const std::string& layer, const std::string& value, con
   return {names[0], names[1], names[2]};
 }
 
+// Returns the channels of motion that the user names; their factors are 1.
+MotionSource overridden_motion(const std::string& value, const ChannelGroups& groups) {
+  if (const auto pair = groups.pair(value)) return {*pair};
+  const std::vector<std::string> names = split(value, ',');
+  if (names.size() != 2 || !groups.has_channel(names[0]) || !groups.has_channel(names[1]))
+    throw Error(
+        "cannot map motion to '{0}': there are no channels {0}.X, .Y, {0}.U, .V or {0}.R, .G; expected a "
+        "prefix or two channels separated by a comma",
+        value);
+  return {{names[0], names[1]}};
+}
+
 void apply_overrides(const LayerChoice& choice, const ChannelGroups& groups, LayerMap& map) {
   for (const auto& [layer, value] : choice.overrides) {
-    if (layer != "alpha") {
+    if (layer == "motion") {
+      map.motion = overridden_motion(value, groups);
+    } else if (layer != "alpha") {
       map.layers[layer] = {LayerRule::kRead, {overridden(layer, value, groups)}, ""};
       if (layer == "color") map.alpha = groups.alpha(value), map.others.clear();
     }
   }
+  if (map.motion && choice.motion_factors) map.motion->factors = *choice.motion_factors;
   const auto alpha = choice.overrides.find("alpha");
   if (alpha == choice.overrides.end()) return;
   if (!groups.has_channel(alpha->second))
@@ -177,6 +205,8 @@ std::map<std::string, std::string> looked_for(const LayerChoice& choice, const C
       for (const std::string& text : recipe_texts(recipe))
         if (auto& known = texts[std::string(recipe.layer)]; std::ranges::find(known, text) == known.end())
           known.push_back(text);
+  for (const LayerPreset* preset : chosen_presets(choice))
+    for (std::string_view pass : preset->motion.passes) texts["motion"].emplace_back(pass);
   std::map<std::string, std::string> joined;
   for (const auto& [layer, of_layer] : texts) joined[layer] = fmt::format("{}", fmt::join(of_layer, " | "));
   if (groups.is_luminance_chroma(""))

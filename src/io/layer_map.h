@@ -30,13 +30,22 @@ struct LayerSource {
   std::string note;  // the reason why this source is second best; empty for the best
 };
 
+// Names the two channels that lead from a pixel to the same point in the last frame. Times their factors they
+// are pixels to the right and downwards.
+struct MotionSource {
+  std::array<std::string, 2> channels;
+  std::array<float, 2> factors = {1, 1};
+};
+
 // Holds the user's choices; everything left empty is found automatically.
 struct LayerChoice {
   std::string preset;      // cycles, pbrt, arnold, renderman or generic
   std::string view_layer;  // Blender's `Layer` in `Layer.Pass.View.Channel`
   std::string view;
-  // Maps a layer to a prefix, a channel or three channels separated by commas, and "alpha" to a channel.
+  // Maps a layer to a prefix, a channel or three channels separated by commas, "alpha" to a channel, and
+  // "motion" to a prefix or two channels.
   std::map<std::string, std::string> overrides;
+  std::optional<std::array<float, 2>> motion_factors = {};  // instead of those of the preset
 };
 
 struct LayerMap {
@@ -46,12 +55,14 @@ struct LayerMap {
   std::map<std::string, LayerSource> layers;      // only the layers that were found
   std::map<std::string, std::string> looked_for;  // the names tried for each layer, for messages
   std::optional<std::string> alpha;               // the channel that belongs to color
-  std::vector<std::string> others = {};           // options for other view layers and views with a color
-  std::string has = {};                           // the groups of channels in the file, for messages
+  std::optional<MotionSource> motion = {};
+  std::vector<std::string> others = {};  // options for other view layers and views with a color
+  std::string has = {};                  // the groups of channels in the file, for messages
 };
 
-// Reads `cycles`, `viewlayer=NAME`, `view=NAME`, `albedo=PREFIX`, `albedo=CHANNEL,CHANNEL,CHANNEL` and
-// `alpha=CHANNEL`. Throws Error, naming the item.
+// Reads `cycles`, `viewlayer=NAME`, `view=NAME`, `albedo=PREFIX`, `albedo=CHANNEL,CHANNEL,CHANNEL`,
+// `alpha=CHANNEL`, `motion=PREFIX`, `motion=CHANNEL,CHANNEL` and `motion-factors=X,Y`. Throws Error, naming
+// the item.
 LayerChoice parse_layer_choice(std::span<const std::string> items);
 
 // Finds the layers among the channels of a file. Takes the preset, view layer and view that give a color and
@@ -63,5 +74,8 @@ std::string layer_map_text(const LayerMap& map);
 
 // Throws an Error that names the file, every layer in `wanted` that `map` lacks, and the channels looked for.
 void require_layers(const LayerMap& map, std::span<const std::string> wanted, const std::string& file);
+
+// Returns a text like that for a file without motion vectors.
+std::string no_motion_text(const LayerMap& map, const std::string& file);
 
 }  // namespace raymeld

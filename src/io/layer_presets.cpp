@@ -17,10 +17,12 @@ LayerPreset generic() {
               {"diffuse", kRead, {{"diffuse", "Diffuse"}}},
               {"specular", kRead, {{"specular", "Specular"}}},
               {"variance", kRead, {{"variance", "Variance"}}},
-          }};
+          },
+          {{"motion", "Motion"}}};
 }
 
-// Blender 2.8 to 4.x shorten the pass names; later releases spell them out.
+// Blender 2.8 to 4.x shorten the pass names; later releases spell them out. X and Y of Vector lead to the
+// last frame, with Y upwards.
 LayerPreset cycles() {
   return {
       "cycles",
@@ -37,7 +39,8 @@ LayerPreset cycles() {
           {"specular",
            kEquation2,
            {{"GlossCol", "Glossy Color"}, {"GlossDir", "Glossy Direct"}, {"GlossInd", "Glossy Indirect"}}},
-      }};
+      },
+      {{"Vector"}, {1, -1}}};
 }
 
 LayerPreset pbrt() {
@@ -51,6 +54,7 @@ LayerPreset pbrt() {
           }};
 }
 
+// motionvector leads to the next frame, with Y upwards.
 LayerPreset arnold() {
   return {"arnold",
           {
@@ -63,7 +67,8 @@ LayerPreset arnold() {
               {"specular", kRead, {{"specular"}}},
               {"specular", kSum, {{"specular_direct"}, {"specular_indirect"}}},
               {"variance", kRead, {{"variance"}}},
-          }};
+          },
+          {{"motionvector"}, {-1, 1}}};
 }
 
 LayerPreset renderman() {
@@ -76,7 +81,8 @@ LayerPreset renderman() {
               {"diffuse", kSum, {{"directDiffuse"}, {"indirectDiffuse"}}},
               {"specular", kRead, {{"specular"}}},
               {"specular", kSum, {{"directSpecular"}, {"indirectSpecular"}}},
-          }};
+          },
+          {{"backward", "motionBack"}}};
 }
 
 }  // namespace

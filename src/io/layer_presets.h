@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <span>
 #include <string>
 #include <string_view>
@@ -23,10 +24,18 @@ struct LayerRecipe {
 // as `(DiffCol | Diffuse Color) * ((DiffDir | ...) + (DiffInd | ...))`.
 std::vector<std::string> recipe_texts(const LayerRecipe& recipe);
 
+// Says how one renderer names its motion vectors. The factors make them lead to the last frame's pixel, to
+// the right and downwards.
+struct MotionRecipe {
+  std::vector<std::string_view> passes;  // those that fit, best first
+  std::array<float, 2> factors = {1, 1};
+};
+
 // Says how one renderer names its passes. The first of a layer's recipes that the file can fulfil counts.
 struct LayerPreset {
   std::string_view name;
   std::vector<LayerRecipe> recipes;
+  MotionRecipe motion = {};
 };
 
 // Lists every preset. An earlier preset wins a tie.

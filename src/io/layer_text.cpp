@@ -1,6 +1,8 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <charconv>
+#include <cmath>
 
 #include "error.h"
 #include "io/layer_map.h"
@@ -26,6 +28,25 @@ std::string source_text(const LayerSource& source) {
       return fmt::format("3x3 variance of ({})", terms[0]);
   }
   return {};
+}
+
+// Reads two numbers that are separated by a comma. Throws Error.
+std::array<float, 2> parse_factors(const std::string& item, const std::string& text) {
+  std::array<float, 2> factors{};
+  const char* const end = text.data() + text.size();
+  const auto first = std::from_chars(text.data(), end, factors[0]);
+  const bool has_comma = first.ec == std::errc() && first.ptr != end && *first.ptr == ',';
+  const auto second = std::from_chars(has_comma ? first.ptr + 1 : end, end, factors[1]);
+  if (second.ec != std::errc() || second.ptr != end || !std::isfinite(factors[0]) ||
+      !std::isfinite(factors[1]))
+    throw Error("cannot map layers by '{}': expected two factors such as 1,-1", item);
+  return factors;
+}
+
+// Returns the names that were tried for a layer.
+std::string looked_for_text(const LayerMap& map, const std::string& layer) {
+  const auto found = map.looked_for.find(layer);
+  return found == map.looked_for.end() ? "nothing, as the preset has no name for it" : found->second;
 }
 
 }  // namespace
@@ -60,10 +81,12 @@ LayerChoice parse_layer_choice(std::span<const std::string> items) {
       choice.view_layer = value;
     else if (key == "view")
       choice.view = value;
-    else if (key == "alpha" || is_layer(key))
+    else if (key == "motion-factors")
+      choice.motion_factors = parse_factors(item, value);
+    else if (key == "alpha" || key == "motion" || is_layer(key))
       choice.overrides[key] = value;
     else
-      throw Error("cannot map layers by '{}': there is no layer '{}'; there are alpha, {}", item, key,
+      throw Error("cannot map layers by '{}': there is no layer '{}'; there are alpha, motion, {}", item, key,
                   fmt::join(kLayerNames, ", "));
   }
   return choice;
@@ -80,7 +103,11 @@ std::string layer_map_text(const LayerMap& map) {
     if (found != map.layers.end() && !found->second.note.empty())
       text += fmt::format("  [{}]", found->second.note);
   }
-  return text + fmt::format("\n  {:<8} {}\n", "alpha", map.alpha.value_or("-"));
+  text += fmt::format("\n  {:<8} {}", "alpha", map.alpha.value_or("-"));
+  if (map.motion)
+    text += fmt::format("\n  {:<8} {}, times {:g}, {:g}", "motion", fmt::join(map.motion->channels, ", "),
+                        map.motion->factors[0], map.motion->factors[1]);
+  return text + '\n';
 }
 
 void require_layers(const LayerMap& map, std::span<const std::string> wanted, const std::string& file) {
@@ -89,14 +116,16 @@ void require_layers(const LayerMap& map, std::span<const std::string> wanted, co
     if (!is_layer(layer))
       throw Error("there is no layer '{}'; there are {}", layer, fmt::join(kLayerNames, ", "));
     if (map.layers.contains(layer)) continue;
-    const auto looked_for = map.looked_for.find(layer);
-    missing += fmt::format("\n  {}: looked for {}", layer,
-                           looked_for == map.looked_for.end() ? "nothing, as the preset has no name for it"
-                                                              : looked_for->second);
+    missing += fmt::format("\n  {}: looked for {}", layer, looked_for_text(map, layer));
   }
   if (!missing.empty())
     throw Error("'{}' lacks layers that are needed (preset {}):{}\n  the file has: {}", file, map.preset,
                 missing, map.has);
+}
+
+std::string no_motion_text(const LayerMap& map, const std::string& file) {
+  return fmt::format("'{}' has no motion vectors (preset {}): looked for {}\n  the file has: {}", file,
+                     map.preset, looked_for_text(map, "motion"), map.has);
 }
 
 }  // namespace raymeld

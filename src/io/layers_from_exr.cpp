@@ -74,4 +74,14 @@ Image load_layers(ExrFile& file, const LayerMap& map, std::span<const std::strin
   return result;
 }
 
+Image load_motion(ExrFile& file, const LayerMap& map) {
+  const auto& [channels, factors] = *map.motion;
+  const Planes planes(file, {channels[0], channels[1]});
+  Image result(planes.width(), planes.height(), 2);
+  for (int c = 0; c < 2; ++c)
+    std::transform(planes.at(channels[c]), planes.at(channels[c]) + result.plane_size(), result.plane(c),
+                   [factor = factors[c]](float value) { return factor * value; });
+  return result;
+}
+
 }  // namespace raymeld

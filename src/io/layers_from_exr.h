@@ -15,4 +15,8 @@ LayerMap map_layers(const ExrFile& file, const LayerChoice& choice = {});
 // (see sanitize()). Throws Error as require_layers() and ExrFile::read() do.
 Image load_layers(ExrFile& file, const LayerMap& map, std::span<const std::string> wanted);
 
+// Returns (2, H, W): the pixels to the right and downwards that lead to the same point in the last frame.
+// Throws Error as ExrFile::read() does; `map` must have motion.
+Image load_motion(ExrFile& file, const LayerMap& map);
+
 }  // namespace raymeld

@@ -60,6 +60,8 @@ struct FuseArguments {
   std::optional<Choice> choice = {};        // the choice of `model`, if no name was given
   std::optional<Imath::Box2i> window = {};  // the part to write, in full-size pixels; none: all
   bool skip_unchanged = false;              // compute only changes since a sequence's last frame
+  bool temporal = false;                    // join each frame of a sequence with the ones before it
+  bool still = false;                       // with `temporal`, nothing moves
   bool layers = false;                      // also write the parts of the light
   bool keep_layers = false, profile = false, dry_run = false, json = false, quiet = false, verbose = false;
 
@@ -102,8 +104,9 @@ struct FuseFiles {
   PairFindings pair;     // set by examine()
   std::optional<ExrFile> reference;
   LayerMap reference_map;
-  std::optional<ExrFile> guides;  // a render of HRLS's guides with more samples
-  LayerMap guides_map;            // only layers that are taken from there
+  std::optional<ExrFile> guides;   // a render of HRLS's guides with more samples
+  LayerMap guides_map;             // only layers that are taken from there
+  bool computes_variance = false;  // the device computes the variance, of frames that are joined
 
   bool reads_lrhs() const { return model->architecture().reads_lrhs(); }
   bool reads_hrls() const { return model->architecture().reads_hrls(); }
@@ -115,6 +118,11 @@ struct FuseFiles {
   float model_phase() const { return upsampling() == 1 ? phase : lrhs_phase(true, uint32_t(canvas.scale)); }
   SampleCounts model_samples() const {
     return {samples.lrhs / float(upsampling() * upsampling()), samples.hrls};
+  }
+
+  // Lists the layers that the image of HRLS holds if these are constant.
+  std::vector<std::string> layers_without(const ConstantLayers& constants) const {
+    return image_layers(model->architecture(), constants, computes_variance);
   }
 
   const ExrChannel& hrls_color() const { return hrls.channel(hrls_map.layers.at("color").terms[0][0]); }
@@ -141,6 +149,7 @@ struct ShownInputs {
 
 struct FuseImages {
   Image lrhs, hrls;                   // the canvas: (3, h, w) and (K, s h, s w) or empty, all finite
+  Image motion;                       // (2, s h, s w) of the canvas, see Fuser::fuse(); empty unless temporal
   ShownInputs shown;                  // empty unless the fused image is compared with them
   ConstantLayers constants;           // constant and absent layers, which `hrls` does not hold
   float exposure = 1;                 // the whole frame's exposure, see FuserOptions
@@ -165,6 +174,13 @@ struct Phase {
   double time_ms;
 };
 
+// Says how a frame goes on with the one before it, where frames are joined in time.
+struct FrameInTime {
+  int number = 0;           // the frame goes on with the one whose number is one less
+  bool starts_anew = true;  // it goes on with none
+  bool is_lead_in = false;  // it is not fused, but later ones go on with it
+};
+
 // Holds a frame and the results of the steps that it has passed. One thread at a time may use it.
 struct FuseFrame {
   FuseArguments arguments;  // paths are no patterns
@@ -174,9 +190,10 @@ struct FuseFrame {
   FuseResult result;
   StagedFiles staged;
   std::vector<Phase> phases = {};  // finished phases, in their order
+  FrameInTime time = {};
 
   // Drops what only the network reads, often the largest part of a frame's memory.
-  void drop_inputs() { images.lrhs = images.hrls = {}; }
+  void drop_inputs() { images.lrhs = images.hrls = images.motion = {}; }
 };
 
 // Runs the command for one frame. Throws Error and Cancelled, and then leaves no output behind.
@@ -289,7 +306,8 @@ class FrameFuser {
   void prepare(const FuseFrame& frame);
 
   // Fuses a frame with its companions and stages the files of --dump. All frames must have the same options.
-  // Throws Error, and Cancelled when `progress` returns false; the next frame may still work then.
+  // A lead-in frame is only taken into the history. Throws Error, and Cancelled when `progress` returns
+  // false; the next frame may still work then.
   void fuse(FuseFrame& frame, const Progress& progress);
 
  private:
@@ -300,7 +318,10 @@ class FrameFuser {
   Image fuse_companion(FuseFrame& frame, const Companion& companion, const Image& hrls, float exposure,
                        Fuser& fuser, const Progress& progress);
 
+  void go_on(const FuseFrame& frame, size_t sequence, Fuser& fuser);
+
   const Device& device_;
+  std::map<size_t, int> last_numbers_;  // the last frame of each sequence in the histories of `cached_`
   std::unique_ptr<Preparation> preparation_;
   std::unique_ptr<Cached> cached_;
 };

@@ -123,7 +123,7 @@ Image hrls_of(const FuseFrame& frame, const Companion& companion) {
   const bool is_alpha = companion.name == kAlpha;
   Image hrls = frame.images.hrls;
   const size_t count = 3 * hrls.plane_size();
-  const auto layers = image_layers(frame.files.model->architecture(), frame.images.constants);
+  const auto layers = frame.files.layers_without(frame.images.constants);
   for (size_t i = 0; i < layers.size(); ++i) {
     const std::string& layer = layers[i];
     float* planes = hrls.plane(int(3 * i));
@@ -230,11 +230,12 @@ void fuse_companions(FuseFrame& frame, const FuseOne& fuse) {
     const bool is_alpha = companion.name == kAlpha;
     Image& image = fused[companion.name];
     image = fuse(companion, hrls_of(frame, companion), is_alpha ? 1 : images.exposure);
+    if (frame.time.is_lead_in) continue;
     if (is_alpha) limit_alpha(image, companion, frame.files.canvas.scale);
     image = seen_through(std::move(image), frame.files.canvas.hrls, frame.files.window);
     companion.lrhs = companion.hrls = {};
   }
-  if (frame.arguments.layers) share_out(frame.result.fused, fused);
+  if (frame.arguments.layers && !frame.time.is_lead_in) share_out(frame.result.fused, fused);
 }
 
 }  // namespace raymeld::cli

@@ -150,6 +150,25 @@ LayerMap map_guides(const ExrFile& file, const LayerChoice& choice, const ExrFil
   return map;
 }
 
+// Throws Error unless HRLS has motion vectors, as large as the color.
+void check_motion(const ExrFile& hrls, const LayerMap& map, const Imath::Box2i& color) {
+  if (!map.motion)
+    throw Error("{}\n  --map motion=PREFIX names them, and --still says that nothing moves",
+                no_motion_text(map, hrls.path().string()));
+  for (const std::string& name : map.motion->channels) {
+    const Imath::Box2i window = hrls.header(hrls.channel(name).part).dataWindow();
+    if (window.size() != color.size())
+      throw Error("HRLS '{}': the motion is {}, and the color is {}: the sizes must be equal",
+                  hrls.path().string(), size_text(window), size_text(color));
+  }
+}
+
+// Returns the motion of the canvas, (2, H, W).
+Image motion_of(FuseFiles& files, const FuseArguments& arguments) {
+  if (arguments.still) return Image(width_of(files.canvas.hrls), height_of(files.canvas.hrls), 2);
+  return seen_through(load_motion(files.hrls, files.hrls_map), files.hrls_windows.data, files.canvas.hrls);
+}
+
 // Returns the layers that neither HRLS nor the guides have.
 ConstantLayers absent_layers(const LayerMap& hrls, const LayerMap& guides, const Architecture& model) {
   ConstantLayers absent;
@@ -288,8 +307,12 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
     guides_map = map_guides(*guides, choice, hrls, hrls_windows.data);
   }
   const ConstantLayers absent = absent_layers(hrls_map, guides_map, architecture);
-  require_layers(hrls_map, split_layers(image_layers(architecture, absent), guides_map).first,
+  const bool computes_variance =
+      arguments.temporal && std::ranges::count(architecture.hrls_layers, "variance") > 0;
+  require_layers(hrls_map,
+                 split_layers(image_layers(architecture, absent, computes_variance), guides_map).first,
                  hrls.path().string());
+  if (arguments.temporal && !arguments.still) check_motion(hrls, hrls_map, hrls_windows.data);
   if (arguments.layers) {
     require_layers(lrhs_map, kSplitLight, lrhs.path().string());
     require_layers(hrls_map, kSplitLight, hrls.path().string());
@@ -322,7 +345,8 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
                   std::move(reference),
                   std::move(reference_map),
                   std::move(guides),
-                  std::move(guides_map)};
+                  std::move(guides_map),
+                  computes_variance};
   check_passed_channels(files, arguments);
   return files;
 }
@@ -375,7 +399,7 @@ Image load_hrls(FuseFiles& files, std::span<const std::string> layers, Console& 
 }
 
 ColorPair load_colors(const FuseArguments& arguments, FuseFiles& files, Console& console) {
-  std::vector<std::string> layers = image_layers(files.model->architecture(), files.absent_layers);
+  std::vector<std::string> layers = files.layers_without(files.absent_layers);
   std::erase_if(layers, [](const std::string& layer) { return layer != "color" && !is_guide(layer); });
   Image lrhs, hrls;
   if (files.reads_hrls()) {
@@ -410,12 +434,13 @@ void load_frame(FuseFrame& frame) {
   const Architecture& model = files.model->architecture();
   images.constants = files.absent_layers;
   if (files.reads_hrls()) {
-    images.hrls = load_hrls(files, image_layers(model, images.constants), frame.console);
-    take_constant_layers(model, images.hrls, images.constants);
+    images.hrls = load_hrls(files, files.layers_without(images.constants), frame.console);
+    // A history holds the same layers from frame to frame.
+    if (!frame.arguments.temporal) take_constant_layers(model, images.hrls, images.constants);
     images.hrls = seen_through(std::move(images.hrls), files.hrls_windows.data, files.frame.hrls);
   }
   if (!files.reads_lrhs()) images.lrhs = first_channels(images.hrls, 3);
-  examine(frame.arguments, files, images.lrhs, images.hrls, image_layers(model, images.constants),
+  examine(frame.arguments, files, images.lrhs, images.hrls, files.layers_without(images.constants),
           frame.console);
   images.exposure = exposure_for(frame.arguments, *files.model, images.lrhs);
   if (frame.arguments.compares()) {
@@ -431,6 +456,7 @@ void load_frame(FuseFrame& frame) {
   images.lrhs = for_canvas(files, std::move(images.lrhs), files.frame.lrhs);
   if (files.reads_hrls())
     images.hrls = seen_through(std::move(images.hrls), files.frame.hrls, files.canvas.hrls);
+  if (frame.arguments.temporal) images.motion = motion_of(files, frame.arguments);
   if (files.reference) {
     images.reference = load_layers(*files.reference, files.reference_map, kColor);
     sanitize_input(*images.reference, "reference", files.reference->path(), frame.console);

@@ -44,7 +44,8 @@ void report_overflow(const FuseArguments& arguments, const FuseReport& report, u
       "{} values within the network passed the largest 16-bit float, 65504; --precision fp32 can hold them",
       report.status.saturated);
   if (arguments.overflow == Overflow::kError)
-    throw Error("{}, --overflow redo uses it where needed, --overflow warn keeps the image", what);
+    throw Error("{}, {}--overflow warn keeps the image", what,
+                arguments.temporal ? "" : "--overflow redo uses it where needed, ");
   console.warn(what, report.status.saturated);
 }
 
@@ -58,6 +59,9 @@ FuserOptions options_of(const FuseArguments& arguments, const FuseFiles& files, 
                                        arguments.overflow == Overflow::kRedo);
   options.max_memory_bytes = arguments.max_memory_mib << 20;
   options.skip_unchanged = arguments.skip_unchanged;
+  options.temporal = arguments.temporal;
+  options.compute_variance = files.computes_variance;
+  if (options.temporal) options.fp32_kernels.reset();
   options.constants = constants;
   options.phase = files.model_phase();
   options.samples = files.model_samples();
@@ -153,6 +157,7 @@ void FrameFuser::prepare(const FuseFrame& frame) {
 FrameFuser::Cached& FrameFuser::cached_for(FuseFrame& frame) {
   if (cached_ && cached_->suits(frame)) return *cached_;
   cached_.reset();  // frees its memory for the next one
+  last_numbers_.clear();
   const PhaseTimer timer(frame, "prepare");
   const auto preparation = std::exchange(preparation_, nullptr);
   if (preparation) preparation->thread.join();
@@ -168,18 +173,30 @@ FrameFuser::Cached& FrameFuser::cached_for(FuseFrame& frame) {
   return *cached_;
 }
 
+// Resets the history of a sequence unless it is that of the frame before this one.
+void FrameFuser::go_on(const FuseFrame& frame, size_t sequence, Fuser& fuser) {
+  if (!frame.arguments.temporal) return;
+  const auto last = last_numbers_.find(sequence);
+  const bool follows = last != last_numbers_.end() && last->second + 1 == frame.time.number;
+  if (!follows || frame.time.starts_anew) fuser.reset_history(sequence);
+  last_numbers_[sequence] = frame.time.number;
+}
+
 void FrameFuser::fuse_color(FuseFrame& frame, Cached& cached, const Progress& progress) {
   Fuser& fuser = cached.fuser;
   const FuseArguments& arguments = frame.arguments;
   FuseResult& result = frame.result;
   result.storage = cached.storage;
   const FuseImages& images = frame.images;
+  go_on(frame, 0, fuser);
+  if (frame.time.is_lead_in)
+    return fuser.remember(images.lrhs, images.hrls, images.motion, progress, images.exposure);
   Image fused;
   // Some drivers compile a kernel when it first runs, so a second run is timed.
   if (arguments.profile) fuser.fuse(images.lrhs, images.hrls, fused, progress, images.exposure);
   const PhaseTimer timer(frame, "fuse");
   const Stopwatch watch;
-  result.report = fuser.fuse(images.lrhs, images.hrls, fused, progress, images.exposure);
+  result.report = fuser.fuse(images.lrhs, images.hrls, fused, progress, images.exposure, 0, images.motion);
   result.time_ms = watch.ms();
   result.tiling = fuser.plan().tiling;
   if (result.report.redone_tiles == result.tiling.count()) result.storage = Storage::kFloat32;
@@ -191,9 +208,16 @@ void FrameFuser::fuse_color(FuseFrame& frame, Cached& cached, const Progress& pr
 Image FrameFuser::fuse_companion(FuseFrame& frame, const Companion& companion, const Image& hrls,
                                  float exposure, Fuser& fuser, const Progress& progress) {
   FuseResult& result = frame.result;
+  const Image& motion = frame.images.motion;
   Image fused;
+  go_on(frame, companion.sequence, fuser);
+  if (frame.time.is_lead_in) {
+    fuser.remember(companion.lrhs, hrls, motion, progress, exposure, companion.sequence);
+    return fused;
+  }
   const Stopwatch watch;
-  const FuseReport report = fuser.fuse(companion.lrhs, hrls, fused, progress, exposure, companion.sequence);
+  const FuseReport report =
+      fuser.fuse(companion.lrhs, hrls, fused, progress, exposure, companion.sequence, motion);
   result.time_ms += watch.ms();
   result.report.add_times(report);
   result.report.skipped_share += report.skipped_share;
@@ -226,7 +250,8 @@ void FrameFuser::fuse(FuseFrame& frame, const Progress& progress) try {
   }
   frame.result.allocated_bytes = fuser.allocated_bytes();
 } catch (...) {
-  cached_.reset();  // its state is unknown; the next frame gets a new one
+  cached_.reset();  // its state is unknown; the next frame gets a new one, without a history
+  last_numbers_.clear();
   throw;
 }
 

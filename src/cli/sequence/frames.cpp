@@ -108,6 +108,10 @@ std::vector<int> frames_of(const Shard& shard, std::span<const int> frames) {
   return part;
 }
 
+FrameRange range_of(const Shard& shard, size_t frames) {
+  return {(shard.index - 1) * frames / shard.count, shard.index * frames / shard.count};
+}
+
 bool is_pattern(const std::string& path) { return find_run(path).size > 0; }
 
 std::string frame_path(const std::string& pattern, int frame) {

@@ -26,6 +26,13 @@ Shard parse_shard(const std::string& text);
 // Returns every count-th frame from the index-th on. All shards together have every frame once.
 std::vector<int> frames_of(const Shard& shard, std::span<const int> frames);
 
+// Names the frames from index `begin` on, before index `end`.
+struct FrameRange {
+  size_t begin = 0, end = 0;
+};
+// Returns one of `count` equal parts of frames that follow each other.
+FrameRange range_of(const Shard& shard, size_t frames);
+
 // Returns whether the last component of `path` has a #.
 bool is_pattern(const std::string& path);
 

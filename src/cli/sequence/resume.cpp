@@ -5,21 +5,26 @@ namespace raymeld::cli {
 
 namespace fs = std::filesystem;
 
-bool is_done(const FuseArguments& frame, const fs::path& model) {
-  std::vector<fs::path> inputs = frame.inputs(), outputs = frame.outputs();
-  if (!model.empty()) inputs.push_back(model);
+std::optional<FileTime> newest_input(const FuseArguments& frame) {
+  FileTime newest = FileTime::min();
+  for (const fs::path& input : frame.inputs()) {
+    std::error_code error;
+    newest = std::max(newest, fs::last_write_time(input, error));
+    if (error) return std::nullopt;
+  }
+  return newest;
+}
+
+bool is_done(const FuseArguments& frame, FileTime since) {
+  const std::optional<FileTime> input = newest_input(frame);
+  std::vector<fs::path> outputs = frame.outputs();
   if (!frame.dump.empty()) outputs.push_back(frame.last_dumped());
-  std::error_code error;
-  fs::file_time_type newest_input = fs::file_time_type::min(), oldest_output = fs::file_time_type::max();
-  for (const fs::path& input : inputs) {
-    newest_input = std::max(newest_input, fs::last_write_time(input, error));
-    if (error) return false;
-  }
-  for (const fs::path& output : outputs) {
-    oldest_output = std::min(oldest_output, fs::last_write_time(output, error));
-    if (error || !fs::is_regular_file(output, error)) return false;
-  }
-  return !outputs.empty() && oldest_output >= newest_input;
+  if (!input || outputs.empty()) return false;
+  return std::ranges::all_of(outputs, [&](const fs::path& output) {
+    std::error_code error;
+    const FileTime written = fs::last_write_time(output, error);
+    return !error && fs::is_regular_file(output, error) && written >= std::max(*input, since);
+  });
 }
 
 }  // namespace raymeld::cli

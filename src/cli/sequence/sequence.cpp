@@ -8,6 +8,8 @@
 #include "cli/fuse/fuse_report.h"
 #include "cli/sequence/handover.h"
 #include "cli/sequence/sequence_report.h"
+#include "fusion/cut_finder.h"
+#include "networks/network.h"
 #include "platform/interrupt.h"
 
 namespace raymeld::cli {
@@ -15,14 +17,58 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
+constexpr float kAnyPhase = 0.5f;  // that of an ordinary small render
+
+// Returns when the file of the model was written that the user named.
+FileTime model_time(const FuseArguments& patterns) {
+  if (patterns.model.empty()) return FileTime::min();
+  return std::filesystem::last_write_time(find_model(patterns.model, patterns.task()));
+}
+
 std::vector<Outcome> all_frames(const SequenceArguments& sequence, const FuseArguments& patterns) {
-  const std::filesystem::path model =
-      patterns.model.empty() ? "" : find_model(patterns.model, patterns.task());
+  const FileTime model = model_time(patterns);
   std::vector<Outcome> outcomes;
   for (const int frame : frames_of(sequence.shard, sequence.frames)) {
     const bool skip = sequence.resume && is_done(of_frame(patterns, frame), model);
     outcomes.push_back({.frame = frame, .status = skip ? Status::kSkipped : Status::kUnfinished});
   }
+  return outcomes;
+}
+
+// Returns the frames of a shard where each is joined with those of its shot that come before it, lead-in
+// frames included. A frame is done only if its outputs are newer than the inputs of all these.
+std::vector<Outcome> all_joined_frames(const SequenceArguments& sequence, const FuseArguments& patterns) {
+  const std::vector<int>& frames = sequence.frames;
+  const FrameRange own = range_of(sequence.shard, frames.size());
+  const FileTime model = model_time(patterns);
+  std::vector<Outcome> outcomes;
+  FileTime since = model;
+  for (size_t i = 0; i < own.end; ++i) {
+    Outcome outcome{.frame = frames[i], .status = i < own.begin ? Status::kSkipped : Status::kUnfinished};
+    outcome.begins_shot =
+        i == 0 || frames[i - 1] + 1 != frames[i] || std::ranges::count(sequence.reset_at, frames[i]) > 0;
+    const FuseArguments frame = of_frame(patterns, frames[i]);
+    if (outcome.begins_shot) since = model;
+    if (sequence.resume) {
+      since = std::max(since, newest_input(frame).value_or(FileTime::min()));
+      if (is_done(frame, since)) outcome.status = Status::kSkipped;
+    }
+    outcomes.push_back(outcome);
+  }
+  bool is_needed = false;  // by a later frame of the shot
+  for (size_t i = outcomes.size(); i-- > 0;) {
+    Outcome& outcome = outcomes[i];
+    if (outcome.status == Status::kUnfinished) {
+      is_needed = true;
+    } else if (is_needed) {
+      outcome.status = Status::kLeadIn;
+    }
+    if (outcome.begins_shot) is_needed = false;
+  }
+  size_t index = 0;
+  std::erase_if(outcomes, [&](const Outcome& outcome) {
+    return index++ < own.begin && outcome.status == Status::kSkipped;
+  });
   return outcomes;
 }
 
@@ -63,6 +109,7 @@ class Pipeline {
   };
 
   void read();
+  void find_cut(FuseFrame& frame);
   void fuse();
   void write();
   template <typename Step>
@@ -77,8 +124,10 @@ class Pipeline {
   Console console_;
   Handover<Job> read_, fused_;
   std::vector<std::string> channels_;  // lines that read()'s thread noted last
-  std::vector<std::string> opening_;   // lines that fuse()'s thread noted last
-  bool device_lost_ = false;           // only fuse()'s thread uses it
+  CutFinder cuts_;                     // only read()'s thread uses it, and last_read_
+  int last_read_ = 0;
+  std::vector<std::string> opening_;  // lines that fuse()'s thread noted last
+  bool device_lost_ = false;          // only fuse()'s thread uses it
 };
 
 // Returns whether the step was done. An error fails this frame; an interrupt or a lost device ends the run.
@@ -111,9 +160,27 @@ void Pipeline::read() {
         note_new(job.frame->console, {channels_text(patterns_, job.frame->files)}, channels_);
       if (!std::exchange(prepared_, true)) fuser_.prepare(*job.frame);
       load_frame(*job.frame);
+      if (patterns_.temporal) {
+        job.frame->time = {.number = outcome.frame,
+                           .starts_anew = outcome.begins_shot,
+                           .is_lead_in = outcome.status == Status::kLeadIn};
+        find_cut(*job.frame);
+      }
     });
     if (is_read && !read_.put(std::move(job))) return;
   }
+}
+
+// Makes a frame start anew if it begins another shot than the one before it, though it was not said to.
+void Pipeline::find_cut(FuseFrame& frame) {
+  FrameInTime& time = frame.time;
+  if (time.starts_anew || last_read_ + 1 != time.number) cuts_.forget();
+  last_read_ = time.number;
+  const FuseImages& images = frame.images;
+  if (!cuts_.is_cut(images.lrhs, images.hrls, frame.files.layers_without(images.constants), images.motion))
+    return;
+  time.starts_anew = true;
+  frame.console.note("shows something else than the last frame, and starts anew");
 }
 
 void Pipeline::fuse() {
@@ -130,7 +197,7 @@ void Pipeline::fuse() {
       fuser_.fuse(*job->frame, progress);
       job->frame->drop_inputs();
     };
-    if (attempt(*job, fuse_frame)) fused_.put(std::move(*job));
+    if (attempt(*job, fuse_frame) && !job->frame->time.is_lead_in) fused_.put(std::move(*job));
   }
 }
 
@@ -148,6 +215,7 @@ void Pipeline::write() {
       frame.console.note(
           fmt::format("wrote {}: {}", written_text(frame.arguments), took_text(frame, total_ms)));
       if (patterns_.json) outcome.facts = frame_json(frame, device_.info(), quality, total_ms);
+      if (patterns_.json && patterns_.temporal) outcome.facts["starts_anew"] = frame.time.starts_anew;
       outcome.exposure = frame.result.report.exposure;
       outcome.status = Status::kFused;
     });
@@ -165,10 +233,13 @@ void check_output_folders(const FuseArguments& frame) {
 void show_plan(const FuseArguments& patterns, std::span<const Outcome> outcomes, LastModel& models,
                const Device* device) {
   const std::vector<int> frames = frames_that(Status::kUnfinished, outcomes),
-                         skipped = frames_that(Status::kSkipped, outcomes);
-  Json json = {{"frames", frames}, {"skipped", skipped}};
-  std::string text = fmt::format("{} frames to fuse ({}), {} to skip ({})\n", frames.size(),
+                         skipped = frames_that(Status::kSkipped, outcomes),
+                         lead_in = frames_that(Status::kLeadIn, outcomes);
+  Json json = {{"frames", frames}, {"skipped", skipped}, {"lead-in", lead_in}};
+  std::string text = fmt::format("{} frames to fuse ({}), {} to skip ({})", frames.size(),
                                  frames_text(frames), skipped.size(), frames_text(skipped));
+  if (!lead_in.empty()) text += fmt::format(", {} to lead in ({})", lead_in.size(), frames_text(lead_in));
+  text += '\n';
   if (device) {
     FuseFiles files = open_files(of_frame(patterns, frames.front()), models);
     Console console(patterns.notes());
@@ -190,8 +261,12 @@ void run_sequence(const SequenceArguments& sequence, const FuseArguments& given)
   // Errors that all frames share are reported once, before the first frame.
   for (const auto& map : {patterns.map, patterns.lrhs_map}) parse_layer_choice(map);
   LastModel models;
-  if (!patterns.model.empty()) models.load(find_model(patterns.model, patterns.task()));
-  std::vector<Outcome> outcomes = all_frames(sequence, patterns);
+  if (!patterns.model.empty()) {
+    const auto model = models.load(find_model(patterns.model, patterns.task()));
+    if (patterns.temporal) history_channels(*model, kAnyPhase, true);
+  }
+  std::vector<Outcome> outcomes =
+      patterns.temporal ? all_joined_frames(sequence, patterns) : all_frames(sequence, patterns);
   const std::vector<int> unfinished = frames_that(Status::kUnfinished, outcomes);
   const auto device = unfinished.empty() ? nullptr : Device::create({.selector = patterns.device});
   if (patterns.request && device) {

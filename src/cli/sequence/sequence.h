@@ -9,7 +9,8 @@ namespace raymeld::cli {
 struct SequenceArguments {
   std::vector<int> frames;  // empty: no sequence
   Shard shard;
-  bool resume = false;  // skips frames for which is_done() is true
+  bool resume = false;        // skips frames for which is_done() is true
+  std::vector<int> reset_at;  // frames that begin a shot, with FuseArguments::temporal
 };
 
 // Fuses a sequence; the paths in `patterns` have # for the frame's number. A frame that fails is reported and
@@ -26,8 +27,12 @@ void check_no_patterns(const FuseArguments& arguments);
 // Throws Error unless frames differ in their inputs, no file is written twice and no input is written.
 void check_patterns(const FuseArguments& patterns, std::span<const int> frames);
 
-// Returns whether all outputs of a frame exist and none is older than an input or `model`, which is empty
-// when the user named no model.
-bool is_done(const FuseArguments& frame, const std::filesystem::path& model);
+using FileTime = std::filesystem::file_time_type;
+
+// Returns when the newest input of a frame was written; none if one does not exist.
+std::optional<FileTime> newest_input(const FuseArguments& frame);
+
+// Returns whether all inputs and outputs of a frame exist and no output is older than an input or `since`.
+bool is_done(const FuseArguments& frame, FileTime since);
 
 }  // namespace raymeld::cli

@@ -21,6 +21,8 @@ const char* status_name(Status status) {
       return "fused";
     case Status::kSkipped:
       return "skipped";
+    case Status::kLeadIn:
+      return "lead-in";
     case Status::kFailed:
       return "failed";
   }
@@ -56,7 +58,7 @@ std::string exposure_hint(std::span<const Outcome> outcomes) {
 std::string summary_text(Task task, std::span<const Outcome> outcomes, double total_ms) {
   std::string text = fmt::format("{} frames: {} {}", outcomes.size(),
                                  frames_that(Status::kFused, outcomes).size(), words_of(task).done);
-  for (const Status status : {Status::kSkipped, Status::kFailed, Status::kUnfinished}) {
+  for (const Status status : {Status::kSkipped, Status::kLeadIn, Status::kFailed, Status::kUnfinished}) {
     const std::vector<int> frames = frames_that(status, outcomes);
     if (!frames.empty()) {
       text += fmt::format(", {} {} ({})", frames.size(), status_name(status), frames_text(frames));
@@ -67,7 +69,8 @@ std::string summary_text(Task task, std::span<const Outcome> outcomes, double to
 
 Json summary_json(std::span<const Outcome> outcomes, double total_ms) {
   Json json;
-  for (const Status status : {Status::kFused, Status::kSkipped, Status::kFailed, Status::kUnfinished}) {
+  for (const Status status :
+       {Status::kFused, Status::kSkipped, Status::kLeadIn, Status::kFailed, Status::kUnfinished}) {
     json[status_name(status)] = frames_that(status, outcomes);
   }
   json["total_ms"] = total_ms;

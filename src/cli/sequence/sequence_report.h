@@ -10,11 +10,13 @@
 
 namespace raymeld::cli {
 
-enum class Status { kUnfinished, kFused, kSkipped, kFailed };
+// A lead-in frame is not fused; later ones go on with it, where frames are joined in time.
+enum class Status { kUnfinished, kFused, kSkipped, kLeadIn, kFailed };
 
 struct Outcome {
   int frame = 0;
   Status status = Status::kUnfinished;
+  bool begins_shot = false;  // the frame goes on with no other
   std::string error = {};
   float exposure = 0;                                               // set for a fused frame
   nlohmann::ordered_json facts = nlohmann::ordered_json::object();  // set for a fused frame, with --json
