@@ -135,12 +135,15 @@ void Demo::handle_key(char key) {
     case 'q':
       return use(models_.next_quality(model_));
     case 'h':
-      options_.history = !options_.history;
-      settle();
-      return say("history", options_.history ? "on" : "off");
+      options_.renderer.history = !options_.renderer.history;
+      make_renderer();
+      return say("history", options_.renderer.history ? "on" : "off");
     case ' ':
       options_.still = !options_.still;
       return say("camera", options_.still ? "still" : "moves");
+    case 'o':
+      options_.moving = !options_.moving;
+      return say("objects", options_.moving ? "move" : "still");
     case 'd':
       ++options_.device;
       make_device();
@@ -193,7 +196,8 @@ Frame Demo::describe_frame() {
   const vk::Extent2D full = renderer_->full_size();
   Frame frame;
   frame.camera = camera_at(camera_s_, double(full.width) / full.height);
-  frame.view = view_ == kViewFused && options_.history ? kViewBlended : view_;
+  frame.scene_s = float(scene_s_);
+  frame.view = view_;
   if (options_.overlay) {
     write_text();
     frame.text_rows = text_rows_;
@@ -219,7 +223,9 @@ bool Demo::frame() {
   // The first frames in flight wait for no earlier ones, so their times are not counted.
   if (last_s_ && result) times_.add_frame(1e3 * since_s);
   last_s_ = now;
-  if (!options_.still) camera_s_ += window_ ? since_s : kFrameSeconds;
+  const double step_s = window_ ? since_s : kFrameSeconds;
+  if (!options_.still) camera_s_ += step_s;
+  if (options_.moving) scene_s_ += step_s;
 
   const Frame frame = describe_frame();
   last_ = frame;
@@ -259,8 +265,8 @@ void Demo::write_text() {
   };
   const vk::Extent2D small = renderer_->small_size(), full = renderer_->full_size();
   line("%s, %ux%u", models_.name(model_).c_str(), options_.size.width, options_.size.height);
-  line("%s%s, %u in flight", kViewNames[view_], options_.history && view_ == kViewFused ? " + history" : "",
-       options_.in_flight);
+  line("%s%s, %u in flight", kViewNames[view_],
+       options_.renderer.history && view_ == kViewFused ? " + history" : "", options_.in_flight);
   if (view_ == kViewConverged)
     line("%u samples", renderer_->accumulated_frames() * options_.renderer.hrls_samples);
   line("lrhs %5.1f ms  %ux%u, %u spp", times_.part_ms(0), small.width, small.height,
@@ -268,8 +274,7 @@ void Demo::write_text() {
   line("hrls %5.1f ms  %ux%u, %u spp", times_.part_ms(1), full.width, full.height,
        options_.renderer.hrls_samples);
   line("fuse %5.1f ms", times_.part_ms(2));
-  line("hist %5.1f ms", times_.part_ms(3));
-  line("show %5.1f ms", times_.part_ms(4));
+  line("show %5.1f ms", times_.part_ms(3));
   if (times_.frame_ms() > 0) line("all  %5.1f ms  %.1f fps", times_.frame_ms(), 1e3 / times_.frame_ms());
 }
 

@@ -25,8 +25,8 @@ struct DemoOptions {
   uint64_t frames = 0;  // 0: until the window is closed
   uint32_t in_flight = 2;
   uint32_t device = 0;
-  bool history = false;
-  bool still = false;  // the camera does not move
+  bool still = false;   // the camera does not move
+  bool moving = false;  // the red ball and the lamp move
   bool validate = false;
   bool overlay = true;
   std::vector<ScriptedEvent> script;
@@ -87,7 +87,7 @@ class Demo {
   uint64_t frame_ = 0;
   bool minimised_ = false, quit_ = false, resized_ = false;
   uint32_t settling_ = 0;  // coming frames that may allocate, as something was made anew
-  double camera_s_ = 0;
+  double camera_s_ = 0, scene_s_ = 0;
   Times times_;
   char text_[kTextRows][kTextColumns];
   uint32_t text_rows_ = 0;

@@ -48,8 +48,9 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(2, 3))
       ->capture_default_str();
   app.add_option("--device", options.device, "index of the device")->capture_default_str();
-  app.add_flag("--history", options.history, "blend with the frames before");
+  app.add_flag("--history", options.renderer.history, "join each frame with the ones before it");
   app.add_flag("--still", options.still, "the camera does not move");
+  app.add_flag("--moving", options.moving, "the red ball and the lamp move");
   app.add_flag("--validate", options.validate, "use the validation layer; any message of it is a failure");
   app.add_flag("!--no-overlay", options.overlay, "no text over the image");
   app.add_option("--script", script, "events such as 60:key=h,120:resize=320x256,180:minimise,200:restore");
@@ -63,8 +64,10 @@ int main(int argc, char** argv) {
   app.add_flag("--check-allocations", check_allocations, "any allocation within a frame is a failure");
   MeasureOptions measure_options;
   bool measures = false;
-  app.add_flag("--measure", measures,
-               "print flicker and PSNR of a still and a moving camera, with and without history");
+  app.add_flag(
+      "--measure", measures,
+      "print flicker and PSNR of a still and a moving camera and of a moving scene, with and without "
+      "history");
   app.add_option("--measure-frames", measure_options.frames)->capture_default_str();
   app.add_option("--measure-samples", measure_options.converged_samples,
                  "samples a pixel of a converged image")
@@ -74,9 +77,6 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--images", measure_options.images,
                  "folder for pictures of the last frame that is measured");
-  app.add_option("--history-weight", options.renderer.history_weight, "weight of the newest frame")
-      ->capture_default_str();
-  app.add_option("--history-tolerance", options.renderer.history_tolerance)->capture_default_str();
   CLI11_PARSE(app, argc, argv);
   try {
     options.size = parse_size(size);

@@ -9,6 +9,10 @@ namespace {
 
 using Pixels = std::vector<float>;  // RGBA, sRGB
 
+struct Moment {
+  double camera_s = 0, scene_s = 0;
+};
+
 // Renders one frame at a time, and waits for each.
 class Studio {
  public:
@@ -18,10 +22,8 @@ class Studio {
         frames_(device, renderer_, 1),
         aspect_(double(renderer_.full_size().width) / renderer_.full_size().height) {}
 
-  // Renders a frame; returns it as `view` shows it.
-  Pixels frame(double camera_s, uint32_t view) {
-    return submit({.camera = camera_at(camera_s, aspect_), .view = view});
-  }
+  // Renders a frame; returns it fused.
+  Pixels frame(const Moment& moment) { return submit(describe(moment)); }
   // Returns the last frame as another view.
   Pixels again(uint32_t view) {
     Slot& slot = frames_.next();
@@ -29,8 +31,9 @@ class Studio {
     return submit(slot);
   }
   // Returns the mean of `frames` frames of HRLS.
-  Pixels converged(double camera_s, uint32_t frames) {
-    Frame frame{.camera = camera_at(camera_s, aspect_), .view = kViewConverged};
+  Pixels converged(const Moment& moment, uint32_t frames) {
+    Frame frame = describe(moment);
+    frame.view = kViewConverged;
     Pixels pixels;
     for (uint32_t i = 0; i < frames; ++i) {
       frame.restarts = i == 0;
@@ -42,6 +45,9 @@ class Studio {
   vk::Extent2D size() const { return renderer_.shown().size; }
 
  private:
+  Frame describe(const Moment& moment) const {
+    return {.camera = camera_at(moment.camera_s, aspect_), .scene_s = float(moment.scene_s)};
+  }
   Pixels submit(const Frame& frame) {
     Slot& slot = frames_.next();
     renderer_.record(slot.begin(), frame, slot.queries());
@@ -101,23 +107,28 @@ double psnr(const Pixels& image, const Pixels& truth) {
 constexpr double kStill_s = 1.7;
 constexpr uint32_t kTruthSamples = 16;  // samples a pixel in each frame of a converged image
 
-void measure_still(Studio& studio, Studio& truths, const MeasureOptions& options) {
+// Holds the studios of the same frames without and with history, and of their truths.
+struct Studios {
+  Studio plain, joined, truths;
+};
+
+void measure_still(Studios& studios, const MeasureOptions& options) {
+  constexpr Moment kMoment = {kStill_s, 0};
   Moments converged, fused, blended;
   for (uint32_t i = 0; i < options.frames; ++i)
-    converged.add(truths.converged(kStill_s, options.converged_samples / kTruthSamples));
+    converged.add(studios.truths.converged(kMoment, options.converged_samples / kTruthSamples));
   const Pixels truth = converged.mean();
   constexpr uint32_t kWarmUp = 32;
   double lrhs_psnr = 0, hrls_psnr = 0, fused_psnr = 0, blended_psnr = 0;
   for (uint32_t i = 0; i < kWarmUp + options.frames; ++i) {
-    const Pixels image = studio.frame(kStill_s, kViewBlended);
+    const Pixels image = studios.joined.frame(kMoment), plain = studios.plain.frame(kMoment);
     if (i < kWarmUp) continue;
-    const Pixels plain = studio.again(kViewFused);
     blended.add(image);
     fused.add(plain);
     blended_psnr += psnr(image, truth) / options.frames;
     fused_psnr += psnr(plain, truth) / options.frames;
-    lrhs_psnr += psnr(studio.again(kViewLrhs), truth) / options.frames;
-    hrls_psnr += psnr(studio.again(kViewHrls), truth) / options.frames;
+    lrhs_psnr += psnr(studios.plain.again(kViewLrhs), truth) / options.frames;
+    hrls_psnr += psnr(studios.plain.again(kViewHrls), truth) / options.frames;
   }
   std::printf("still camera, flicker: fused %.3f, with history %.3f, converged (%u samples) %.3f\n",
               fused.flicker(), blended.flicker(), options.converged_samples, converged.flicker());
@@ -125,33 +136,33 @@ void measure_still(Studio& studio, Studio& truths, const MeasureOptions& options
               lrhs_psnr, hrls_psnr, fused_psnr, blended_psnr);
 }
 
-void measure_moving(Studio& studio, Studio& truths, const MeasureOptions& options) {
+// Measures a moving camera or a moving scene; `what` names it.
+void measure_moving(Studios& studios, const MeasureOptions& options, const char* what, bool camera_moves,
+                    const std::filesystem::path& images) {
   double fused_sum = 0, blended_sum = 0;
   uint32_t count = 0;
   const uint32_t warm_up = 8;
   for (uint32_t i = 0; i < warm_up + options.frames; ++i) {
-    const double camera_s = kStill_s + i / 30.0;
-    const Pixels blended = studio.frame(camera_s, kViewBlended);
+    const Moment moment{kStill_s + (camera_moves ? i / 30.0 : 0), camera_moves ? 0 : i / 30.0};
+    const Pixels blended = studios.joined.frame(moment), fused = studios.plain.frame(moment);
     if (i < warm_up || (i - warm_up) % options.reference_every > 0) continue;
-    const Pixels fused = studio.again(kViewFused);
-    const Pixels lrhs = studio.again(kViewLrhs), hrls = studio.again(kViewHrls);
+    const Pixels lrhs = studios.plain.again(kViewLrhs), hrls = studios.plain.again(kViewHrls);
     const uint32_t last = warm_up + (options.frames - 1) / options.reference_every * options.reference_every;
-    const Pixels truth = truths.converged(camera_s, options.reference_samples / kTruthSamples);
+    const Pixels truth = studios.truths.converged(moment, options.reference_samples / kTruthSamples);
     const double fused_psnr = psnr(fused, truth), blended_psnr = psnr(blended, truth);
-    std::printf("moving camera, frame %u, PSNR: fused %.2f, with history %.2f dB\n", i, fused_psnr,
-                blended_psnr);
+    std::printf("%s, frame %u, PSNR: fused %.2f, with history %.2f dB\n", what, i, fused_psnr, blended_psnr);
     fused_sum += fused_psnr;
     blended_sum += blended_psnr;
     ++count;
-    if (options.images.empty() || i < last) continue;
-    std::filesystem::create_directories(options.images);
-    write_png(options.images / "lrhs.png", lrhs.data(), studio.size());
-    write_png(options.images / "hrls.png", hrls.data(), studio.size());
-    write_png(options.images / "fused.png", fused.data(), studio.size());
-    write_png(options.images / "history.png", blended.data(), studio.size());
-    write_png(options.images / "converged.png", truth.data(), studio.size());
+    if (images.empty() || i < last) continue;
+    std::filesystem::create_directories(images);
+    write_png(images / "lrhs.png", lrhs.data(), studios.plain.size());
+    write_png(images / "hrls.png", hrls.data(), studios.plain.size());
+    write_png(images / "fused.png", fused.data(), studios.plain.size());
+    write_png(images / "history.png", blended.data(), studios.plain.size());
+    write_png(images / "converged.png", truth.data(), studios.plain.size());
   }
-  std::printf("moving camera, mean PSNR: fused %.2f, with history %.2f dB\n", fused_sum / count,
+  std::printf("%s, mean PSNR: fused %.2f, with history %.2f dB\n", what, fused_sum / count,
               blended_sum / count);
 }
 
@@ -166,12 +177,17 @@ uint32_t measure(const DemoOptions& options, const MeasureOptions& measure) {
   const Device device(instance, options.device, nullptr);
   const Models models(options.models);
   const raymeld::SharedModel& model = models[models.find(options.model)];
-  RendererOptions truth_options = options.renderer;
-  truth_options.hrls_samples = kTruthSamples;
-  Studio studio(device, model, options.size, options.renderer),
-      truths(device, model, options.size, truth_options);
-  measure_still(studio, truths, measure);
-  measure_moving(studio, truths, measure);
+  const auto studio = [&](bool history, uint32_t hrls_samples) {
+    RendererOptions of_studio = options.renderer;
+    of_studio.history = history;
+    of_studio.hrls_samples = hrls_samples;
+    return Studio(device, model, options.size, of_studio);
+  };
+  const uint32_t samples = options.renderer.hrls_samples;
+  Studios studios{studio(false, samples), studio(true, samples), studio(false, kTruthSamples)};
+  measure_still(studios, measure);
+  measure_moving(studios, measure, "moving camera", true, measure.images);
+  measure_moving(studios, measure, "moving scene", false, {});
   return instance.messages();
 }
 

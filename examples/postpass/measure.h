@@ -13,7 +13,8 @@ struct MeasureOptions {
   std::filesystem::path images;      // a folder for pictures of the last frame; empty: none
 };
 
-// Prints flicker and PSNR of a still and of a moving camera.
+// Prints flicker and PSNR of a still and of a moving camera, and of a moving ball and lamp, with and without
+// history.
 //
 // Both are measured on shown values (sRGB). Flicker is the standard deviation over time, averaged over pixels
 // and channels, in steps of an 8-bit display; PSNR is against a converged render. Returns the number of

@@ -66,8 +66,7 @@ Passes::Passes(const Device& device, std::span<const Buffer, kShown> buffers, co
   vk.updateDescriptorSets(writes, {});
 
   const std::array<std::span<const uint32_t>, kPasses> codes = {
-      shaders::kTrace,   shaders::kTrace, shaders::kVariance, shaders::kAccumulate,
-      shaders::kHistory, shaders::kShow,  shaders::kOverlay};
+      shaders::kTrace, shaders::kTrace, shaders::kAccumulate, shaders::kShow, shaders::kOverlay};
   for (size_t i = 0; i < kPasses; ++i)
     pipelines_[i] = make_pipeline(vk, *layout_, codes[i], Pass(i) == Pass::kTraceHrls);
 }
@@ -76,9 +75,7 @@ void Passes::record(vk::CommandBuffer commands, Pass pass, vk::Extent2D pixels, 
   commands.bindPipeline(vk::PipelineBindPoint::eCompute, *pipelines_[size_t(pass)]);
   commands.bindDescriptorSets(vk::PipelineBindPoint::eCompute, *layout_, 0, set_, {});
   commands.pushConstants(*layout_, vk::ShaderStageFlagBits::eCompute, 0, sizeof(view), &view);
-  const bool strips = pass == Pass::kVariance || pass == Pass::kHistory;
-  const uint32_t rows = strips ? kGroup * kStrip : kGroup;
-  commands.dispatch((pixels.width + kGroup - 1) / kGroup, (pixels.height + rows - 1) / rows, 1);
+  commands.dispatch((pixels.width + kGroup - 1) / kGroup, (pixels.height + kGroup - 1) / kGroup, 1);
 }
 
 }  // namespace postpass

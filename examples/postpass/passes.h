@@ -10,16 +10,15 @@
 
 namespace postpass {
 
-enum class Pass { kTraceLrhs, kTraceHrls, kVariance, kAccumulate, kHistory, kShow, kOverlay };
-constexpr uint32_t kPasses = 7;
+enum class Pass { kTraceLrhs, kTraceHrls, kAccumulate, kShow, kOverlay };
+constexpr uint32_t kPasses = 5;
 
 class Passes {
  public:
   // `buffers` holds those of the bindings 0 to kShown - 1.
   Passes(const Device& device, std::span<const Buffer, kShown> buffers, const Image& shown);
 
-  // Records an invocation for each pixel, or for each strip of kStrip pixels below each other, without
-  // barriers. kShow shows `view`.
+  // Records an invocation for each pixel, without barriers. kShow shows `view`.
   void record(vk::CommandBuffer commands, Pass pass, vk::Extent2D pixels, uint32_t view = 0) const;
 
  private:

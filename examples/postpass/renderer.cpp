@@ -10,12 +10,21 @@ vk::Extent2D small_size_of(vk::Extent2D size, uint32_t scale) {
   return {(size.width + scale - 1) / scale, (size.height + scale - 1) / scale};
 }
 
-raymeld_fusion_desc fusion_desc(vk::Extent2D small, const RendererOptions& options) {
+// Returns the samples a pixel of LRHS.
+uint32_t lrhs_samples_of(const RendererOptions& options, uint32_t scale) {
+  return options.lrhs_samples ? options.lrhs_samples : scale * scale;
+}
+
+raymeld_fusion_desc fusion_desc(vk::Extent2D small, uint32_t scale, const RendererOptions& options) {
   raymeld_fusion_desc desc;
   desc.height = small.height;
   desc.width = small.width;
   desc.precision = options.precision;
   desc.lrhs_sampling = RAYMELD_SAMPLING_CENTERED;
+  desc.lrhs_spp = float(lrhs_samples_of(options, scale));
+  desc.hrls_spp = float(options.hrls_samples);
+  desc.compute_variance = VK_TRUE;
+  desc.temporal = options.history;
   return desc;
 }
 
@@ -27,9 +36,8 @@ std::array<Buffer, kShown> make_buffers(const Device& device, vk::Extent2D small
   buffers[kConstants] = make_buffer(device, sizeof(Constants));
   buffers[kLrhs] = make_buffer(device, bytes(small, 3));
   buffers[kHrls] = make_buffer(device, bytes(full, kHrlsChannels));
+  buffers[kMotion] = make_buffer(device, bytes(full, 2));
   buffers[kFused] = make_buffer(device, bytes(full, 3));
-  buffers[kHistory] = make_buffer(device, 2 * bytes(full, 4));
-  buffers[kGuides] = make_buffer(device, 2 * bytes(full, 4));
   buffers[kAccumulated] = make_buffer(device, bytes(full, 3));
   return buffers;
 }
@@ -55,43 +63,41 @@ Renderer::Renderer(const Device& device, const raymeld::SharedModel& model, vk::
                    const RendererOptions& options)
     : small_(small_size_of(size, model.info().scale)),
       full_(small_.width * model.info().scale, small_.height * model.info().scale),
-      fusion_(device.raymeld(), model, fusion_desc(small_, options)),
+      fusion_(device.raymeld(), model, fusion_desc(small_, model.info().scale, options)),
       buffers_(make_buffers(device, small_, full_)),
       shown_(make_image(device, size)),
-      passes_(device, buffers_, shown_) {
+      passes_(device, buffers_, shown_),
+      history_(options.history) {
   const uint32_t scale = model.info().scale;
   const std::vector<std::string> layers = fusion_.layers();
-  if (layers != std::vector<std::string>{"color", "albedo", "normal", "diffuse", "specular", "variance"})
-    throw std::runtime_error(
-        "the model " + std::string(model.info().name) +
-        " reads other layers than this program renders, which are color, albedo, normal, "
-        "diffuse, specular and variance");
+  if (layers != std::vector<std::string>{"color", "albedo", "normal", "diffuse", "specular"})
+    throw std::runtime_error("the model " + std::string(model.info().name) +
+                             " reads other layers than this program renders, which are color, albedo, "
+                             "normal, diffuse and specular");
   if (const raymeld_fusion_info info = fusion_.info();
       info.tile_height != small_.height || info.tile_width != small_.width)
     throw std::runtime_error("the device has no room for a frame in one tile");
   constants_.width = full_.width;
   constants_.height = full_.height;
   constants_.scale = scale;
-  constants_.lrhs_samples = options.lrhs_samples ? options.lrhs_samples : scale * scale;
+  constants_.lrhs_samples = lrhs_samples_of(options, scale);
   constants_.hrls_samples = options.hrls_samples;
-  constants_.history_weight = options.history_weight;
-  constants_.history_tolerance = options.history_tolerance;
+  constants_.has_motion = options.history;
 }
 
 void Renderer::update_constants(vk::CommandBuffer commands, const Frame& frame) {
-  const bool still = !first_ && std::memcmp(&constants_.camera, &frame.camera, sizeof(Camera)) == 0;
+  const bool still = !first_ && std::memcmp(&constants_.camera, &frame.camera, sizeof(Camera)) == 0 &&
+                     constants_.scene_s == frame.scene_s;
   constants_.last_camera = first_ ? frame.camera : constants_.camera;
+  constants_.last_scene_s = first_ ? frame.scene_s : constants_.scene_s;
   constants_.camera = frame.camera;
+  constants_.scene_s = frame.scene_s;
   ++constants_.frame;
-  constants_.slot = 1 - constants_.slot;
   accumulated_ = frame.view == kViewConverged && still && !frame.restarts ? accumulated_ : 0;
-  history_ = frame.view == kViewBlended ? history_ : 0;
   constants_.accumulated_frames = accumulated_;
-  constants_.history_frames = history_;
   constants_.text_rows = frame.text_rows;
   if (frame.text_rows) std::memcpy(constants_.text, frame.text, sizeof(frame.text[0]) * frame.text_rows);
   accumulated_ += frame.view == kViewConverged;
-  history_ += frame.view == kViewBlended;
   commands.updateBuffer<Constants>(*buffers_[kConstants].buffer, 0, constants_);
 }
 
@@ -112,26 +118,32 @@ void Renderer::record(vk::CommandBuffer commands, const Frame& frame, vk::QueryP
   stamp(1);
   passes_.record(commands, Pass::kTraceHrls, full_);
   barrier(commands);
-  passes_.record(commands, fuses ? Pass::kVariance : Pass::kAccumulate, full_);
-  barrier(commands);
+  if (!fuses) {
+    passes_.record(commands, Pass::kAccumulate, full_);
+    barrier(commands);
+  }
   stamp(2);
   if (fuses) {
-    raymeld_image images[3];
+    raymeld_image images[4];
     images[0].buffer = *buffers_[kLrhs].buffer;
     images[1].buffer = *buffers_[kHrls].buffer;
     images[2].buffer = *buffers_[kFused].buffer;
+    images[3].buffer = *buffers_[kMotion].buffer;
     raymeld_frame fused;
     fused.lrhs = &images[0];
     fused.hrls = &images[1];
     fused.fused = &images[2];
+    if (history_) {
+      fused.motion = &images[3];
+      if (!is_joined_) fusion_.reset_history();
+    }
     fusion_.record(commands, fused);
     barrier(commands);
   }
+  is_joined_ = fuses;
   stamp(3);
-  if (frame.view == kViewBlended) passes_.record(commands, Pass::kHistory, full_);
-  stamp(4);
   record_view(commands, frame.view);
-  stamp(5);
+  stamp(4);
   record_end(commands);
 }
 

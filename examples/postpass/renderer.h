@@ -1,4 +1,4 @@
-// Records frames: both renders, the fusion, the history and the image that is shown.
+// Records frames: both renders, the fusion and the image that is shown.
 #pragma once
 
 #include <array>
@@ -13,20 +13,20 @@ namespace postpass {
 struct RendererOptions {
   uint32_t lrhs_samples = 0;  // samples a pixel; 0: the square of the scale
   uint32_t hrls_samples = 1;
-  float history_weight = 0.1f;
-  float history_tolerance = 0.03f;
+  bool history = false;  // joins each frame with the ones before it
   raymeld_precision precision = RAYMELD_PRECISION_AUTO;
 };
 
 // Lists the parts of a frame that are timed, in order.
-enum class Part { kLrhs, kHrls, kFusion, kHistory, kShow };
-constexpr uint32_t kParts = 5;
-constexpr std::array<const char*, kParts> kPartNames = {"LRHS", "HRLS", "fusion", "history", "show"};
+enum class Part { kLrhs, kHrls, kFusion, kShow };
+constexpr uint32_t kParts = 4;
+constexpr std::array<const char*, kParts> kPartNames = {"LRHS", "HRLS", "fusion", "show"};
 constexpr uint32_t kStamps = kParts + 1;
 
 struct Frame {
   Camera camera = {};
-  uint32_t view = kViewFused;  // one of params.h; all but kViewBlended discard the history
+  float scene_s = 0;           // the time of what moves in the room
+  uint32_t view = kViewFused;  // one of params.h; kViewConverged discards the history
   bool restarts = false;       // discards what kViewConverged has accumulated
   uint32_t text_rows = 0;
   const char (*text)[kTextColumns] = nullptr;
@@ -62,7 +62,8 @@ class Renderer {
   Passes passes_;
   Constants constants_{};
   bool first_ = true;
-  uint32_t history_ = 0;      // frames that may be blended in
+  bool history_ = false;      // frames are joined
+  bool is_joined_ = false;    // the fusion has the frame before
   uint32_t accumulated_ = 0;  // frames in the converged image
 };
 

@@ -6,14 +6,8 @@ namespace {
 constexpr uint32_t trace[] = {
 #include "trace.inc"
 };
-constexpr uint32_t variance[] = {
-#include "variance.inc"
-};
 constexpr uint32_t accumulate[] = {
 #include "accumulate.inc"
-};
-constexpr uint32_t history[] = {
-#include "history.inc"
 };
 constexpr uint32_t show[] = {
 #include "show.inc"
@@ -24,7 +18,6 @@ constexpr uint32_t overlay[] = {
 
 }  // namespace
 
-const std::span<const uint32_t> kTrace = trace, kVariance = variance, kAccumulate = accumulate,
-                                kHistory = history, kShow = show, kOverlay = overlay;
+const std::span<const uint32_t> kTrace = trace, kAccumulate = accumulate, kShow = show, kOverlay = overlay;
 
 }  // namespace postpass::shaders

@@ -5,6 +5,6 @@
 
 namespace postpass::shaders {
 
-extern const std::span<const uint32_t> kTrace, kVariance, kAccumulate, kHistory, kShow, kOverlay;
+extern const std::span<const uint32_t> kTrace, kAccumulate, kShow, kOverlay;
 
 }  // namespace postpass::shaders

@@ -6,9 +6,8 @@ layout(local_size_x = kGroup, local_size_y = kGroup) in;
 layout(std430, binding = kConstants) readonly buffer ConstantsBlock { Constants constants; };
 layout(std430, binding = kLrhs) buffer LrhsBlock { float lrhs[]; };
 layout(std430, binding = kHrls) buffer HrlsBlock { float hrls[]; };
+layout(std430, binding = kMotion) writeonly buffer MotionBlock { float motion[]; };
 layout(std430, binding = kFused) readonly buffer FusedBlock { float fused[]; };
-layout(std430, binding = kHistory) buffer HistoryBlock { vec4 history[]; };
-layout(std430, binding = kGuides) buffer GuidesBlock { vec4 guides[]; };
 layout(std430, binding = kAccumulated) buffer AccumulatedBlock { float accumulated[]; };
 layout(binding = kShown, rgba32f) uniform image2D shown;
 
@@ -17,18 +16,11 @@ ivec2 small_size() { return full_size() / int(constants.scale); }
 
 bool inside(ivec2 pixel, ivec2 size) { return all(lessThan(pixel, size)); }
 
-// Returns the first pixel of an invocation that goes down a strip of kStrip pixels.
-ivec2 strip_start() { return ivec2(gl_GlobalInvocationID.xy) * ivec2(1, kStrip); }
-
 // Returns the index of a pixel of channel c in a planar image.
 uint at(uint c, ivec2 pixel, ivec2 size) { return (c * size.y + pixel.y) * size.x + pixel.x; }
 
-// Returns the index of a pixel in a slot of history or guides.
-uint slot_at(uint slot, ivec2 pixel, ivec2 size) { return at(slot, pixel, size); }
-
-// Maps light to [0, 1) as the eye takes it, and back.
+// Maps light to [0, 1) as the eye takes it.
 vec3 tone(vec3 light) { return 1 - exp(-max(light, 0)); }
-vec3 untone(vec3 toned) { return -log(max(1 - toned, 1e-4)); }
 
 vec3 srgb(vec3 x) {
   return mix(12.92 * x, 1.055 * pow(max(x, 0.0031308), vec3(1 / 2.4)) - 0.055,

@@ -14,22 +14,20 @@ struct vec4 {
 // Lists the bindings of the one descriptor set. Images are floats.
 const uint kConstants = 0;
 const uint kLrhs = 1;         // (3, height / scale, width / scale)
-const uint kHrls = 2;         // (18, height, width): color, albedo, normal, diffuse, specular, variance
-const uint kFused = 3;        // (3, height, width)
-const uint kHistory = 4;      // two of (height, width, 4): toned color and the number of frames in it
-const uint kGuides = 5;       // two of (height, width, 4): normal and depth of the pixel's centre
-const uint kAccumulated = 6;  // (3, height, width): the sum of HRLS colors
-const uint kShown = 7;        // a storage image: sRGB
-const uint kBindings = 8;
+const uint kHrls = 2;         // (15, height, width): color, albedo, normal, diffuse, specular
+const uint kMotion = 3;       // (2, height, width): pixels to the same point in the last frame
+const uint kFused = 4;        // (3, height, width)
+const uint kAccumulated = 5;  // (3, height, width): the sum of HRLS colors
+const uint kShown = 6;        // a storage image: sRGB
+const uint kBindings = 7;
 
 const uint kGroup = 8;  // workgroups are square
-const uint kStrip = 8;  // rows of an invocation of kVariance and kHistory
 
-const uint kColor = 0, kAlbedo = 3, kNormal = 6, kDiffuse = 9, kSpecular = 12, kVariance = 15;
-const uint kHrlsChannels = 18;
+const uint kColor = 0, kAlbedo = 3, kNormal = 6, kDiffuse = 9, kSpecular = 12;
+const uint kHrlsChannels = 15;
 
-// Lists the views that can be shown; kViewBlended is kViewFused with the history.
-const uint kViewLrhs = 0, kViewHrls = 1, kViewFused = 2, kViewConverged = 3, kViewBlended = 4;
+// Lists the views that can be shown.
+const uint kViewLrhs = 0, kViewHrls = 1, kViewFused = 2, kViewConverged = 3;
 
 const uint kTextColumns = 32, kTextRows = 12;
 
@@ -49,12 +47,10 @@ struct Constants {
   uint lrhs_samples;
   uint hrls_samples;
   uint frame;  // the seed of the frame's noise
-  uint slot;   // this frame's slot of history and guides; the other slot is the last frame's
-  uint history_frames;      // earlier frames that may be blended in
   uint accumulated_frames;  // frames accumulated before this one
   uint text_rows;
-  float history_weight;  // this frame's weight, once there are enough earlier ones
-  float history_tolerance;
+  uint has_motion;  // whether kMotion is written
+  float scene_s, last_scene_s;  // the time of what moves, in this frame and in the last one
   uint text[kTextRows * kTextColumns / 4];  // ASCII, four characters in each, the first in the lowest byte
 };
 

@@ -1,4 +1,5 @@
-// Describes a room with a lamp at its ceiling, boxes and balls, in metres with y up.
+// Describes a room with a lamp at its ceiling, boxes and balls, in metres with y up. The lamp and the red ball
+// move with time, in seconds.
 
 struct Ray {
   vec3 origin;
@@ -15,11 +16,17 @@ const uint kRoom = 0, kLamp = 1, kTallBox = 2, kLowBox = 3, kPlinth = 4, kGlassB
            kMirrorBall = 7, kRedBall = 8;
 
 const vec3 kRoomLow = vec3(-2.2, 0, -2.6), kRoomHigh = vec3(2.2, 2.5, 2.6);
-const vec2 kLampCentre = vec2(0.1, -0.2), kLampHalf = vec2(0.75, 0.5);  // x, z
+const vec2 kLampHalf = vec2(0.75, 0.5);  // x, z
 const vec3 kEmission = vec3(17, 15.5, 13);
 
 const vec4 kGlass = vec4(-0.42, 0.36, 0.78, 0.36), kGold = vec4(0.42, 0.84, -0.5, 0.32);  // centre, radius
-const vec4 kMirror = vec4(0.62, 0.3, 0.7, 0.3), kRed = vec4(0.05, 0.17, 1.12, 0.17);
+const vec4 kMirror = vec4(0.62, 0.3, 0.7, 0.3);
+
+vec2 lamp_centre(float time_s) { return vec2(0.1 + 0.5 * sin(0.8 * time_s), -0.2); }
+
+vec4 red_ball(float time_s) {
+  return vec4(vec3(0.05, 0.17, 1.12) + (1 - cos(1.3 * time_s)) * vec3(0.3, 0, 0.25), 0.17);
+}
 
 const float kMiss = 1e30;
 const float kNear = 1e-3;
@@ -80,7 +87,7 @@ Hit intersect(Ray ray) {
   Hit hit;
   hit.t = min(exits.x, min(exits.y, exits.z));
   hit.normal = -sign(ray.direction) * vec3(equal(exits, vec3(hit.t)));
-  const vec2 place = abs((ray.origin + hit.t * ray.direction).xz - kLampCentre);
+  const vec2 place = abs((ray.origin + hit.t * ray.direction).xz - lamp_centre(constants.scene_s));
   hit.object = hit.normal.y < 0 && all(lessThan(place, kLampHalf)) ? kLamp : kRoom;
   take_box(hit, ray, kTallCentre, kTallHalf, kTallAngle, kTallBox);
   take_box(hit, ray, kLowCentre, kLowHalf, kLowAngle, kLowBox);
@@ -88,15 +95,23 @@ Hit intersect(Ray ray) {
   take_ball(hit, ray, kGlass, kGlassBall);
   take_ball(hit, ray, kGold, kGoldBall);
   take_ball(hit, ray, kMirror, kMirrorBall);
-  take_ball(hit, ray, kRed, kRedBall);
+  take_ball(hit, ray, red_ball(constants.scene_s), kRedBall);
   return hit;
+}
+
+// Returns where a point of an object was in the last frame.
+vec3 last_place(vec3 point, uint object) {
+  const float now = constants.scene_s, last = constants.last_scene_s;
+  if (object == kLamp) point.xz += lamp_centre(last) - lamp_centre(now);
+  if (object == kRedBall) point += red_ball(last).xyz - red_ball(now).xyz;
+  return point;
 }
 
 // Returns the share of a lamp's light that comes through from a distance. Glass lets most of it pass, because
 // the path tracer has no caustics.
 float visible(Ray ray, float distance) {
   vec3 normal;
-  float t = min(hit_ball(ray, kGold), min(hit_ball(ray, kMirror), hit_ball(ray, kRed)));
+  float t = min(hit_ball(ray, kGold), min(hit_ball(ray, kMirror), hit_ball(ray, red_ball(constants.scene_s))));
   t = min(t, hit_box(into(ray, kTallCentre, kTallAngle), kTallHalf, normal));
   t = min(t, hit_box(into(ray, kLowCentre, kLowAngle), kLowHalf, normal));
   t = min(t, hit_box(into(ray, kPlinthCentre, vec2(0, 1)), kPlinthHalf, normal));

@@ -31,8 +31,6 @@ void main() {
   vec3 toned;
   if (view == kViewLrhs) {
     toned = tone(bicubic_lrhs(pixel));
-  } else if (view == kViewBlended) {
-    toned = history[slot_at(constants.slot, pixel, size)].rgb;
   } else {
     for (uint c = 0; c < 3; ++c) {
       const uint i = at(c, pixel, size);

@@ -57,7 +57,7 @@ struct Path {
 
 // Returns the lamp's light that a matte surface reflects, divided by its albedo.
 vec3 lamp_light(vec3 point, vec3 normal, vec2 u) {
-  const vec2 place = kLampCentre + (2 * u - 1) * kLampHalf;
+  const vec2 place = lamp_centre(constants.scene_s) + (2 * u - 1) * kLampHalf;
   const vec3 to = vec3(place.x, kRoomHigh.y, place.y) - point;
   const float distance = length(to);
   const vec3 direction = to / distance;
@@ -136,6 +136,14 @@ Path trace(Ray ray) {
   return path;
 }
 
+// Returns the pixels that lead from a pixel's first surface, at its centre, to where that was in the last frame.
+vec2 motion_of(vec2 centre, vec2 size) {
+  const Ray ray = Ray(constants.camera.position.xyz, direction_of(constants.camera, centre, size));
+  const Hit hit = intersect(ray);
+  const vec3 place = project(constants.last_camera, last_place(ray.origin + hit.t * ray.direction, hit.object), size);
+  return place.z > 0 ? place.xy - centre : vec2(1e30);  // behind the camera is out of the frame
+}
+
 void main() {
   const ivec2 pixel = ivec2(gl_GlobalInvocationID.xy), size = kFull ? full_size() : small_size();
   if (!inside(pixel, size)) return;
@@ -168,4 +176,7 @@ void main() {
     hrls[at(kDiffuse + c, pixel, size)] = sum.diffuse[c] / samples;
     hrls[at(kSpecular + c, pixel, size)] = sum.specular[c] / samples;
   }
+  if (!kFull || constants.has_motion == 0) return;
+  const vec2 moved = motion_of(vec2(pixel) + 0.5, vec2(size));
+  for (uint c = 0; c < 2; ++c) motion[at(c, pixel, size)] = moved[c];
 }
