@@ -153,3 +153,64 @@ def svgf(color, albedo, normal, p):
     for level in range(LEVELS):
         x, variance = svgf_level(x, variance, guide_weights, 2**level, p.luminance)
     return expanded(x, p) * texture
+
+
+def reprojected(image, motion, weight_of):
+    """Reads image [H, W, C] bilinearly where motion [H, W, 2] leads, in pixels to the right and downwards.
+
+    `weight_of(rows, columns)` weighs a pixel's neighbours there. Returns the sum and the sum of the weights [H, W].
+    """
+    height, width = image.shape[:2]
+    rows, columns = numpy.mgrid[:height, :width]
+    x, y = columns + motion[..., 0], rows + motion[..., 1]
+    total, weights = 0, 0
+    for dy, dx in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        at_y, at_x = numpy.floor(y).astype(int) + dy, numpy.floor(x).astype(int) + dx
+        seen = (at_y >= 0) & (at_y < height) & (at_x >= 0) & (at_x < width)
+        at_y, at_x = at_y.clip(0, height - 1), at_x.clip(0, width - 1)
+        near = (1 - numpy.abs(y - at_y)).clip(0) * (1 - numpy.abs(x - at_x)).clip(0)
+        weight = seen * near * weight_of(at_y, at_x)
+        total, weights = total + weight[..., None] * image[at_y, at_x], weights + weight
+    return total, weights
+
+
+class TemporalSvgf:
+    """Filters the frames of a sequence as svgf() does, with the temporal part of Schied et al. 2017, section 4.1.
+
+    Light and moments of luminance are blended with those of the last frame where the surface was in sight, at least a
+    fifth of the new frame; the history of the light is the output of the first level. Where fewer than four frames are
+    known, the variance is that of the pixels around. Albedo stands for the depth, as in svgf().
+    """
+
+    SHARE, KNOWN = 0.2, 4  # section 4.1; frames from which on the moments give the variance
+
+    def __init__(self, parameters):
+        self.p, self.last = parameters, None
+
+    def next(self, color, albedo, normal, motion):
+        """All images are scene linear [H, W, 3]; `motion` [H, W, 2] leads to the last frame."""
+        p = self.p
+        texture, guides = albedo.clip(0, 1) + p.albedo_floor, scaled_guides(albedo, normal, p)
+
+        def guide_weights(dy, dx):
+            return numpy.exp(-squared_distance(guides, dy, dx))
+
+        x = compressed(without_fireflies(color, p.firefly) / texture, p)
+        luminance = (x @ LUMINANCE)[..., None]
+        moments, known = numpy.concatenate([luminance, luminance**2], -1), numpy.ones(x.shape[:2])
+        if self.last is not None:
+            last, last_guides = self.last
+            past, weights = reprojected(
+                last, motion, lambda y, x: ((last_guides[y, x] - guides) ** 2).sum(-1) < 1
+            )
+            past = past / numpy.maximum(weights, 1e-6)[..., None]
+            known = numpy.where(weights > 0.01, past[..., 5] + 1, 1)
+            share = numpy.maximum(self.SHARE, 1 / known)[..., None]
+            x, moments = x * share + past[..., :3] * (1 - share), moments * share + past[..., 3:5] * (1 - share)
+        temporal = numpy.maximum(moments[..., 1] - moments[..., 0] ** 2, 0)
+        variance = numpy.where(known < self.KNOWN, noise_variance(x @ LUMINANCE, guide_weights), temporal)
+        for level in range(LEVELS):
+            x, variance = svgf_level(x, variance, guide_weights, 2**level, p.luminance)
+            if level == 0:
+                self.last = numpy.concatenate([x, moments, known[..., None]], -1), guides
+        return expanded(x, p) * texture

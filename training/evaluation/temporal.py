@@ -3,12 +3,14 @@
 
 PYTHONPATH=build/release/python:training training/evaluation/temporal.py --sequences SEQUENCES [--model x4-fast]
 fuses each frame by itself and with its history, writes bench/quality/temporal.csv and, with --write-docs, the table of
-docs/temporal.md.
+docs/temporal.md. A frame has two references, whose noise is independent, so that it cancels in the mean product of the
+errors against them.
 """
 
 import argparse
 import csv
 import json
+import math
 import pathlib
 
 import numpy
@@ -16,7 +18,7 @@ import raymeld
 import torch
 
 import loss
-from evaluation import images, tables
+from evaluation import baselines, filters, images, tables
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 LAYERS = ("color", "albedo", "normal", "diffuse", "specular")
@@ -25,7 +27,7 @@ SETTLED = 4  # frames after which flicker is measured
 YOUNG = 4  # pixels that came into sight within so many frames are young
 UNLIKE = 0.15  # distance of albedo or normal from the range of the 3x3 pixels, beyond which a surface is another one
 COLUMNS = ("sequence", "model", "frame", "psnr_alone", "psnr", "flicker_alone", "flicker", "young_share")
-COLUMNS += ("young_alone", "young")
+COLUMNS += ("young_alone", "young", "psnr_svgf", "psnr_svgf_alone")
 
 
 def parse():
@@ -46,6 +48,20 @@ def read_motion(path):
 
 def shown(linear):
     return loss.srgb(torch.from_numpy(linear)).numpy()
+
+
+def errors_of(image, references):
+    """Returns the errors against both references [2, H, W, 3]."""
+    return numpy.stack([shown(image) - shown(reference) for reference in references])
+
+
+def square(errors):
+    """Returns the squared errors [H, W, 3] without the references' noise, which may be negative."""
+    return errors[0] * errors[1]
+
+
+def psnr(errors):
+    return -10 * math.log10(square(errors).mean())
 
 
 class Ages:
@@ -81,18 +97,25 @@ def measure(folder, model_name):
     options = {"sampling": "centered", "lrhs_spp": record["lrhs_spp"], "hrls_spp": record["hrls_spp"]}
     alone, joined = (raymeld.Fusion(model, *size, temporal=temporal, **options) for temporal in (False, True))
     ages, last, rows = Ages(), None, []
+    tuned = filters.TUNED["svgf"][2]
+    svgf = baselines.TemporalSvgf(tuned)
     for frame in range(1, record["frames"] + 1):
         path = folder / f"hrls-{frame:04}.exr"
         layers = dict(zip(LAYERS, images.layers(path, LAYERS)))
         lrhs, motion = images.read(folder / f"lrhs-{frame:04}.exr"), read_motion(path)
         fused = [alone.fuse(lrhs, layers), joined.fuse(lrhs, layers, motion)]
-        reference = images.read(folder / f"reference-{frame if record['moving'] else 1:04}.exr")
-        errors = [shown(image) - shown(reference) for image in fused]
+        number = frame if record["moving"] else 1
+        references = [images.read(folder / f"reference-{part}-{number:04}.exr") for part in "ab"]
+        color, albedo, normal = images.layers(folder / f"plain-{frame:04}.exr", LAYERS[:3])
+        filtered = [svgf.next(color, albedo, normal, motion), baselines.svgf(color, albedo, normal, tuned)]
+        errors = [errors_of(image, references) for image in fused]
         young = ages.next(numpy.concatenate([layers["albedo"], layers["normal"]], -1), motion) < YOUNG
-        flicker = [float(numpy.sqrt(((a - b) ** 2).mean())) for a, b in zip(errors, last)] if last else ["", ""]
-        of_young = [float((error[young] ** 2).sum()) for error in errors]
-        psnrs = [images.psnr(image, reference) for image in fused]
-        rows.append(dict(zip(COLUMNS, (folder.name, model_name, frame, *psnrs, *flicker, young.mean(), *of_young))))
+        flicker = [math.sqrt(max(square(a - b).mean(), 0)) for a, b in zip(errors, last)] if last else ["", ""]
+        of_young = [float(square(error)[young].sum()) for error in errors]
+        psnrs = [psnr(error) for error in errors]
+        of_svgf = [psnr(errors_of(image, references)) for image in filtered]
+        values = (folder.name, model_name, frame, *psnrs, *flicker, young.mean(), *of_young, *of_svgf)
+        rows.append(dict(zip(COLUMNS, values)))
         last = errors
     return rows
 

@@ -30,6 +30,7 @@ import test_scenes
 
 CATALOGUE = "/usr/share/sweethome3d/furniture/Scopia.sh3f"
 SCALE, LRHS_SPP, HRLS_SPP = 4, 16, 1
+PLAIN_SPP = HRLS_SPP + LRHS_SPP // SCALE**2  # a plain render of as many samples
 LAYERS = render.LAYER_SETS["light"]
 
 
@@ -41,7 +42,7 @@ def parse():
     parser.add_argument("--frames", type=int, default=16, help="frames of each sequence that moves")
     parser.add_argument("--still-frames", type=int, default=64)
     parser.add_argument("--size", type=int, default=256)
-    parser.add_argument("--reference-spp", type=int, default=256)
+    parser.add_argument("--reference-spp", type=int, default=128, help="samples of each of a frame's two references")
     parser.add_argument("--threads", type=int, default=2)
     return parser.parse_args(sys.argv[sys.argv.index("--") + 1 :])
 
@@ -157,12 +158,14 @@ def render_sequence(args, name, folder):
         scene.view_layers[0].use_pass_vector = True
         with jittered(scene, random.Random(seed)):
             renders("hrls", HRLS_SPP, 0)
-        scene.view_layers[0].use_pass_vector = False
+            scene.view_layers[0].use_pass_vector = False
+            renders("plain", PLAIN_SPP, 4)
         render.choose_layers(scene, ())
         with render.smaller(scene, SCALE, nearest=False):
             renders("lrhs", LRHS_SPP, 1)
         if moving or frame == 1:
-            renders("reference", args.reference_spp if moving else 2 * args.reference_spp, 2)
+            for part, offset in (("a", 2), ("b", 3)):
+                renders(f"reference-{part}", args.reference_spp if moving else 2 * args.reference_spp, offset)
     record = {"kind": SEQUENCES[name][0], "seed": SEQUENCES[name][1], "frames": frames, "moving": moving}
     record |= {"scale": SCALE, "lrhs_spp": LRHS_SPP, "hrls_spp": HRLS_SPP}
     (out / "sequence.json").write_text(json.dumps(record, indent=1) + "\n")
