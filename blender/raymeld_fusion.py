@@ -4,8 +4,8 @@ Or it renders one of them, and has raymeld denoise the full-size one or upscale 
 for an animation, whose frames are joined in time.
 
 This add-on for Blender 3.4 and newer is installed with Preferences > Add-ons > Install. It runs the program raymeld,
-whose path is in the add-on's preferences; without a path there, PATH is searched. The operators are Render > Render with
-Raymeld and Render > Render Animation with Raymeld, and the settings are in the render properties.
+whose path is in the add-on's preferences; without a path there, PATH is searched. The operators are Render > Render
+with Raymeld and Render > Render Animation with Raymeld, and the settings are in the render properties.
 """
 
 import contextlib

@@ -332,6 +332,7 @@ struct Decode {
 #define RAYMELD_HISTORY_ALBEDO 40.0
 #define RAYMELD_HISTORY_NORMAL 10.0
 #define RAYMELD_HISTORY_LRHS 180.0
+#define RAYMELD_SHARPENED_SHARE 0.25  // of a new albedo or normal, where reading blurs the last ones
 #define RAYMELD_MOST_FRAMES 64.0  // that a pixel is the mean of
 #define RAYMELD_MOST_LRHS_FRAMES 16.0
 // Where the logarithm of the light has changed by more than LIGHT_NOISE, a history is shortened by exp() of

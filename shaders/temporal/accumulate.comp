@@ -1,7 +1,8 @@
 // Joins encoded HRLS with what the last frame knew of the same points, and keeps the result for the next. The
 // history is read bilinearly where the motion leads. A pixel of it counts as far as its albedo and normal lie
 // within those of the 3x3 pixels around the pixel at hand, and as far as the light is still the same. Colors
-// are joined as demodulated radiance, without the fireflies of this frame. Each invocation computes a pixel.
+// are joined as demodulated radiance, without the fireflies of this frame. Albedo and normal are joined less
+// where reading between pixels blurs them. Each invocation computes a pixel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -63,11 +64,12 @@ Around around(uvec2 own) {
   return result;
 }
 
-// Holds the elements of a plane of the history, their shares of its value, and the frames behind it.
+// Holds the elements of a plane of the history, their shares of its value, the frames behind it, and how much
+// it is blurred: 0 where it is read at a pixel, 3/4 in the middle of four.
 struct History {
   uint elements[4];
   float shares[4];
-  float frames;
+  float frames, blur;
 };
 
 History history_of(uvec2 own, Place place, uint plane, Around near) {
@@ -76,6 +78,7 @@ History history_of(uvec2 own, Place place, uint plane, Around near) {
   History result;
   float sum = 0.0;
   result.frames = 0.0;
+  result.blur = 1.0;
   [[unroll]] for (uint i = 0; i < 4; ++i) {
     uint element = taps.pixels[i].y * place.width + taps.pixels[i].x;
     float of_albedo = 0.0, of_normal = 0.0;
@@ -90,6 +93,7 @@ History history_of(uvec2 own, Place place, uint plane, Around near) {
     result.elements[i] = element;
     result.shares[i] = weight;
     result.frames += weight * frames;
+    result.blur -= taps.weights[i] * taps.weights[i];
     sum += weight;
   }
   [[unroll]] for (uint i = 0; i < 4; ++i) result.shares[i] = result.shares[i] / max(sum, 1e-6);
@@ -116,6 +120,7 @@ void main() {
   if (p.inverse_scale > 0.0) frames *= kept_at(own);
   frames = min(frames, RAYMELD_MOST_FRAMES - 1.0);
   float share = 1.0 / (frames + 1.0);
+  float guide_share = max(share, min(0.5 * history.blur, RAYMELD_SHARPENED_SHARE));
 
   uvec2 core = own - uvec2(place.core_x, place.core_y);
   bool is_kept = id == own && core.x < place.core_width && core.y < place.core_height;
@@ -131,7 +136,7 @@ void main() {
     if (is_radiance) past *= factor;
     float value = is_radiance ? linear_at(c, own) : hrls_at(c, own);
     if (is_color) value = value * near.firefly / (hrls_at(kGuides + c, own) + RAYMELD_ALBEDO_FLOOR);
-    float joined = frames > 0.0 ? past + share * (value - past) : value;
+    float joined = frames > 0.0 ? past + (is_radiance ? share : guide_share) * (value - past) : value;
     if (is_kept) next[c * plane + element] = is_radiance ? joined * inverse : joined;
     if (c >= kGuides && c < kGuides + 3) light[c - kGuides] = joined + RAYMELD_ALBEDO_FLOOR;
     if (is_color) joined *= light[c];

@@ -7,6 +7,7 @@ namespace raymeld::reference {
 namespace {
 
 constexpr double kMostFrames = 63, kMostLrhsFrames = 15, kMostSamples = 16;
+constexpr double kSharpenedShare = 0.25;
 constexpr double kHistoryAlbedo = 40, kHistoryNormal = 10, kHistoryLrhs = 180;
 constexpr double kLightChange = 16, kLightNoise = 0.1, kLightFloor = 0.02;
 constexpr double kLeastWeight = 1e-6;
@@ -168,7 +169,7 @@ std::array<T, 5> light_change_at(const Bounded& lrhs, const Past& past, Transfer
 template <typename T>
 std::vector<T> accumulate_at(const Bounded& hrls, const Past& past, Transfer transfer, double clip,
                              double spp, const T& kept, int y, int x) {
-  using std::exp, std::min, std::log2, std::clamp;
+  using std::exp, std::max, std::min, std::log2, std::clamp;
   const int channels = past.hrls.c - 1;
   const auto taps = taps_at(y + past.y + past.motion.at(1, y, x), x + past.x + past.motion.at(0, y, x),
                             past.hrls.h, past.hrls.w);
@@ -182,6 +183,9 @@ std::vector<T> accumulate_at(const Bounded& hrls, const Past& past, Transfer tra
   };
   const Read<T> before = read<T>(past.hrls, channels, taps, likeness);
   const T frames = min(before.frames * kept, T(kMostFrames)), share = 1 / (frames + 1);
+  double blur = 1;
+  for (const Tap& tap : taps) blur -= tap.weight * tap.weight;
+  const T guide_share = max(share, T(std::min(blur / 2, kSharpenedShare)));
   const T firefly = firefly_limit<T>(hrls, transfer, y, x);
   std::vector<T> joined, encoded;
   for (int c = 0; c < channels; ++c) {
@@ -192,7 +196,7 @@ std::vector<T> accumulate_at(const Bounded& hrls, const Past& past, Transfer tra
       then = then * T(past.exposure);
     }
     if (c < 3) value = value * firefly / (at(hrls, c + 3, y, x).as<T>() + kAlbedoFloor);
-    joined.push_back(then + share * (value - then));
+    joined.push_back(then + (is_radiance ? share : guide_share) * (value - then));
   }
   for (int c = 0; c < channels; ++c) {
     T value = joined[size_t(c)];

@@ -1,5 +1,5 @@
-// Describes a room with a lamp at its ceiling, boxes and balls, in metres with y up. The lamp and the red ball
-// move with time, in seconds.
+// Describes a room with a lamp at its ceiling, boxes and balls, in metres with y up. The lamp and the red
+// ball move with time, in seconds.
 
 struct Ray {
   vec3 origin;
@@ -111,7 +111,8 @@ vec3 last_place(vec3 point, uint object) {
 // the path tracer has no caustics.
 float visible(Ray ray, float distance) {
   vec3 normal;
-  float t = min(hit_ball(ray, kGold), min(hit_ball(ray, kMirror), hit_ball(ray, red_ball(constants.scene_s))));
+  float t = min(hit_ball(ray, kGold), hit_ball(ray, kMirror));
+  t = min(t, hit_ball(ray, red_ball(constants.scene_s)));
   t = min(t, hit_box(into(ray, kTallCentre, kTallAngle), kTallHalf, normal));
   t = min(t, hit_box(into(ray, kLowCentre, kLowAngle), kLowHalf, normal));
   t = min(t, hit_box(into(ray, kPlinthCentre, vec2(0, 1)), kPlinthHalf, normal));

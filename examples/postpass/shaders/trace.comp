@@ -136,11 +136,12 @@ Path trace(Ray ray) {
   return path;
 }
 
-// Returns the pixels that lead from a pixel's first surface, at its centre, to where that was in the last frame.
+// Returns the pixels that lead from a pixel's first surface, at its centre, to its place in the last frame.
 vec2 motion_of(vec2 centre, vec2 size) {
   const Ray ray = Ray(constants.camera.position.xyz, direction_of(constants.camera, centre, size));
   const Hit hit = intersect(ray);
-  const vec3 place = project(constants.last_camera, last_place(ray.origin + hit.t * ray.direction, hit.object), size);
+  const vec3 last = last_place(ray.origin + hit.t * ray.direction, hit.object);
+  const vec3 place = project(constants.last_camera, last, size);
   return place.z > 0 ? place.xy - centre : vec2(1e30);  // behind the camera is out of the frame
 }
 

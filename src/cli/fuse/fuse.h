@@ -15,6 +15,7 @@
 #include "cli/common/models.h"
 #include "cli/common/outputs.h"
 #include "cli/common/quality.h"
+#include "fusion/cut_finder.h"
 #include "fusion/fuser.h"
 #include "fusion/pair.h"
 #include "io/layers_from_exr.h"
@@ -267,6 +268,12 @@ std::unique_ptr<FuseFrame> open_frame(const FuseArguments& arguments, Console co
 // Reads all that is needed of the files, so that changing them while the frame is fused makes no difference.
 // Throws Error.
 void load_frame(FuseFrame& frame);
+
+// Throws Error unless a model joins frames in time, with an ordinary small render as LRHS.
+void check_keeps_history(const Model& model);
+
+// Returns whether a frame that is read shows something else than the last one that `cuts` was given.
+bool is_cut(const FuseFrame& frame, CutFinder& cuts);
 
 FuserOptions options_of(const FuseArguments& arguments, const FuseFiles& files, const Device& device,
                         const ConstantLayers& constants);

@@ -6,6 +6,7 @@
 #include "cli/fuse/fuse.h"
 #include "fusion/fuser_options.h"
 #include "io/exr_window.h"
+#include "networks/network.h"
 #include "platform/folders.h"
 #include "platform/interrupt.h"
 
@@ -52,6 +53,16 @@ void report_overflow(const FuseArguments& arguments, const FuseReport& report, u
 }  // namespace
 
 const char* precision_name(Storage storage) { return storage == Storage::kFloat16 ? "fp16" : "fp32"; }
+
+void check_keeps_history(const Model& model) {
+  const float phase = lrhs_phase(true, model.architecture().scale);
+  history_channels(model, model.architecture().reads_lrhs() ? phase : 0, true);
+}
+
+bool is_cut(const FuseFrame& frame, CutFinder& cuts) {
+  const FuseImages& images = frame.images;
+  return cuts.is_cut(images.lrhs, images.hrls, frame.files.layers_without(images.constants), images.motion);
+}
 
 FuserOptions options_of(const FuseArguments& arguments, const FuseFiles& files, const Device& device,
                         const ConstantLayers& constants) {

@@ -8,16 +8,12 @@
 #include "cli/fuse/fuse_report.h"
 #include "cli/sequence/handover.h"
 #include "cli/sequence/sequence_report.h"
-#include "fusion/cut_finder.h"
-#include "networks/network.h"
 #include "platform/interrupt.h"
 
 namespace raymeld::cli {
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-constexpr float kAnyPhase = 0.5f;  // that of an ordinary small render
 
 // Returns when the file of the model was written that the user named.
 FileTime model_time(const FuseArguments& patterns) {
@@ -176,9 +172,7 @@ void Pipeline::find_cut(FuseFrame& frame) {
   FrameInTime& time = frame.time;
   if (time.starts_anew || last_read_ + 1 != time.number) cuts_.forget();
   last_read_ = time.number;
-  const FuseImages& images = frame.images;
-  if (!cuts_.is_cut(images.lrhs, images.hrls, frame.files.layers_without(images.constants), images.motion))
-    return;
+  if (!is_cut(frame, cuts_)) return;
   time.starts_anew = true;
   frame.console.note("shows something else than the last frame, and starts anew");
 }
@@ -263,7 +257,7 @@ void run_sequence(const SequenceArguments& sequence, const FuseArguments& given)
   LastModel models;
   if (!patterns.model.empty()) {
     const auto model = models.load(find_model(patterns.model, patterns.task()));
-    if (patterns.temporal) history_channels(*model, kAnyPhase, true);
+    if (patterns.temporal) check_keeps_history(*model);
   }
   std::vector<Outcome> outcomes =
       patterns.temporal ? all_joined_frames(sequence, patterns) : all_frames(sequence, patterns);
