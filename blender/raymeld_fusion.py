@@ -227,11 +227,14 @@ def jitter(scene, frame):
             for i, axis in enumerate("xy")]
 
 
-def render_inputs(scene, layer, folder, number="", temporal=False):
-    """Renders what raymeld reads of the current frame. Returns the paths by the name of raymeld's options."""
-    settings, scale, seed = scene.raymeld, int(scene.raymeld.scale), scene.cycles.seed
-    if number:
-        seed += 2 * scene.frame_current
+def render_inputs(scene, layer, folder, frame=None, temporal=False):
+    """Renders what raymeld reads of the current frame, of an animation if its number is given.
+
+    Returns the paths by the name of raymeld's options.
+    """
+    settings, scale = scene.raymeld, int(scene.raymeld.scale)
+    seed = scene.cycles.seed + 2 * (frame or 0)
+    number = "" if frame is None else f".{frame:04}"
     renders = {}
     with changed(plain_render(scene, layer)):
         if settings.command != "denoise":
@@ -241,7 +244,9 @@ def render_inputs(scene, layer, folder, number="", temporal=False):
         if settings.command != "upscale":
             renders["--hrls"] = os.path.join(folder, f"hrls{number}.exr")
             passes = [(layer, "use_pass_" + name, True) for name in (*PASSES, *(["vector"] if temporal else []))]
-            passes += jitter(scene, scene.frame_current) if temporal and settings.few == 1 else []
+            if temporal:  # data that persists would keep the motion of the frame before
+                passes.append((scene.render, "use_persistent_data", False))
+                passes += jitter(scene, frame) if settings.few == 1 else []
             with changed(passes + [(layer.cycles, "denoising_store_passes", True)]):
                 render_to(renders["--hrls"], scene, settings.few, seed)
     return renders
@@ -282,16 +287,18 @@ def run_animation(context):
         raise Failure("Cycles gives no motion vectors with Motion Blur: switch that or Join Frames off")
     if temporal and scene.frame_step != 1:
         raise Failure("motion vectors lead from each frame to the last one: set Step to 1, or switch Join Frames off")
-    folder, before = bpy.path.abspath(settings.folder), scene.frame_current
+    if scene.frame_start < 0:
+        raise Failure(f"raymeld numbers frames from 0 on, and the first one is {scene.frame_start}")
+    folder, before = bpy.path.abspath(settings.folder), (scene.frame_current, scene.frame_subframe)
     os.makedirs(folder, exist_ok=True)
     frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
     try:
         for frame in frames:
             scene.frame_set(frame)
-            renders = render_inputs(scene, context.view_layer, folder, f".{frame:04}", temporal)
+            renders = render_inputs(scene, context.view_layer, folder, frame, temporal)
     finally:
-        scene.frame_set(before)
-    patterns = {option: path.replace(f".{frames[-1]:04}.", ".####.") for option, path in renders.items()}
+        scene.frame_set(before[0], subframe=before[1])
+    patterns = {option: os.path.join(folder, option.lstrip("-") + ".####.exr") for option in renders}
     more = ["--frames", f"{frames[0]}-{frames[-1]}x{scene.frame_step}", *(["--temporal"] if temporal else [])]
     run_program(program, patterns, os.path.join(folder, "raymeld.####.exr"), settings, more)
     return len(frames)
@@ -349,7 +356,7 @@ class RENDER_PT_raymeld(bpy.types.Panel):
         for name in ("command", "scale", "few", "many", "quality", "temporal", "folder"):
             if name not in unused:
                 self.layout.prop(context.scene.raymeld, name)
-        draw_menu(self, context)
+        draw_operators(self, context)
 
 
 CLASSES = (
@@ -361,7 +368,7 @@ CLASSES = (
 )
 
 
-def draw_menu(self, _context):
+def draw_operators(self, _context):
     self.layout.operator(RENDER_OT_raymeld.bl_idname)
     self.layout.operator(RENDER_OT_raymeld_animation.bl_idname)
 
@@ -370,11 +377,11 @@ def register():
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     bpy.types.Scene.raymeld = bpy.props.PointerProperty(type=RaymeldSettings)
-    bpy.types.TOPBAR_MT_render.append(draw_menu)
+    bpy.types.TOPBAR_MT_render.append(draw_operators)
 
 
 def unregister():
-    bpy.types.TOPBAR_MT_render.remove(draw_menu)
+    bpy.types.TOPBAR_MT_render.remove(draw_operators)
     del bpy.types.Scene.raymeld
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

@@ -18,11 +18,12 @@
 layout(local_size_x = 64, local_size_y = 2) in;
 #include "invocation.glsl"
 layout(push_constant) uniform Push {
-  ADDRESS(Floats, exposure) ADDRESS(Values, hrls) ADDRESS(Values, kept) ADDRESS(Values, target)
+  ADDRESS(Floats, last) ADDRESS(Floats, next) ADDRESS(Floats, exposure)
+  ADDRESS(Values, hrls) ADDRESS(Values, kept) ADDRESS(Values, target)
   Accumulate p;
 };
-layout(std430, binding = 2) readonly buffer Last { float last[]; };
-layout(std430, binding = 3) buffer Next { float next[]; };
+BUFFER(2, readonly, Last, float, last)
+BUFFER(3, , Next, float, next)
 BUFFER(4, readonly, Exposure, float, exposure)
 BUFFER(5, readonly, Hrls, STORAGE, hrls)
 BUFFER(6, readonly, Kept, STORAGE, kept)
@@ -83,11 +84,11 @@ History history_of(uvec2 own, Place place, uint plane, Around near) {
     uint element = taps.pixels[i].y * place.width + taps.pixels[i].x;
     float of_albedo = 0.0, of_normal = 0.0;
     [[unroll]] for (uint c = 0; c < 6; ++c) {
-      float unlike = beyond(last[(kGuides + c) * plane + element], near.low[c], near.high[c]);
+      float unlike = beyond(last.v[(kGuides + c) * plane + element], near.low[c], near.high[c]);
       of_albedo += c < 3 ? unlike : 0.0;
       of_normal += c < 3 ? 0.0 : unlike;
     }
-    float frames = last[p.channels * plane + element];
+    float frames = last.v[p.channels * plane + element];
     float likeness = exp(-(RAYMELD_HISTORY_ALBEDO * of_albedo + RAYMELD_HISTORY_NORMAL * of_normal));
     float weight = frames > 0.0 ? taps.weights[i] * likeness : 0.0;
     result.elements[i] = element;
@@ -132,18 +133,18 @@ void main() {
     bool is_color = c < kGuides, is_radiance = is_color || c >= kRadiance;
     float past = 0.0;
     [[unroll]] for (uint i = 0; i < 4; ++i)
-      past += history.shares[i] * last[c * plane + history.elements[i]];
+      past += history.shares[i] * last.v[c * plane + history.elements[i]];
     if (is_radiance) past *= factor;
     float value = is_radiance ? linear_at(c, own) : hrls_at(c, own);
     if (is_color) value = value * near.firefly / (hrls_at(kGuides + c, own) + RAYMELD_ALBEDO_FLOOR);
     float joined = frames > 0.0 ? past + (is_radiance ? share : guide_share) * (value - past) : value;
-    if (is_kept) next[c * plane + element] = is_radiance ? joined * inverse : joined;
+    if (is_kept) next.v[c * plane + element] = is_radiance ? joined * inverse : joined;
     if (c >= kGuides && c < kGuides + 3) light[c - kGuides] = joined + RAYMELD_ALBEDO_FLOOR;
     if (is_color) joined *= light[c];
     if (is_radiance) joined = to_network(min(joined, p.clip), p.log_transfer);
     target.v[address(c, id.y, id.x, p.plane, p.width)] = STORAGE(storable(joined));
   }
-  if (is_kept) next[p.channels * plane + element] = frames + 1.0;
+  if (is_kept) next.v[p.channels * plane + element] = frames + 1.0;
   float samples = clamp((frames + 1.0) * p.spp, 1.0, RAYMELD_MOST_SAMPLES);
   target.v[address(p.count_channel, id.y, id.x, p.plane, p.width)] = STORAGE(storable(log2(samples)));
   count_saturated();

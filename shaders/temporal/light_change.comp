@@ -15,11 +15,12 @@
 layout(local_size_x = 64, local_size_y = 2) in;
 #include "invocation.glsl"
 layout(push_constant) uniform Push {
-  ADDRESS(Floats, exposure) ADDRESS(Values, lrhs) ADDRESS(Values, target)
+  ADDRESS(Floats, last) ADDRESS(Floats, next) ADDRESS(Floats, exposure)
+  ADDRESS(Values, lrhs) ADDRESS(Values, target)
   LightChange p;
 };
-layout(std430, binding = 2) readonly buffer Last { float last[]; };
-layout(std430, binding = 3) buffer Next { float next[]; };
+BUFFER(2, readonly, Last, float, last)
+BUFFER(3, , Next, float, next)
 BUFFER(4, readonly, Exposure, float, exposure)
 BUFFER(5, readonly, Lrhs, STORAGE, lrhs)
 BUFFER(6, writeonly, Target, STORAGE, target)
@@ -65,13 +66,13 @@ void main() {
     Taps taps = taps_at(point + vec2(i % 3, i / 3) - 1.0, size);
     [[unroll]] for (uint k = 0; k < 4; ++k) {
       uint element = first + taps.pixels[k].y * size.x + taps.pixels[k].x;
-      float count = last[3 * plane + element], weight = count > 0.0 ? taps.weights[k] : 0.0;
+      float count = last.v[3 * plane + element], weight = count > 0.0 ? taps.weights[k] : 0.0;
       sums += weight;
-      [[unroll]] for (uint c = 0; c < 3; ++c) before[c] += weight * last[c * plane + element];
+      [[unroll]] for (uint c = 0; c < 3; ++c) before[c] += weight * last.v[c * plane + element];
       if (i != 4) continue;
       sum += weight;
       frames += weight * count;
-      [[unroll]] for (uint c = 0; c < 3; ++c) past[c] += weight * last[c * plane + element];
+      [[unroll]] for (uint c = 0; c < 3; ++c) past[c] += weight * last.v[c * plane + element];
     }
   }
   before *= factor / max(sums, 1e-6);
@@ -88,9 +89,9 @@ void main() {
     [[unroll]] for (uint c = 0; c < 3; ++c) {
       float value = to_linear(lrhs_at(c, own), p.log_transfer);
       float joined = frames > 0.0 ? past[c] + (value - past[c]) / (frames + 1.0) : value;
-      next[c * plane + element] = joined * inverse;
+      next.v[c * plane + element] = joined * inverse;
     }
-    next[3 * plane + element] = frames + 1.0;
+    next.v[3 * plane + element] = frames + 1.0;
   }
   target.v[address(0, id.y, id.x, p.plane, p.width)] = STORAGE(storable(share));
   count_saturated();

@@ -110,14 +110,16 @@ FrameTimes::FrameTimes(const Device& device, const std::filesystem::path& folder
       times_(load(file_)) {}
 
 std::optional<FrameTime> FrameTimes::known(const Model& model, uint32_t height, uint32_t width,
-                                           const FuserOptions& options) const {
+                                           FuserOptions options) const {
+  options.temporal = false;  // as measure() does
   const auto found =
       times_.find(key_of(model, plan_fusion(model, height, width, device_.info(), options), options));
   return found == times_.end() ? std::nullopt : std::optional(found->second);
 }
 
 FrameTime FrameTimes::measure(const Model& model, uint32_t height, uint32_t width, FuserOptions options) {
-  options.keep_activations = options.profile = options.skip_unchanged = false;
+  // A history takes about a tenth of the time beside these.
+  options.keep_activations = options.profile = options.skip_unchanged = options.temporal = false;
   const FusePlan whole = plan_fusion(model, height, width, device_.info(), options);
   const TileSize size = measured_size(model, height, width, most_pixels_);
   const double part = plan_fusion(model, size.height, size.width, device_.info(), options).flop / whole.flop;

@@ -34,7 +34,7 @@ class FrameTimes {
 
   // Returns the times of a frame of (height, width) LRHS pixels, if they were measured before.
   std::optional<FrameTime> known(const Model& model, uint32_t height, uint32_t width,
-                                 const FuserOptions& options) const;
+                                 FuserOptions options) const;
 
   // Measures the times with frames of noise, and keeps them. Frames of more than `most_pixels` fused pixels
   // are measured at a smaller size, and their times are scaled by the arithmetic. Throws Error.

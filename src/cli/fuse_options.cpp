@@ -216,7 +216,7 @@ void add_run(CLI::App& command, FuseArguments& a) {
       command, "--precision", a.precision,
       {{"auto", Precision::kAuto}, {"fp32", Precision::kFp32}, {"fp16", Precision::kFp16}},
       "Computes in fp32 or in fp16 (activations and weights in 16 bits, sums in 32); auto is fp16 on a "
-      "GPU that supports it, with fp32 for tiles whose values 16 bits cannot hold");
+      "GPU that supports it, with fp32 for tiles whose values 16 bits cannot hold, unless with --temporal");
   add_named<Overflow>(
       command, "--overflow", a.overflow,
       {{"error", Overflow::kError}, {"warn", Overflow::kWarn}, {"redo", Overflow::kRedo}},

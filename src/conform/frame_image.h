@@ -28,7 +28,7 @@ class FrameImage {
   FrameImage(const Device& device, const reference::Planes& image) : FrameImage(device, image, Layout{}) {}
   FrameImage(const Device& device, const reference::Planes& image, Layout layout);
 
-  FrameBinding binding() const { return {view_, shape_}; }
+  FrameBinding binding() const { return {.view = view_, .shape = shape_, .address = buffer_.address()}; }
   // Returns a frame that has no other image.
   FrameBindings frame(FrameSlot slot) const {
     FrameBindings frame;

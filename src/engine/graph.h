@@ -60,7 +60,8 @@ struct Binding {
   uint32_t constant = 0;  // kConstant: index of the graph's constant
   FrameSlot slot = 0;     // kFrame
   bool image = false;     // kFrame: a Vulkan image
-  // The shader reads the address from the push constants, and there is no descriptor. Never set for kFrame.
+  // The shader reads the address from the push constants, and there is no descriptor. Never set for the first
+  // kFrame of a pass.
   bool by_address = false;
 
   VkDescriptorType descriptor_type() const {

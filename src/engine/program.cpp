@@ -196,6 +196,7 @@ void Program::create_sets(uint32_t sets) {
   check(vk.AllocateDescriptorSets(device_.handle(), &info, handles.data()), "allocating descriptor sets");
 
   views_.assign(sets, std::vector<std::array<uint32_t, 5>>(graph_.passes().size()));
+  frame_addresses_.assign(sets, {});
   auto next = handles.begin();
   for (uint32_t set = 0; set < sets; ++set) {
     std::vector<VkDescriptorSet> row;
@@ -225,9 +226,9 @@ VkDeviceAddress Program::address_of(const Binding& binding, uint32_t set) const 
     case Binding::Kind::kExposure:
       return common_->exposures.address() + set * kExposureStrideBytes;
     case Binding::Kind::kFrame:
-      break;
+      return frame_addresses_.at(set).at(binding.slot);
   }
-  throw Error("a frame image has no address");
+  throw Error("a binding of no kind");
 }
 
 VkDescriptorBufferInfo Program::buffer_info(const Binding& binding, uint32_t set,
@@ -245,7 +246,8 @@ VkDescriptorBufferInfo Program::buffer_info(const Binding& binding, uint32_t set
     case Binding::Kind::kFrame:
       break;
   }
-  const auto& [view, shape, texture] = (*frame)[binding.slot];
+  const FrameBuffer& view = (*frame)[binding.slot].view;
+  const Shape& shape = (*frame)[binding.slot].shape;
   const uint64_t alignment = device_.info().storage_alignment_bytes;
   const uint64_t begin = view.offset_bytes / alignment * alignment;
   const uint64_t last = uint64_t{shape.channels - 1} * view.channel_stride +
@@ -294,6 +296,7 @@ void Program::write_set(uint32_t set, size_t index, const FrameBindings* frame) 
 }
 
 void Program::bind(uint32_t set, const FrameBindings& frame) {
+  std::ranges::transform(frame, frame_addresses_.at(set).begin(), &FrameBinding::address);
   for (size_t i = 0; i < graph_.passes().size(); ++i) {
     const Pass& pass = graph_.passes()[i];
     const Binding* binding = pass.frame();
@@ -305,7 +308,8 @@ void Program::bind(uint32_t set, const FrameBindings& frame) {
 
 std::array<uint32_t, 5> Program::view_of(const Binding& binding, const FrameBindings& frame) const {
   static_assert(sizeof(params::FrameView) == 20 && sizeof(params::TextureView) == 20);
-  const auto& [view, shape, texture] = frame[binding.slot];
+  const FrameBuffer& view = frame[binding.slot].view;
+  const FrameTexture& texture = frame[binding.slot].texture;
   if (binding.image) {
     return std::bit_cast<std::array<uint32_t, 5>>(
         params::TextureView{texture.x, texture.y, texture.scale, texture.bias, texture.octahedral});

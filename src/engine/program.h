@@ -20,6 +20,7 @@ struct FrameBinding {
   FrameBuffer view = {};
   Shape shape = {};
   FrameTexture texture = {};
+  VkDeviceAddress address = 0;  // of a dense buffer, for Binding::by_address
 };
 
 // Holds the images of one frame by FrameSlot.
@@ -132,6 +133,7 @@ class Program {
   VkDescriptorPool pool_ = VK_NULL_HANDLE;
   std::vector<std::vector<VkDescriptorSet>> sets_;           // [set][pass]
   std::vector<std::vector<std::array<uint32_t, 5>>> views_;  // [set][pass], if the pass touches an image
+  std::vector<std::array<VkDeviceAddress, kFrameSlots>> frame_addresses_;  // [set][slot]
   WorkLimits limits_;
 };
 

@@ -13,8 +13,8 @@ constexpr int kCell = 4;
 // a third of that on fine detail; two stops of brightness are more than the noise of one sample.
 constexpr float kMostAlbedo = 0.15f, kMostNormal = 0.3f, kMostStops = 2;
 // A frame goes on with the last one if a third of the cells that lie in both agree, and these are an eighth
-// of all. Two views of rooms with the same white walls agree in a tenth to a fifth.
-constexpr size_t kLeastAgreeing = 3, kLeastCounted = 8;
+// of all. Cells without a surface are alike in any two shots, and do not count.
+constexpr size_t kAgreeingPart = 3, kSeenPart = 8;
 
 // Returns the mean of a plane over the part of a cell; cells of the full size cover `scale` times as much.
 float mean_of(const Image& image, int channel, int y, int x, int scale) {
@@ -24,6 +24,12 @@ float mean_of(const Image& image, int channel, int y, int x, int scale) {
   for (int row = y0; row < y1; ++row)
     for (int column = x0; column < x1; ++column) sum += image.at(channel, row, column);
   return sum / float((y1 - y0) * (x1 - x0));
+}
+
+bool is_empty(const Image& cells, int y, int x) {
+  for (int c = 0; c < cells.channels; ++c)
+    if (cells.at(c, y, x) != 0) return false;
+  return true;
 }
 
 // Returns the layers that cells are compared by, divided by the most that they may differ; one more channel
@@ -59,22 +65,25 @@ bool CutFinder::is_cut(const Image& lrhs, const Image& hrls, std::span<const std
   if (last.data.empty()) return false;
   if (last.width != last_.width || last.height != last_.height || last.channels != last_.channels)
     return true;
-  size_t counted = 0, agreeing = 0;
+  size_t all = 0, seen = 0, agreeing = 0;
   for (int y = 0; y < last.height; ++y) {
     for (int x = 0; x < last.width; ++x) {
       const int at_y = kCell * y + kCell / 2, at_x = kCell * x + kCell / 2;
       const float from_y = std::floor((float(at_y) + motion.at(1, at_y, at_x)) / kCell);
       const float from_x = std::floor((float(at_x) + motion.at(0, at_y, at_x)) / kCell);
       const auto is_within = [](float at, int size) { return at >= 0 && at < float(size); };  // NaN is not
-      if (!is_within(from_y, last.height) || !is_within(from_x, last.width)) continue;
-      ++counted;
+      const bool is_seen = is_within(from_y, last.height) && is_within(from_x, last.width);
+      if (is_empty(last_, y, x) && (!is_seen || is_empty(last, int(from_y), int(from_x)))) continue;
+      ++all;
+      if (!is_seen) continue;
+      ++seen;
       bool agrees = true;
       for (int c = 0; c < last.channels; ++c)
         agrees &= std::abs(last_.at(c, y, x) - last.at(c, int(from_y), int(from_x))) <= 1;
       agreeing += agrees;
     }
   }
-  return kLeastCounted * counted < last.plane_size() || kLeastAgreeing * agreeing < counted;
+  return kSeenPart * seen < all || kAgreeingPart * agreeing < seen;
 }
 
 }  // namespace raymeld

@@ -230,7 +230,7 @@ void Fuser::bind_history(FrameBindings& frame, const History& history) {
   for (const auto& [slot, buffer] :
        {std::pair(kLastSlot, &history.last), std::pair(kNextSlot, &history.next)}) {
     const Shape shape{1, static_cast<uint32_t>(buffer->size_bytes() / sizeof(float)), 1};
-    frame[slot] = {dense_view(*buffer, shape), shape};
+    frame[slot] = {.view = dense_view(*buffer, shape), .shape = shape, .address = buffer->address()};
   }
 }
 
@@ -322,7 +322,8 @@ FuseReport Fuser::fuse(const Image& lrhs, const Image& hrls, Image& fused, const
 
 void Fuser::remember(const Image& lrhs, const Image& hrls, const Image& motion, const Progress& progress,
                      float exposure, size_t sequence) {
-  if (!options_.temporal) throw Error("a frame to remember, expected a fusion that keeps a history");
+  if (!options_.temporal || options_.profile)
+    throw Error("a frame to remember, expected a fusion that keeps a history and measures no times");
   check_sizes(lrhs, hrls, motion);
   fuse(lrhs.data.data(), hrls.data.data(), nullptr, progress, exposure, sequence, motion.data.data());
 }

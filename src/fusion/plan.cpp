@@ -169,11 +169,15 @@ uint64_t history_bytes(const Model& model, TileSize frame, const DeviceInfo& dev
   const uint32_t channels = history_channels(model, options.phase, options.compute_variance);
   const uint64_t bytes =
       sizeof(float) * history_floats(scale * frame.height, scale * frame.width, channels, scale);
-  const uint64_t most = std::min(device.max_storage_range_bytes, device.max_allocation_bytes);
-  if (bytes > most)
-    throw Error(
-        "a history of the frame needs {:.1f} MiB, more than the {:.1f} MiB that the device binds at once",
-        double(bytes) / kMebibyte, double(most) / kMebibyte);
+  const auto check = [&](uint64_t most, const char* does) {
+    if (bytes > most)
+      throw Error(
+          "a history of the frame needs {:.1f} MiB, more than the {:.1f} MiB that the device {} at once",
+          double(bytes) / kMebibyte, double(most) / kMebibyte, does);
+  };
+  check(device.max_allocation_bytes, "allocates");
+  // Shaders that find buffers by their addresses bind none; they count floats in 32 bits.
+  check(options.kernels.addressed ? sizeof(float) << 32 : device.max_storage_range_bytes, "binds");
   return bytes;
 }
 

@@ -173,11 +173,13 @@ ChannelTriple overridden(const std::string& layer, const std::string& value, con
 MotionSource overridden_motion(const std::string& value, const ChannelGroups& groups) {
   if (const auto pair = groups.pair(value)) return {*pair};
   const std::vector<std::string> names = split(value, ',');
-  if (names.size() != 2 || !groups.has_channel(names[0]) || !groups.has_channel(names[1]))
+  if (names.size() != 2)
     throw Error(
         "cannot map motion to '{0}': there are no channels {0}.X, .Y, {0}.U, .V or {0}.R, .G; expected a "
         "prefix or two channels separated by a comma",
         value);
+  for (const std::string& name : names)
+    if (!groups.has_channel(name)) throw Error("cannot map motion: there is no channel '{}'", name);
   return {{names[0], names[1]}};
 }
 

@@ -55,7 +55,8 @@ extern const Forms kCellShare;
 }  // namespace shaders
 
 // Returns a pass with the form of the shader that the graph's activations need or, with `vectors`, with the
-// form in shaders/llvmpipe. Marks the bindings that this form finds by address.
+// form in shaders/llvmpipe. Marks the bindings that this form finds by address: all but the first frame
+// image, since the others are dense buffers.
 inline Pass pass_of(const Graph& graph, std::string name, const Forms& forms, std::vector<Binding> bindings,
                     bool vectors = false) {
   const bool by_address = graph.addressed() || vectors;
@@ -64,7 +65,7 @@ inline Pass pass_of(const Graph& graph, std::string name, const Forms& forms, st
   pass.shader = &(vectors ? forms.vectors : by_address ? forms.addresses : forms.buffers);
   pass.bindings = std::move(bindings);
   for (Binding& binding : pass.bindings) {
-    if (binding.kind != Binding::Kind::kFrame) binding.by_address |= by_address;
+    if (&binding != pass.frame()) binding.by_address |= by_address;
   }
   return pass;
 }

@@ -409,5 +409,28 @@ TEST(LoadLayers, ErrorsNameTheFile) {
   EXPECT_ERROR(map_layers(file, choice), "rgb.exr", "Nope");
 }
 
+TEST(Motion, EachPresetSaysWhereItLeads) {
+  struct Case {
+    const char *channels[2], *preset;
+    std::array<float, 2> factors;
+  };
+  const Case cases[] = {
+      {{"ViewLayer.Vector.X", "ViewLayer.Vector.Y"}, "cycles", {1, -1}},
+      {{"motionvector.R", "motionvector.G"}, "arnold", {-1, 1}},
+      {{"backward.r", "backward.g"}, "renderman", {1, 1}},
+      {{"motion.U", "motion.V"}, "generic", {1, 1}},
+  };
+  for (const auto& [channels, preset, factors] : cases) {
+    const Names names = Names{"R", "G", "B", "Ci.r", "Ci.g", "Ci.b", channels[0], channels[1]};
+    const LayerMap map = map_layers(names, {.preset = preset});
+    ASSERT_TRUE(map.motion) << preset;
+    EXPECT_EQ(map.motion->channels, (std::array<std::string, 2>{channels[0], channels[1]})) << preset;
+    EXPECT_EQ(map.motion->factors, factors) << preset;
+    const LayerMap named = map_layers(names, {.preset = preset, .motion_factors = std::array{2.0f, 3.0f}});
+    EXPECT_EQ(named.motion->factors, (std::array{2.0f, 3.0f})) << preset;
+  }
+  EXPECT_FALSE(map_layers(Names{"R", "G", "B", "Vector.X"}, {.preset = "cycles"}).motion);
+}
+
 }  // namespace
 }  // namespace raymeld

@@ -162,6 +162,7 @@ def reprojected(image, motion, weight_of):
     """
     height, width = image.shape[:2]
     rows, columns = numpy.mgrid[:height, :width]
+    motion = numpy.where(numpy.isfinite(motion), motion, 1e6)  # leads out of the image
     x, y = columns + motion[..., 0], rows + motion[..., 1]
     total, weights = 0, 0
     for dy, dx in ((0, 0), (0, 1), (1, 0), (1, 1)):

@@ -325,10 +325,16 @@ class FrameFuser {
   Image fuse_companion(FuseFrame& frame, const Companion& companion, const Image& hrls, float exposure,
                        Fuser& fuser, const Progress& progress);
 
-  void go_on(const FuseFrame& frame, size_t sequence, Fuser& fuser);
+  void go_on(FuseFrame& frame, size_t sequence, Fuser& fuser);
+
+  // Names the frame that a history of `cached_` is of.
+  struct LastFrame {
+    int number = 0;
+    Imath::Box2i window;
+  };
 
   const Device& device_;
-  std::map<size_t, int> last_numbers_;  // the last frame of each sequence in the histories of `cached_`
+  std::map<size_t, LastFrame> last_frames_;  // keyed by sequence
   std::unique_ptr<Preparation> preparation_;
   std::unique_ptr<Cached> cached_;
 };

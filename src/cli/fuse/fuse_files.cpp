@@ -157,9 +157,9 @@ void check_motion(const ExrFile& hrls, const LayerMap& map, const Imath::Box2i& 
                 no_motion_text(map, hrls.path().string()));
   for (const std::string& name : map.motion->channels) {
     const Imath::Box2i window = hrls.header(hrls.channel(name).part).dataWindow();
-    if (window.size() != color.size())
-      throw Error("HRLS '{}': the motion is {}, and the color is {}: the sizes must be equal",
-                  hrls.path().string(), size_text(window), size_text(color));
+    if (window != color)
+      throw Error("HRLS '{}': the motion has another data window than the color, {} instead of {}",
+                  hrls.path().string(), window_text(window), window_text(color));
   }
 }
 
@@ -443,7 +443,8 @@ void load_frame(FuseFrame& frame) {
   examine(frame.arguments, files, images.lrhs, images.hrls, files.layers_without(images.constants),
           frame.console);
   images.exposure = exposure_for(frame.arguments, *files.model, images.lrhs);
-  if (frame.arguments.compares()) {
+  const bool is_written = !frame.time.is_lead_in;
+  if (is_written && frame.arguments.compares()) {
     // Cubic interpolation reads two LRHS pixels in each direction.
     const Canvas part = part_of(files.frame, files.window, 2);
     const Image lrhs = seen_through(images.lrhs, files.frame.lrhs, part.lrhs);
@@ -457,13 +458,14 @@ void load_frame(FuseFrame& frame) {
   if (files.reads_hrls())
     images.hrls = seen_through(std::move(images.hrls), files.frame.hrls, files.canvas.hrls);
   if (frame.arguments.temporal) images.motion = motion_of(files, frame.arguments);
-  if (files.reference) {
+  if (is_written && files.reference) {
     images.reference = load_layers(*files.reference, files.reference_map, kColor);
     sanitize_input(*images.reference, "reference", files.reference->path(), frame.console);
     images.reference = seen_through(std::move(*images.reference), files.hrls_windows.data, files.window);
   }
   const bool keeps = frame.arguments.keep_layers;
   for (const std::string& name : passed_channels(files, frame.arguments)) {
+    if (!is_written && name != files.hrls_map.alpha) continue;
     ExrRawChannel channel = files.hrls.read_raw(name);
     if (name == files.hrls_map.alpha && load_alpha(frame, channel)) continue;
     images.passed.push_back(cropped(std::move(channel), files.window));

@@ -72,7 +72,7 @@ FuserOptions options_of(const FuseArguments& arguments, const FuseFiles& files, 
   options.skip_unchanged = arguments.skip_unchanged;
   options.temporal = arguments.temporal;
   options.compute_variance = files.computes_variance;
-  if (options.temporal) options.fp32_kernels.reset();
+  if (options.temporal) options.fp32_kernels.reset();  // a history allows no tile to be computed again
   options.constants = constants;
   options.phase = files.model_phase();
   options.samples = files.model_samples();
@@ -168,7 +168,7 @@ void FrameFuser::prepare(const FuseFrame& frame) {
 FrameFuser::Cached& FrameFuser::cached_for(FuseFrame& frame) {
   if (cached_ && cached_->suits(frame)) return *cached_;
   cached_.reset();  // frees its memory for the next one
-  last_numbers_.clear();
+  last_frames_.clear();
   const PhaseTimer timer(frame, "prepare");
   const auto preparation = std::exchange(preparation_, nullptr);
   if (preparation) preparation->thread.join();
@@ -184,13 +184,18 @@ FrameFuser::Cached& FrameFuser::cached_for(FuseFrame& frame) {
   return *cached_;
 }
 
-// Resets the history of a sequence unless it is that of the frame before this one.
-void FrameFuser::go_on(const FuseFrame& frame, size_t sequence, Fuser& fuser) {
+// Resets the history of a sequence unless it is that of the frame before this one, in the same window.
+void FrameFuser::go_on(FuseFrame& frame, size_t sequence, Fuser& fuser) {
   if (!frame.arguments.temporal) return;
-  const auto last = last_numbers_.find(sequence);
-  const bool follows = last != last_numbers_.end() && last->second + 1 == frame.time.number;
-  if (!follows || frame.time.starts_anew) fuser.reset_history(sequence);
-  last_numbers_[sequence] = frame.time.number;
+  FrameInTime& time = frame.time;
+  const Imath::Box2i& window = frame.files.canvas.hrls;
+  const auto last = last_frames_.find(sequence);
+  const bool follows =
+      last != last_frames_.end() && last->second.number + 1 == time.number && last->second.window == window;
+  if (sequence == 0 && !follows && !std::exchange(time.starts_anew, true))
+    frame.console.note(fmt::format("starts anew, as there is no history of frame {}", time.number - 1));
+  if (!follows || time.starts_anew) fuser.reset_history(sequence);
+  last_frames_[sequence] = {time.number, window};
 }
 
 void FrameFuser::fuse_color(FuseFrame& frame, Cached& cached, const Progress& progress) {
@@ -262,7 +267,7 @@ void FrameFuser::fuse(FuseFrame& frame, const Progress& progress) try {
   frame.result.allocated_bytes = fuser.allocated_bytes();
 } catch (...) {
   cached_.reset();  // its state is unknown; the next frame gets a new one, without a history
-  last_numbers_.clear();
+  last_frames_.clear();
   throw;
 }
 

@@ -26,11 +26,12 @@ Shard parse_shard(const std::string& text);
 // Returns every count-th frame from the index-th on. All shards together have every frame once.
 std::vector<int> frames_of(const Shard& shard, std::span<const int> frames);
 
-// Names the frames from index `begin` on, before index `end`.
+// Holds the indices of frames that follow each other; `end` is one beyond the last.
 struct FrameRange {
   size_t begin = 0, end = 0;
 };
-// Returns one of `count` equal parts of frames that follow each other.
+
+// Returns the shard's part of so many frames that follow each other. Parts differ by one frame at most.
 FrameRange range_of(const Shard& shard, size_t frames);
 
 // Returns whether the last component of `path` has a #.

@@ -1,6 +1,8 @@
 #include "cli/sequence/sequence.h"
 
 #include <algorithm>
+#include <functional>
+#include <set>
 #include <thread>
 
 #include "cli/common/failure.h"
@@ -31,27 +33,9 @@ std::vector<Outcome> all_frames(const SequenceArguments& sequence, const FuseArg
   return outcomes;
 }
 
-// Returns the frames of a shard where each is joined with those of its shot that come before it, lead-in
-// frames included. A frame is done only if its outputs are newer than the inputs of all these.
-std::vector<Outcome> all_joined_frames(const SequenceArguments& sequence, const FuseArguments& patterns) {
-  const std::vector<int>& frames = sequence.frames;
-  const FrameRange own = range_of(sequence.shard, frames.size());
-  const FileTime model = model_time(patterns);
-  std::vector<Outcome> outcomes;
-  FileTime since = model;
-  for (size_t i = 0; i < own.end; ++i) {
-    Outcome outcome{.frame = frames[i], .status = i < own.begin ? Status::kSkipped : Status::kUnfinished};
-    outcome.begins_shot =
-        i == 0 || frames[i - 1] + 1 != frames[i] || std::ranges::count(sequence.reset_at, frames[i]) > 0;
-    const FuseArguments frame = of_frame(patterns, frames[i]);
-    if (outcome.begins_shot) since = model;
-    if (sequence.resume) {
-      since = std::max(since, newest_input(frame).value_or(FileTime::min()));
-      if (is_done(frame, since)) outcome.status = Status::kSkipped;
-    }
-    outcomes.push_back(outcome);
-  }
-  bool is_needed = false;  // by a later frame of the shot
+// Makes skipped frames lead in that a later frame of their shot needs.
+void mark_lead_ins(std::vector<Outcome>& outcomes) {
+  bool is_needed = false;
   for (size_t i = outcomes.size(); i-- > 0;) {
     Outcome& outcome = outcomes[i];
     if (outcome.status == Status::kUnfinished) {
@@ -61,11 +45,46 @@ std::vector<Outcome> all_joined_frames(const SequenceArguments& sequence, const 
     }
     if (outcome.begins_shot) is_needed = false;
   }
-  size_t index = 0;
-  std::erase_if(outcomes, [&](const Outcome& outcome) {
-    return index++ < own.begin && outcome.status == Status::kSkipped;
-  });
+}
+
+// Returns the frames of a shard where each is joined with those of its shot that come before it, lead-in
+// frames included. A frame is done only if all these are, and if its outputs are newer than their inputs.
+std::vector<Outcome> all_joined_frames(const SequenceArguments& sequence, const FuseArguments& patterns) {
+  const std::vector<int>& frames = sequence.frames;
+  const std::set<int> resets(sequence.reset_at.begin(), sequence.reset_at.end());
+  const FrameRange own = range_of(sequence.shard, frames.size());
+  const FileTime model = model_time(patterns);
+  std::vector<Outcome> outcomes;
+  FileTime since = model;
+  bool is_done_so_far = sequence.resume;
+  for (size_t i = 0; i < own.end; ++i) {
+    Outcome outcome{.frame = frames[i], .status = Status::kSkipped};
+    outcome.begins_shot = i == 0 || frames[i - 1] + 1 != frames[i] || resets.contains(frames[i]);
+    if (outcome.begins_shot) since = model, is_done_so_far = sequence.resume;
+    const FuseArguments frame = of_frame(patterns, frames[i]);
+    if (sequence.resume) since = std::max(since, newest_input(frame).value_or(FileTime::min()));
+    if (i >= own.begin) {
+      is_done_so_far = is_done_so_far && is_done(frame, since);
+      if (!is_done_so_far) outcome.status = Status::kUnfinished;
+    }
+    outcomes.push_back(outcome);
+  }
+  mark_lead_ins(outcomes);
+  const auto first = outcomes.begin(), first_own = first + std::ptrdiff_t(own.begin);
+  outcomes.erase(std::remove_if(first, first_own,
+                                [](const Outcome& outcome) { return outcome.status == Status::kSkipped; }),
+                 first_own);
   return outcomes;
+}
+
+// Throws Error unless frames can be joined in the order in which they are named.
+void check_joined(const SequenceArguments& sequence) {
+  const std::vector<int>& frames = sequence.frames;
+  if (const auto at = std::ranges::adjacent_find(frames, std::greater()); at != frames.end())
+    throw Error("--temporal joins frames in ascending order, and --frames has {} before {}", at[0], at[1]);
+  for (const int frame : sequence.reset_at)
+    if (!std::ranges::binary_search(frames, frame))
+      throw Error("--reset-at {}: there is no such frame in --frames", frame);
 }
 
 // Notes the lines that differ from those in `said`, and then stores all lines there.
@@ -155,13 +174,11 @@ void Pipeline::read() {
       if (patterns_.verbose)
         note_new(job.frame->console, {channels_text(patterns_, job.frame->files)}, channels_);
       if (!std::exchange(prepared_, true)) fuser_.prepare(*job.frame);
+      job.frame->time = {.number = outcome.frame,
+                         .starts_anew = outcome.begins_shot,
+                         .is_lead_in = outcome.status == Status::kLeadIn};
       load_frame(*job.frame);
-      if (patterns_.temporal) {
-        job.frame->time = {.number = outcome.frame,
-                           .starts_anew = outcome.begins_shot,
-                           .is_lead_in = outcome.status == Status::kLeadIn};
-        find_cut(*job.frame);
-      }
+      if (patterns_.temporal) find_cut(*job.frame);
     });
     if (is_read && !read_.put(std::move(job))) return;
   }
@@ -255,10 +272,13 @@ void run_sequence(const SequenceArguments& sequence, const FuseArguments& given)
   // Errors that all frames share are reported once, before the first frame.
   for (const auto& map : {patterns.map, patterns.lrhs_map}) parse_layer_choice(map);
   LastModel models;
-  if (!patterns.model.empty()) {
+  if (patterns.temporal) check_joined(sequence);
+  const auto load_model = [&] {
+    if (patterns.model.empty()) return;
     const auto model = models.load(find_model(patterns.model, patterns.task()));
     if (patterns.temporal) check_keeps_history(*model);
-  }
+  };
+  load_model();
   std::vector<Outcome> outcomes =
       patterns.temporal ? all_joined_frames(sequence, patterns) : all_frames(sequence, patterns);
   const std::vector<int> unfinished = frames_that(Status::kUnfinished, outcomes);
@@ -267,6 +287,7 @@ void run_sequence(const SequenceArguments& sequence, const FuseArguments& given)
     // The model that suits the first frame is used for all.
     Console console(patterns.notes());
     patterns.take(choose_model(of_frame(patterns, unfinished.front()), true, *device, models, console));
+    load_model();
   }
   if (patterns.dry_run) return show_plan(patterns, outcomes, models, device.get());
   check_output_folders(of_frame(patterns, sequence.frames.front()));

@@ -1,6 +1,9 @@
 // Fuses many frames with one command: while one is fused, the next is read and the last one is written.
 #pragma once
 
+#include <filesystem>
+#include <optional>
+
 #include "cli/fuse/fuse.h"
 #include "cli/sequence/frames.h"
 
