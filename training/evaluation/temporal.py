@@ -23,6 +23,7 @@ from evaluation import baselines, filters, images, tables
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 LAYERS = ("color", "albedo", "normal", "diffuse", "specular")
 SHOWN = (1, 2, 4, 8, 12, 16, 32, 64)  # frames whose PSNR is in the table
+SVGF_SHOWN = 8  # the frame for which the filter of a plain render is shown
 SETTLED = 4  # frames after which flicker is measured
 YOUNG = 4  # pixels that came into sight within so many frames are young
 UNLIKE = 0.15  # distance of albedo or normal from the range of the 3x3 pixels, beyond which a surface is another one
@@ -122,17 +123,19 @@ def measure(folder, model_name):
 
 def table(rows):
     frames = [frame for frame in SHOWN if any(row["frame"] == frame for row in rows)]
-    head = ["", *(f"frame {frame}" for frame in frames), "flicker", "newly in sight"]
+    head = ["", *(f"frame {frame}" for frame in frames), f"SVGF, frame {SVGF_SHOWN}", "flicker", "newly in sight"]
     lines = []
     for name in dict.fromkeys(row["sequence"] for row in rows):
         by_frame = {row["frame"]: row for row in rows if row["sequence"] == name}
         settled = [row for frame, row in by_frame.items() if frame > SETTLED]
-        sums = {key: sum(row[key] for row in settled) for key in COLUMNS[5:]}
+        sums = {key: sum(row[key] for row in settled) for key in COLUMNS[5:10]}
         leads = [
             f"{by_frame[frame]['psnr_alone']:.2f} → {by_frame[frame]['psnr']:.2f}" if frame in by_frame else ""
             for frame in frames
         ]
         young = f"{sums['young'] / sums['young_alone']:.2f}" if sums["young_alone"] else ""
+        svgf = by_frame[SVGF_SHOWN]
+        leads.append(f"{svgf['psnr_svgf_alone']:.2f} → {svgf['psnr_svgf']:.2f}")
         lines.append([name, *leads, f"{sums['flicker'] / sums['flicker_alone']:.2f}", young])
     return tables.Sheet("temporal", head, lines)
 
