@@ -119,6 +119,51 @@ TEST_F(SequenceTemporal, AShotStartsAnew) {
   EXPECT_EQ(images("4-6", {"--shard", "3/3"}, 2), (std::map<int, size_t>{{6, failed.at(6)}}));
 }
 
+TEST_F(SequenceTemporal, AlphaIsJoinedToo) {
+  std::vector<std::string> names = kMovedNames;
+  names.push_back("A");
+  for (const int frame : {1, 2, 3}) {
+    write(frame);
+    Image high = read(high_name(frame), kMovedNames);
+    const Image alpha = random_image({"A"}, high.width, high.height, uint64_t(300 + frame));
+    high.data.insert(high.data.end(), alpha.data.begin(), alpha.data.end());
+    ++high.channels;
+    write_image(folder_ / high_name(frame), names, high);
+    write_image(folder_ / low(frame), kAlphaNames, random_image(kAlphaNames, kWidth, kHeight, 7));
+  }
+  const auto alphas = [&](const std::string& frames, const std::vector<std::string>& more = {}) {
+    const ProcessResult result = run(join(frames, more));
+    EXPECT_EQ(result.exit_status, 0) << result.err;
+    return read(out(3), {"A"}).data;
+  };
+  const std::vector<float> whole = alphas("1-3");
+  EXPECT_EQ(alphas("1-3", {"--shard", "3/3"}), whole);
+  EXPECT_NE(alphas("3"), whole);
+}
+
+TEST_F(SequenceTemporal, OneRenderAloneIsJoined) {
+  write_shot(1, 3, 1);
+  const auto denoised = [&](const std::string& frames, const std::vector<std::string>& more = {}) {
+    std::vector<std::string> arguments = {"denoise",
+                                          "--hrls",
+                                          "high.####.exr",
+                                          "-o",
+                                          "out.####.exr",
+                                          "--model",
+                                          golden_model_path("pyramid-x1").string(),
+                                          "--temporal",
+                                          "--frames",
+                                          frames};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const ProcessResult result = run(arguments);
+    EXPECT_EQ(result.exit_status, 0) << result.err;
+    return read_file(folder_ / out(3));
+  };
+  const std::string whole = denoised("1-3");
+  EXPECT_TRUE(denoised("1-3", {"--shard", "3/3"}) == whole);
+  EXPECT_FALSE(denoised("3") == whole);
+}
+
 TEST_F(SequenceTemporal, MotionIsFoundByNameOrNamed) {
   for (const int frame : {1, 2}) write(frame, 1, 1);
   const size_t named = images("1-2").at(2);

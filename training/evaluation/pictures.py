@@ -19,9 +19,9 @@ def srgb(image):
     return loss.srgb(torch.from_numpy(numpy.ascontiguousarray(image))).numpy()
 
 
-def worst_crop(fused, reference):
+def worst_crop(fused, reference, shown=srgb):
     """Returns the top left of the CROP x CROP pixels with the largest error, on a grid of half their size."""
-    error = ((srgb(fused) - srgb(reference)) ** 2).sum(-1)
+    error = ((shown(fused) - shown(reference)) ** 2).sum(-1)
     ys, xs = (range(0, size - CROP + 1, CROP // 2) for size in error.shape)
     return max(((y, x) for y in ys for x in xs), key=lambda s: error[s[0] : s[0] + CROP, s[1] : s[1] + CROP].sum())
 

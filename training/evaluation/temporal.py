@@ -2,9 +2,10 @@
 """Measures what frames gain from the ones before them, on the sequences of scenes/sequences.py.
 
 PYTHONPATH=build/release/python:training training/evaluation/temporal.py --sequences SEQUENCES [--model x4-fast]
-fuses each frame by itself and with its history, writes bench/quality/temporal.csv and, with --write-docs, the table of
-docs/temporal.md. A frame has two references, whose noise is independent, so that it cancels in the mean product of the
-errors against them.
+fuses each frame by itself and with its history, writes bench/quality/temporal.csv and, with --write-docs, the table and
+the picture of docs/temporal.md. With --videos FOLDER it also writes a video of each sequence, with HRLS, each frame by
+itself, with its history and the reference side by side. A frame has two references, whose noise is independent, so that
+it cancels in the mean product of the errors against them.
 """
 
 import argparse
@@ -18,12 +19,13 @@ import raymeld
 import torch
 
 import loss
-from evaluation import baselines, filters, images, tables
+from evaluation import baselines, filters, images, pictures, tables
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 LAYERS = ("color", "albedo", "normal", "diffuse", "specular")
 SHOWN = (1, 2, 4, 8, 12, 16, 32, 64)  # frames whose PSNR is in the table
 SVGF_SHOWN = 8  # the frame for which the filter of a plain render is shown
+PICTURED = ("camera", "objects")  # sequences of which the picture has a row
 SETTLED = 4  # frames after which flicker is measured
 YOUNG = 4  # pixels that came into sight within so many frames are young
 UNLIKE = 0.15  # distance of albedo or normal from the range of the 3x3 pixels, beyond which a surface is another one
@@ -36,6 +38,7 @@ def parse():
     parser.add_argument("--sequences", required=True, type=pathlib.Path)
     parser.add_argument("--model", default="x4-fast")
     parser.add_argument("--out", type=pathlib.Path, default=ROOT / "bench/quality/temporal.csv")
+    parser.add_argument("--videos", type=pathlib.Path, help="folder for a video of each sequence, as YUV4MPEG2")
     parser.add_argument("--write-docs", action="store_true")
     return parser.parse_args()
 
@@ -91,13 +94,16 @@ class Ages:
 
 
 def measure(folder, model_name):
-    """Returns a row of COLUMNS for each frame of a sequence."""
+    """Returns a row of COLUMNS for each frame of a sequence, and the images of each as 8-bit sRGB.
+
+    These are HRLS, the frame by itself, the frame with its history, SVGF with its temporal part, and the reference.
+    """
     record = json.loads((folder / "sequence.json").read_text())
     model = raymeld.Model(model_name)
     size = images.read(folder / "lrhs-0001.exr").shape[:2]
     options = {"sampling": "centered", "lrhs_spp": record["lrhs_spp"], "hrls_spp": record["hrls_spp"]}
     alone, joined = (raymeld.Fusion(model, *size, temporal=temporal, **options) for temporal in (False, True))
-    ages, last, rows = Ages(), None, []
+    ages, last, rows, strips = Ages(), None, [], []
     tuned = filters.TUNED["svgf"][2]
     svgf = baselines.TemporalSvgf(tuned)
     for frame in range(1, record["frames"] + 1):
@@ -117,8 +123,32 @@ def measure(folder, model_name):
         of_svgf = [psnr(errors_of(image, references)) for image in filtered]
         values = (folder.name, model_name, frame, *psnrs, *flicker, young.mean(), *of_young, *of_svgf)
         rows.append(dict(zip(COLUMNS, values)))
+        strip = [layers["color"], *fused, filtered[0], (references[0] + references[1]) / 2]
+        strips.append([numpy.uint8(shown(image) * 255 + 0.5) for image in strip])
         last = errors
-    return rows
+    return rows, strips
+
+
+def picture(strips):
+    """Returns the part of a frame where it has the largest error by itself: its images side by side."""
+    parts = [image / numpy.float32(255) for image in strips[SVGF_SHOWN - 1]]
+    size = pictures.CROP
+    y, x = pictures.worst_crop(parts[1], parts[-1], lambda image: image)
+    row = numpy.concatenate([image[y : y + size, x : x + size] for image in parts], axis=1)
+    return row.repeat(pictures.ENLARGED, 0).repeat(pictures.ENLARGED, 1)
+
+
+def write_video(path, strips):
+    """Writes HRLS, both fused images and the reference side by side, at 12 frames a second, by BT.601."""
+    luma = numpy.float32((0.299, 0.587, 0.114))
+    with path.open("wb") as file:
+        for i, strip in enumerate(strips):
+            image = numpy.concatenate([strip[0], strip[1], strip[2], strip[4]], axis=1) / numpy.float32(255)
+            if i == 0:
+                file.write(b"YUV4MPEG2 W%d H%d F12:1 Ip A1:1 C444\n" % (image.shape[1], image.shape[0]))
+            y = image @ luma
+            planes = 16 + 219 * y, 128 + 224 * (image[..., 2] - y) / 1.772, 128 + 224 * (image[..., 0] - y) / 1.402
+            file.write(b"FRAME\n" + b"".join(numpy.uint8(plane + 0.5).tobytes() for plane in planes))
 
 
 def table(rows):
@@ -143,9 +173,15 @@ def table(rows):
 def main():
     args = parse()
     torch.set_num_threads(1)
-    rows = []
+    rows, shown_parts = [], []
     for folder in sorted(path.parent for path in args.sequences.glob("*/sequence.json")):
-        rows += measure(folder, args.model)
+        more, strips = measure(folder, args.model)
+        rows += more
+        if folder.name in PICTURED:
+            shown_parts.append(picture(strips))
+        if args.videos:
+            args.videos.mkdir(parents=True, exist_ok=True)
+            write_video(args.videos / f"{folder.name}.y4m", strips)
         print(table([row for row in rows if row["sequence"] == folder.name]).markdown(), flush=True)
     with args.out.open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
@@ -155,6 +191,7 @@ def main():
     if args.write_docs:
         page = ROOT / "docs/temporal.md"
         page.write_text(tables.insert(page.read_text(), [table(rows)]))
+        pictures.pyplot.imsave(ROOT / "docs/temporal.png", numpy.concatenate(shown_parts))
 
 
 if __name__ == "__main__":
