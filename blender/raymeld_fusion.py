@@ -304,6 +304,15 @@ def run_animation(context):
     return len(frames)
 
 
+def attempt(operator, work, context):
+    """Returns what `work` returns, or None after an error, which the user is shown."""
+    try:
+        return work(context)
+    except (Failure, OSError, RuntimeError) as failure:
+        operator.report({"ERROR"}, str(failure))
+        return None
+
+
 class RENDER_OT_raymeld(bpy.types.Operator):
     """Render the scene cheaply, and make the image Raymeld of it"""
 
@@ -311,10 +320,8 @@ class RENDER_OT_raymeld(bpy.types.Operator):
     bl_label = "Render with Raymeld"
 
     def execute(self, context):
-        try:
-            image = run(context)
-        except (Failure, OSError, RuntimeError) as failure:
-            self.report({"ERROR"}, str(failure))
+        image = attempt(self, run, context)
+        if image is None:
             return {"CANCELLED"}
         for area in context.screen.areas if context.screen else ():
             if area.type == "IMAGE_EDITOR":
@@ -330,10 +337,8 @@ class RENDER_OT_raymeld_animation(bpy.types.Operator):
     bl_label = "Render Animation with Raymeld"
 
     def execute(self, context):
-        try:
-            count = run_animation(context)
-        except (Failure, OSError, RuntimeError) as failure:
-            self.report({"ERROR"}, str(failure))
+        count = attempt(self, run_animation, context)
+        if count is None:
             return {"CANCELLED"}
         self.report({"INFO"}, f"Made {count} frames in {context.scene.raymeld.folder}")
         return {"FINISHED"}
