@@ -109,7 +109,7 @@ std::string scope_text(const LayerMap& map) {
 }
 
 std::pair<bool, size_t> worth(const LayerMap& map) {
-  return {map.layers.contains("color"), map.layers.size()};
+  return {map.layers.contains("color"), map.layers.size() + size_t(map.motion.has_value())};
 }
 
 // Lists the options for view layers and views whose color differs from the best map's, one for each color.

@@ -66,7 +66,8 @@ struct LayerMap {
 LayerChoice parse_layer_choice(std::span<const std::string> items);
 
 // Finds the layers among the channels of a file. Takes the preset, view layer and view that give a color and
-// the most layers, and the first of equals. Throws Error if an override or a chosen name is not in the file.
+// the most layers, motion among them, and the first of equals. Throws Error if an override or a chosen name
+// is not in the file.
 LayerMap map_layers(std::span<const std::string> channel_names, const LayerChoice& choice = {});
 
 // Returns a text that says for each layer, in a line of its own, which channels it comes from.

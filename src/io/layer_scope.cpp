@@ -39,11 +39,13 @@ std::string prefix_of(const Scope& scope, std::string_view pass) {
 
 std::vector<Scope> scopes_of(const LayerPreset& preset, const ChannelGroups& groups) {
   std::vector<Scope> scopes = {{}};
-  for (const std::string& prefix : groups.prefixes())
+  for (const std::string& prefix : groups.prefixes()) {
+    for (std::string_view pass : preset.motion.passes) add_scopes(prefix, pass, scopes);
     for (const LayerRecipe& recipe : preset.recipes)
       for (const auto& passes : recipe.terms)
         for (std::string_view pass : passes)
           if (!pass.empty()) add_scopes(prefix, pass, scopes);
+  }
   return scopes;
 }
 

@@ -422,14 +422,16 @@ TEST(Motion, EachPresetSaysWhereItLeads) {
   };
   for (const auto& [channels, preset, factors] : cases) {
     const Names names = Names{"R", "G", "B", "Ci.r", "Ci.g", "Ci.b", channels[0], channels[1]};
-    const LayerMap map = map_layers(names, {.preset = preset});
+    LayerChoice choice;
+    choice.preset = preset;
+    const LayerMap map = map_layers(names, choice);
     ASSERT_TRUE(map.motion) << preset;
     EXPECT_EQ(map.motion->channels, (std::array<std::string, 2>{channels[0], channels[1]})) << preset;
     EXPECT_EQ(map.motion->factors, factors) << preset;
-    const LayerMap named = map_layers(names, {.preset = preset, .motion_factors = std::array{2.0f, 3.0f}});
-    EXPECT_EQ(named.motion->factors, (std::array{2.0f, 3.0f})) << preset;
+    choice.motion_factors = {2, 3};
+    EXPECT_EQ(map_layers(names, choice).motion->factors, (std::array{2.0f, 3.0f})) << preset;
   }
-  EXPECT_FALSE(map_layers(Names{"R", "G", "B", "Vector.X"}, {.preset = "cycles"}).motion);
+  EXPECT_FALSE(map_layers(Names{"R", "G", "B", "Vector.X"}).motion);
 }
 
 }  // namespace
