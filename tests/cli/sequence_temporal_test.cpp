@@ -1,4 +1,6 @@
 // Joins the frames of sequences in time, with --temporal.
+#include <fstream>
+
 #include "golden.h"
 #include "sequence_fixture.h"
 
