@@ -66,8 +66,7 @@ Renderer::Renderer(const Device& device, const raymeld::SharedModel& model, vk::
       fusion_(device.raymeld(), model, fusion_desc(small_, model.info().scale, options)),
       buffers_(make_buffers(device, small_, full_)),
       shown_(make_image(device, size)),
-      passes_(device, buffers_, shown_),
-      history_(options.history) {
+      passes_(device, buffers_, shown_) {
   const uint32_t scale = model.info().scale;
   const std::vector<std::string> layers = fusion_.layers();
   if (layers != std::vector<std::string>{"color", "albedo", "normal", "diffuse", "specular"})
@@ -133,7 +132,7 @@ void Renderer::record(vk::CommandBuffer commands, const Frame& frame, vk::QueryP
     fused.lrhs = &images[0];
     fused.hrls = &images[1];
     fused.fused = &images[2];
-    if (history_) {
+    if (constants_.has_motion) {
       fused.motion = &images[3];
       if (!is_joined_) fusion_.reset_history();
     }

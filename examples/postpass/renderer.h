@@ -62,7 +62,6 @@ class Renderer {
   Passes passes_;
   Constants constants_{};
   bool first_ = true;
-  bool history_ = false;      // frames are joined
   bool is_joined_ = false;    // the fusion has the frame before
   uint32_t accumulated_ = 0;  // frames in the converged image
 };

@@ -86,9 +86,8 @@ void add_files(CLI::App& command, Task of, FuseArguments& a) {
       .add_option(
           "--map", a.map,
           "Maps channels to layers: a preset (generic, cycles, arnold, pbrt, renderman), LAYER=PREFIX, "
-          "LAYER=CHANNEL,CHANNEL,CHANNEL, viewlayer=NAME, view=NAME, motion=PREFIX, motion=CHANNEL,CHANNEL "
-          "or "
-          "motion-factors=X,Y; may be repeated")
+          "LAYER=CHANNEL,CHANNEL,CHANNEL, viewlayer=NAME, view=NAME, motion=PREFIX, "
+          "motion=CHANNEL,CHANNEL or motion-factors=X,Y; may be repeated")
       ->type_name("ITEM")
       ->allow_extra_args(false);
 }

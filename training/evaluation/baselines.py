@@ -136,23 +136,30 @@ def svgf_level(x, variance, guide_weights, step, width):
     return total / weights[..., None], total_variance / weights**2
 
 
+def demodulated(color, albedo, normal, p):
+    """Returns the compressed light, the texture that it is divided by, the guides, and guide_weights(dy, dx)."""
+    texture, guides = albedo.clip(0, 1) + p.albedo_floor, scaled_guides(albedo, normal, p)
+
+    def guide_weights(dy, dx):
+        return numpy.exp(-squared_distance(guides, dy, dx))
+
+    return compressed(without_fireflies(color, p.firefly) / texture, p), texture, guides, guide_weights
+
+
+def svgf_filtered(x, variance, texture, guide_weights, p):
+    for level in range(LEVELS):
+        x, variance = svgf_level(x, variance, guide_weights, 2**level, p.luminance)
+    return expanded(x, p) * texture
+
+
 def svgf(color, albedo, normal, p):
     """Filters `color`; all images are scene linear [H, W, 3].
 
     This is the spatial filter of Schied et al. 2017, Spatiotemporal Variance-Guided Filtering, section 4. It works like
     atrous(), but on radiance demodulated by albedo, and its luminance weight is in standard deviations of the noise.
     """
-    texture = albedo.clip(0, 1) + p.albedo_floor
-    guides = scaled_guides(albedo, normal, p)
-
-    def guide_weights(dy, dx):
-        return numpy.exp(-squared_distance(guides, dy, dx))
-
-    x = compressed(without_fireflies(color, p.firefly) / texture, p)
-    variance = noise_variance(x @ LUMINANCE, guide_weights)
-    for level in range(LEVELS):
-        x, variance = svgf_level(x, variance, guide_weights, 2**level, p.luminance)
-    return expanded(x, p) * texture
+    x, texture, _, guide_weights = demodulated(color, albedo, normal, p)
+    return svgf_filtered(x, noise_variance(x @ LUMINANCE, guide_weights), texture, guide_weights, p)
 
 
 def reprojected(image, motion, weight_of):
@@ -191,13 +198,7 @@ class TemporalSvgf:
 
     def next(self, color, albedo, normal, motion):
         """All images are scene linear [H, W, 3]; `motion` [H, W, 2] leads to the last frame."""
-        p = self.p
-        texture, guides = albedo.clip(0, 1) + p.albedo_floor, scaled_guides(albedo, normal, p)
-
-        def guide_weights(dy, dx):
-            return numpy.exp(-squared_distance(guides, dy, dx))
-
-        x = compressed(without_fireflies(color, p.firefly) / texture, p)
+        x, texture, guides, guide_weights = demodulated(color, albedo, normal, self.p)
         luminance = (x @ LUMINANCE)[..., None]
         moments, known = numpy.concatenate([luminance, luminance**2], -1), numpy.ones(x.shape[:2])
         if self.last is not None:
@@ -213,6 +214,4 @@ class TemporalSvgf:
         temporal = numpy.maximum(moments[..., 1] - moments[..., 0] ** 2, 0) / blended
         variance = numpy.where(known < self.KNOWN, noise_variance(x @ LUMINANCE, guide_weights), temporal)
         self.last = numpy.concatenate([x, moments, known[..., None]], -1), guides
-        for level in range(LEVELS):
-            x, variance = svgf_level(x, variance, guide_weights, 2**level, p.luminance)
-        return expanded(x, p) * texture
+        return svgf_filtered(x, variance, texture, guide_weights, self.p)

@@ -19,11 +19,16 @@ def srgb(image):
     return loss.srgb(torch.from_numpy(numpy.ascontiguousarray(image))).numpy()
 
 
-def worst_crop(fused, reference, shown=srgb):
-    """Returns the top left of the CROP x CROP pixels with the largest error, on a grid of half their size."""
-    error = ((shown(fused) - shown(reference)) ** 2).sum(-1)
+def worst_crops(images, image):
+    """Returns the CROP x CROP pixels in which images[image] is farthest from the last image, enlarged, side by side.
+
+    The images are in sRGB, and the pixels begin on a grid of half their size.
+    """
+    error = ((images[image] - images[-1]) ** 2).sum(-1)
     ys, xs = (range(0, size - CROP + 1, CROP // 2) for size in error.shape)
-    return max(((y, x) for y in ys for x in xs), key=lambda s: error[s[0] : s[0] + CROP, s[1] : s[1] + CROP].sum())
+    y, x = max(((y, x) for y in ys for x in xs), key=lambda s: error[s[0] : s[0] + CROP, s[1] : s[1] + CROP].sum())
+    row = numpy.concatenate([image[y : y + CROP, x : x + CROP] for image in images], axis=1)
+    return row.repeat(ENLARGED, 0).repeat(ENLARGED, 1)
 
 
 def crops(model, view, program):
@@ -33,9 +38,7 @@ def crops(model, view, program):
     hrls = Job("render", hrls=render(pair[1]))
     images = [job.image(view, program)[0] for job in (bicubic, hrls, atrous, svgf, base(model))]
     images.append(view.reference())
-    y, x = worst_crop(*images[-2:])
-    row = numpy.concatenate([srgb(image[y : y + CROP, x : x + CROP]) for image in images], axis=1)
-    return row.repeat(ENLARGED, 0).repeat(ENLARGED, 1)
+    return worst_crops([srgb(image) for image in images], -2)
 
 
 def write_worst(model, views, store, folder, count=3):

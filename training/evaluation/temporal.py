@@ -18,13 +18,13 @@ import numpy
 import raymeld
 import torch
 
-import loss
 from evaluation import baselines, filters, images, pictures, tables
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 LAYERS = ("color", "albedo", "normal", "diffuse", "specular")
 SHOWN = (1, 2, 4, 8, 12, 16, 32, 64)  # frames whose PSNR is in the table
 SVGF_SHOWN = 8  # the frame for which the filter of a plain render is shown
+ALONE = 1  # the frame by itself among the images of measure()
 PICTURED = ("camera", "objects")  # sequences of which the picture has a row
 SETTLED = 4  # frames after which flicker is measured
 YOUNG = 4  # pixels that came into sight within so many frames are young
@@ -50,13 +50,9 @@ def read_motion(path):
     return numpy.stack([vector["X"], -vector["Y"]], -1)
 
 
-def shown(linear):
-    return loss.srgb(torch.from_numpy(linear)).numpy()
-
-
 def errors_of(image, references):
     """Returns the errors against both references [2, H, W, 3]."""
-    return numpy.stack([shown(image) - shown(reference) for reference in references])
+    return numpy.stack([pictures.srgb(image) - pictures.srgb(reference) for reference in references])
 
 
 def square(errors):
@@ -124,18 +120,9 @@ def measure(folder, model_name):
         values = (folder.name, model_name, frame, *psnrs, *flicker, young.mean(), *of_young, *of_svgf)
         rows.append(dict(zip(COLUMNS, values)))
         strip = [layers["color"], *fused, filtered[0], (references[0] + references[1]) / 2]
-        strips.append([numpy.uint8(shown(image) * 255 + 0.5) for image in strip])
+        strips.append([numpy.uint8(pictures.srgb(image) * 255 + 0.5) for image in strip])
         last = errors
     return rows, strips
-
-
-def picture(strips):
-    """Returns the part of a frame where it has the largest error by itself: its images side by side."""
-    parts = [image / numpy.float32(255) for image in strips[SVGF_SHOWN - 1]]
-    size = pictures.CROP
-    y, x = pictures.worst_crop(parts[1], parts[-1], lambda image: image)
-    row = numpy.concatenate([image[y : y + size, x : x + size] for image in parts], axis=1)
-    return row.repeat(pictures.ENLARGED, 0).repeat(pictures.ENLARGED, 1)
 
 
 def write_video(path, strips):
@@ -178,7 +165,8 @@ def main():
         more, strips = measure(folder, args.model)
         rows += more
         if folder.name in PICTURED:
-            shown_parts.append(picture(strips))
+            parts = [image / numpy.float32(255) for image in strips[SVGF_SHOWN - 1]]
+            shown_parts.append(pictures.worst_crops(parts, ALONE))
         if args.videos:
             args.videos.mkdir(parents=True, exist_ok=True)
             write_video(args.videos / f"{folder.name}.y4m", strips)

@@ -16,14 +16,12 @@ std::optional<FileTime> newest_input(const FuseArguments& frame) {
 }
 
 bool is_done(const FuseArguments& frame, FileTime since) {
-  const std::optional<FileTime> input = newest_input(frame);
   std::vector<fs::path> outputs = frame.outputs();
   if (!frame.dump.empty()) outputs.push_back(frame.last_dumped());
-  if (!input || outputs.empty()) return false;
-  return std::ranges::all_of(outputs, [&](const fs::path& output) {
+  return !outputs.empty() && std::ranges::all_of(outputs, [&](const fs::path& output) {
     std::error_code error;
     const FileTime written = fs::last_write_time(output, error);
-    return !error && fs::is_regular_file(output, error) && written >= std::max(*input, since);
+    return !error && fs::is_regular_file(output, error) && written >= since;
   });
 }
 

@@ -27,7 +27,12 @@ std::vector<Outcome> all_frames(const SequenceArguments& sequence, const FuseArg
   const FileTime model = model_time(patterns);
   std::vector<Outcome> outcomes;
   for (const int frame : frames_of(sequence.shard, sequence.frames)) {
-    const bool skip = sequence.resume && is_done(of_frame(patterns, frame), model);
+    const auto is_skipped = [&] {
+      const FuseArguments arguments = of_frame(patterns, frame);
+      const auto input = newest_input(arguments);
+      return input && is_done(arguments, std::max(*input, model));
+    };
+    const bool skip = sequence.resume && is_skipped();
     outcomes.push_back({.frame = frame, .status = skip ? Status::kSkipped : Status::kUnfinished});
   }
   return outcomes;
@@ -61,12 +66,13 @@ std::vector<Outcome> all_joined_frames(const SequenceArguments& sequence, const 
     Outcome outcome{.frame = frames[i], .status = Status::kSkipped};
     outcome.begins_shot = i == 0 || frames[i - 1] + 1 != frames[i] || resets.contains(frames[i]);
     if (outcome.begins_shot) since = model, is_done_so_far = sequence.resume;
-    const FuseArguments frame = of_frame(patterns, frames[i]);
-    if (sequence.resume) since = std::max(since, newest_input(frame).value_or(FileTime::min()));
-    if (i >= own.begin) {
-      is_done_so_far = is_done_so_far && is_done(frame, since);
-      if (!is_done_so_far) outcome.status = Status::kUnfinished;
+    if (sequence.resume) {
+      const FuseArguments frame = of_frame(patterns, frames[i]);
+      const auto input = newest_input(frame);
+      since = std::max(since, input.value_or(since));
+      if (i >= own.begin) is_done_so_far = is_done_so_far && input && is_done(frame, since);
     }
+    if (i >= own.begin && !is_done_so_far) outcome.status = Status::kUnfinished;
     outcomes.push_back(outcome);
   }
   mark_lead_ins(outcomes);

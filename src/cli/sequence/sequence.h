@@ -12,7 +12,7 @@ namespace raymeld::cli {
 struct SequenceArguments {
   std::vector<int> frames;  // empty: no sequence
   Shard shard;
-  bool resume = false;        // skips frames for which is_done() is true
+  bool resume = false;        // skips frames that are done since their newest input
   std::vector<int> reset_at;  // frames that begin a shot, with FuseArguments::temporal
 };
 
@@ -35,7 +35,7 @@ using FileTime = std::filesystem::file_time_type;
 // Returns when the newest input of a frame was written; none if one does not exist.
 std::optional<FileTime> newest_input(const FuseArguments& frame);
 
-// Returns whether all inputs and outputs of a frame exist and no output is older than an input or `since`.
+// Returns whether all outputs of a frame exist and none is older than `since`.
 bool is_done(const FuseArguments& frame, FileTime since);
 
 }  // namespace raymeld::cli
