@@ -1,10 +1,9 @@
 # scripts/test --all adds tests that take other programs and drivers, or minutes. None of them may be skipped:
 # a script that exits with 77, because it cannot test, has failed.
 
-# Units try every combination of their cases, where quick tests try each value once; a skip must be allowed by
-# name.
+# A unit's skip must be allowed by name.
 foreach(name ${unit_tests})
-  set_property(TEST ${name} APPEND PROPERTY ENVIRONMENT RAYMELD_TEST_EXTENT=full
+  set_property(TEST ${name} APPEND PROPERTY ENVIRONMENT
     RAYMELD_ALLOWED_SKIPS=${CMAKE_CURRENT_SOURCE_DIR}/allowed-skips.txt)
 endforeach()
 
@@ -48,9 +47,10 @@ add_test(NAME gpus COMMAND ${PROJECT_SOURCE_DIR}/scripts/test-gpus)
 set_tests_properties(gpus PROPERTIES ENVIRONMENT RAYMELD=$<TARGET_FILE:raymeld>
   FIXTURES_REQUIRED sid COST 60)
 
-# libraymeld and its portable tests are compiled for Windows, and run under Wine.
+# libraymeld and its portable tests are compiled for Windows, and run under Wine. They start after the long
+# units, whose kernels they find in the driver's cache.
 add_test(NAME windows COMMAND ${PROJECT_SOURCE_DIR}/scripts/test-windows)
-set_tests_properties(windows PROPERTIES ENVIRONMENT GALLIVM_PERF=nopt COST 250)
+set_tests_properties(windows PROPERTIES COST 50)
 
 # Runs libFuzzer and a few units under sanitizers, in one build with clang.
 add_test(NAME sanitize COMMAND ${PROJECT_SOURCE_DIR}/scripts/sanitize --some)

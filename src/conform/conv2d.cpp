@@ -238,7 +238,8 @@ void check_vectors(Check& check, const Target& target, const Method& method, Pre
 // with the next.
 void run_values(Collector& collector, std::span<const Trial> trials, uint32_t kernel,
                 const std::string& layer) {
-  const std::vector<Method> methods = conv2d_methods(collector.device().info(), kernel);
+  const std::vector<Method> methods =
+      conv2d_methods(collector.device().info(), kernel, collector.options().extent);
   Collector::for_each(methods, [&](const Method& method, Precision precision) {
     size_t turn = size_t(&method - methods.data()) + size_t(precision == Precision::kFp16);
     const auto own = collector.full() ? trials : trials.subspan(trials.size() - 2 + turn % 2, 1);
@@ -280,7 +281,7 @@ void run_values(Collector& collector, std::span<const Trial> trials, uint32_t ke
 
 }  // namespace
 
-std::vector<Method> conv2d_methods(const DeviceInfo& device, uint32_t kernel) {
+std::vector<Method> conv2d_methods(const DeviceInfo& device, uint32_t kernel, Extent extent) {
   std::vector<Method> methods{direct_method(device)};
   for (const uint32_t tile : kernel == 3 ? std::vector<uint32_t>{2, 4} : std::vector<uint32_t>{})
     methods.push_back(columns_method(tile));
@@ -303,7 +304,9 @@ std::vector<Method> conv2d_methods(const DeviceInfo& device, uint32_t kernel) {
     }
   }
   if (kernel == 5) return methods;
+  const bool compiles_slowly = kernel == 3 && device.type == "CPU" && extent == Extent::kQuick;
   for (const MatrixTiles& tiles : matrix_tiles(device, kernel)) {
+    if (compiles_slowly && tiles.outputs > tiles.matrix.m) continue;
     const bool possible = is_possible(tiles, kernel);
     methods.push_back({.name = possible ? fmt::format("matrices, {} outputs", tiles.outputs) : "matrices",
                        .kernel = {.algorithm = Algorithm::kMatrix, .matrix = tiles}});

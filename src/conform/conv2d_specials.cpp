@@ -164,7 +164,8 @@ void check_poison(Check& check, const Target& target, const Method& method, Prec
 void run_specials(Collector& collector) {
   const auto run_each = [&](uint32_t kernel, const char* what,
                             const std::function<void(Check&, const Method&, Precision)>& body) {
-    const std::vector<Method> methods = conv2d_methods(collector.device().info(), kernel);
+    const std::vector<Method> methods =
+        conv2d_methods(collector.device().info(), kernel, collector.options().extent);
     Collector::for_each(methods, [&](const Method& method, Precision precision) {
       collector.run(kernel == 1 ? "conv2d 1x1" : "conv2d 3x3", method, precision, what,
                     [&](Check& check) { body(check, method, precision); });

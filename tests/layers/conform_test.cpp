@@ -145,10 +145,11 @@ TEST(Report, ComplainsOfFailuresAndWhereNothingPassed) {
 // Only tiles that the shader can make of a device's matrices are tried.
 TEST(Methods, AreOfPossibleTilesOfMatrices) {
   DeviceInfo device;
-  const auto tiles = [&](std::optional<CooperativeMatrix> matrix, uint32_t kernel) {
+  const auto tiles = [&](std::optional<CooperativeMatrix> matrix, uint32_t kernel,
+                         conform::Extent extent = conform::Extent::kQuick) {
     device.cooperative_matrix = matrix;
     std::vector<MatrixTiles> found;
-    for (const conform::Method& method : conform::conv2d_methods(device, kernel))
+    for (const conform::Method& method : conform::conv2d_methods(device, kernel, extent))
       if (method.kernel.algorithm == Algorithm::kMatrix) found.push_back(method.kernel.matrix);
     return found;
   };
@@ -169,6 +170,10 @@ TEST(Methods, AreOfPossibleTilesOfMatrices) {
   const MatrixTiles smaller{.matrix = deep, .outputs = 16, .rows = 1, .subgroups = 2, .channels = 32};
   EXPECT_EQ(tiles(deep, 3), std::vector{smaller});  // the other takes 56 KiB
   EXPECT_TRUE(is_possible(conform::network_methods(device, 0).back().kernel.matrix, 3));
+  device.type = "CPU";
+  EXPECT_EQ(tiles(matrix, 1).size(), 2u);
+  EXPECT_EQ(tiles(matrix, 3).size(), 1u);
+  EXPECT_EQ(tiles(matrix, 3, conform::Extent::kFull).size(), 2u);
   device.cooperative_matrix = wide;
   EXPECT_FALSE(is_possible(conform::network_methods(device, 0).back().kernel.matrix, 1));
 }

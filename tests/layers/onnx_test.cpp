@@ -36,7 +36,8 @@ std::string missing_feature(const OnnxVector& vector) {
 
 // Returns every kernel that the device can compute in 32 bits.
 std::vector<Method> methods(int kernel) {
-  std::vector<Method> result = conform::conv2d_methods(gpu().info(), uint32_t(kernel));
+  std::vector<Method> result =
+      conform::conv2d_methods(gpu().info(), uint32_t(kernel), conform::Extent::kQuick);
   std::erase_if(result, [](const Method& method) {
     return method.kernel.algorithm == Algorithm::kMatrix ||
            (method.kernel.needs_addresses() && !gpu().info().buffer_device_address);
