@@ -335,10 +335,11 @@ struct Decode {
 #define RAYMELD_SHARPENED_SHARE 0.25  // of a new albedo or normal, where reading blurs the last ones
 #define RAYMELD_MOST_FRAMES 64.0  // that a pixel is the mean of
 #define RAYMELD_MOST_LRHS_FRAMES 16.0
-// Where the logarithm of the light has changed by more than LIGHT_NOISE, a history is shortened by exp() of
-// the rest times this.
+// Where the logarithm of the light has changed by more than LIGHT_NOISE and LIGHT_ERRORS standard errors, a
+// history is shortened by exp() of the rest times this.
 #define RAYMELD_LIGHT_CHANGE 16.0
-#define RAYMELD_LIGHT_NOISE 0.1
+#define RAYMELD_LIGHT_NOISE 0.01
+#define RAYMELD_LIGHT_ERRORS 3.0
 #define RAYMELD_LIGHT_FLOOR 0.02  // added to luminance before its logarithm
 #define RAYMELD_MOST_SAMPLES 16.0  // that networks were trained with
 

@@ -101,11 +101,12 @@ History history_of(uvec2 own, Place place, uint plane, Around near) {
   return result;
 }
 
+// Returns the least share that the LRHS pixels around one leave.
 float kept_at(uvec2 own) {
   Bilinear at = bilinear_at(own, p.phase, p.inverse_scale, uvec2(p.kept_width, p.kept_height));
   uint low = at.low.y * p.kept_width, high = at.high.y * p.kept_width;
-  return blended(at, vec4(kept.v[low + at.low.x], kept.v[low + at.high.x], kept.v[high + at.low.x],
-                          kept.v[high + at.high.x]));
+  return min(min(float(kept.v[low + at.low.x]), float(kept.v[low + at.high.x])),
+             min(float(kept.v[high + at.low.x]), float(kept.v[high + at.high.x])));
 }
 
 void main() {

@@ -1,6 +1,8 @@
 // Writes how much of the history is still right where the light has changed: exp() of minus the change of the
-// logarithm of LRHS's luminance since the last frames, the mean of 3x3 pixels, beyond what may be noise. LRHS
-// has a history of its own for that, which is kept for the next frame. Each invocation computes a pixel.
+// logarithm of LRHS's luminance since the last frames, the mean of 3x3 pixels, beyond what may be noise. Noise
+// differs from pixel to pixel and light changes in many alike, so the standard error of the mean change tells
+// them apart. LRHS has a history of its own for that, which is kept for the next frame. Each invocation computes
+// a pixel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -38,7 +40,39 @@ vec2 motion_of(uvec2 cell) {
   return sum * p.mean_of_cell;
 }
 
-float logarithm(vec3 color) { return log(dot(color, kLuminance) + RAYMELD_LIGHT_FLOOR); }
+// Returns half of the mean squared difference of 3x3 values whose places differ by `step`: the variance of what
+// differs from value to value.
+float variance_along(float values[9], bool known[9], ivec2 step) {
+  float sum = 0.0, count = 0.0;
+  [[unroll]] for (int i = 0; i < 9; ++i) {
+    int x = i % 3 + step.x, y = i / 3 + step.y, other = clamp(3 * y + x, 0, 8);
+    bool counts = x >= 0 && x < 3 && y < 3 && known[i] && known[other];
+    float difference = values[other] - values[i];
+    sum += counts ? difference * difference : 0.0;
+    count += counts ? 2.0 : 0.0;
+  }
+  return count > 0.0 ? sum / count : 1e30;
+}
+
+// Returns the change of the light in pixels of which some are known, as a logarithm, beyond what may be noise.
+// An edge that moves differs from pixel to pixel as well, but not along the edge.
+float change_beyond_noise(float now[9], float before[9], bool known[9]) {
+  float count = 0.0, mean_now = 0.0, mean_before = 0.0, changes[9];
+  [[unroll]] for (uint i = 0; i < 9; ++i) {
+    count += known[i] ? 1.0 : 0.0;
+    mean_now += known[i] ? now[i] : 0.0;
+    mean_before += known[i] ? before[i] : 0.0;
+    changes[i] = now[i] - before[i];
+  }
+  if (count < 2.0) return 0.0;
+  mean_now = mean_now / count + RAYMELD_LIGHT_FLOOR;
+  mean_before = mean_before / count + RAYMELD_LIGHT_FLOOR;
+  float rows = variance_along(changes, known, ivec2(1, 0)), columns = variance_along(changes, known, ivec2(0, 1));
+  float down = variance_along(changes, known, ivec2(1, 1)), up = variance_along(changes, known, ivec2(-1, 1));
+  float variance = min(min(rows, columns), min(down, up));
+  float error = RAYMELD_LIGHT_ERRORS * sqrt(variance / count) / min(mean_now, mean_before);
+  return max(abs(log(mean_now) - log(mean_before)) - RAYMELD_LIGHT_NOISE - error, 0.0);
+}
 
 void main() {
   uvec2 id = global_invocation_id().xy;
@@ -49,37 +83,40 @@ void main() {
   uint plane = size.x * size.y, first = p.planes * place.width * place.height;
   uvec2 own = min(id, uvec2(p.frame_width, p.frame_height) - 1);
 
-  vec3 now = vec3(0.0), low = vec3(0.0), high = vec3(0.0), before = vec3(0.0), past = vec3(0.0);
+  float now[9], before[9];
+  bool known[9];
+  vec3 low = vec3(0.0), high = vec3(0.0), past = vec3(0.0);
   [[unroll]] for (int i = 0; i < 9; ++i) {
     ivec2 near = ivec2(own) + ivec2(i % 3, i / 3) - 1;
     uvec2 at = uvec2(clamp(near, ivec2(0), ivec2(p.frame_width, p.frame_height) - 1));
+    now[i] = 0.0;
     [[unroll]] for (uint c = 0; c < 3; ++c) {
       float value = lrhs_at(c, at);
-      now[c] += to_linear(value, p.log_transfer) / 9.0;
+      now[i] += kLuminance[c] * to_linear(value, p.log_transfer);
       low[c] = i == 0 ? value : min(low[c], value);
       high[c] = i == 0 ? value : max(high[c], value);
     }
   }
   vec2 point = vec2(own + origin) + motion_of(own);
-  float sum = 0.0, frames = 0.0, sums = 0.0;
+  float frames = 0.0;
   [[unroll]] for (int i = 0; i < 9; ++i) {
     Taps taps = taps_at(point + vec2(i % 3, i / 3) - 1.0, size);
+    float weights = 0.0;
+    vec3 color = vec3(0.0);
     [[unroll]] for (uint k = 0; k < 4; ++k) {
       uint element = first + taps.pixels[k].y * size.x + taps.pixels[k].x;
       float count = last.v[3 * plane + element], weight = count > 0.0 ? taps.weights[k] : 0.0;
-      sums += weight;
-      [[unroll]] for (uint c = 0; c < 3; ++c) before[c] += weight * last.v[c * plane + element];
-      if (i != 4) continue;
-      sum += weight;
-      frames += weight * count;
-      [[unroll]] for (uint c = 0; c < 3; ++c) past[c] += weight * last.v[c * plane + element];
+      weights += weight;
+      frames += i == 4 ? weight * count : 0.0;
+      [[unroll]] for (uint c = 0; c < 3; ++c) color[c] += weight * last.v[c * plane + element];
     }
+    color *= factor / max(weights, 1e-6);
+    before[i] = dot(color, kLuminance);
+    known[i] = weights > 0.0;
+    if (i == 4) past = color;
   }
-  before *= factor / max(sums, 1e-6);
-  past *= factor / max(sum, 1e-6);
 
-  float change = abs(logarithm(now) - logarithm(before)), unlike = 0.0;
-  float share = sum > 0.0 ? exp(-RAYMELD_LIGHT_CHANGE * max(change - RAYMELD_LIGHT_NOISE, 0.0)) : 1.0;
+  float unlike = 0.0, share = exp(-RAYMELD_LIGHT_CHANGE * change_beyond_noise(now, before, known));
   [[unroll]] for (uint c = 0; c < 3; ++c)
     unlike += beyond(to_network(past[c], p.log_transfer), low[c], high[c]);
   frames = min(frames * share * exp(-RAYMELD_HISTORY_LRHS * unlike), RAYMELD_MOST_LRHS_FRAMES - 1.0);

@@ -7,16 +7,10 @@
 namespace raymeld::reference {
 namespace {
 
-double sqrt(double x) { return std::sqrt(x); }
-
-// Vulkan defines it as 1 / inversesqrt(x), with 2 ULP for inversesqrt and 2.5 ULP for the division.
-Interval sqrt(const Interval& x) {
-  return rounded({std::sqrt(std::max(x.low, 0.0)), std::sqrt(x.high)}, 4.5 * kUlp);
-}
-
 template <typename T>
 T root_of_luminance(const T& r, const T& g, const T& b) {
-  return sqrt(T(0.2126) * r + T(0.7152) * g + T(0.0722) * b);
+  using std::sqrt;
+  return sqrt(T(T(0.2126) * r + T(0.7152) * g + T(0.0722) * b));
 }
 
 double color_of(double value) { return std::isnan(value) ? 0 : std::clamp(value, 0.0, 65504.0); }

@@ -68,6 +68,12 @@ inline Interval clamp(const Interval& x, double low, double high) {
   return {std::clamp(x.low, low, high), std::clamp(x.high, low, high)};
 }
 
+// Vulkan defines it as 1 / inversesqrt(x), with 2 ULP for inversesqrt and 2.5 ULP for the division. Only
+// rounding makes values below zero.
+inline Interval sqrt(const Interval& x) {
+  return rounded({std::sqrt(std::max(x.low, 0.0)), std::sqrt(std::max(x.high, 0.0))}, 4.5 * kUlp);
+}
+
 // The result is within 3 + 2 |x| ULP.
 inline Interval exp(const Interval& x) {
   const auto off = [](double x) { return std::exp(x) * (3 + 2 * std::abs(x)) * kUlp + kFlush; };

@@ -174,9 +174,9 @@ struct Past {
   double exposure;
 };
 
-// Returns (5, h, w): the share of the history that is right, exp(-16 max(0, d - 0.1)) of the difference d of
-// the logarithms of 0.02 + luminance now and then, means over 3x3 pixels, and then the history of LRHS that
-// is kept. It counts by that share and by exp(-180 q), where q is the squared distance of the encoded history
+// Returns (5, h, w): the share of the history that is right, exp(-16 max(0, d - 0.01 - 3 e)) of the difference d
+// of the logarithms of 0.02 + luminance now and then, means over 3x3 pixels, with the standard error e, and then
+// the history of LRHS that is kept. It counts by that share and by exp(-180 q), where q is the squared distance of the encoded history
 // from the range of the 3x3 pixels of LRHS, for 15 frames at most.
 Bounded light_change(const Bounded& lrhs, const Past& past, Transfer transfer, int scale,
                      Precision precision);
@@ -185,7 +185,8 @@ Bounded light_change(const Bounded& lrhs, const Past& past, Transfer transfer, i
 // logarithm of their samples, within 0 and 4, and then the history that is kept. The first channels are
 // color, albedo and normal, all others radiance; the history has demodulated radiance in the place of the
 // color. A pixel of the history counts by exp(-40 a - 10 b), with the squared distances a and b of its albedo
-// and normal from the ranges of the 3x3 pixels of HRLS, and by `kept` (1, H / scale, W / scale), upsampled.
+// and normal from the ranges of the 3x3 pixels of HRLS, and by the least of the four pixels of `kept`
+// (1, H / scale, W / scale) around.
 // Together the four pixels around a point count for 63 frames at most.
 Bounded accumulate(const Bounded& hrls, const Past& past, Transfer transfer, double clip, double spp,
                    Precision precision, const Bounded* kept = nullptr, int scale = 1);

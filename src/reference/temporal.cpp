@@ -9,7 +9,8 @@ namespace {
 constexpr double kMostFrames = 63, kMostLrhsFrames = 15, kMostSamples = 16;
 constexpr double kSharpenedShare = 0.25;
 constexpr double kHistoryAlbedo = 40, kHistoryNormal = 10, kHistoryLrhs = 180;
-constexpr double kLightChange = 16, kLightNoise = 0.1, kLightFloor = 0.02;
+constexpr double kLightChange = 16, kLightNoise = 0.01, kLightErrors = 3, kLightFloor = 0.02;
+constexpr double kUnknownVariance = 1e30;
 constexpr double kLeastWeight = 1e-6;
 
 struct Tap {
@@ -36,6 +37,12 @@ std::array<Tap, 4> taps_at(double y, double x, int h, int w) {
 struct Range {
   double low, high;
 };
+
+// Returns whether LRHS's history has a frame at a point.
+bool is_known(const Past& past, const std::array<Tap, 4>& taps) {
+  return std::ranges::any_of(
+      taps, [&](const Tap& tap) { return tap.weight > 0 && past.lrhs.at(3, tap.y, tap.x) > 0; });
+}
 
 // Returns the range of a channel's 3x3 pixels around one.
 Range range_around(const Bounded& image, int c, int y, int x) {
@@ -88,45 +95,54 @@ Read<T> read(const Planes& history, int planes, const std::array<Tap, 4>& taps, 
   return result;
 }
 
-// Returns the mean of the color in the 3x3 pixels of a history around a point.
+// Returns half of the mean squared difference of 3x3 values whose places differ by (dy, dx), or
+// kUnknownVariance where no two such are known.
 template <typename T>
-std::array<T, 3> mean_of_history(const Planes& history, double y, double x, double exposure) {
-  using std::max;
-  std::array<T, 3> sums{0, 0, 0};
-  T weights = 0;
-  for (int dy : {-1, 0, 1}) {
-    for (int dx : {-1, 0, 1}) {
-      for (const auto& [row, column, weight] : taps_at(y + dy, x + dx, history.h, history.w)) {
-        if (history.at(3, row, column) == 0) continue;
-        weights = weights + T(weight);
-        for (int c = 0; c < 3; ++c)
-          sums[size_t(c)] = sums[size_t(c)] + T(weight) * T(history.at(c, row, column));
-      }
-    }
+T variance_along(const std::array<T, 9>& values, const std::array<bool, 9>& known, int dy, int dx) {
+  T sum = 0;
+  int count = 0;
+  for (int i = 0; i < 9; ++i) {
+    const int y = i / 3 + dy, x = i % 3 + dx, other = 3 * y + x;
+    if (y > 2 || x < 0 || x > 2 || !known[size_t(i)] || !known[size_t(other)]) continue;
+    sum = sum + square(T(values[size_t(other)] - values[size_t(i)]));
+    count += 2;
   }
-  for (T& sum : sums) sum = sum * (T(exposure) / max(weights, T(kLeastWeight)));
-  return sums;
+  return count > 0 ? T(sum / T(count)) : T(kUnknownVariance);
 }
 
+// Returns the change of the light in the 3x3 pixels around one since the last frames, as a logarithm, beyond
+// what may be noise. (row, column) is where the pixel was.
 template <typename T>
-std::array<T, 3> mean_around(const Bounded& lrhs, Transfer transfer, int y, int x) {
-  std::array<T, 3> sums{0, 0, 0};
-  for (int c = 0; c < 3; ++c) {
-    for (int dy : {-1, 0, 1}) {
-      for (int dx : {-1, 0, 1}) {
-        const int row = std::clamp(y + dy, 0, lrhs.value.h - 1);
-        const int column = std::clamp(x + dx, 0, lrhs.value.w - 1);
-        sums[size_t(c)] = sums[size_t(c)] + invert(transfer, at(lrhs, c, row, column).as<T>()) / T(9);
-      }
-    }
+T change_beyond_noise(const Bounded& lrhs, const Past& past, Transfer transfer, int y, int x, double row,
+                      double column) {
+  using std::log, std::max, std::min, std::sqrt;
+  std::array<T, 9> changes{0, 0, 0, 0, 0, 0, 0, 0, 0};
+  std::array<bool, 9> known{};
+  T now = 0, before = 0;
+  for (int i = 0; i < 9; ++i) {
+    const int dy = i / 3 - 1, dx = i % 3 - 1;
+    const auto taps = taps_at(row + dy, column + dx, past.lrhs.h, past.lrhs.w);
+    known[size_t(i)] = is_known(past, taps);
+    if (!known[size_t(i)]) continue;
+    const int near_y = std::clamp(y + dy, 0, lrhs.value.h - 1);
+    const int near_x = std::clamp(x + dx, 0, lrhs.value.w - 1);
+    const auto channel = [&](int c) { return invert(transfer, at(lrhs, c, near_y, near_x).as<T>()); };
+    const Read<T> then = read<T>(past.lrhs, 3, taps, [](const Tap&) { return T(1); });
+    const T light = luminance(channel(0), channel(1), channel(2));
+    const T past_light = luminance(then.planes[0], then.planes[1], then.planes[2]) * T(past.exposure);
+    now = now + light;
+    before = before + past_light;
+    changes[size_t(i)] = light - past_light;
   }
-  return sums;
-}
-
-template <typename T>
-T logarithm(const std::array<T, 3>& color) {
-  using std::log;
-  return log(luminance(color[0], color[1], color[2]) + T(kLightFloor));
+  const auto count = double(std::ranges::count(known, true));
+  if (count < 2) return 0;
+  now = now / T(count) + T(kLightFloor);
+  before = before / T(count) + T(kLightFloor);
+  T variance = variance_along(changes, known, 0, 1);
+  for (const int dx : {0, 1, -1}) variance = min(variance, variance_along(changes, known, 1, dx));
+  const T error = T(kLightErrors) * sqrt(T(variance / T(count))) / min(now, before);
+  const T change = log(now) - log(before);
+  return max(T(max(change, T(-change)) - T(kLightNoise) - error), T(0));
 }
 
 // Returns what light_change() returns for a pixel.
@@ -149,20 +165,28 @@ std::array<T, 5> light_change_at(const Bounded& lrhs, const Past& past, Transfer
     value = value * T(past.exposure);
     unlike = unlike + beyond<T>(apply(transfer, value), range_around(lrhs, c, y, x));
   }
-  const T now = logarithm(mean_around<T>(lrhs, transfer, y, x));
-  const T then = logarithm(mean_of_history<T>(past.lrhs, row, column, past.exposure));
-  const T change = max(now - then, then - now);
-  const bool known = std::ranges::any_of(
-      taps, [&](const Tap& tap) { return tap.weight > 0 && past.lrhs.at(3, tap.y, tap.x) > 0; });
-  const T share = known ? T(exp(T(-kLightChange) * max(change - T(kLightNoise), T(0)))) : T(1);
+  const T share = exp(T(-kLightChange) * change_beyond_noise<T>(lrhs, past, transfer, y, x, row, column));
   const T frames = min(before.frames * share * exp(T(-kHistoryLrhs) * unlike), T(kMostLrhsFrames));
   std::array<T, 5> result{share, 0, 0, 0, frames + 1};
   for (int c = 0; c < 3; ++c) {
     const T value = invert(transfer, at(lrhs, c, y, x).as<T>()), &known_value = before.planes[size_t(c)];
-    const T joined = known ? T(known_value + (value - known_value) / (frames + 1)) : value;
+    const T joined = is_known(past, taps) ? T(known_value + (value - known_value) / (frames + 1)) : value;
     result[size_t(c) + 1] = joined * T(1 / past.exposure);
   }
   return result;
+}
+
+// Returns the least share that the centred LRHS pixels around a full-size one leave.
+template <typename T>
+T least_share(const Bounded& kept, int scale, int y, int x) {
+  using std::min;
+  const auto first = [&](int pixel, int size) {
+    return int(std::clamp((pixel - (scale - 1) / 2.0) / scale, 0.0, size - 1.0));
+  };
+  const int top = first(y, kept.value.h), left = first(x, kept.value.w);
+  const int bottom = std::min(top + 1, kept.value.h - 1), right = std::min(left + 1, kept.value.w - 1);
+  const auto share = [&](int row, int column) { return at(kept, 0, row, column).as<T>(); };
+  return min(min(share(top, left), share(top, right)), min(share(bottom, left), share(bottom, right)));
 }
 
 // Returns what accumulate() returns for a pixel. `kept` is the share that the light leaves.
@@ -239,15 +263,14 @@ Bounded accumulate(const Bounded& hrls, const Past& past, Transfer transfer, dou
                    Precision precision, const Bounded* kept, int scale) {
   const int h = hrls.value.h, w = hrls.value.w, channels = past.hrls.c - 1;
   if (kept) expect_shape(*kept, 1, h / scale, w / scale);
-  const Bounded all = kept ? bilinear(*kept, scale, (scale - 1) / 2.0) : Bounded{};
   Bounded result = exact(Planes(2 * channels + 2, h, w));
   for (int y = 0; y < h; ++y) {
     for (int x = 0; x < w; ++x) {
-      const Element share = kept ? at(all, 0, y, x) : Element{1, 0};
-      store_all(result, y, x,
-                accumulate_at<double>(hrls, past, transfer, clip, spp, share.as<double>(), y, x),
-                accumulate_at<Interval>(hrls, past, transfer, clip, spp, share.as<Interval>(), y, x),
-                channels + 1, precision);
+      const auto result_at = [&]<typename T>(T) {
+        const T share = kept ? least_share<T>(*kept, scale, y, x) : T(1);
+        return accumulate_at<T>(hrls, past, transfer, clip, spp, share, y, x);
+      };
+      store_all(result, y, x, result_at(0.0), result_at(Interval(0)), channels + 1, precision);
     }
   }
   return result;

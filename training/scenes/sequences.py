@@ -2,7 +2,7 @@
 
 blender -b --factory-startup -P training/scenes/sequences.py -- --out SEQUENCES [--only camera ...]
 
-The scenes are layouts of test_scenes.py, which no training uses. A frame has HRLS of 1 spp (hrls-FRAME.exr, with layers
+The scenes are layouts of test_scenes.py, which no training uses, and Blender's default scene on a floor. A frame has HRLS of 1 spp (hrls-FRAME.exr, with layers
 and the Vector pass), an ordinary small render of 16 spp (lrhs-FRAME.exr) and a reference of the colour
 (reference-FRAME.exr); all frames of the still view share one reference. Another run goes on with the files that are
 missing. SEQUENCES/NAME/sequence.json is written when a sequence is whole.
@@ -81,6 +81,21 @@ def moves(moved, frames, shift, turn=0.0):
             point.interpolation = "LINEAR"
 
 
+def default_scene(builder):
+    """Makes a cube, a lamp and a camera as Blender's default scene has them, and a floor below."""
+    bpy.ops.mesh.primitive_cube_add(size=2)
+    builder.movable.append(bpy.context.object)
+    bpy.ops.mesh.primitive_plane_add(size=40, location=(0, 0, -1))
+    bpy.ops.object.light_add(type="POINT", location=(4.076, 1.005, 5.904))
+    bpy.context.object.data.energy = 1000
+    bpy.ops.object.camera_add(location=(7.359, -6.926, 4.958), rotation=(1.1093, 0, 0.8149))
+    scene = bpy.context.scene
+    scene.camera = bpy.context.object
+    scene.world = bpy.data.worlds.new("World")
+    scene.world.color = (0.05, 0.05, 0.05)
+    return 1.0
+
+
 def moving_camera(builder, frames, extent_m):
     camera = bpy.context.scene.camera
     right = camera.matrix_world.to_3x3() @ Vector((1, 0, 0))
@@ -102,6 +117,10 @@ def moving_lamp(builder, frames, extent_m):
     moves(strongest, frames, (0.06 * extent_m, 0, 0))
 
 
+def moving_cube(builder, frames, extent_m):
+    moves(builder.movable[0], frames, (0.1, 0, 0))
+
+
 def still(builder, frames, extent_m):
     pass
 
@@ -112,8 +131,10 @@ SEQUENCES = {
     "objects": ("counter", 102, moving_objects),
     "lamp": ("workshop", 103, moving_lamp),
     "mirror": ("washroom", 104, moving_camera),
+    "shadow": ("default", 106, moving_cube),
     "still": ("library", 105, still),
 }
+KINDS = test_scenes.KINDS | {"default": default_scene}
 
 
 def set_up(args, name, folder):
@@ -126,7 +147,7 @@ def set_up(args, name, folder):
     shapes.enable_add_ons()
     models, textures = furniture.read_catalogue(args.catalogue), furniture.read_textures(args.catalogue)
     builder = build.Builder(rng, models, textures, folder)
-    extent_m = test_scenes.KINDS[kind](builder)
+    extent_m = KINDS[kind](builder)
     scene = render.set_up(args)
     scene.camera.data.dof.use_dof = False
     exposure = render.probe(scene, rng, folder, 0, 0)[0]
