@@ -1,8 +1,8 @@
 // Writes how much of the history is still right where the light has changed: exp() of minus the change of the
-// logarithm of LRHS's luminance since the last frames, the mean of 3x3 pixels, beyond what may be noise. Noise
-// differs from pixel to pixel and light changes in many alike, so the standard error of the mean change tells
-// them apart. LRHS has a history of its own for that, which is kept for the next frame. Each invocation computes
-// a pixel.
+// logarithm of LRHS's luminance since the last frames, the mean of 3x3 pixels, beyond what may be noise.
+// Noise differs from pixel to pixel and light changes in many alike, so the standard error of the mean change
+// tells them apart. LRHS has a history of its own for that, which is kept for the next frame. Each invocation
+// computes a pixel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -40,12 +40,12 @@ vec2 motion_of(uvec2 cell) {
   return sum * p.mean_of_cell;
 }
 
-// Returns half of the mean squared difference of 3x3 values whose places differ by `step`: the variance of what
-// differs from value to value.
-float variance_along(float values[9], bool known[9], ivec2 step) {
+// Returns half of the mean squared difference of 3x3 values whose places differ by (dx, dy): the variance
+// of what differs from value to value.
+float variance_along(float values[9], bool known[9], int dx, int dy) {
   float sum = 0.0, count = 0.0;
   [[unroll]] for (int i = 0; i < 9; ++i) {
-    int x = i % 3 + step.x, y = i / 3 + step.y, other = clamp(3 * y + x, 0, 8);
+    int x = i % 3 + dx, y = i / 3 + dy, other = clamp(3 * y + x, 0, 8);
     bool counts = x >= 0 && x < 3 && y < 3 && known[i] && known[other];
     float difference = values[other] - values[i];
     sum += counts ? difference * difference : 0.0;
@@ -54,8 +54,8 @@ float variance_along(float values[9], bool known[9], ivec2 step) {
   return count > 0.0 ? sum / count : 1e30;
 }
 
-// Returns the change of the light in pixels of which some are known, as a logarithm, beyond what may be noise.
-// An edge that moves differs from pixel to pixel as well, but not along the edge.
+// Returns the change of the light in pixels of which some are known, as a logarithm, beyond what may be
+// noise. An edge that moves differs from pixel to pixel as well, but not along the edge.
 float change_beyond_noise(float now[9], float before[9], bool known[9]) {
   float count = 0.0, mean_now = 0.0, mean_before = 0.0, changes[9];
   [[unroll]] for (uint i = 0; i < 9; ++i) {
@@ -67,9 +67,8 @@ float change_beyond_noise(float now[9], float before[9], bool known[9]) {
   if (count < 2.0) return 0.0;
   mean_now = mean_now / count + RAYMELD_LIGHT_FLOOR;
   mean_before = mean_before / count + RAYMELD_LIGHT_FLOOR;
-  float rows = variance_along(changes, known, ivec2(1, 0)), columns = variance_along(changes, known, ivec2(0, 1));
-  float down = variance_along(changes, known, ivec2(1, 1)), up = variance_along(changes, known, ivec2(-1, 1));
-  float variance = min(min(rows, columns), min(down, up));
+  float variance = min(min(variance_along(changes, known, 1, 0), variance_along(changes, known, 0, 1)),
+                       min(variance_along(changes, known, -1, 1), variance_along(changes, known, 1, 1)));
   float error = RAYMELD_LIGHT_ERRORS * sqrt(variance / count) / min(mean_now, mean_before);
   return max(abs(log(mean_now) - log(mean_before)) - RAYMELD_LIGHT_NOISE - error, 0.0);
 }

@@ -283,9 +283,9 @@ constexpr uint64_t history_floats(uint32_t height, uint32_t width, uint32_t chan
 // d is how far the logarithms of 0.02 + the luminance of LRHS (h, w, 3), encoded, now and in the history,
 // both means over 3x3 pixels, are further apart than 0.01 and three standard errors of their difference. The
 // variance of the differences is taken from neighbours, in that of four directions where it is least, so that
-// an edge that moves is no noise. The share is 1 where there is no history. Joins LRHS to a
-// history of its own, which counts by this share and by exp(-180 q), where q is the squared distance of its
-// encoded color from the range of the 3x3 pixels of LRHS, and for 15 frames at most.
+// an edge that moves is no noise. The share is 1 where there is no history. Joins LRHS to a history of its
+// own, which counts by this share and by exp(-180 q), where q is the squared distance of its encoded color
+// from the range of the 3x3 pixels of LRHS, and for 15 frames at most.
 void light_change(Graph& graph, const std::string& name, const Tensor& lrhs, const Tensor& out,
                   Transfer transfer, uint32_t scale, uint32_t channels,
                   const std::optional<FrameSize>& frame = {});
@@ -305,8 +305,8 @@ struct AccumulateOptions {
 // samples behind it, from 0 to 4. A history of n frames and this frame are n / (n + 1) and 1 / (n + 1) of the
 // result. The history is read bilinearly where the motion leads. Each of its pixels counts by
 // exp(-40 a - 10 b), where a and b are the squared distances of its albedo and normal from the ranges that
-// the 3x3 pixels around the pixel have, and by the least that is kept of the four pixels of LRHS around.
-// It counts for 63 frames at most.
+// the 3x3 pixels around the pixel have, and by the least that is kept of the four pixels of LRHS around. It
+// counts for 63 frames at most.
 void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const Tensor& out,
                 const AccumulateOptions& options);
 

@@ -174,10 +174,11 @@ struct Past {
   double exposure;
 };
 
-// Returns (5, h, w): the share of the history that is right, exp(-16 max(0, d - 0.01 - 3 e)) of the difference d
-// of the logarithms of 0.02 + luminance now and then, means over 3x3 pixels, with the standard error e, and then
-// the history of LRHS that is kept. It counts by that share and by exp(-180 q), where q is the squared distance of the encoded history
-// from the range of the 3x3 pixels of LRHS, for 15 frames at most.
+// Returns (5, h, w): the share of the history that is right, exp(-16 max(0, d - 0.01 - 3 e)) of the
+// difference d of the logarithms of 0.02 + luminance now and then, means over 3x3 pixels, with the standard
+// error e, and then the history of LRHS that is kept. It counts by that share and by exp(-180 q), where q is
+// the squared distance of the encoded history from the range of the 3x3 pixels of LRHS, for 15 frames at
+// most.
 Bounded light_change(const Bounded& lrhs, const Past& past, Transfer transfer, int scale,
                      Precision precision);
 

@@ -2,10 +2,10 @@
 
 blender -b --factory-startup -P training/scenes/sequences.py -- --out SEQUENCES [--only camera ...]
 
-The scenes are layouts of test_scenes.py, which no training uses, and Blender's default scene on a floor. A frame has HRLS of 1 spp (hrls-FRAME.exr, with layers
-and the Vector pass), an ordinary small render of 16 spp (lrhs-FRAME.exr) and a reference of the colour
-(reference-FRAME.exr); all frames of the still view share one reference. Another run goes on with the files that are
-missing. SEQUENCES/NAME/sequence.json is written when a sequence is whole.
+The scenes are layouts of test_scenes.py, which no training uses, and Blender's default scene on a floor. A frame has
+HRLS of 1 spp (hrls-FRAME.exr, with layers and the Vector pass), an ordinary small render of 16 spp (lrhs-FRAME.exr) and
+a reference of the colour (reference-FRAME.exr); all frames of the still view share one reference. Another run goes on
+with the files that are missing. SEQUENCES/NAME/sequence.json is written when a sequence is whole.
 """
 
 import argparse
