@@ -188,7 +188,30 @@ TEST_F(HistoryTest, ChangedLightShortensTheHistory) {
     fuse(fuser, model, before);
     return difference(fuse(fuser, model, frame), fuse(alone, model, frame));
   };
-  EXPECT_LE(error_after(4), 0.1f * error_after(1.08f)) << "an eighth is within what may be noise";
+  EXPECT_LE(error_after(2), 0.1f * error_after(1.005f)) << "a two-hundredth is within what may be noise";
+}
+
+// LRHS of other noise, which changes single pixels by up to a third, keeps most of the history.
+TEST_F(HistoryTest, NoiseOfLrhsIsNoChangeOfTheLight) {
+  const Model model(golden_model_path("pyramid-x2"));
+  Frame before = make_frame(model), now = before;
+  for (Frame* frame : {&before, &now}) {
+    const reference::Planes noise =
+        random_planes(1, 1, int(kSize.height * kSize.width), Fill::kUniform, frame == &now ? 1 : 2);
+    for (size_t i = 0; i < frame->lrhs.size(); ++i)
+      frame->lrhs[i] *= float(1 + noise.data[i % noise.data.size()] / 3);
+  }
+  Fuser fuser = make_fuser(model, options_of(model, 1, true));
+  fuse(fuser, model, before);
+  const std::vector<float> fused = fuse(fuser, model, now);
+  const auto mean_difference = [&](float samples) {
+    Fuser alone = make_fuser(model, options_of(model, samples, false));
+    const std::vector<float> other = fuse(alone, model, now, false);
+    double sum = 0;
+    for (size_t i = 0; i < fused.size(); ++i) sum += std::abs(fused[i] - other[i]);
+    return sum / double(fused.size());
+  };
+  EXPECT_LE(mean_difference(2), 0.5 * mean_difference(1));
 }
 
 TEST_F(HistoryTest, SequencesAndResetsBeginAnew) {
