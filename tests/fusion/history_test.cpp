@@ -1,6 +1,7 @@
 // Tests frames that are joined with the ones before them.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
