@@ -1,6 +1,7 @@
 // Evaluates formulas of elements with their bounds, and has what several layers of images share.
 #pragma once
 
+#include <array>
 #include <stdexcept>
 #include <type_traits>
 
@@ -58,6 +59,26 @@ inline void store(Bounded& result, int c, int y, int x, const Element& element, 
 inline void expect_shape(const Bounded& x, int c, int h, int w) {
   if (x.value.c == c && x.value.h == h && x.value.w == w) return;
   throw std::invalid_argument("reference: an image of another shape than expected");
+}
+
+// Holds one of the four samples that a pixel lies between.
+struct Corner {
+  double factor, value, bound;
+};
+
+// Returns the samples of a channel around a full-size pixel, of an image that is `scale` times as small.
+inline std::array<Corner, 4> corners(const Bounded& x, int c, int out_y, int out_x, int scale, double phase) {
+  const int h = x.value.h, w = x.value.w;
+  const double v = std::clamp((out_y - phase) / scale, 0.0, h - 1.0);
+  const double u = std::clamp((out_x - phase) / scale, 0.0, w - 1.0);
+  const int y0 = int(v), x0 = int(u);
+  std::array<Corner, 4> result;
+  for (const int i : {0, 1, 2, 3}) {
+    const int dy = i / 2, dx = i % 2, y = std::min(y0 + dy, h - 1), xx = std::min(x0 + dx, w - 1);
+    const double factor = (dy ? v - y0 : 1 - (v - y0)) * (dx ? u - x0 : 1 - (u - x0));
+    result[size_t(i)] = {factor, x.value.at(c, y, xx), x.bound.at(c, y, xx)};
+  }
+  return result;
 }
 
 // Returns the mean over h x w pixels from (top, left) on. The sum and the division take so

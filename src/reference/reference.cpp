@@ -8,6 +8,7 @@
 #include <span>
 #include <stdexcept>
 
+#include "reference/elements.h"
 #include "reference/transfer.h"
 #include "reference/winograd.h"
 
@@ -247,29 +248,6 @@ Bounded variance(const Planes& color, Transfer transfer, double clip, Precision 
       for (int x = 0; x < color.w; ++x) variance_at(color, c, y, x, result);
   return encode(result, LayerKind::kVariance, transfer, clip, precision, exposure);
 }
-
-namespace {
-
-// Holds one of the four samples that a pixel lies between.
-struct Corner {
-  double factor, value, bound;
-};
-
-std::array<Corner, 4> corners(const Bounded& x, int c, int out_y, int out_x, int scale, double phase) {
-  const int h = x.value.h, w = x.value.w;
-  const double v = std::clamp((out_y - phase) / scale, 0.0, h - 1.0);
-  const double u = std::clamp((out_x - phase) / scale, 0.0, w - 1.0);
-  const int y0 = int(v), x0 = int(u);
-  std::array<Corner, 4> result;
-  for (const int i : {0, 1, 2, 3}) {
-    const int dy = i / 2, dx = i % 2, y = std::min(y0 + dy, h - 1), xx = std::min(x0 + dx, w - 1);
-    const double factor = (dy ? v - y0 : 1 - (v - y0)) * (dx ? u - x0 : 1 - (u - x0));
-    result[size_t(i)] = {factor, x.value.at(c, y, xx), x.bound.at(c, y, xx)};
-  }
-  return result;
-}
-
-}  // namespace
 
 // The factors are multiples of 1 / (2 s) and exact. Each of three interpolations rounds at most three times,
 // on values that are no larger than the largest sample.

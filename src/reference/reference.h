@@ -187,8 +187,7 @@ Bounded light_change(const Bounded& lrhs, const Past& past, Transfer transfer, i
 // color, albedo and normal, all others radiance; the history has demodulated radiance in the place of the
 // color. A pixel of the history counts by exp(-40 a - 10 b), with the squared distances a and b of its albedo
 // and normal from the ranges of the 3x3 pixels of HRLS, and by the least of the four pixels of `kept`
-// (1, H / scale, W / scale) around.
-// Together the four pixels around a point count for 63 frames at most.
+// (1, H / scale, W / scale) around. Together the four pixels around a point count for 63 frames at most.
 Bounded accumulate(const Bounded& hrls, const Past& past, Transfer transfer, double clip, double spp,
                    Precision precision, const Bounded* kept = nullptr, int scale = 1);
 

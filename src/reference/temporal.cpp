@@ -167,10 +167,11 @@ std::array<T, 5> light_change_at(const Bounded& lrhs, const Past& past, Transfer
   }
   const T share = exp(T(-kLightChange) * change_beyond_noise<T>(lrhs, past, transfer, y, x, row, column));
   const T frames = min(before.frames * share * exp(T(-kHistoryLrhs) * unlike), T(kMostLrhsFrames));
+  const bool known = is_known(past, taps);
   std::array<T, 5> result{share, 0, 0, 0, frames + 1};
   for (int c = 0; c < 3; ++c) {
     const T value = invert(transfer, at(lrhs, c, y, x).as<T>()), &known_value = before.planes[size_t(c)];
-    const T joined = is_known(past, taps) ? T(known_value + (value - known_value) / (frames + 1)) : value;
+    const T joined = known ? T(known_value + (value - known_value) / (frames + 1)) : value;
     result[size_t(c) + 1] = joined * T(1 / past.exposure);
   }
   return result;
@@ -180,13 +181,10 @@ std::array<T, 5> light_change_at(const Bounded& lrhs, const Past& past, Transfer
 template <typename T>
 T least_share(const Bounded& kept, int scale, int y, int x) {
   using std::min;
-  const auto first = [&](int pixel, int size) {
-    return int(std::clamp((pixel - (scale - 1) / 2.0) / scale, 0.0, size - 1.0));
-  };
-  const int top = first(y, kept.value.h), left = first(x, kept.value.w);
-  const int bottom = std::min(top + 1, kept.value.h - 1), right = std::min(left + 1, kept.value.w - 1);
-  const auto share = [&](int row, int column) { return at(kept, 0, row, column).as<T>(); };
-  return min(min(share(top, left), share(top, right)), min(share(bottom, left), share(bottom, right)));
+  T least = std::numeric_limits<double>::infinity();
+  for (const Corner& corner : corners(kept, 0, y, x, scale, (scale - 1) / 2.0))
+    least = min(least, Element{corner.value, corner.bound}.as<T>());
+  return least;
 }
 
 // Returns what accumulate() returns for a pixel. `kept` is the share that the light leaves.
