@@ -684,6 +684,7 @@ raymeld_result raymeld_tune(raymeld_context context, raymeld_model model, const 
     tune_file(*on.device, storage, file, [&](const Conv2dShape& shape, const Tuning::Entry&) {
       left.erase(shape);
       go_on();
+      return true;
     });
   });
 }

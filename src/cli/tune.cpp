@@ -1,5 +1,8 @@
 // Measures a device, so that raymeld fuse knows its fastest kernels.
 #include <algorithm>
+#include <chrono>
+#include <limits>
+#include <optional>
 
 #include "choice/frame_times.h"
 #include "cli/common/commands.h"
@@ -14,9 +17,12 @@
 namespace raymeld::cli {
 namespace {
 
+constexpr uint32_t kGpuSeconds = 17;  // what follows takes a GPU less than 3 s
+
 struct TuneArguments {
   std::vector<std::string> models{"x2", "x4"};
   std::string size = "1024x1024", device, precision = "auto";
+  std::optional<uint32_t> seconds;
   bool again = false, json = false;
 };
 
@@ -62,6 +68,8 @@ void run(const TuneArguments& arguments) {
     const std::vector<Conv2dShape> all = shapes_to_tune(*device, storage, model, lrhs);
     shapes.insert(shapes.end(), all.begin(), all.end());
   }
+  std::ranges::sort(shapes);
+  shapes.erase(std::ranges::unique(shapes).begin(), shapes.end());
   const Console console(!arguments.json);
   const Tuning before = load_tuning(file);
   const bool known = !arguments.again && std::ranges::all_of(shapes, [&](const Conv2dShape& shape) {
@@ -73,13 +81,25 @@ void run(const TuneArguments& arguments) {
   } else {
     console.note(fmt::format("measuring {} ({})", device->info().name, device->info().driver));
     FrameTimes::forget(*device, folder);
+    using Clock = std::chrono::steady_clock;
+    const std::chrono::seconds most(arguments.seconds.value_or(
+        device->info().is_cpu ? std::numeric_limits<uint32_t>::max() : kGpuSeconds));
+    const auto start = Clock::now();
     tune_file(*device, storage, {.folder = folder, .shapes = shapes, .again = arguments.again},
               [&](const Conv2dShape& shape, const Tuning::Entry& entry) {
                 if (!arguments.json) print_entry(shape, entry);
                 check_interrupted();
+                return Clock::now() - start < most;
               });
   }
   const Tuning tuning = load_tuning(file);
+  const auto missing =
+      std::ranges::count_if(shapes, [&](const auto& shape) { return !tuning.entries.contains(shape); });
+  if (missing > 0)
+    console.note(
+        fmt::format("{} of {} shapes are left, those of the least work; the same command again "
+                    "measures them, and --seconds gives more time",
+                    missing, shapes.size()));
   if (!known)
     console.note(fmt::format("activations {}; wrote {}", tuning.addressed ? "by address" : "in buffers",
                              file.string()));
@@ -118,6 +138,11 @@ void add_tune(CLI::App& app) {
   command->add_option("--precision", arguments->precision, "Measures kernels of this precision")
       ->check(CLI::IsMember({"auto", "fp32", "fp16"}))
       ->capture_default_str();
+  command->add_option(
+      "--seconds", arguments->seconds,
+      fmt::format("Begins no convolution after so many seconds; those of the most work come first "
+                  "(default: {} on GPUs, no limit on CPUs)",
+                  kGpuSeconds));
   command->add_flag("--again", arguments->again, "Also measures convolutions that were measured before");
   command->add_flag("--json", arguments->json, "Prints one JSON object instead of text");
   command->footer("Example:\n  raymeld tune --model x4-fast --size 1920x1080");

@@ -352,16 +352,15 @@ void save_tuning(const std::filesystem::path& file, const Tuning& tuning) {
   save_json_file(file, kTuningVersion, json);
 }
 
-void tune(const DeviceInfo& device, Storage storage, const Conv2dTimer& time,
-          const std::vector<Conv2dShape>& shapes, Tuning& tuning, const TuneProgress& progress) {
+void tune(const DeviceInfo& device, Storage storage, const Conv2dTimer& time, std::vector<Conv2dShape> shapes,
+          Tuning& tuning, const TuneProgress& progress) {
   if (shapes.empty()) return;
+  std::ranges::stable_sort(shapes, std::greater{}, &Conv2dShape::flop);
   tuning.device = device.name;
   tuning.driver = device.driver;
   const Tuner tuner{device, storage, time};
   if (tuning.entries.empty() && device.buffer_device_address) {
-    // The largest convolution, as the defaults would compute it, decides.
-    const Conv2dShape& most = *std::max_element(
-        shapes.begin(), shapes.end(), [](const auto& a, const auto& b) { return a.flop() < b.flop(); });
+    const Conv2dShape& most = shapes.front();  // decides, as the defaults would compute it
     Conv2dKernel kernel = first_guess(device, most);
     const auto measure = [&](bool addressed) { return time(addressed, most, {&kernel, 1}).front(); };
     tuning.addressed = measure(true) < measure(false);
@@ -379,7 +378,7 @@ void tune(const DeviceInfo& device, Storage storage, const Conv2dTimer& time,
   }
   for (const Conv2dShape& shape : shapes) {
     if (tuning.entries.contains(shape)) continue;
-    progress(shape, tuning.entries[shape] = tuner.best(tuning, shape));
+    if (!progress(shape, tuning.entries[shape] = tuner.best(tuning, shape))) return;
   }
 }
 
@@ -401,6 +400,7 @@ std::vector<Conv2dShape> shapes_to_tune(const Device& device, Storage storage, c
 void tune_file(const Device& device, Storage storage, const TuneFile& file, const TuneProgress& progress) {
   const std::filesystem::path path = tuning_file(file.folder, device, storage);
   Tuning tuning = load_tuning(path);
+  const Tuning before = tuning;
   if (file.again)
     for (const Conv2dShape& shape : file.shapes) tuning.entries.erase(shape);
   PipelineCache cache(device, file.cache_folder);
@@ -410,8 +410,10 @@ void tune_file(const Device& device, Storage storage, const TuneFile& file, cons
   } const save{cache};
   tune(device, cache, storage, file.shapes, tuning,
        [&](const Conv2dShape& shape, const Tuning::Entry& entry) {
-         save_tuning(path, tuning);
-         progress(shape, entry);
+         Tuning all = tuning;
+         all.entries.insert(before.entries.begin(), before.entries.end());  // those not yet measured again
+         save_tuning(path, all);
+         return progress(shape, entry);
        });
 }
 

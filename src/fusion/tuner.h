@@ -52,13 +52,15 @@ Tuning load_tuning(const std::filesystem::path& file);
 // Throws Error.
 void save_tuning(const std::filesystem::path& file, const Tuning& tuning);
 
-// Is called for each shape with the kernel that was found; may throw to stop.
-using TuneProgress = std::function<void(const Conv2dShape&, const Tuning::Entry&)>;
+// Is called for each shape with the kernel that was found. Returns whether to measure the next one; may
+// throw.
+using TuneProgress = std::function<bool(const Conv2dShape&, const Tuning::Entry&)>;
 
-// Measures the candidates for each shape that `tuning` does not have yet. The first time it also measures
-// whether activations are better found by address, and the best order. Throws Error.
-void tune(const DeviceInfo& device, Storage storage, const Conv2dTimer& time,
-          const std::vector<Conv2dShape>& shapes, Tuning& tuning, const TuneProgress& progress);
+// Measures the candidates for each shape that `tuning` does not have yet, from that of the most work to that
+// of the least. The first time it also measures whether activations are better found by address, and the best
+// order. Throws Error.
+void tune(const DeviceInfo& device, Storage storage, const Conv2dTimer& time, std::vector<Conv2dShape> shapes,
+          Tuning& tuning, const TuneProgress& progress);
 // Does the same with time_conv2d() as the timer.
 void tune(const Device& device, PipelineCache& cache, Storage storage, const std::vector<Conv2dShape>& shapes,
           Tuning& tuning, const TuneProgress& progress);
@@ -75,8 +77,8 @@ struct TuneFile {
   std::filesystem::path cache_folder = default_cache_folder();  // keeps pipelines
 };
 
-// Measures the shapes that the file lacks, and saves it after each, so that no end loses a measurement.
-// Throws Error.
+// Measures the shapes that the file lacks as tune() does, and saves it after each, so that no end loses a
+// measurement. Throws Error.
 void tune_file(const Device& device, Storage storage, const TuneFile& file, const TuneProgress& progress);
 
 // Returns the kernels of a device's tuning in `folder`, of what it lacks those of a `shipped` one, or the

@@ -64,6 +64,7 @@ TEST_F(CliErrors, Usage) {
                  {"1000000000 x 16", "to 65536"});
   for (const char* views : {"0", "-3", "two"})
     expect_error({"trade", "--data", "none", "--views", views}, {"--views", views});
+  for (const char* bad : {"-1", "nan", "soon"}) expect_error({"tune", "--seconds", bad}, {"--seconds", bad});
   expect_error({"tune", "--precision", "int8"}, {"--precision", "fp16"});
   expect_error({"conform", "--suite", "poetry"}, {"--suite", "conv2d"});
   expect_error({"conform", "--quick", "--full"}, {"--quick", "--full"});

@@ -550,6 +550,18 @@ TEST_F(Cli, TuneMeasuresOnceAndFuseReadsIt) {
     EXPECT_NEAR(tuned.data[i], untuned.data[i], 1e-3 * (1 + untuned.data[i]));
 }
 
+TEST_F(Cli, TuneStopsInTimeAndLosesNothing) {
+  std::vector<std::string> tune{"tune",        "--model", tiny_model(), "--size", "32x32",
+                                "--precision", "fp32",    "--seconds",  "0"};
+  const ProcessResult first = run(tune), second = run(tune);
+  EXPECT_NE(first.err.find(" shapes are left"), std::string::npos) << first.err;
+  EXPECT_EQ(std::ranges::count(first.out, '\n'), 1) << first.out;
+  EXPECT_EQ(std::ranges::count(second.out, '\n'), 1) << second.out;
+  EXPECT_NE(first.out.substr(0, 30), second.out.substr(0, 30));  // another shape
+  tune.insert(tune.end(), {"--again", "--json"});
+  EXPECT_EQ(run_json(tune).at("conv2d").size(), 2u);
+}
+
 TEST_F(Cli, TuneSaysWhenThereIsNothingToDo) {
   const std::vector<std::string> tune{"tune",  "--model",     tiny_model(), "--size",
                                       "32x32", "--precision", "fp32"};

@@ -288,7 +288,8 @@ Tuning::Entry tuned(const Conv2dShape& shape, const std::function<double(const C
     for (const Conv2dKernel& kernel : kernels) times.push_back(time(kernel));
     return times;
   };
-  tune(device_with_everything(), Storage::kFloat16, timer, {shape}, tuning, [](const auto&, const auto&) {});
+  tune(device_with_everything(), Storage::kFloat16, timer, {shape}, tuning,
+       [](const auto&, const auto&) { return true; });
   return tuning.entries.at(shape);
 }
 
@@ -337,6 +338,29 @@ TEST(Tuner, KeepsTheBestOfEachParameter) {
   EXPECT_EQ(matrices.time_ms, 5);
 }
 
+// What a limit of time leaves out has the least work.
+TEST(Tuner, MeasuresFromTheMostWorkToTheLeastUntilItIsStopped) {
+  Conv2dShape small = kShape3x3, large = kShape3x3;
+  small.channels_out = 8, large.channels_out = 64;
+  const Conv2dTimer timer = [](bool, const Conv2dShape&, std::span<const Conv2dKernel> kernels) {
+    return std::vector<double>(kernels.size(), 1.0);
+  };
+  Tuning tuning;
+  std::vector<Conv2dShape> measured;
+  const auto until = [&](size_t count) {
+    tune(device_with_everything(), Storage::kFloat16, timer, {small, large, kShape3x3}, tuning,
+         [&](const Conv2dShape& shape, const auto&) {
+           measured.push_back(shape);
+           return measured.size() < count;
+         });
+  };
+  until(2);
+  EXPECT_EQ(measured, (std::vector{large, kShape3x3}));
+  EXPECT_FALSE(tuning.entries.contains(small));
+  until(4);
+  EXPECT_EQ(measured, (std::vector{large, kShape3x3, small}));
+}
+
 TEST(Tuner, LeavesOutWhatTheDeviceCannotComputeButNotALostDevice) {
   const auto entry = tuned(kShape3x3, [](const Conv2dKernel& k) -> double {
     if (k.winograd_tile() == 4) return std::numeric_limits<double>::infinity();
@@ -369,7 +393,10 @@ TEST_F(TunerTest, MeasuresEachShapeOnceByEveryKernel) {
     }
     return times;
   };
-  const auto note = [&](const Conv2dShape& shape, const Tuning::Entry&) { measured.push_back(shape); };
+  const auto note = [&](const Conv2dShape& shape, const Tuning::Entry&) {
+    measured.push_back(shape);
+    return true;
+  };
   tune(gpu().info(), Storage::kFloat32, time, {kSmall, kSmall1x1, kSmall}, tuning, note);
   EXPECT_EQ(measured, (std::vector{kSmall, kSmall1x1}));
   tune(gpu().info(), Storage::kFloat32, time, {kSmall}, tuning, note);
@@ -409,7 +436,7 @@ TEST_F(TunerTest, LayersWithShufflesAreShapesOfTheirOwn) {
 
 TEST_F(TunerTest, MeasuresBothStorages) {
   Tuning tuning;
-  const auto ignore = [](const Conv2dShape&, const Tuning::Entry&) {};
+  const auto ignore = [](const Conv2dShape&, const Tuning::Entry&) { return true; };
   for (const Storage storage : {Storage::kFloat32, Storage::kFloat16}) {
     tuning.entries.clear();
     tune(gpu(), shared_cache(), storage, {kSmall1x1}, tuning, ignore);
