@@ -339,11 +339,11 @@ typedef struct raymeld_tune_desc {
 } raymeld_tune_desc;
 
 /* Measures which kernels are fastest for a model on the context's device, from the layer of the most work to
- * that of the least, and writes them to a file that names the device and its driver. Fusions that are made later use them, if `folder` is the context's cache
- * folder or its tuning_folder. Submits to the queue and waits. Takes seconds on a GPU and minutes on a CPU;
- * nothing else should use the device. Returns RAYMELD_ERROR_CANCELLED if `progress` said so before the end,
- * and RAYMELD_ERROR_DEVICE or RAYMELD_ERROR_DEVICE_LOST if a call of Vulkan fails or there is no folder to
- * write to. */
+ * that of the least, and writes them to a file that names the device and its driver. Fusions that are made
+ * later use them, if `folder` is the context's cache folder or its tuning_folder. Submits to the queue and
+ * waits. Takes seconds on a GPU and minutes on a CPU; nothing else should use the device. Returns
+ * RAYMELD_ERROR_CANCELLED if `progress` said so before the end, and RAYMELD_ERROR_DEVICE or
+ * RAYMELD_ERROR_DEVICE_LOST if a call of Vulkan fails or there is no folder to write to. */
 RAYMELD_API raymeld_result raymeld_tune(raymeld_context context, raymeld_model model,
                                         const raymeld_tune_desc* desc);
 
