@@ -237,6 +237,20 @@ struct Accumulate {
   float spp;  // samples of a pixel of this frame
 };
 
+// The history has the fused image in the planes from `first` on.
+struct Settle {
+  FRAME_VIEW motion;
+  uint height;
+  uint width;
+  uint frame_height;
+  uint frame_width;
+  uint plane;
+  uint first;
+  uint log_transfer;  // 0: linear
+  float clip;
+  float spp;  // samples of a pixel of this frame
+};
+
 struct ColorVariance {
   uint height;
   uint width;
@@ -341,6 +355,9 @@ struct Decode {
 #define RAYMELD_LIGHT_NOISE 0.01
 #define RAYMELD_LIGHT_ERRORS 3.0
 #define RAYMELD_LIGHT_FLOOR 0.02  // added to luminance before its logarithm
+#define RAYMELD_SETTLED 0.6        // most of the last fused image in the next
+#define RAYMELD_SETTLED_BLUR 0.65  // of it that is left out for the blur of reading between pixels
+#define RAYMELD_SETTLED_MARGIN 1.01  // a logarithm in 16 bits makes samples a little too many
 #define RAYMELD_MOST_SAMPLES 16.0  // that networks were trained with
 
 // A workgroup of conv2d_matrix.comp is this many pixels wide.

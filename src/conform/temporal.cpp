@@ -24,7 +24,7 @@ struct Scene {
   Size frame{c.scale * (c.size.h + 3), c.scale*(c.size.w + 2)};
   int y = 2 * c.scale, x = c.scale;
   float exposure = c.seed % 2 ? 1.0f : 0.25f;
-  Planes hrls, lrhs, motion, past_hrls, past_lrhs;
+  Planes hrls, lrhs, motion, past_hrls, past_lrhs, past_fused;
 
   explicit Scene(const ImageTrial& trial) : c(trial) {
     const Planes guides = concat(c.image(3, c.full(), 2, [](double u) { return u; }),
@@ -45,6 +45,7 @@ struct Scene {
     past_hrls = concat(past_hrls, concat(past(kOthers, frame, 9, light), past(1, frame, 10, frames)));
     const Size small{frame.h / c.scale, frame.w / c.scale};
     past_lrhs = concat(past(3, small, 11, light), past(1, small, 12, frames));
+    past_fused = past(3, frame, 13, light);
   }
 
   // Returns motions that are exact in floats, some of them out of the frame, or no numbers.
@@ -65,13 +66,14 @@ struct Scene {
   bool is_core(int row, int column) const {
     return row >= c.scale && row < c.full().h && column < c.full().w;
   }
-  reference::Past past() const { return {motion, past_hrls, past_lrhs, y, x, exposure}; }
+  reference::Past past() const { return {motion, past_hrls, past_lrhs, past_fused, y, x, exposure}; }
 };
 
-// Returns both histories of the frame before, as one buffer has them.
+// Returns all histories of the frame before, as one buffer has them.
 Planes past_histories(const Scene& s) {
   std::vector<double> values = s.past_hrls.data;
-  values.insert(values.end(), s.past_lrhs.data.begin(), s.past_lrhs.data.end());
+  for (const Planes* more : {&s.past_fused, &s.past_lrhs})
+    values.insert(values.end(), more->data.begin(), more->data.end());
   const auto count = int(values.size());
   return {1, 1, count, std::move(values)};
 }
@@ -130,9 +132,10 @@ void check_light_change(Check& check, const ImageTrial& c) {
   const auto add = [&](LayerRun& run, const Tensor& lrhs, const Tensor& out) {
     light_change(run.graph(), "light_change", lrhs, out, c.transfer(), uint32_t(c.scale), Scene::kChannels);
   };
-  check.within(run_with_history(check, s, s.lrhs, c.size, 1, add, s.past_hrls.data.size(),
-                                {s.past_lrhs.h, s.past_lrhs.w}, 4, c.scale, expected),
-               expected);
+  check.within(
+      run_with_history(check, s, s.lrhs, c.size, 1, add, s.past_hrls.data.size() + s.past_fused.data.size(),
+                       {s.past_lrhs.h, s.past_lrhs.w}, 4, c.scale, expected),
+      expected);
 }
 
 void check_accumulate(Check& check, const ImageTrial& c) {
@@ -158,6 +161,22 @@ void check_accumulate(Check& check, const ImageTrial& c) {
   }
 }
 
+void check_settle(Check& check, const ImageTrial& c) {
+  const Scene s(c);
+  const Planes fused = c.radiance(3, c.full(), 1),
+               samples = c.image(1, c.full(), 2, [](double u) { return 4 * u; });
+  const float spp = c.seed % 3 == 0 ? 1.0f : 2.5f;
+  const Bounded expected = reference::settle(exact(fused), exact(samples), s.past(), c.expected_transfer(),
+                                             c.clip(), spp, c.precision);
+  const auto add = [&](LayerRun& run, const Tensor& in, const Tensor& out) {
+    settle(run.graph(), "settle", in, run.input("samples", samples), out,
+           {.transfer = c.transfer(), .clip = float(c.clip()), .spp = spp, .channels = Scene::kChannels});
+  };
+  check.within(
+      run_with_history(check, s, fused, c.full(), 3, add, s.past_hrls.data.size(), s.frame, 3, 1, expected),
+      expected);
+}
+
 void check_color_variance(Check& check, const ImageTrial& c) {
   const Planes color = c.radiance(3, c.full(), 1);
   const Planes out = run_layer(c, {color}, c.full(), [&](Graph& graph, const auto& in, const Tensor& to) {
@@ -180,6 +199,7 @@ void check_cell_share(Check& check, const ImageTrial& c) {
 
 constexpr ImageLayer kTemporalLayers[] = {{.name = "light_change", .check = check_light_change},
                                           {.name = "accumulate", .check = check_accumulate},
+                                          {.name = "settle", .check = check_settle},
                                           {.name = "color_variance", .check = check_color_variance},
                                           {.name = "cell_share", .check = check_cell_share}};
 

@@ -258,12 +258,14 @@ void Fuser::reset_history(size_t sequence) {
   if (found != histories_.end()) found->second.is_empty = true;
 }
 
-// Returns the number of passes until the last one that writes to a history.
-size_t Fuser::history_end() const {
-  const auto writes_history = [](const Pass& pass) {
-    return std::ranges::any_of(pass.bindings, [](const Binding& binding) {
-      return binding.kind == Binding::Kind::kFrame && binding.slot == kNextSlot;
-    });
+// Returns the number of passes until the last one that writes to a history, but for settle() where no next
+// frame is fused.
+size_t Fuser::history_end(bool next_is_fused) const {
+  const auto writes_history = [&](const Pass& pass) {
+    return (next_is_fused || pass.name != "settle") &&
+           std::ranges::any_of(pass.bindings, [](const Binding& binding) {
+             return binding.kind == Binding::Kind::kFrame && binding.slot == kNextSlot;
+           });
   };
   size_t end = plan_.graph.passes().size();
   while (end > 0 && !writes_history(plan_.graph.passes()[end - 1])) --end;
@@ -320,11 +322,12 @@ FuseReport Fuser::fuse(const Image& lrhs, const Image& hrls, Image& fused, const
               motion.data.empty() ? nullptr : motion.data.data());
 }
 
-void Fuser::remember(const Image& lrhs, const Image& hrls, const Image& motion, const Progress& progress,
-                     float exposure, size_t sequence) {
+void Fuser::remember(const Image& lrhs, const Image& hrls, const Image& motion, bool next_is_fused,
+                     const Progress& progress, float exposure, size_t sequence) {
   if (!options_.temporal || options_.profile)
     throw Error("a frame to remember, expected a fusion that keeps a history and measures no times");
   check_sizes(lrhs, hrls, motion);
+  next_is_fused_ = next_is_fused;
   fuse(lrhs.data.data(), hrls.data.data(), nullptr, progress, exposure, sequence, motion.data.data());
 }
 

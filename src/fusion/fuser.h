@@ -135,10 +135,11 @@ class Fuser {
   FuseReport fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress = {},
                   float exposure = 0, size_t sequence = 0, const float* motion = nullptr);
 
-  // Takes a frame into the history of its sequence as fuse() does, without fusing it. Runs only the layers
-  // that the history depends on.
-  void remember(const Image& lrhs, const Image& hrls, const Image& motion, const Progress& progress = {},
-                float exposure = 0, size_t sequence = 0);
+  // Takes a frame into the history of its sequence as fuse() does, without an output. Runs only the layers
+  // that the history depends on. Those of the network do not belong to them unless `next_is_fused`, as only
+  // the next frame reads what they leave.
+  void remember(const Image& lrhs, const Image& hrls, const Image& motion, bool next_is_fused,
+                const Progress& progress = {}, float exposure = 0, size_t sequence = 0);
 
   // Makes the next frame of a sequence its first one. record() goes on with sequence 0.
   void reset_history(size_t sequence = 0);
@@ -223,7 +224,7 @@ class Fuser {
   void prepare_host();
   void run_empty(const Progress& progress);
   void record_chunks(Host& host, size_t end) const;
-  size_t history_end() const;
+  size_t history_end(bool next_is_fused) const;
   // Returns the part of a frame's image that a tile reads, of which it has the shape.
   ImageWindow window(const float* image, const Shape& shape, uint32_t scale, const Tile& at) const;
   // Returns the parts of the frame's LRHS and HRLS that a tile reads.
@@ -252,6 +253,7 @@ class Fuser {
   std::map<size_t, History> histories_;      // keyed by sequence; see FuserOptions::temporal
   History* history_ = nullptr;               // the one of the frame at hand
   const float* motion_ = nullptr;            // of the frame at hand
+  bool next_is_fused_ = true;                // of a frame to remember
 };
 
 }  // namespace raymeld

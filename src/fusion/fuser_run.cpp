@@ -46,7 +46,7 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
     if (history_->is_empty || history_->size != tiling.frame)
       fill_now(device_, history_->last.handle(), history_->all(), "history");
     bind_host(*host_);
-    record_chunks(*host_, fused ? plan_.graph.passes().size() : history_end());
+    record_chunks(*host_, fused ? plan_.graph.passes().size() : history_end(next_is_fused_));
   }
   uint64_t skipped = 0;  // LRHS pixels
   for (uint32_t index = 0; index < tiling.count(); ++index) {

@@ -21,7 +21,7 @@ Graph make_graph(const Model& model, TileSize tile, const FuserOptions& options,
   Graph graph(options.storage, options.kernels.addressed, options.keep_activations, options.frame_images);
   graph.read_vectors(options.kernels.vector);
   network(graph, model, tile.height, tile.width, options.phase, choose, exponents, options.constants,
-          options.compute_variance, options.samples, options.temporal);
+          options.compute_variance, options.samples, options.temporal, options.settles);
   return graph;
 }
 

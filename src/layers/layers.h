@@ -268,15 +268,18 @@ void compose(Graph& graph, const std::string& name, const Tensor& rec, const Ten
              float phase);
 
 // These join a frame with the ones before it. A history is a buffer of the whole frame in the slots kLastSlot
-// and kNextSlot, in 32 bits: planes of the first `channels` channels of HRLS and of a count of frames, and
-// then three colors and a count of the size of LRHS. Radiance in it is scene linear, and the color is
-// demodulated as light() does. The image in kMotionSlot has two channels, which lead from a full-size pixel
-// to the same point in the last frame, in pixels along x and y. Program::set_place() says where the recording
-// lies in the frame.
+// and kNextSlot, in 32 bits: planes of the first `channels` channels of HRLS, of a count of frames and of the
+// fused image, and then three colors and a count of the size of LRHS. Radiance in it is scene linear, and the
+// color of HRLS is demodulated as light() does. The image in kMotionSlot has two channels, which lead from a
+// full-size pixel to the same point in the last frame, in pixels along x and y. Program::set_place() says
+// where the recording lies in the frame.
+
+// Returns the planes of a history that have the size of the frame.
+constexpr uint32_t history_planes(uint32_t channels) { return channels + 1 + 3; }
 
 // Returns the floats of a history.
 constexpr uint64_t history_floats(uint32_t height, uint32_t width, uint32_t channels, uint32_t scale) {
-  return uint64_t{height} * width * (channels + 1) + uint64_t{height / scale} * (width / scale) * 4;
+  return uint64_t{height} * width * history_planes(channels) + uint64_t{height / scale} * (width / scale) * 4;
 }
 
 // Writes the share (h, w, 1) of the history that is right in spite of changes of the light: exp(-16 d), where
@@ -309,6 +312,22 @@ struct AccumulateOptions {
 // counts for 63 frames at most.
 void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const Tensor& out,
                 const AccumulateOptions& options);
+
+struct SettleOptions {
+  Transfer transfer = Transfer::kLinear;
+  float clip = 0;
+  float spp = 1;          // samples of a pixel of this frame
+  uint32_t channels = 9;  // those of HRLS that the history has
+  std::optional<FrameSize> frame = {};
+};
+
+// Mixes the encoded fused image (H, W, 3) with that of the last frame and keeps it, as it was, for the next.
+// The last one is read bilinearly where the motion leads and clamped to the range of the 3x3 pixels. Its
+// share is 0.6 (1 - 0.65 b) max(0, 1 - 1.01 spp / n). Here `samples` (H, W, 1) has the binary logarithm of
+// the n samples that accumulate() counted, and b is how much reading blurs: 0 at a pixel, 3/4 in the middle
+// of four. The share is 0 where the motion leads out of the frame.
+void settle(Graph& graph, const std::string& name, const Tensor& fused, const Tensor& samples,
+            const Tensor& out, const SettleOptions& options);
 
 // Writes the variance (H, W, 3) of an encoded color (H, W, 3), as variance() does.
 void color_variance(Graph& graph, const std::string& name, const Tensor& color, const Tensor& out,

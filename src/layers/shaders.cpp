@@ -43,6 +43,8 @@ RAYMELD_SPIRV_FORMS(light_change)
 RAYMELD_SPIRV_FORMS(light_change_image)
 RAYMELD_SPIRV_FORMS(accumulate)
 RAYMELD_SPIRV_FORMS(accumulate_image)
+RAYMELD_SPIRV_FORMS(settle)
+RAYMELD_SPIRV_FORMS(settle_image)
 RAYMELD_SPIRV_FORMS(color_variance)
 RAYMELD_SPIRV_FORMS(cell_share)
 #undef RAYMELD_SPIRV_FORMS
@@ -94,6 +96,8 @@ const Forms kLightChange RAYMELD_FORMS(light_change);
 const Forms kLightChangeImage RAYMELD_FORMS(light_change_image);
 const Forms kAccumulate RAYMELD_FORMS(accumulate);
 const Forms kAccumulateImage RAYMELD_FORMS(accumulate_image);
+const Forms kSettle RAYMELD_FORMS(settle);
+const Forms kSettleImage RAYMELD_FORMS(settle_image);
 const Forms kColorVariance RAYMELD_FORMS(color_variance);
 const Forms kCellShare RAYMELD_FORMS(cell_share);
 #undef RAYMELD_FORMS_AND_VECTORS

@@ -50,6 +50,8 @@ extern const Forms kLightChange;
 extern const Forms kLightChangeImage;
 extern const Forms kAccumulate;
 extern const Forms kAccumulateImage;
+extern const Forms kSettle;
+extern const Forms kSettleImage;
 extern const Forms kColorVariance;
 extern const Forms kCellShare;
 }  // namespace shaders

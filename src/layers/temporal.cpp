@@ -36,7 +36,7 @@ void light_change(Graph& graph, const std::string& name, const Tensor& lrhs, con
                                     width,
                                     graph.plane(lrhs),
                                     scale,
-                                    channels + 1,
+                                    history_planes(channels),
                                     transfer == Transfer::kLog,
                                     1 / static_cast<float>(scale * scale * scale)});
   pass.groups = pixel_groups(shape);
@@ -81,6 +81,34 @@ void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const
   pass.groups = pixel_groups(shape);
   pass.bytes = traffic(graph, hrls) + traffic(graph, out) +
                static_cast<double>(shape.pixels() * (8 * (options.channels + 1) + 8));
+  graph.add(std::move(pass));
+}
+
+void settle(Graph& graph, const std::string& name, const Tensor& fused, const Tensor& samples,
+            const Tensor& out, const SettleOptions& options) {
+  const Shape shape = with_channels(out.shape, 3);
+  expect_shape(name, "the fused image", fused, shape);
+  expect_shape(name, "the samples", samples, with_channels(shape, 1));
+  expect_shape(name, "the output", out, shape);
+  std::vector<Binding> bindings = history_bindings(graph);
+  for (const Tensor& tensor : {fused, samples}) bindings.push_back(read_binding(tensor));
+  bindings.push_back(write_binding(out));
+  Pass pass = pass_of(graph, name, graph.frame_images().inputs ? shaders::kSettleImage : shaders::kSettle,
+                      std::move(bindings));
+  const auto [height, width] = frame_size(name, out, options.frame);
+  pass.set_push(params::Settle{{},
+                               shape.height,
+                               shape.width,
+                               height,
+                               width,
+                               graph.plane(out),
+                               options.channels + 1,
+                               options.transfer == Transfer::kLog,
+                               options.clip,
+                               options.spp});
+  pass.groups = pixel_groups(shape);
+  pass.bytes =
+      traffic(graph, fused) + traffic(graph, out) + static_cast<double>(shape.pixels() * (8 * 3 + 8));
   graph.add(std::move(pass));
 }
 

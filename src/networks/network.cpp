@@ -44,7 +44,7 @@ double encoded(Transfer transfer, float radiance) {
 
 void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase,
              const Conv2dChoice& choose, const StorageExponents& exponents, const ConstantLayers& constants,
-             bool compute_variance, const SampleCounts& samples, bool temporal) {
+             bool compute_variance, const SampleCounts& samples, bool temporal, bool settles) {
   check_constant_layers(model, constants);
   const HrlsChannels channels = hrls_channels(model.architecture(), constants, compute_variance);
   Builder build{
@@ -54,7 +54,8 @@ void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, 
       .exponents = exponents,
       .hrls_channels = channels,
       .samples = samples,
-      .history_channels = temporal ? history_channels(model, phase, channels.variance.has_value()) : 0};
+      .history_channels = temporal ? history_channels(model, phase, channels.variance.has_value()) : 0,
+      .settles = temporal && settles};
   functions_of(model.architecture().kind).add(build, height, width, phase);
 }
 
@@ -112,11 +113,11 @@ uint32_t history_channels(const Model& model, float phase, bool compute_variance
   return 3 * (uint32_t(a.hrls_layers.size()) - 1);
 }
 
-// accumulate() reads one pixel around each, and the LRHS pixels around that, of which light_change() reads
-// the neighbours.
+// settle() and accumulate() read one pixel around each, and the LRHS pixels around that, of which
+// light_change() reads the neighbours.
 uint32_t receptive_halo(const Architecture& a, bool compute_variance, bool temporal) {
   const uint32_t halo = functions_of(a.kind).halo(a, compute_variance);
-  return temporal ? halo + divide_up(3, a.grid()) * a.grid() : halo;
+  return temporal ? halo + divide_up(4, a.grid()) * a.grid() : halo;
 }
 
 std::vector<Conv2dShape> conv2d_shapes(const Model& model, uint32_t height, uint32_t width) {

@@ -72,6 +72,18 @@ struct Pyramid {
     return inputs;
   }
 
+  // Adds the fused image, mixed with that of the last frame.
+  Tensor settled(const Tensor& fused, const Tensor& samples) const {
+    const Tensor out = tensor("settle", 0, 3);
+    settle(build.graph, "settle", fused, samples, out,
+           {.transfer = a.transfer,
+            .clip = a.clip,
+            .spp = build.samples.known(a.scale).hrls,
+            .channels = build.history_channels,
+            .frame = full_frame});
+    return out;
+  }
+
   // Adds the share of each LRHS pixel in the light of its level, which depends on the samples of HRLS.
   Tensor shares_of_lrhs(const Tensor& samples) const {
     const Tensor shares = build.tensor("cell_share", height, width, 1);
@@ -188,7 +200,8 @@ struct Pyramid {
                   {coarse, guides[0]});
     compose(graph, "compose", rec.slice(0, kComposed), filtered, guides[0], lrhs ? lrhs->slice(0, 3) : color,
             fused, a.transfer, a.scale, phase);
-    decode(graph, "decode", fused, {a.transfer, nullptr, a.scale, phase, &bright, a.clip, full_frame});
+    const Tensor shown = build.settles ? settled(fused, inputs.slice(3 + layers, 1)) : fused;
+    decode(graph, "decode", shown, {a.transfer, nullptr, a.scale, phase, &bright, a.clip, full_frame});
   }
 };
 

@@ -170,6 +170,7 @@ struct Past {
   const Planes& motion;  // (2, H, W), from each full-size pixel to the same point in the last frame
   const Planes& hrls;    // the last frame's history (A + 1, frame height, frame width), with a count at last
   const Planes& lrhs;    // (4, frame height / scale, frame width / scale), likewise
+  const Planes& fused;   // (3, frame height, frame width), the last fused image, scene linear
   int y, x;              // the first full-size pixel of this part of the frame
   double exposure;
 };
@@ -190,6 +191,13 @@ Bounded light_change(const Bounded& lrhs, const Past& past, Transfer transfer, i
 // (1, H / scale, W / scale) around. Together the four pixels around a point count for 63 frames at most.
 Bounded accumulate(const Bounded& hrls, const Past& past, Transfer transfer, double clip, double spp,
                    Precision precision, const Bounded* kept = nullptr, int scale = 1);
+
+// Returns (6, H, W): the encoded fused image (3, H, W) mixed with the last one, and then that which is kept.
+// The last one is encoded, clamped to the range of the 3x3 pixels, and has the share
+// 0.6 (1 - 0.65 b) max(0, 1 - 1.01 spp / n), with the binary logarithm of n in `samples` (1, H, W), and b as
+// 1 minus the sum of the squares of the weights that it is read with.
+Bounded settle(const Bounded& fused, const Bounded& samples, const Past& past, Transfer transfer, double clip,
+               double spp, Precision precision);
 
 // Returns the variance of an encoded color (3, H, W), as variance() does.
 Bounded color_variance(const Bounded& color, Transfer transfer, double clip, Precision precision);

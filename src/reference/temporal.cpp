@@ -12,6 +12,7 @@ constexpr double kHistoryAlbedo = 40, kHistoryNormal = 10, kHistoryLrhs = 180;
 constexpr double kLightChange = 16, kLightNoise = 0.01, kLightErrors = 3, kLightFloor = 0.02;
 constexpr double kUnknownVariance = 1e30;
 constexpr double kLeastWeight = 1e-6;
+constexpr double kSettled = 0.6, kSettledBlur = 0.65, kSettledMargin = 1.01;
 
 struct Tap {
   int y, x;
@@ -232,6 +233,37 @@ std::vector<T> accumulate_at(const Bounded& hrls, const Past& past, Transfer tra
   return encoded;
 }
 
+// Returns what settle() returns for a pixel.
+template <typename T>
+std::array<T, 6> settle_at(const Bounded& fused, const Bounded& samples, const Past& past, Transfer transfer,
+                           double clip, double spp, int y, int x) {
+  using std::clamp, std::exp2, std::max, std::min;
+  const auto taps = taps_at(y + past.y + past.motion.at(1, y, x), x + past.x + past.motion.at(0, y, x),
+                            past.fused.h, past.fused.w);
+  T known = 0, blur = 1;
+  for (const Tap& tap : taps) {
+    known = known + T(tap.weight);
+    blur = blur - square(T(tap.weight));
+  }
+  const T now = T(spp) / exp2(at(samples, 0, y, x).as<T>());
+  const bool is_seen = std::ranges::any_of(taps, [](const Tap& tap) { return tap.weight > 0; });
+  const T share =
+      is_seen ? T(T(kSettled) * (1 - T(kSettledBlur) * blur) * max(T(1 - T(kSettledMargin) * now), T(0)))
+              : T(0);
+  std::array<T, 6> result{0, 0, 0, 0, 0, 0};
+  for (int c = 0; c < 3; ++c) {
+    T then = 0;
+    for (const Tap& tap : taps) then = then + T(tap.weight) * T(past.fused.at(c, tap.y, tap.x));
+    then = then * T(past.exposure) / max(known, T(kLeastWeight));
+    then = apply(transfer, T(clamp(then, 0.0, clip)));
+    const Range range = range_around(fused, c, y, x);
+    const T value = at(fused, c, y, x).as<T>();
+    result[size_t(c)] = value + share * (T(clamp(then, range.low, range.high)) - value);
+    result[size_t(c) + 3] = max(invert(transfer, value), T(0)) * T(1 / past.exposure);
+  }
+  return result;
+}
+
 // Stores values of type double with the intervals that they lie in; from channel `wide` on in 32 bits.
 void store_all(Bounded& result, int y, int x, const auto& values, const auto& ranges, int wide,
                Precision precision) {
@@ -269,6 +301,21 @@ Bounded accumulate(const Bounded& hrls, const Past& past, Transfer transfer, dou
         return accumulate_at<T>(hrls, past, transfer, clip, spp, share, y, x);
       };
       store_all(result, y, x, result_at(0.0), result_at(Interval(0)), channels + 1, precision);
+    }
+  }
+  return result;
+}
+
+Bounded settle(const Bounded& fused, const Bounded& samples, const Past& past, Transfer transfer, double clip,
+               double spp, Precision precision) {
+  const int h = fused.value.h, w = fused.value.w;
+  expect_shape(fused, 3, h, w);
+  expect_shape(samples, 1, h, w);
+  Bounded result = exact(Planes(6, h, w));
+  for (int y = 0; y < h; ++y) {
+    for (int x = 0; x < w; ++x) {
+      store_all(result, y, x, settle_at<double>(fused, samples, past, transfer, clip, spp, y, x),
+                settle_at<Interval>(fused, samples, past, transfer, clip, spp, y, x), 3, precision);
     }
   }
   return result;

@@ -28,8 +28,9 @@ class HistoryTest : public GpuTest {
     return size_t{scale_of(model)} * scale_of(model) * size.height * size.width;
   }
 
-  static FuserOptions options_of(const Model& model, float hrls_spp, bool temporal) {
+  static FuserOptions options_of(const Model& model, float hrls_spp, bool temporal, bool settles = true) {
     return {.temporal = temporal,
+            .settles = settles,
             .compute_variance = true,
             .phase = lrhs_phase(true, scale_of(model)),
             .samples = {.lrhs = 16, .hrls = hrls_spp},
@@ -100,7 +101,7 @@ TEST_F(HistoryTest, EqualFramesAreAFrameOfMoreSamples) {
     SCOPED_TRACE(name);
     const Model model(golden_model_path(name));
     const Frame frame = make_frame(model);
-    Fuser fuser = make_fuser(model, options_of(model, 1.5f, true));
+    Fuser fuser = make_fuser(model, options_of(model, 1.5f, true, false));
     std::vector<float> before;
     for (const int frames : {1, 2, 3}) {
       Fuser alone = make_fuser(model, options_of(model, 1.5f * float(frames), false));
@@ -117,7 +118,7 @@ TEST_F(HistoryTest, EqualFramesAreAFrameOfMoreSamples) {
 TEST_F(HistoryTest, AMovedFrameIsAFrameOfMoreSamplesWhereItWasSeenBefore) {
   const Model model(golden_model_path("pyramid-x1"));
   constexpr int kMoved = 3;
-  Fuser fuser = make_fuser(model, options_of(model, 2, true));
+  Fuser fuser = make_fuser(model, options_of(model, 2, true, false));
   fuse(fuser, model, make_frame(model));
   const Frame moved = make_frame(model, kMoved, kMoved);
   const std::vector<float> fused = fuse(fuser, model, moved);
@@ -163,8 +164,8 @@ TEST_F(HistoryTest, AnotherExposureKeepsTheHistory) {
   const Model model(golden_model_path("pyramid-x2"));
   const Frame frame = make_frame(model);
   std::vector<float> fused(3 * pixels_of(model)), expected(fused.size());
-  Fuser fuser = make_fuser(model, options_of(model, 1, true)),
-        other = make_fuser(model, options_of(model, 1, true));
+  Fuser fuser = make_fuser(model, options_of(model, 1, true, false)),
+        other = make_fuser(model, options_of(model, 1, true, false));
   const auto fuse_at = [&](Fuser& with, float exposure, std::vector<float>& to) {
     with.fuse(frame.lrhs.data(), frame.hrls.data(), to.data(), {}, exposure, 0, frame.motion.data());
   };
@@ -173,6 +174,50 @@ TEST_F(HistoryTest, AnotherExposureKeepsTheHistory) {
   fuse_at(other, 0.5f, expected);
   fuse_at(other, 0.5f, expected);
   EXPECT_LE(difference(fused, expected), 2e-5f);
+}
+
+// What the network draws differs with the samples. The last frame's image takes most of that difference away,
+// but nothing where a pixel is new.
+TEST_F(HistoryTest, TheFusedImageChangesLessFromFrameToFrame) {
+  for (const char* name : kModels) {
+    SCOPED_TRACE(name);
+    const Model model(golden_model_path(name));
+    const Frame frame = make_frame(model);
+    Fuser settled = make_fuser(model, options_of(model, 1, true)),
+          other = make_fuser(model, options_of(model, 1, true, false));
+    const std::vector<float> first = fuse(settled, model, frame);
+    EXPECT_TRUE(same_bits(fuse(other, model, frame), first)) << "there is no last frame";
+    const std::vector<float> mixed = fuse(settled, model, frame), drawn = fuse(other, model, frame);
+    const float change = difference(drawn, first);
+    EXPECT_GT(change, 1e-4f);
+    EXPECT_LE(difference(mixed, first), 0.85f * change);
+    EXPECT_GE(difference(mixed, first), 0.6f * change) << "two frames: the share is half of the largest";
+    // The image before mixing is kept, so that only two frames are mixed.
+    const std::vector<float> third = fuse(settled, model, frame), third_drawn = fuse(other, model, frame);
+    EXPECT_LE(difference(third, third_drawn), 0.6f * difference(third_drawn, drawn));
+  }
+}
+
+TEST_F(HistoryTest, FramesToRememberLeaveTheSameHistory) {
+  const Model model(golden_model_path("pyramid-x2"));
+  const uint32_t scale = scale_of(model);
+  const auto image = [](const std::vector<float>& values, TileSize size) {
+    const int pixels = int(size.height * size.width);
+    Image result(int(size.width), int(size.height), int(values.size()) / pixels);
+    result.data = values;
+    return result;
+  };
+  const TileSize full{scale * kSize.height, scale * kSize.width};
+  Fuser fused = make_fuser(model, options_of(model, 1, true)),
+        remembered = make_fuser(model, options_of(model, 1, true));
+  for (const uint64_t seed : {0, 1, 2}) {
+    const Frame frame = make_noise(model, seed, kSize);
+    fuse(fused, model, frame);
+    remembered.remember(image(frame.lrhs, kSize), image(frame.hrls, full), image(frame.motion, full),
+                        seed == 2);
+  }
+  const Frame last = make_noise(model, 3, kSize);
+  EXPECT_TRUE(same_bits(fuse(fused, model, last), fuse(remembered, model, last)));
 }
 
 // A moving lamp leaves less of the history than a steady one.
@@ -202,7 +247,7 @@ TEST_F(HistoryTest, NoiseOfLrhsIsNoChangeOfTheLight) {
     for (size_t i = 0; i < frame->lrhs.size(); ++i)
       frame->lrhs[i] *= float(1 + noise.data[i % noise.data.size()] / 3);
   }
-  Fuser fuser = make_fuser(model, options_of(model, 1, true));
+  Fuser fuser = make_fuser(model, options_of(model, 1, true, false));
   fuse(fuser, model, before);
   const std::vector<float> fused = fuse(fuser, model, now);
   const auto mean_difference = [&](float samples) {

@@ -180,6 +180,7 @@ struct FrameInTime {
   int number = 0;           // the frame goes on with the one whose number is one less
   bool starts_anew = true;  // it goes on with none
   bool is_lead_in = false;  // it is not fused, but later ones go on with it
+  bool next_is_fused = true;
 };
 
 // Holds a frame and the results of the steps that it has passed. One thread at a time may use it.

@@ -206,7 +206,8 @@ void FrameFuser::fuse_color(FuseFrame& frame, Cached& cached, const Progress& pr
   const FuseImages& images = frame.images;
   go_on(frame, 0, fuser);
   if (frame.time.is_lead_in)
-    return fuser.remember(images.lrhs, images.hrls, images.motion, progress, images.exposure);
+    return fuser.remember(images.lrhs, images.hrls, images.motion, frame.time.next_is_fused, progress,
+                          images.exposure);
   Image fused;
   // Some drivers compile a kernel when it first runs, so a second run is timed.
   if (arguments.profile) fuser.fuse(images.lrhs, images.hrls, fused, progress, images.exposure);
@@ -228,7 +229,8 @@ Image FrameFuser::fuse_companion(FuseFrame& frame, const Companion& companion, c
   Image fused;
   go_on(frame, companion.sequence, fuser);
   if (frame.time.is_lead_in) {
-    fuser.remember(companion.lrhs, hrls, motion, progress, exposure, companion.sequence);
+    fuser.remember(companion.lrhs, hrls, motion, frame.time.next_is_fused, progress, exposure,
+                   companion.sequence);
     return fused;
   }
   const Stopwatch watch;

@@ -182,7 +182,9 @@ void Pipeline::read() {
       if (!std::exchange(prepared_, true)) fuser_.prepare(*job.frame);
       job.frame->time = {.number = outcome.frame,
                          .starts_anew = outcome.begins_shot,
-                         .is_lead_in = outcome.status == Status::kLeadIn};
+                         .is_lead_in = outcome.status == Status::kLeadIn,
+                         .next_is_fused = &outcome != &outcomes_.back() &&
+                                          std::next(&outcome)->status == Status::kUnfinished};
       load_frame(*job.frame);
       if (patterns_.temporal) find_cut(*job.frame);
     });
