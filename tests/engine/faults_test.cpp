@@ -231,7 +231,7 @@ TEST_F(FaultsTest, ALostDeviceEndsATuning) {
   tuning.entries[known] = {};
   // The direct kernel, which comes first, takes 17 waits at most.
   interposed().fault = {.function = "vkWaitForFences", .call = 20, .code = VK_ERROR_DEVICE_LOST};
-  const auto ignore = [](const Conv2dShape&, const Tuning::Entry&) {};
+  const auto ignore = [](const Conv2dShape&, const Tuning::Entry&) { return true; };
   EXPECT_THROW(tune(*device, pipelines, Storage::kFloat32, {shape}, tuning, ignore), DeviceLost);
   EXPECT_GT(interposed().failures, 0);
 }

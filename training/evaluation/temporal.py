@@ -29,8 +29,9 @@ PICTURED = ("camera", "objects")  # sequences of which the picture has a row
 SETTLED = 4  # frames after which flicker is measured
 YOUNG = 4  # pixels that came into sight within so many frames are young
 UNLIKE = 0.15  # distance of albedo or normal from the range of the 3x3 pixels, beyond which a surface is another one
-COLUMNS = ("sequence", "model", "frame", "psnr_alone", "psnr", "flicker_alone", "flicker", "young_share")
-COLUMNS += ("young_alone", "young", "psnr_svgf", "psnr_svgf_alone")
+SUMMED = ("flicker", "along", "young")  # as parts of those of frames by themselves
+COLUMNS = ("sequence", "model", "frame", "psnr_alone", "psnr", "flicker_alone", "flicker", "along_alone", "along")
+COLUMNS += ("young_share", "young_alone", "young", "psnr_svgf", "psnr_svgf_alone")
 
 
 def parse():
@@ -62,6 +63,18 @@ def square(errors):
 
 def psnr(errors):
     return -10 * math.log10(square(errors).mean())
+
+
+def flicker(now, last):
+    """Returns the RMS of the errors' change from frame to frame."""
+    return math.sqrt(max(square(now - last).mean(), 0))
+
+
+def flicker_along(now, last, motion):
+    """Returns the same of each point that both frames show, wherever it has moved to."""
+    past, seen = (numpy.stack(x) for x in zip(*(baselines.reprojected(e, motion, lambda y, x: 1) for e in last)))
+    inside = seen[..., None] > 0.999  # all four pixels around a point
+    return flicker(numpy.where(inside, now, 0), numpy.where(inside, past, 0))
 
 
 class Ages:
@@ -113,11 +126,12 @@ def measure(folder, model_name):
         filtered = [svgf.next(color, albedo, normal, motion), baselines.svgf(color, albedo, normal, tuned)]
         errors = [errors_of(image, references) for image in fused]
         young = ages.next(numpy.concatenate([layers["albedo"], layers["normal"]], -1), motion) < YOUNG
-        flicker = [math.sqrt(max(square(a - b).mean(), 0)) for a, b in zip(errors, last)] if last else ["", ""]
+        changes = [flicker(a, b) for a, b in zip(errors, last)] if last else ["", ""]
+        along = [flicker_along(a, b, motion) for a, b in zip(errors, last)] if last else ["", ""]
         of_young = [float(square(error)[young].sum()) for error in errors]
         psnrs = [psnr(error) for error in errors]
         of_svgf = [psnr(errors_of(image, references)) for image in filtered]
-        values = (folder.name, model_name, frame, *psnrs, *flicker, young.mean(), *of_young, *of_svgf)
+        values = (folder.name, model_name, frame, *psnrs, *changes, *along, young.mean(), *of_young, *of_svgf)
         rows.append(dict(zip(COLUMNS, values)))
         strip = [layers["color"], *fused, filtered[0], (references[0] + references[1]) / 2]
         strips.append([numpy.uint8(pictures.srgb(image) * 255 + 0.5) for image in strip])
@@ -140,20 +154,20 @@ def write_video(path, strips):
 
 def table(rows):
     frames = [frame for frame in SHOWN if any(row["frame"] == frame for row in rows)]
-    head = ["", *(f"frame {frame}" for frame in frames), f"SVGF, frame {SVGF_SHOWN}", "flicker", "newly in sight"]
+    head = ["", *(f"frame {frame}" for frame in frames), f"SVGF, frame {SVGF_SHOWN}", "flicker"]
+    head += ["flicker along the motion", "newly in sight"]
     lines = []
     for name in dict.fromkeys(row["sequence"] for row in rows):
         by_frame = {row["frame"]: row for row in rows if row["sequence"] == name}
         settled = [row for frame, row in by_frame.items() if frame > SETTLED]
-        sums = {key: sum(row[key] for row in settled) for key in COLUMNS[5:10]}
         leads = [
             f"{by_frame[frame]['psnr_alone']:.2f} → {by_frame[frame]['psnr']:.2f}" if frame in by_frame else ""
             for frame in frames
         ]
-        young = f"{sums['young'] / sums['young_alone']:.2f}" if sums["young_alone"] else ""
+        sums = [[sum(row[key + by] for row in settled) for by in ("", "_alone")] for key in SUMMED]
         svgf = by_frame[SVGF_SHOWN]
         leads.append(f"{svgf['psnr_svgf_alone']:.2f} → {svgf['psnr_svgf']:.2f}")
-        lines.append([name, *leads, f"{sums['flicker'] / sums['flicker_alone']:.2f}", young])
+        lines.append([name, *leads, *(f"{joined / alone:.2f}" if alone else "" for joined, alone in sums)])
     return tables.Sheet("temporal", head, lines)
 
 
