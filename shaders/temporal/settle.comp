@@ -1,7 +1,7 @@
 // Mixes the fused image with that of the last frame, which is read bilinearly where the motion leads and kept
 // within the range of the 3x3 pixels around. So what the network draws anew in each frame flickers less. A
-// pixel whose surface or light is new has no more samples than this frame gives, and stays as it is. Keeps the
-// image for the next frame as it was before. Each invocation computes a pixel.
+// pixel whose surface or light is new has no more samples than this frame gives, and stays as it is. The
+// image is kept for the next frame as it was before. Each invocation computes a pixel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -46,10 +46,8 @@ void main() {
     blur -= taps.weights[i] * taps.weights[i];
   }
   float now = p.spp / exp2(float(samples.v[address(0, own.y, own.x, p.plane, p.width)]));
-  float share = 0.0;
-  if (known > 0.0) {
-    share = RAYMELD_SETTLED * (1.0 - RAYMELD_SETTLED_BLUR * blur) * max(1.0 - RAYMELD_SETTLED_MARGIN * now, 0.0);
-  }
+  float sharp = 1.0 - RAYMELD_SETTLED_BLUR * blur, old = max(1.0 - RAYMELD_SETTLED_MARGIN * now, 0.0);
+  float share = known > 0.0 ? RAYMELD_SETTLED * sharp * old : 0.0;
 
   uvec2 core = own - uvec2(place.core_x, place.core_y);
   bool is_kept = id == own && core.x < place.core_width && core.y < place.core_height;
@@ -66,7 +64,8 @@ void main() {
       past += taps.weights[i] * last.v[first + taps.pixels[i].y * place.width + taps.pixels[i].x];
     past = to_network(clamp(past * factor / max(known, 1e-6), 0.0, p.clip), p.log_transfer);
     if (is_kept) next.v[first + element] = max(to_linear(value, p.log_transfer), 0.0) * inverse;
-    float result = is_finite(value) ? value + share * (clamp(past, low, high) - value) : value;
+    // A recorded frame may have left values that are not finite.
+    float result = is_finite(past) ? value + share * (clamp(past, low, high) - value) : value;
     target.v[address(c, id.y, id.x, p.plane, p.width)] = STORAGE(storable(result));
   }
   count_saturated();
