@@ -356,7 +356,7 @@ struct Decode {
 #define RAYMELD_LIGHT_ERRORS 3.0
 #define RAYMELD_LIGHT_FLOOR 0.02  // added to luminance before its logarithm
 #define RAYMELD_SETTLED 0.6        // most of the last fused image in the next
-#define RAYMELD_SETTLED_BLUR 0.65  // of it that is left out for the blur of reading between pixels
+#define RAYMELD_SETTLED_BLUR 0.65  // how much less that is where reading blurs it
 #define RAYMELD_SETTLED_MARGIN 1.01  // a logarithm in 16 bits makes samples a little too many
 #define RAYMELD_MOST_SAMPLES 16.0  // that networks were trained with
 

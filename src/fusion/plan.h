@@ -53,7 +53,7 @@ struct FuserOptions {
   // Joins each frame with the ones before it: see accumulate(). Frames then have motion. The memory of one
   // sequence counts for max_memory_bytes. Not with skip_unchanged or fp32_kernels.
   bool temporal = false;
-  // Also mixes the fused image with that of the last frame: see settle(). Only where `temporal`.
+  // Also mixes the fused image with that of the last frame: see settle(). It matters only with `temporal`.
   bool settles = true;
   ConstantLayers constants = {};  // HRLS layers with one value, which no image holds
   // Makes the device compute the color's variance where the model reads it; no image holds it.
