@@ -223,7 +223,8 @@ def main():
                 print(f"round {round_number + 1}: {model} {size}", flush=True)
                 bench.frame(model, size, round_number)
             facts = {"name": device["device"], "driver": device["driver"], "beside": beside["driver"],
-                     "type": "CPU" if bench.on_cpu else "GPU", "commit": current_commit()}
+                     "type": "CPU" if bench.on_cpu else "GPU", "commit": current_commit(),
+                     "tuned": "no" if args.no_tune else "yes", "rounds": round_number + 1}
             target = write(args.name, [Result("device", "device", "", *fact) for fact in facts.items()]
                            + medians(bench.results))
     if args.write_docs:

@@ -171,14 +171,15 @@ def plot_frames(results, path):
 
 TEXT = """# Performance
 
-`scripts/bench --name {name} --write-docs{and_beside}` measured all of this in one go
+`scripts/bench --name {name} --write-docs{options}` measured all of this in one go
 at commit {commit}, and wrote this page from `bench/results/{name}.csv`. The device is
 {device}, {driver}.{threads}
 
-Every figure is the median of rounds in which all programs took turns. GFLOP/s count the multiplications and
-additions of direct convolutions. Winograd convolutions (F(2, 3) and F(4, 3), Lavin and Gray 2016) need fewer,
-so they may pass 100 % of the peak. The peak is what a shader of this driver reaches with multiply-adds in
-registers, here {peak:.0f} GFLOP/s. Absolute times are those of a shared machine; the ratios are what counts.
+Every figure is the median of {rounds} rounds in which all programs took turns. GFLOP/s count the
+multiplications and additions of direct convolutions. Winograd convolutions (F(2, 3) and F(4, 3), Lavin and
+Gray 2016) need fewer, so they may pass 100 % of the peak. The peak is what a shader of this driver reaches
+with multiply-adds in registers, here {peak:.0f} GFLOP/s. Absolute times are those of a shared machine; the
+ratios are what counts.
 [performance-notes.md](performance-notes.md) says what limits these times, and what was measured later.
 
 ## Whole frames
@@ -205,7 +206,7 @@ last. *Error* is the largest difference from PyTorch's fp32 output, divided by 1
 ## Single convolutions
 
 A convolution is named by its kernel size, height x width, and input and output channels. *Direct* is the
-portable kernel. The others run with what `raymeld tune` found. GB/s count every operand once.{onednn}
+portable kernel. The others run with {kernels}. GB/s count every operand once.{onednn}
 
 {layers}
 ![Single convolutions](performance-layers.svg)
@@ -231,9 +232,11 @@ def write(csv_path, docs):
                    memory_rows(results))
     layers = table(["convolution", "by", "ms", "GFLOP/s", "of the peak", "GB/s"], layer_rows(results))
     device = {key[3]: value for key, value in results.values.items() if key[0] == "device"}
+    options = (" --beside build/sid" if beside else "") + (" --no-tune" if device["tuned"] == "no" else "")
+    kernels = "the default kernels" if device["tuned"] == "no" else "what `raymeld tune` found"
     text = TEXT.format(name=csv_path.stem, commit=device["commit"], device=device["name"], driver=device["driver"],
                        threads="\nEvery program had one thread, pinned to one core." if device["type"] == "CPU" else "",
                        peak=results.get("layer", "peak", "raymeld", "gflop_per_s"), frames=frames, beside=beside,
-                       and_beside=" --beside build/sid" if beside else "", memory=memory, layers=layers,
+                       options=options, kernels=kernels, rounds=device["rounds"], memory=memory, layers=layers,
                        onednn=ONEDNN if "onednn" in layers else "")
     (docs / "performance.md").write_text(text)
