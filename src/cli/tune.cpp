@@ -69,7 +69,7 @@ void run(const TuneArguments& arguments) {
     shapes.insert(shapes.end(), all.begin(), all.end());
   }
   std::ranges::sort(shapes);
-  shapes.erase(std::ranges::unique(shapes).begin(), shapes.end());
+  shapes.erase(std::unique(shapes.begin(), shapes.end()), shapes.end());
   const Console console(!arguments.json);
   const Tuning before = load_tuning(file);
   const bool known = !arguments.again && std::ranges::all_of(shapes, [&](const Conv2dShape& shape) {

@@ -4,6 +4,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "caller_device.h"
 #include "engine/buffer.h"
 #include "engine/commands.h"
