@@ -6,12 +6,18 @@
 namespace raymeld {
 namespace {
 
-std::vector<Binding> history_bindings(const Graph& graph) {
+// Returns a pass that reads motion and the last history, and writes to the next one. It has the form of the
+// shader for motion in a buffer or in an image.
+Pass pass_with_history(const Graph& graph, const std::string& name, const Forms& buffer, const Forms& image,
+                       std::initializer_list<Tensor> inputs, const Tensor& out) {
   const auto history = [](FrameSlot slot, Access access) {
     return Binding{.kind = Binding::Kind::kFrame, .access = access, .slot = slot};
   };
-  return {frame_binding(graph, kMotionSlot), history(kLastSlot, Access::kRead),
-          history(kNextSlot, Access::kWrite), exposure_binding()};
+  std::vector<Binding> bindings{frame_binding(graph, kMotionSlot), history(kLastSlot, Access::kRead),
+                                history(kNextSlot, Access::kWrite), exposure_binding()};
+  for (const Tensor& tensor : inputs) bindings.push_back(read_binding(tensor));
+  bindings.push_back(write_binding(out));
+  return pass_of(graph, name, graph.frame_images().inputs ? image : buffer, std::move(bindings));
 }
 
 }  // namespace
@@ -22,12 +28,7 @@ void light_change(Graph& graph, const std::string& name, const Tensor& lrhs, con
   const Shape shape = with_channels(out.shape, 1);
   expect_shape(name, "LRHS", lrhs, with_channels(shape, 3));
   expect_shape(name, "the output", out, shape);
-  std::vector<Binding> bindings = history_bindings(graph);
-  bindings.push_back(read_binding(lrhs));
-  bindings.push_back(write_binding(out));
-  Pass pass =
-      pass_of(graph, name, graph.frame_images().inputs ? shaders::kLightChangeImage : shaders::kLightChange,
-              std::move(bindings));
+  Pass pass = pass_with_history(graph, name, shaders::kLightChange, shaders::kLightChangeImage, {lrhs}, out);
   const auto [height, width] = frame_size(name, out, frame);
   pass.set_push(params::LightChange{{},
                                     shape.height,
@@ -55,13 +56,8 @@ void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const
     throw Error("layer {}: {} channels to accumulate, expected 9 to {}", name, options.channels, most);
   if (kept) expect_shape(name, "HRLS", hrls, enlarged(kept->shape, scale, shape.channels));
   if (kept) expect_shape(name, "what is kept", *kept, with_channels(kept->shape, 1));
-  std::vector<Binding> bindings = history_bindings(graph);
-  bindings.push_back(read_binding(hrls));
-  bindings.push_back(read_binding(kept.value_or(hrls)));
-  bindings.push_back(write_binding(out));
-  Pass pass =
-      pass_of(graph, name, graph.frame_images().inputs ? shaders::kAccumulateImage : shaders::kAccumulate,
-              std::move(bindings));
+  Pass pass = pass_with_history(graph, name, shaders::kAccumulate, shaders::kAccumulateImage,
+                                {hrls, kept.value_or(hrls)}, out);
   const auto [height, width] = frame_size(name, hrls, options.frame);
   pass.set_push(params::Accumulate{{},
                                    shape.height,
@@ -90,11 +86,7 @@ void settle(Graph& graph, const std::string& name, const Tensor& fused, const Te
   expect_shape(name, "the fused image", fused, shape);
   expect_shape(name, "the samples", samples, with_channels(shape, 1));
   expect_shape(name, "the output", out, shape);
-  std::vector<Binding> bindings = history_bindings(graph);
-  for (const Tensor& tensor : {fused, samples}) bindings.push_back(read_binding(tensor));
-  bindings.push_back(write_binding(out));
-  Pass pass = pass_of(graph, name, graph.frame_images().inputs ? shaders::kSettleImage : shaders::kSettle,
-                      std::move(bindings));
+  Pass pass = pass_with_history(graph, name, shaders::kSettle, shaders::kSettleImage, {fused, samples}, out);
   const auto [height, width] = frame_size(name, out, options.frame);
   pass.set_push(params::Settle{{},
                                shape.height,

@@ -176,8 +176,8 @@ TEST_F(HistoryTest, AnotherExposureKeepsTheHistory) {
   EXPECT_LE(difference(fused, expected), 2e-5f);
 }
 
-// What the network draws differs with the samples. The last frame's image takes most of that difference away,
-// but nothing where a pixel is new.
+// What the network draws differs with the samples. After two frames the last one's image takes a third of
+// that difference away.
 TEST_F(HistoryTest, TheFusedImageChangesLessFromFrameToFrame) {
   for (const char* name : kModels) {
     SCOPED_TRACE(name);
