@@ -23,6 +23,13 @@ Taps taps_at(vec2 point, uvec2 size) {
   return taps;
 }
 
+// Returns how much reading blurs: 0 at a pixel, 3/4 in the middle of four.
+float blur_of(Taps taps) {
+  float blur = 1.0;
+  [[unroll]] for (uint i = 0; i < 4; ++i) blur -= taps.weights[i] * taps.weights[i];
+  return blur;
+}
+
 // Returns the squared distance of a value from the range [low, high].
 float beyond(float value, float low, float high) {
   float distance = max(value - high, 0.0) + max(low - value, 0.0);

@@ -79,7 +79,7 @@ History history_of(uvec2 own, Place place, uint plane, Around near) {
   History result;
   float sum = 0.0;
   result.frames = 0.0;
-  result.blur = 1.0;
+  result.blur = blur_of(taps);
   [[unroll]] for (uint i = 0; i < 4; ++i) {
     uint element = taps.pixels[i].y * place.width + taps.pixels[i].x;
     float of_albedo = 0.0, of_normal = 0.0;
@@ -94,7 +94,6 @@ History history_of(uvec2 own, Place place, uint plane, Around near) {
     result.elements[i] = element;
     result.shares[i] = weight;
     result.frames += weight * frames;
-    result.blur -= taps.weights[i] * taps.weights[i];
     sum += weight;
   }
   [[unroll]] for (uint i = 0; i < 4; ++i) result.shares[i] = result.shares[i] / max(sum, 1e-6);

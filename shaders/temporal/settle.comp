@@ -40,13 +40,10 @@ void main() {
 
   vec2 motion = vec2(frame_value(p.motion, 0, own), frame_value(p.motion, 1, own));
   Taps taps = taps_at(vec2(own + uvec2(place.x, place.y)) + motion, uvec2(place.width, place.height));
-  float known = 0.0, blur = 1.0;
-  [[unroll]] for (uint i = 0; i < 4; ++i) {
-    known += taps.weights[i];
-    blur -= taps.weights[i] * taps.weights[i];
-  }
+  float known = taps.weights[0] + taps.weights[1] + taps.weights[2] + taps.weights[3];
   float now = p.spp / exp2(float(samples.v[address(0, own.y, own.x, p.plane, p.width)]));
-  float sharp = 1.0 - RAYMELD_SETTLED_BLUR * blur, old = max(1.0 - RAYMELD_SETTLED_MARGIN * now, 0.0);
+  float sharp = 1.0 - RAYMELD_SETTLED_BLUR * blur_of(taps);
+  float old = max(1.0 - RAYMELD_SETTLED_MARGIN * now, 0.0);
   float share = known > 0.0 ? RAYMELD_SETTLED * sharp * old : 0.0;
 
   uvec2 core = own - uvec2(place.core_x, place.core_y);

@@ -35,6 +35,19 @@ std::array<Tap, 4> taps_at(double y, double x, int h, int w) {
   return taps;
 }
 
+// Returns the pixels of the last frame around the point that full-size pixel (y, x) shows.
+std::array<Tap, 4> taps_before(const Past& past, int y, int x) {
+  return taps_at(y + past.y + past.motion.at(1, y, x), x + past.x + past.motion.at(0, y, x), past.hrls.h,
+                 past.hrls.w);
+}
+
+// Returns how much reading blurs: 0 at a pixel, 3/4 in the middle of four.
+double blur_of(const std::array<Tap, 4>& taps) {
+  double blur = 1;
+  for (const Tap& tap : taps) blur -= tap.weight * tap.weight;
+  return blur;
+}
+
 struct Range {
   double low, high;
 };
@@ -194,8 +207,7 @@ std::vector<T> accumulate_at(const Bounded& hrls, const Past& past, Transfer tra
                              double spp, const T& kept, int y, int x) {
   using std::exp, std::max, std::min, std::log2, std::clamp;
   const int channels = past.hrls.c - 1;
-  const auto taps = taps_at(y + past.y + past.motion.at(1, y, x), x + past.x + past.motion.at(0, y, x),
-                            past.hrls.h, past.hrls.w);
+  const auto taps = taps_before(past, y, x);
   const auto likeness = [&](const Tap& tap) {
     T albedo = 0, normal = 0;
     for (int c = 3; c < 9; ++c) {
@@ -206,9 +218,7 @@ std::vector<T> accumulate_at(const Bounded& hrls, const Past& past, Transfer tra
   };
   const Read<T> before = read<T>(past.hrls, channels, taps, likeness);
   const T frames = min(before.frames * kept, T(kMostFrames)), share = 1 / (frames + 1);
-  double blur = 1;
-  for (const Tap& tap : taps) blur -= tap.weight * tap.weight;
-  const T guide_share = max(share, T(std::min(blur / 2, kSharpenedShare)));
+  const T guide_share = max(share, T(std::min(blur_of(taps) / 2, kSharpenedShare)));
   const T firefly = firefly_limit<T>(hrls, transfer, y, x);
   std::vector<T> joined, encoded;
   for (int c = 0; c < channels; ++c) {
@@ -238,23 +248,17 @@ template <typename T>
 std::array<T, 6> settle_at(const Bounded& fused, const Bounded& samples, const Past& past, Transfer transfer,
                            double clip, double spp, int y, int x) {
   using std::clamp, std::exp2, std::max, std::min;
-  const auto taps = taps_at(y + past.y + past.motion.at(1, y, x), x + past.x + past.motion.at(0, y, x),
-                            past.fused.h, past.fused.w);
-  T known = 0, blur = 1;
-  for (const Tap& tap : taps) {
-    known = known + T(tap.weight);
-    blur = blur - square(T(tap.weight));
-  }
+  const auto taps = taps_before(past, y, x);
+  double known = 0;
+  for (const Tap& tap : taps) known += tap.weight;
   const T now = T(spp) / exp2(at(samples, 0, y, x).as<T>());
-  const bool is_seen = std::ranges::any_of(taps, [](const Tap& tap) { return tap.weight > 0; });
-  const T share =
-      is_seen ? T(T(kSettled) * (1 - T(kSettledBlur) * blur) * max(T(1 - T(kSettledMargin) * now), T(0)))
-              : T(0);
+  const T sharp = 1 - T(kSettledBlur) * T(blur_of(taps)), old = max(T(1 - T(kSettledMargin) * now), T(0));
+  const T share = known > 0 ? T(T(kSettled) * sharp * old) : T(0);
   std::array<T, 6> result{0, 0, 0, 0, 0, 0};
   for (int c = 0; c < 3; ++c) {
     T then = 0;
     for (const Tap& tap : taps) then = then + T(tap.weight) * T(past.fused.at(c, tap.y, tap.x));
-    then = then * T(past.exposure) / max(known, T(kLeastWeight));
+    then = then * T(past.exposure) / T(std::max(known, kLeastWeight));
     then = apply(transfer, T(clamp(then, 0.0, clip)));
     const Range range = range_around(fused, c, y, x);
     const T value = at(fused, c, y, x).as<T>();
