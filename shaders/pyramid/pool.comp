@@ -1,5 +1,6 @@
-// Writes the mean of 2 x 2 pixels and, with a share, moves it towards another image of the smaller size. Each
-// invocation computes one element; z is the channel.
+// Writes the means of 2 x 2 pixels of light, which has three channels, and then of guides. With a share, the
+// light is moved towards another image of the smaller size. Each invocation computes one element; z is the
+// channel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -10,16 +11,22 @@ layout(local_size_x = 64, local_size_y = 2) in;
 layout(constant_id = 0) const bool kHasShares = false;  // each pixel has its own
 #include "invocation.glsl"
 layout(push_constant) uniform Push {
-  ADDRESS(Values, source) ADDRESS(Values, other) ADDRESS(Values, shares) ADDRESS(Values, target)
+  ADDRESS(Values, light) ADDRESS(Values, guides) ADDRESS(Values, other) ADDRESS(Values, shares)
+  ADDRESS(Values, target)
   Pool p;
 };
-BUFFER(1, readonly, Source, STORAGE, source)
-BUFFER(2, readonly, Other, STORAGE, other)
-BUFFER(3, readonly, Shares, STORAGE, shares)
-BUFFER(4, writeonly, Target, STORAGE, target)
+BUFFER(1, readonly, Lights, STORAGE, light)
+BUFFER(2, readonly, Guides, STORAGE, guides)
+BUFFER(3, readonly, Other, STORAGE, other)
+BUFFER(4, readonly, Shares, STORAGE, shares)
+BUFFER(5, writeonly, Target, STORAGE, target)
+
+const uint kLightChannels = 3;
 
 float source_at(uint c, uint y, uint x) {
-  return float(source.v[address(c, y, x, p.plane_large, 2 * p.width)]);
+  uint pixel = address(0, y, x, p.plane_large, 2 * p.width);
+  return c < kLightChannels ? float(light.v[pixel + c * p.plane_large])
+                            : float(guides.v[pixel + (c - kLightChannels) * p.plane_large]);
 }
 
 void main() {
@@ -31,7 +38,7 @@ void main() {
                4.0;
   float share = p.share;
   if (kHasShares) share = float(shares.v[address(0, id.y, id.x, p.plane, p.width)]);
-  if (share > 0.0) mean += share * (float(other.v[element]) - mean);
+  if (share > 0.0 && id.z < kLightChannels) mean += share * (float(other.v[element]) - mean);
   target.v[element] = STORAGE(storable(mean));
   count_saturated();
 }

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <bit>
+#include <functional>
 #include <map>
+#include <numeric>
 
 #include "engine/barriers.h"
 
@@ -107,18 +109,33 @@ void Graph::add(Pass pass) {
   passes_.push_back(std::move(pass));
 }
 
-void Graph::place_tensors() {
-  std::vector<ArenaRequest> requests;
-  std::vector<TensorRecord*> placed;
-  const int last = static_cast<int>(passes_.size()) - 1;
+// Returns for each pass how many barriers precede it where no tensors share memory.
+std::vector<int> Graph::stages() {
+  uint64_t offset_bytes = 0;
   for (TensorRecord& tensor : tensors_) {
+    tensor.offset_bytes = offset_bytes;
+    offset_bytes += align(tensor.size_bytes);
+  }
+  place_barriers();
+  std::vector<int> result(passes_.size());
+  std::inclusive_scan(barriers_.begin(), barriers_.end(), result.begin(), std::plus<>(), 0);
+  return result;
+}
+
+// Lifetimes count in stages, so that tensors which share memory add no barriers.
+void Graph::place_tensors() {
+  const std::vector<int> stages = this->stages();
+  const auto stage_of = [&](int pass) { return pass < 0 ? pass : stages[static_cast<size_t>(pass)]; };
+  const int last = static_cast<int>(passes_.size()) - 1;
+  std::vector<ArenaRequest> requests;
+  for (const TensorRecord& tensor : tensors_) {
     const bool shares = !keep_ || tensor.scratch;
-    requests.push_back({tensor.size_bytes, shares ? tensor.first_use : 0, shares ? tensor.last_use : last});
-    placed.push_back(&tensor);
+    requests.push_back({tensor.size_bytes, stage_of(shares ? tensor.first_use : 0),
+                        stage_of(shares ? tensor.last_use : last)});
   }
   const ArenaPlan plan = plan_arena(requests, kAlignmentBytes);
-  for (size_t i = 0; i < placed.size(); ++i)
-    placed[i]->offset_bytes = activation_bytes_ + plan.offset_bytes[i];
+  for (size_t i = 0; i < tensors_.size(); ++i)
+    tensors_[i].offset_bytes = activation_bytes_ + plan.offset_bytes[i];
   activation_bytes_ += plan.size_bytes;
 }
 

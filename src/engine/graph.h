@@ -167,8 +167,9 @@ class Graph {
   // Adds a pass. Passes run in the order in which they were added.
   void add(Pass pass);
 
-  // Gives every tensor its place: those whose lifetimes do not meet share memory, but see keep(). kGuardBytes
-  // lie before and after them all, since vectors may begin or end outside of a tensor.
+  // Gives every tensor its place. Those share memory whose lifetimes a barrier separates that is needed in
+  // any case, but see keep(). kGuardBytes lie before and after them all, since vectors may begin or end
+  // outside of a tensor.
   void plan();
   // Does the same, but with the places that the tensors have in the graph of the same network for larger
   // frames. It takes no more memory, whatever the size. Throws Error where the tensors do not fit there.
@@ -178,8 +179,7 @@ class Graph {
   std::span<const TensorRecord> tensors() const { return tensors_; }
   std::span<const ConstantRecord> constants() const { return constants_; }
   // Returns whether a barrier must come before pass i: since the last barrier a pass wrote memory that pass i
-  // touches, or read memory that it writes. Tensors that share memory make write-after-read and
-  // write-after-write hazards as real as read-after-write.
+  // touches, or read memory that it writes.
   bool barrier_before(size_t i) const { return barriers_.at(i); }
   size_t barrier_count() const;
 
@@ -200,6 +200,7 @@ class Graph {
   uint64_t size_bytes(const Tensor& tensor) const;
 
  private:
+  std::vector<int> stages();
   void place_tensors();
   void place_barriers();
   void check_places() const;

@@ -38,22 +38,24 @@ void cell_light(Graph& graph, const std::string& name, const Tensor& lrhs, const
   graph.add(std::move(pass));
 }
 
-void pool(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out,
+void pool(Graph& graph, const std::string& name, const Tensor& light, const Tensor& guides, const Tensor& out,
           const std::optional<Blend>& blend) {
-  expect_shape(name, "the input", in, enlarged(out.shape, 2, out.shape.channels));
+  expect_shape(name, "the output", out, with_channels(out.shape, 9));
+  expect_shape(name, "the light", light, enlarged(out.shape, 2, 3));
+  expect_shape(name, "the guides", guides, enlarged(out.shape, 2, 6));
   if (blend) {
-    expect_shape(name, "the other image", blend->other, out.shape);
+    expect_shape(name, "the other image", blend->other, with_channels(out.shape, 3));
     if (!(blend->share >= 0 && blend->share <= 1))
       throw Error("layer {}: a share of {}, expected 0 to 1", name, blend->share);
   }
-  const Tensor& other = blend ? blend->other : in;
-  const Tensor shares = blend && blend->shares ? *blend->shares : in;
+  const Tensor other = blend ? blend->other : light;
+  const Tensor shares = blend && blend->shares ? *blend->shares : light;
   if (blend && blend->shares) expect_shape(name, "the shares", shares, with_channels(out.shape, 1));
-  Pass pass = pass_of(graph, name, shaders::kPool, {in, other, shares}, out);
-  if (!blend || !blend->shares)
-    pass.bytes -= traffic(graph, in);  // which is bound in the place of the shares
+  Pass pass = pass_of(graph, name, shaders::kPool, {light, guides, other, shares}, out);
+  // The light is bound in the place of what is not read.
+  pass.bytes -= ((blend ? 0 : 1) + (blend && blend->shares ? 0 : 1)) * traffic(graph, light);
   pass.constants = {blend && blend->shares};
-  pass.set_push(params::Pool{out.shape.height, out.shape.width, graph.plane(out), graph.plane(in),
+  pass.set_push(params::Pool{out.shape.height, out.shape.width, graph.plane(out), graph.plane(light),
                              blend ? blend->share : 0});
   pass.groups = element_groups(out.shape);
   graph.add(std::move(pass));

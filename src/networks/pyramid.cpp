@@ -15,9 +15,14 @@
 namespace raymeld {
 namespace {
 
-constexpr uint32_t kLevels = 4, kFilteredLevels = 3;
+constexpr uint32_t kLevels = 4;
 constexpr uint32_t kSide = 5, kAlbedoSide = 3;  // sides of the kernels that filter light and albedo
 constexpr uint32_t kGuideChannels = 12;         // light, color, albedo and normal
+
+// Holds what kernels filter at one level: light (h, w, 3) and, as guides, albedo and normal (h, w, 6).
+struct FilterInputs {
+  Tensor light, guides;
+};
 
 struct Pyramid {
   Builder& build;
@@ -110,27 +115,56 @@ struct Pyramid {
     return out;
   }
 
-  // Upscales `x` to `level` and convolves it together with `skip`.
-  Tensor up(uint32_t level, uint32_t channels, const Tensor& x, const Tensor& skip) const {
+  // Upscales `x` to `level`.
+  Tensor up(uint32_t level, uint32_t channels, const Tensor& x) const {
     std::vector<Conv2dLink> links;
-    const Tensor larger =
+    const Tensor out =
         build.shuffled(links, fmt::format("up.{}", level), x, 2, channels, {.kernel = 1, .relu = true});
     conv2d_chain(build.graph, links);
-    const std::string name = fmt::format("join.{}", level);
-    const Tensor out = tensor(name, level, channels);
-    build.conv(name, larger, out, {.kernel = 3, .relu = true, .second_input = skip});
     return out;
   }
 
-  // Filters the light of a level by kernels that a convolution of `x` predicts.
-  Tensor filtered(uint32_t level, const Tensor& x, const Tensor& light, const KernelInputs& inputs) const {
-    const std::string name = fmt::format("kernel.{}", level);
-    const Tensor logits = tensor(name, level, kSide * kSide + (inputs.coarse ? 3 : 2));
-    build.conv(name, x, logits, {.kernel = 3});
-    const std::string filter = fmt::format("filter.{}", level);
-    const Tensor out = tensor(filter, level, 3);
-    kernel_filter(build.graph, filter, light, logits, out, kSide, inputs);
+  // Convolves `x` together with `skip`.
+  Tensor join(uint32_t level, const Tensor& x, const Tensor& skip) const {
+    const std::string name = fmt::format("join.{}", level);
+    const Tensor out = tensor(name, level, x.shape.channels);
+    build.conv(name, x, out, {.kernel = 3, .relu = true, .second_input = skip});
     return out;
+  }
+
+  // Predicts the kernels that filter the light of a level.
+  Tensor kernels(uint32_t level, const Tensor& x, bool has_coarse) const {
+    const std::string name = fmt::format("kernel.{}", level);
+    const Tensor out = tensor(name, level, kSide * kSide + (has_coarse ? 3 : 2));
+    build.conv(name, x, out, {.kernel = 3});
+    return out;
+  }
+
+  Tensor filtered(uint32_t level, const FilterInputs& of, const Tensor& kernels,
+                  const std::optional<Tensor>& coarse) const {
+    const std::string name = fmt::format("filter.{}", level);
+    const Tensor out = tensor(name, level, 3);
+    kernel_filter(build.graph, name, of.light, kernels, out, kSide, {coarse, of.guides});
+    return out;
+  }
+
+  // Halves the light and the guides of the level before.
+  FilterInputs pooled(uint32_t level, const FilterInputs& of, const std::optional<Blend>& blend) const {
+    const std::string name = fmt::format("pool.{}", level);
+    const Tensor out = tensor(name, level, 9);
+    pool(build.graph, name, of.light, of.guides, out, blend);
+    return {out.slice(0, 3), out.slice(3, 6)};
+  }
+
+  // Returns what takes a share of the pooled light of a level: LRHS, at the level of its size. `samples` are
+  // those of HRLS where each pixel has its own.
+  std::optional<Blend> blend(uint32_t level, const std::optional<Tensor>& lrhs,
+                             const std::optional<Tensor>& samples) const {
+    if (level != a.levels()) return {};
+    const float certainty = lrhs_certainty(), cell = float(a.scale * a.scale);
+    Blend result{.other = lrhs->slice(3, 3), .share = certainty / (certainty + cell)};
+    if (samples) result.shares = shares_of_lrhs(*samples);
+    return result;
   }
 
   // Returns the certainty of a pixel of LRHS, where one of HRLS has 1.
@@ -153,28 +187,20 @@ struct Pyramid {
       cell_light(graph, "cell_light", lrhs->slice(0, 3), albedo, lrhs->slice(3, 3), a.transfer, a.scale,
                  phase);
     }
-    const float certainty = lrhs_certainty(), cell = float(a.scale * a.scale);
     std::optional<Decimated> decimated;
-    if (lrhs && phase == 0) decimated = {lrhs->slice(0, 3), a.scale, certainty};
+    if (lrhs && phase == 0) decimated = {lrhs->slice(0, 3), a.scale, lrhs_certainty()};
     light(graph, "light", color, albedo, lit, a.transfer, decimated);
-    std::array<Tensor, kFilteredLevels + 1> lights{lit}, guides{hrls.slice(3, 6)};
-    for (uint32_t level = 1; level <= kFilteredLevels; ++level) {
-      const std::string name = fmt::format("pool.{}", level);
-      lights[level] = tensor(name, level, 3);
-      std::optional<Blend> blend;
-      if (level == a.levels()) {
-        blend = {.other = lrhs->slice(3, 3), .share = certainty / (certainty + cell)};
-        if (build.history_channels > 0) blend->shares = shares_of_lrhs(inputs.slice(3 + layers, 1));
-      }
-      pool(graph, name, lights[level - 1], lights[level], blend);
-      guides[level] = tensor(fmt::format("guides.{}", level), level, 6);
-      pool(graph, fmt::format("guides.{}", level), guides[level - 1], guides[level]);
-    }
+    std::optional<Tensor> samples;
+    if (build.history_channels > 0) samples = inputs.slice(3 + layers, 1);
 
+    // Pooling and filtering need no barrier of their own: each runs beside a convolution that does not need
+    // its result.
+    std::array<FilterInputs, kLevels> images{{{lit, hrls.slice(3, 6)}}};
     std::array<Tensor, kLevels + 1> x;
     x[1] = tensor("hrls", 1, features(1));
     build.conv("hrls", inputs, x[1], {.kernel = 3, .relu = true, .unshuffle = 2});
     for (uint32_t level = 1; level < kLevels; ++level) {
+      images[level] = pooled(level, images[level - 1], blend(level, lrhs, samples));
       x[level] = own_layer(level, x[level], lrhs);
       x[level + 1] = down(level + 1, x[level]);
     }
@@ -185,22 +211,24 @@ struct Pyramid {
       build.conv(name, deep, out, {.kernel = 3, .relu = true, .residuals = {deep}});
       deep = out;
     }
+    Tensor larger = up(kLevels - 1, features(kLevels - 1), deep);
     std::optional<Tensor> coarse;
-    for (uint32_t level = kFilteredLevels; level > 0; --level) {
-      deep = up(level, features(level), deep, x[level]);
-      coarse = filtered(level, deep, lights[level], {coarse, guides[level]});
+    for (uint32_t level = kLevels - 1; level > 0; --level) {
+      deep = join(level, larger, x[level]);
+      const Tensor logits = kernels(level, deep, coarse.has_value());
+      larger = up(level - 1, level > 1 ? features(level - 1) : a.upscaled_features, deep);
+      coarse = filtered(level, images[level], logits, coarse);
     }
 
-    const Tensor full = up(0, a.upscaled_features, deep, inputs.slice(0, kGuideChannels));
+    const Tensor full = join(0, larger, inputs.slice(0, kGuideChannels));
     constexpr uint32_t kComposed = 4 + kAlbedoSide * kAlbedoSide + 2, kLogits = kSide * kSide + 3;
     const Tensor rec = tensor("rec", 0, kComposed + kLogits);
     build.conv("rec", full, rec, {.kernel = 3});
-    const Tensor filtered = tensor("filter.0", 0, 3), fused = tensor("compose", 0, 3);
-    kernel_filter(graph, "filter.0", lit, rec.slice(kComposed, kLogits), filtered, kSide,
-                  {coarse, guides[0]});
-    compose(graph, "compose", rec.slice(0, kComposed), filtered, guides[0], lrhs ? lrhs->slice(0, 3) : color,
-            fused, a.transfer, a.scale, phase);
-    const Tensor shown = build.settles ? settled(fused, inputs.slice(3 + layers, 1)) : fused;
+    const Tensor sharp = filtered(0, images[0], rec.slice(kComposed, kLogits), coarse);
+    const Tensor fused = tensor("compose", 0, 3);
+    compose(graph, "compose", rec.slice(0, kComposed), sharp, images[0].guides,
+            lrhs ? lrhs->slice(0, 3) : color, fused, a.transfer, a.scale, phase);
+    const Tensor shown = build.settles ? settled(fused, *samples) : fused;
     decode(graph, "decode", shown, {a.transfer, nullptr, a.scale, phase, &bright, a.clip, full_frame});
   }
 };

@@ -182,8 +182,10 @@ Outputs pyramid_outputs(Run& run, const Architecture& a, const Frame& frame, Pre
   for (int level = 1; level < levels; ++level) {
     const Bounded* other = 1 << level == s ? &cell : nullptr;
     const std::string number = std::to_string(level);
-    lights.push_back(run.keep("pool." + number, pool(lights.back(), precision, other, share)));
-    guides.push_back(run.keep("guides." + number, pool(guides.back(), precision)));
+    const Bounded pooled =
+        run.keep("pool." + number, pool(lights.back(), guides.back(), precision, other, share));
+    lights.push_back(slice(pooled, 0, 3));
+    guides.push_back(slice(pooled, 3, 6));
   }
 
   const Bounded inputs = concat(lights[0], high);

@@ -121,10 +121,11 @@ Bounded light(const Bounded& color, const Bounded& albedo, Transfer transfer, Pr
 Bounded cell_light(const Bounded& lrhs, const Bounded& albedo, Transfer transfer, int scale, double phase,
                    Precision precision);
 
-// Returns the mean of 2 x 2 pixels, moved to `other` by `share` if other is not null.
-// `shares` (1, h, w) give each pixel its own.
-Bounded pool(const Bounded& x, Precision precision, const Bounded* other = nullptr, double share = 0,
-             const Bounded* shares = nullptr);
+// Returns the means (9, h, w) of 2 x 2 pixels of light (3, 2 h, 2 w) and guides (6, 2 h, 2 w). Those of the
+// light are moved to `other` (3, h, w) by `share` if other is not null. `shares` (1, h, w) give each pixel
+// its own.
+Bounded pool(const Bounded& light, const Bounded& guides, Precision precision, const Bounded* other = nullptr,
+             double share = 0, const Bounded* shares = nullptr);
 
 // Returns for each pixel of x (3, H, W) the mean over side x side pixels, edges replicated, weighted by the
 // softmax of its logits (side^2, H, W). With `coarse` (3, H / 2, W / 2) there is one more logit a, and the
@@ -251,7 +252,7 @@ void take_samples(Architecture& architecture, Weights& weights, double lrhs_spp,
 // exposed), groups.0 and so on (the last merge with the group's input added too), trunk (the last of these
 // with the long skip) and output (3, s*h, s*w; in fp32).
 //
-// A pyramid network adds light, cell_light, pool.i, guides.i, filter.i and compose. All its outputs but
+// A pyramid network adds light, cell_light, pool.i, filter.i and compose. All its outputs but
 // above_clip and output are of the padded size, whose sides are multiples of grid() LRHS pixels: the last row
 // and column are repeated.
 //

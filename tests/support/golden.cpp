@@ -25,8 +25,7 @@ std::vector<std::string> layers_without_weights(const reference::Architecture& a
   if (a.is_kpcn()) return {"light", "remainder", "gradients", "filter.diffuse", "filter.rest", "remodulate"};
   std::vector<std::string> layers;
   if (a.is_pyramid()) {
-    layers = {"light",    "pool.1",   "pool.2",   "pool.3",   "guides.1", "guides.2",
-              "guides.3", "filter.0", "filter.1", "filter.2", "filter.3", "compose"};
+    layers = {"light", "filter.0", "filter.1", "filter.2", "filter.3", "compose"};
     if (a.scale > 1) layers.push_back("cell_light");
   }
   if (a.upscaler == reference::Upscaler::kRcan) {
@@ -73,6 +72,13 @@ Golden load_golden(const std::string& name) {
   for (const auto& [name, conv] : golden.weights) golden.outputs[name] = take_planes(tensors, name);
   for (const std::string& layer : layers_without_weights(golden.architecture))
     golden.outputs[layer] = take_planes(tensors, layer);
+  if (golden.architecture.is_pyramid()) {
+    for (const char level : {'1', '2', '3'}) {
+      golden.outputs[fmt::format("pool.{}", level)] =
+          concat(take_planes(tensors, fmt::format("pool.{}", level)),
+                 take_planes(tensors, fmt::format("guides.{}", level)));
+    }
+  }
   if (!tensors.empty()) throw std::runtime_error("golden: unknown layer " + tensors.begin()->first);
   return golden;
 }
