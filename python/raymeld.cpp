@@ -129,8 +129,22 @@ class Fuser {
   void reset_history() {
     const py::gil_scoped_release released;
     const std::lock_guard lock(mutex_);
-    if (!desc_.temporal) throw py::value_error("the fusion keeps no history, as it is not temporal");
-    if (fusion_) fusion_->reset_history();
+    temporal().reset_history();
+  }
+  py::bytes save_history() {
+    std::vector<std::byte> data;
+    {
+      const py::gil_scoped_release released;
+      const std::lock_guard lock(mutex_);
+      data = temporal().save_history();
+    }
+    return {reinterpret_cast<const char*>(data.data()), data.size()};
+  }
+  void load_history(const py::bytes& data) {
+    const std::string_view bytes = data;
+    const py::gil_scoped_release released;
+    const std::lock_guard lock(mutex_);
+    temporal().load_history(std::as_bytes(std::span(bytes)));
   }
   py::dict status() {
     raymeld_status last;
@@ -187,6 +201,11 @@ class Fuser {
   }
 
  private:
+  // Returns the fusion, which is made once where it is temporal.
+  raymeld::Fusion& temporal() {
+    if (!desc_.temporal) throw py::value_error("the fusion keeps no history, as it is not temporal");
+    return *fusion_;
+  }
   // Returns the layers of an HRLS that holds the variance, in the model's order.
   std::vector<std::string> model_layers_with_variance() const {
     std::vector<std::string> layers = model_->layers();
@@ -283,6 +302,11 @@ PYBIND11_MODULE(raymeld, module) {
           "Raises Error, ValueError and KeyError.")
       .def("reset_history", &Fuser::reset_history,
            "Makes the next frame the first one of a sequence, as after a cut; with temporal.")
+      .def("save_history", &Fuser::save_history,
+           "Returns as bytes what the last frame left for the next one; with temporal. Raises Error.")
+      .def("load_history", &Fuser::load_history, py::arg("history"),
+           "Makes the next frame go on with what save_history() returned for frames of the same size, scale\n"
+           "and layers. Raises Error.")
       .def_property_readonly("layers", &Fuser::layers, "The layers of HRLS that fuse() asks for.")
       .def_property_readonly("scale", &Fuser::scale)
       .def_property_readonly("precision", &Fuser::precision, "'fp32' or 'fp16'.")

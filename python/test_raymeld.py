@@ -161,6 +161,13 @@ class Test(unittest.TestCase):
         self.assertGreater(abs(second - first).max(), 0)
         fusion.reset_history()
         numpy.testing.assert_array_equal(fusion.fuse(self.lrhs, hrls, motion=motion), first)
+        saved = fusion.save_history()
+        third = fusion.fuse(self.lrhs, hrls, motion)
+        other = raymeld.Fusion(model, HEIGHT, WIDTH, sampling="centered", temporal=True)
+        other.load_history(saved)
+        numpy.testing.assert_array_equal(other.fuse(self.lrhs, hrls, motion), third)
+        with self.assertRaisesRegex(raymeld.Error, "bytes, expected"):
+            other.load_history(saved[:-1])
         nowhere = numpy.full_like(motion, numpy.nan)
         numpy.testing.assert_array_equal(fusion.fuse(self.lrhs, hrls, nowhere), first)
         with self.assertRaisesRegex(ValueError, r"motion has the shape .*, expected \(12, 16, 2\)"):

@@ -386,7 +386,8 @@ typedef struct raymeld_fusion_info {
    * raymeld_record(), raymeld_submit() or, for another size, raymeld_prepare_size() was called before. */
   uint32_t tile_height RAYMELD_IS(0);
   uint32_t tile_width RAYMELD_IS(0);
-  uint64_t memory_bytes RAYMELD_IS(0); /* memory that the fusion has allocated on the device so far */
+  uint64_t memory_bytes RAYMELD_IS(0);  /* memory that the fusion has allocated on the device so far */
+  uint64_t history_bytes RAYMELD_IS(0); /* the size of a saved history; 0 without temporal */
 } raymeld_fusion_info;
 
 /* Writes the description of a fusion. */
@@ -566,6 +567,16 @@ RAYMELD_API raymeld_result raymeld_fuse_next(raymeld_fusion fusion, const float*
 /* Makes the next frame the first one of a sequence, as after a cut; with `temporal`. Frames that were
  * recorded before may be pending. */
 RAYMELD_API raymeld_result raymeld_reset_history(raymeld_fusion fusion);
+
+/* Copies to `data` what the last frame left for the next one, with `temporal`. size_bytes is the
+ * history_bytes of raymeld_fusion_info. Waits for submitted frames; those of raymeld_record() must be done.
+ * Returns RAYMELD_ERROR_DEVICE or RAYMELD_ERROR_DEVICE_LOST if a call of Vulkan fails. */
+RAYMELD_API raymeld_result raymeld_save_history(raymeld_fusion fusion, void* data, uint64_t size_bytes);
+
+/* Makes the next frame go on with a saved history, of a fusion for frames of the same size, scale and layers,
+ * also of another process, on a computer of the same byte order. Whatever else is given is
+ * RAYMELD_ERROR_INVALID_ARGUMENT. All else is as for raymeld_save_history(). */
+RAYMELD_API raymeld_result raymeld_load_history(raymeld_fusion fusion, const void* data, uint64_t size_bytes);
 
 /* Computes the exposure that raymeld_fuse() would use for lrhs (3, h, w) in host memory, planar and dense.
  * For a model of scale 1, lrhs is the color of HRLS. This is the description's exposure or, if that is 0, the

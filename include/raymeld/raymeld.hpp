@@ -5,7 +5,9 @@
 #include <raymeld/raymeld.h>
 
 #include <algorithm>
+#include <cstddef>
 #include <memory>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -194,6 +196,14 @@ class Fusion {
     return status;
   }
   void reset_history() { detail::check(raymeld_reset_history(get())); }
+  std::vector<std::byte> save_history() {
+    std::vector<std::byte> data(info().history_bytes);
+    detail::check(raymeld_save_history(get(), data.data(), data.size()));
+    return data;
+  }
+  void load_history(std::span<const std::byte> data) {
+    detail::check(raymeld_load_history(get(), data.data(), data.size()));
+  }
   float exposure(const float* lrhs) const {
     float exposure = 1;
     detail::check(raymeld_exposure(get(), lrhs, &exposure));

@@ -52,6 +52,8 @@ raymeld_result guarded(raymeld_result of_error, const Work& work) noexcept {
     return failed(RAYMELD_ERROR_INVALID_ARGUMENT, error.what());
   } catch (const SizeError& error) {
     return failed(RAYMELD_ERROR_INVALID_ARGUMENT, error.what());
+  } catch (const HistoryError& error) {
+    return failed(RAYMELD_ERROR_INVALID_ARGUMENT, error.what());
   } catch (const OutOfMemory& error) {
     return failed(RAYMELD_ERROR_OUT_OF_MEMORY, error.what());
   } catch (const OutOfHostMemory& error) {
@@ -487,6 +489,13 @@ struct raymeld_fusion_t {
   }
 };
 
+// Returns a fusion that keeps a history. Throws InvalidArgument.
+static raymeld_fusion_t& temporal(raymeld_fusion fusion) {
+  raymeld_fusion_t& made = given(fusion, "fusion");
+  if (!made.options.temporal) throw InvalidArgument("the fusion keeps no history, as it is not temporal");
+  return made;
+}
+
 const char* raymeld_error() { return last_error.c_str(); }
 
 uint32_t raymeld_version() {
@@ -714,6 +723,7 @@ raymeld_result raymeld_fusion_get_info(raymeld_fusion fusion, raymeld_fusion_inf
     known.tile_width = made.fuser.plan().tiling.tile.width;
     known.frames_in_flight = kFramesInFlight;
     known.memory_bytes = made.fuser.allocated_bytes();
+    known.history_bytes = made.fuser.saved_history_bytes();
     write(known, given(info, "info"), "raymeld_fusion_info");
   });
 }
@@ -798,10 +808,22 @@ raymeld_result raymeld_fuse(raymeld_fusion fusion, const float* lrhs, const floa
 }
 
 raymeld_result raymeld_reset_history(raymeld_fusion fusion) {
-  return guarded(RAYMELD_ERROR_INTERNAL, [&] {
-    raymeld_fusion_t& made = given(fusion, "fusion");
-    if (!made.options.temporal) throw InvalidArgument("the fusion keeps no history, as it is not temporal");
-    made.fuser.reset_history();
+  return guarded(RAYMELD_ERROR_INTERNAL, [&] { temporal(fusion).fuser.reset_history(); });
+}
+
+raymeld_result raymeld_save_history(raymeld_fusion fusion, void* data, uint64_t size_bytes) {
+  return guarded(RAYMELD_ERROR_DEVICE, [&] {
+    raymeld_fusion_t& made = temporal(fusion);
+    made.wait_for_submitted();
+    made.fuser.save_history({&given(static_cast<std::byte*>(data), "data"), size_bytes});
+  });
+}
+
+raymeld_result raymeld_load_history(raymeld_fusion fusion, const void* data, uint64_t size_bytes) {
+  return guarded(RAYMELD_ERROR_DEVICE, [&] {
+    raymeld_fusion_t& made = temporal(fusion);
+    made.wait_for_submitted();
+    made.fuser.load_history({&given(static_cast<const std::byte*>(data), "data"), size_bytes});
   });
 }
 

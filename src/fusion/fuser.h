@@ -5,6 +5,7 @@
 #include <functional>
 #include <map>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "engine/commands.h"
@@ -47,6 +48,12 @@ using Progress = std::function<bool(double)>;
 
 // Is thrown where a network's output is not finite; the image is of no use.
 class NotFinite : public Error {
+ public:
+  using Error::Error;
+};
+
+// Is thrown where bytes are no saved history, or one of other frames.
+class HistoryError : public Error {
  public:
   using Error::Error;
 };
@@ -144,6 +151,15 @@ class Fuser {
   // Makes the next frame of a sequence its first one. record() goes on with sequence 0.
   void reset_history(size_t sequence = 0);
 
+  // Returns the bytes of a saved history; 0 without FuserOptions::temporal.
+  uint64_t saved_history_bytes() const;
+  // Copies what the last frame left for the next one. No frame of record() may be pending. Throws Error.
+  void save_history(std::span<std::byte> to, size_t sequence = 0);
+  // Makes the next frame go on with a history that was saved on a computer of the same byte order, by a Fuser
+  // for frames of the same size, scale and layers. No frame of record() may be pending. Throws HistoryError
+  // if it is none, and Error; the history is then as it was.
+  void load_history(std::span<const std::byte> from, size_t sequence = 0);
+
  private:
   static constexpr uint32_t kHostSet = kFramesInFlight;  // the descriptor set of fuse()'s own recordings
 
@@ -212,6 +228,7 @@ class Fuser {
   FuseReport run(const float* lrhs, const float* hrls, float* fused, float exposure,
                  const Progress& progress);
   History& history(size_t sequence);
+  void expect_saved_size(size_t bytes) const;
   static void bind_history(FrameBindings& frame, const History& history);
   void bind_host(Host& host);
   // Joins a frame of record() with the history of sequence 0.

@@ -149,6 +149,39 @@ TEST_F(TemporalTest, AResetBetweenFramesBeginsAnew) {
     EXPECT_TRUE(same_bits(floats(after[i]->fused.read()), alone[i])) << "frame " << i;
 }
 
+TEST_F(TemporalTest, ASavedHistoryGoesOnInAnotherFusion) {
+  const auto alone = expected(frames());
+  Fusion first(context_, model_, desc());
+  const std::vector<std::byte> empty = first.save_history();
+  submit(first, {frames()[0], frames()[1]});
+  const std::vector<std::byte> saved = first.save_history();
+  EXPECT_EQ(saved.size(), first.info().history_bytes);
+  Fusion second(context_, model_, desc());
+  second.load_history(saved);
+  EXPECT_TRUE(same_bits(fuse(second, frames()[2]), alone[2]));
+  second.load_history(saved);
+  const auto submitted = submit(second, {frames()[2], frames()[3]});
+  EXPECT_TRUE(same_bits(floats(submitted[1]->fused.read()), alone[3]));
+  second.load_history(empty);
+  EXPECT_TRUE(same_bits(fuse(second, frames()[0]), alone[0]));
+
+  std::vector<std::byte> other = saved;
+  other[0] = std::byte{'x'};
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, second.load_history(other), "no saved history");
+  other.pop_back();
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, second.load_history(other), "bytes, expected");
+  raymeld_fusion_desc of = desc();
+  std::swap(of.height, of.width);
+  Fusion turned(context_, model_, of);
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, turned.load_history(saved), "14 x 9", "9 x 14");
+  of.temporal = VK_FALSE;
+  Fusion alone_only(context_, model_, of);
+  EXPECT_EQ(alone_only.info().history_bytes, 0u);
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, alone_only.save_history(), "not temporal");
+  // What failed left the history as it was.
+  EXPECT_TRUE(same_bits(fuse(second, frames()[1]), alone[1]));
+}
+
 TEST_F(TemporalTest, AFrameOfAnotherSizeIsTheFirstOfItsSize) {
   const std::vector<Frame> small{Frame(7, 6, 10), Frame(8, 6, 10)};
   Fusion fusion(context_, model_, desc());

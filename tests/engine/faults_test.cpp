@@ -12,6 +12,7 @@
 #include "error_of.h"
 #include "fusion/fuser.h"
 #include "fusion/tuner.h"
+#include "golden.h"
 #include "subject.h"
 
 namespace raymeld::test {
@@ -391,6 +392,37 @@ TEST_F(FaultsTest, SmallerTilesTakeNothingOfTheLastFrame) {
   EXPECT_EQ(report.skipped_share, 0);
   EXPECT_TRUE(same_bits(fused.data, run(caller, {}).values));
   EXPECT_EQ(fuser.fuse(other, hrls, fused, {}, 0, 1).skipped_share, 0);  // another sequence's last frame
+}
+
+// A frame that starts again has already written some of what the next one goes on with.
+TEST_F(FaultsTest, SmallerTilesGoOnWithTheLastFrame) {
+  CallerDevice caller;
+  const std::unique_ptr<Device> device = Device::wrap(caller.external());
+  const Model model(golden_model_path("pyramid-x1"));
+  constexpr int kHeight = 16, kWidth = 659;
+  const FuserOptions options{.temporal = true,
+                             .compute_variance = true,
+                             .samples = {.hrls = 1},
+                             .exposure = 0.5f,
+                             .work_limits = all_.work_limits};
+  Fuser fuser(*device, model, kHeight, kWidth, options, cache());
+  Fuser other(*device, model, kHeight, kWidth, options, cache());
+  const auto image = [](int channels, uint64_t seed) {
+    return floats(random_planes(channels, kHeight, kWidth, Fill::kUniform, seed));
+  };
+  for (const uint64_t frame : {1, 2, 3}) {
+    const std::vector<float> hrls = image(9, frame), motion = image(2, 10 + frame);
+    std::vector<float> values(size_t{3} * kHeight * kWidth), expected(values.size());
+    if (frame == 2)
+      interposed().fault = {.function = "vkQueueSubmit", .call = 3, .code = VK_ERROR_OUT_OF_DEVICE_MEMORY};
+    interposed().failures = 0;
+    fuser.fuse(nullptr, hrls.data(), values.data(), {}, 0, 0, motion.data());
+    EXPECT_EQ(interposed().failures, frame == 2 ? 1 : 0);
+    interposed().fault = {};
+    other.fuse(nullptr, hrls.data(), expected.data(), {}, 0, 0, motion.data());
+    EXPECT_TRUE(same_bits(values, expected)) << "frame " << frame;
+  }
+  EXPECT_GT(fuser.plan().tiling.count(), 1u);
 }
 
 TEST_F(FaultsTest, NoMemoryAtAllIsAnErrorThatSaysHowMuchWasAsked) {

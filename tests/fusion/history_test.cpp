@@ -9,6 +9,7 @@
 #include "fusion/fuser.h"
 #include "golden.h"
 #include "gpu.h"
+#include "io/safetensors.h"
 #include "support.h"
 
 namespace raymeld::test {
@@ -285,6 +286,27 @@ TEST_F(HistoryTest, AFrameThatEndsEarlyLeavesTheHistory) {
                    frame.motion.data()),
                Cancelled);
   EXPECT_TRUE(same_bits(fuse(stopped, model, frame), fuse(other, model, frame)));
+}
+
+TEST_F(HistoryTest, AFrameThatIsNotFiniteLeavesTheHistory) {
+  SafeTensors file = read_safetensors(golden_model_path("pyramid-x1"));
+  for (float& weight : file.tensors.at("hrls.weight").values) weight = weight < 0 ? -1e38f : 1e38f;
+  const Model model(file, "steep");
+  const Frame frame = make_frame(model);
+  Frame dark = frame;
+  std::ranges::fill(dark.hrls, 0.0f);
+  Fuser fuser = make_fuser(model, options_of(model, 1, true));
+  const auto saved = [&] {
+    std::vector<std::byte> bytes(fuser.saved_history_bytes());
+    fuser.save_history(bytes);
+    return bytes;
+  };
+  fuse(fuser, model, dark);
+  const std::vector<std::byte> before = saved();
+  EXPECT_THROW(fuse(fuser, model, frame), NotFinite);
+  EXPECT_EQ(saved(), before);
+  fuse(fuser, model, dark);
+  EXPECT_NE(saved(), before);
 }
 
 // No pixel of such a frame was seen before, wherever its motion leads.
