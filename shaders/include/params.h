@@ -192,7 +192,8 @@ struct Pool {
   uint width;
   uint plane;
   uint plane_large;
-  float share;  // how much of the other image takes the place of the mean; 0: no other image is read
+  uint skipped;  // channels between light and guides
+  float share;   // how much of the other image takes the place of the light; 0: no other image is read
 };
 
 // Says which part of a frame a recording computes, in full-size pixels. It follows the exposure, as floats,

@@ -239,10 +239,10 @@ struct Blend {
   std::optional<Tensor> shares = {};  // (h, w, 1), each pixel's own, in the place of `share`
 };
 
-// Writes the means of 2 x 2 pixels of `light` (2 h, 2 w, 3) and then of `guides` (2 h, 2 w, 6), albedo and
-// normal, to (h, w, 9). With `blend`, whose image is (h, w, 3), the light becomes
+// Writes the means of 2 x 2 pixels of the first three channels of `in` (2 h, 2 w, C), which are light, and of
+// the last six, albedo and normal, to (h, w, 9). With `blend`, whose image is (h, w, 3), the light becomes
 // mean + share (other - mean).
-void pool(Graph& graph, const std::string& name, const Tensor& light, const Tensor& guides, const Tensor& out,
+void pool(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out,
           const std::optional<Blend>& blend = {});
 
 // Holds what kernel_filter() may read beside the image and the logits.

@@ -1,4 +1,6 @@
 // Adds the layers of a pyramid network.
+#include <algorithm>
+
 #include "layers/shapes.h"
 #include "layers/upsampled.h"
 
@@ -38,25 +40,26 @@ void cell_light(Graph& graph, const std::string& name, const Tensor& lrhs, const
   graph.add(std::move(pass));
 }
 
-void pool(Graph& graph, const std::string& name, const Tensor& light, const Tensor& guides, const Tensor& out,
+void pool(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out,
           const std::optional<Blend>& blend) {
-  expect_shape(name, "the output", out, with_channels(out.shape, 9));
-  expect_shape(name, "the light", light, enlarged(out.shape, 2, 3));
-  expect_shape(name, "the guides", guides, enlarged(out.shape, 2, 6));
+  constexpr uint32_t kPooled = 9;
+  expect_shape(name, "the output", out, with_channels(out.shape, kPooled));
+  expect_shape(name, "the input", in, enlarged(out.shape, 2, std::max(in.shape.channels, kPooled)));
   if (blend) {
     expect_shape(name, "the other image", blend->other, with_channels(out.shape, 3));
     if (!(blend->share >= 0 && blend->share <= 1))
       throw Error("layer {}: a share of {}, expected 0 to 1", name, blend->share);
   }
-  const Tensor other = blend ? blend->other : light;
-  const Tensor shares = blend && blend->shares ? *blend->shares : light;
+  const Tensor other = blend ? blend->other : in;  // which is then not read
+  const Tensor shares = blend && blend->shares ? *blend->shares : other;
   if (blend && blend->shares) expect_shape(name, "the shares", shares, with_channels(out.shape, 1));
-  Pass pass = pass_of(graph, name, shaders::kPool, {light, guides, other, shares}, out);
-  // The light is bound in the place of what is not read.
-  pass.bytes -= ((blend ? 0 : 1) + (blend && blend->shares ? 0 : 1)) * traffic(graph, light);
+  Pass pass = pass_of(graph, name, shaders::kPool, {in, other, shares}, out);
+  pass.bytes = traffic(graph, in.slice(0, kPooled)) + traffic(graph, out);
+  if (blend) pass.bytes += traffic(graph, other);
+  if (blend && blend->shares) pass.bytes += traffic(graph, shares);
   pass.constants = {blend && blend->shares};
-  pass.set_push(params::Pool{out.shape.height, out.shape.width, graph.plane(out), graph.plane(light),
-                             blend ? blend->share : 0});
+  pass.set_push(params::Pool{out.shape.height, out.shape.width, graph.plane(out), graph.plane(in),
+                             in.shape.channels - kPooled, blend ? blend->share : 0});
   pass.groups = element_groups(out.shape);
   graph.add(std::move(pass));
 }

@@ -19,10 +19,10 @@ constexpr uint32_t kLevels = 4;
 constexpr uint32_t kSide = 5, kAlbedoSide = 3;  // sides of the kernels that filter light and albedo
 constexpr uint32_t kGuideChannels = 12;         // light, color, albedo and normal
 
-// Holds what kernels filter at one level: light (h, w, 3) and, as guides, albedo and normal (h, w, 6).
-struct FilterInputs {
-  Tensor light, guides;
-};
+// An image of a level begins with light and ends with albedo and normal, which guide the kernels that filter
+// the light.
+Tensor light_of(const Tensor& image) { return image.slice(0, 3); }
+Tensor guides_of(const Tensor& image) { return image.slice(image.shape.channels - 6, 6); }
 
 struct Pyramid {
   Builder& build;
@@ -140,20 +140,21 @@ struct Pyramid {
     return out;
   }
 
-  Tensor filtered(uint32_t level, const FilterInputs& of, const Tensor& kernels,
+  // Filters the light of a level's image.
+  Tensor filtered(uint32_t level, const Tensor& image, const Tensor& kernels,
                   const std::optional<Tensor>& coarse) const {
     const std::string name = fmt::format("filter.{}", level);
     const Tensor out = tensor(name, level, 3);
-    kernel_filter(build.graph, name, of.light, kernels, out, kSide, {coarse, of.guides});
+    kernel_filter(build.graph, name, light_of(image), kernels, out, kSide, {coarse, guides_of(image)});
     return out;
   }
 
-  // Halves the light and the guides of the level before.
-  FilterInputs pooled(uint32_t level, const FilterInputs& of, const std::optional<Blend>& blend) const {
+  // Halves the image of the level before.
+  Tensor pooled(uint32_t level, const Tensor& image, const std::optional<Blend>& blend) const {
     const std::string name = fmt::format("pool.{}", level);
     const Tensor out = tensor(name, level, 9);
-    pool(build.graph, name, of.light, of.guides, out, blend);
-    return {out.slice(0, 3), out.slice(3, 6)};
+    pool(build.graph, name, image, out, blend);
+    return out;
   }
 
   // Returns what takes a share of the pooled light of a level: LRHS, at the level of its size. `samples` are
@@ -195,7 +196,7 @@ struct Pyramid {
 
     // Pooling and filtering need no barrier of their own: each runs beside a convolution that does not need
     // its result.
-    std::array<FilterInputs, kLevels> images{{{lit, hrls.slice(3, 6)}}};
+    std::array<Tensor, kLevels> images{inputs.slice(0, kGuideChannels)};
     std::array<Tensor, kLevels + 1> x;
     x[1] = tensor("hrls", 1, features(1));
     build.conv("hrls", inputs, x[1], {.kernel = 3, .relu = true, .unshuffle = 2});
@@ -220,13 +221,13 @@ struct Pyramid {
       coarse = filtered(level, images[level], logits, coarse);
     }
 
-    const Tensor full = join(0, larger, inputs.slice(0, kGuideChannels));
+    const Tensor full = join(0, larger, images[0]);
     constexpr uint32_t kComposed = 4 + kAlbedoSide * kAlbedoSide + 2, kLogits = kSide * kSide + 3;
     const Tensor rec = tensor("rec", 0, kComposed + kLogits);
     build.conv("rec", full, rec, {.kernel = 3});
     const Tensor sharp = filtered(0, images[0], rec.slice(kComposed, kLogits), coarse);
     const Tensor fused = tensor("compose", 0, 3);
-    compose(graph, "compose", rec.slice(0, kComposed), sharp, images[0].guides,
+    compose(graph, "compose", rec.slice(0, kComposed), sharp, guides_of(images[0]),
             lrhs ? lrhs->slice(0, 3) : color, fused, a.transfer, a.scale, phase);
     const Tensor shown = build.settles ? settled(fused, *samples) : fused;
     decode(graph, "decode", shown, {a.transfer, nullptr, a.scale, phase, &bright, a.clip, full_frame});

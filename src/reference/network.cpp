@@ -174,21 +174,19 @@ Outputs pyramid_outputs(Run& run, const Architecture& a, const Frame& frame, Pre
   const Bounded albedo = slice(high, 3, 3);
   std::optional<Decimated> decimated;
   if (s > 1 && phase == 0) decimated.emplace(Decimated{low, s, a.lrhs_certainty});
-  std::vector<Bounded> lights{
-      run.keep("light", light(slice(high, 0, 3), albedo, a.transfer, precision, decimated))};
+  const Bounded lit = run.keep("light", light(slice(high, 0, 3), albedo, a.transfer, precision, decimated));
+  const Bounded inputs = concat(lit, high);
   if (s > 1) cell = run.keep("cell_light", cell_light(low, albedo, a.transfer, s, phase, precision));
-  std::vector<Bounded> guides{slice(high, 3, 6)};
+  std::vector<Bounded> images{slice(inputs, 0, 12)}, lights{lit}, guides{slice(high, 3, 6)};
   const double share = a.lrhs_certainty / (a.lrhs_certainty + s * s);
   for (int level = 1; level < levels; ++level) {
     const Bounded* other = 1 << level == s ? &cell : nullptr;
     const std::string number = std::to_string(level);
-    const Bounded pooled =
-        run.keep("pool." + number, pool(lights.back(), guides.back(), precision, other, share));
-    lights.push_back(slice(pooled, 0, 3));
-    guides.push_back(slice(pooled, 3, 6));
+    images.push_back(run.keep("pool." + number, pool(images.back(), precision, other, share)));
+    lights.push_back(slice(images.back(), 0, 3));
+    guides.push_back(slice(images.back(), 3, 6));
   }
 
-  const Bounded inputs = concat(lights[0], high);
   const auto residual = [&](const std::string& name, const Bounded& x) {
     return run.conv(name, name, x, true, {&x});
   };
@@ -214,7 +212,7 @@ Outputs pyramid_outputs(Run& run, const Architecture& a, const Frame& frame, Pre
         run.keep("filter." + number, kernel_filter(lights[level], logits, 5, precision,
                                                    level + 1 < levels ? &coarse : nullptr, &guides[level]));
   }
-  up(0, slice(inputs, 0, 12));
+  up(0, images[0]);
   const Bounded rec = run.conv("rec", deep, false);
   const Bounded filtered =
       run.keep("filter.0", kernel_filter(lights[0], slice(rec, 15, 28), 5, precision, &coarse, &guides[0]));

@@ -120,14 +120,12 @@ Bounded cell_light(const Bounded& lrhs, const Bounded& albedo, Transfer transfer
   return result;
 }
 
-Bounded pool(const Bounded& light, const Bounded& guides, Precision precision, const Bounded* other,
-             double share, const Bounded* shares) {
-  const int h = light.value.h / 2, w = light.value.w / 2;
-  expect_shape(light, 3, 2 * h, 2 * w);
-  expect_shape(guides, 6, 2 * h, 2 * w);
+Bounded pool(const Bounded& x, Precision precision, const Bounded* other, double share,
+             const Bounded* shares) {
+  const int channels = x.value.c, h = x.value.h / 2, w = x.value.w / 2;
+  expect_shape(x, std::max(channels, 9), 2 * h, 2 * w);
   if (other) expect_shape(*other, 3, h, w);
   if (shares) expect_shape(*shares, 1, h, w);
-  const Bounded both = concat(light, guides);
   const auto moved_by = [](const auto& mean, const auto& to, const auto& by) {
     return mean + by * (to - mean);
   };
@@ -136,7 +134,7 @@ Bounded pool(const Bounded& light, const Bounded& guides, Precision precision, c
   for (int c = 0; c < 9; ++c) {
     for (int y = 0; y < h; ++y) {
       for (int column = 0; column < w; ++column) {
-        const Element mean = mean_of_covered(both, c, y, column, 2, 2);
+        const Element mean = mean_of_covered(x, c < 3 ? c : c + channels - 9, y, column, 2, 2);
         Element value = mean;
         if (c < 3 && shares) {
           value = evaluate(moved_by, mean, at(*other, c, y, column), at(*shares, 0, y, column));

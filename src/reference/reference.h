@@ -121,11 +121,11 @@ Bounded light(const Bounded& color, const Bounded& albedo, Transfer transfer, Pr
 Bounded cell_light(const Bounded& lrhs, const Bounded& albedo, Transfer transfer, int scale, double phase,
                    Precision precision);
 
-// Returns the means (9, h, w) of 2 x 2 pixels of light (3, 2 h, 2 w) and guides (6, 2 h, 2 w). Those of the
-// light are moved to `other` (3, h, w) by `share` if other is not null. `shares` (1, h, w) give each pixel
-// its own.
-Bounded pool(const Bounded& light, const Bounded& guides, Precision precision, const Bounded* other = nullptr,
-             double share = 0, const Bounded* shares = nullptr);
+// Returns the means (9, h, w) of 2 x 2 pixels of the first three channels of x (c, 2 h, 2 w), light, and of
+// the last six. Those of the light are moved to `other` (3, h, w) by `share` if other is not null. `shares`
+// (1, h, w) give each pixel its own.
+Bounded pool(const Bounded& x, Precision precision, const Bounded* other = nullptr, double share = 0,
+             const Bounded* shares = nullptr);
 
 // Returns for each pixel of x (3, H, W) the mean over side x side pixels, edges replicated, weighted by the
 // softmax of its logits (side^2, H, W). With `coarse` (3, H / 2, W / 2) there is one more logit a, and the

@@ -18,9 +18,13 @@ TEST(Pyramid, WrongShapesAreErrors) {
   expect_only({low, full, low}, [&](Graph& graph, const std::vector<Tensor>& t) {
     cell_light(graph, name, t[0], t[1], t[2], Transfer::kLog, 4, 1.5f);
   });
-  expect_only({{4, 8, 3}, {4, 8, 6}, low, {2, 4, 9}}, [&](Graph& graph, const std::vector<Tensor>& t) {
-    pool(graph, name, t[0], t[1], t[3], Blend{t[2], 0.5f});
+  expect_only({low, {2, 4, 1}, {2, 4, 9}}, [&](Graph& graph, const std::vector<Tensor>& t) {
+    const Tensor image = graph.input("image", {4, 8, 12});
+    pool(graph, name, image, t[2], Blend{.other = t[0], .shares = t[1]});
   });
+  Graph graph(Storage::kFloat32);
+  EXPECT_ERROR(pool(graph, name, graph.input("image", {4, 8, 8}), graph.tensor("out", {2, 4, 9})),
+               "layer odd one", "4x8x8, expected 4x8x9");
   expect_only({full, {8, 16, 25}, full}, [&](Graph& graph, const std::vector<Tensor>& t) {
     kernel_filter(graph, name, t[0], t[1], t[2], 5);
   });
@@ -48,9 +52,9 @@ TEST(Pyramid, SidesAreOdd) {
 TEST(Pyramid, SharesAreAtMostOne) {
   for (const float share : {-0.1f, 1.5f, NAN}) {
     Graph graph(Storage::kFloat32);
-    const Tensor light = graph.input("light", {4, 4, 3}), guides = graph.input("guides", {4, 4, 6});
-    const Tensor other = graph.input("other", {2, 2, 3}), out = graph.tensor("out", {2, 2, 9});
-    EXPECT_ERROR(pool(graph, "odd one", light, guides, out, Blend{other, share}), "odd one", "0 to 1");
+    const Tensor image = graph.input("image", {4, 4, 9}), other = graph.input("other", {2, 2, 3});
+    EXPECT_ERROR(pool(graph, "odd one", image, graph.tensor("out", {2, 2, 9}), Blend{other, share}),
+                 "odd one", "0 to 1");
   }
 }
 
