@@ -216,8 +216,9 @@ struct Pyramid {
     std::optional<Tensor> coarse;
     for (uint32_t level = kLevels - 1; level > 0; --level) {
       deep = join(level, larger, x[level]);
-      const Tensor logits = kernels(level, deep, coarse.has_value());
       larger = up(level - 1, level > 1 ? features(level - 1) : a.upscaled_features, deep);
+      // The filter comes next, so that caches still hold its kernels.
+      const Tensor logits = kernels(level, deep, coarse.has_value());
       coarse = filtered(level, images[level], logits, coarse);
     }
 
