@@ -161,13 +161,13 @@ def instructions(gpu, executables):
     return sum(executable["statistics"][GPUS[gpu].driver.instructions] for executable in executables)
 
 
-def compiled(gpu, model, precision, size):
+def compiled(gpu, model, precision, size, *options):
     """Returns what `raymeld compile --json` says, with the driver as "Mesa 26.2".
 
     Each kernel has its `figures`, and `step`, the cycles of one step of its loops of unknown length; where the driver
     counts instructions, also `issued`, those outside of these loops and those of a step.
     """
-    arguments = ("--model", model, "--size", size, "--precision", precision, "--json")
+    arguments = ("--model", model, "--size", size, "--precision", precision, "--json", *options)
     result = json.loads(run(gpu, program(), "compile", *arguments))
     result["driver"] = re.sub(r"(Mesa \d+\.\d+).*", r"\1", result["driver"])
     for kernel in result["kernels"]:

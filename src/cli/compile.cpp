@@ -12,6 +12,7 @@
 #include "engine/kernel.h"
 #include "engine/pipeline_statistics.h"
 #include "fusion/fuser_options.h"
+#include "fusion/tuner.h"
 #include "platform/interrupt.h"
 
 namespace raymeld::cli {
@@ -21,7 +22,7 @@ using Json = nlohmann::ordered_json;
 
 struct CompileArguments {
   std::string model, size, device, precision = "auto";
-  bool json = false;
+  bool matrices = false, json = false;
 };
 
 // Holds a layer's work by one kernel, which it may do in several dispatches.
@@ -124,12 +125,26 @@ std::string to_text(const Compiled& kernel) {
   return text;
 }
 
+// Returns kernels that convolve by cooperative matrices wherever these can.
+Kernels by_matrices(const Device& device, const FuserOptions& options) {
+  const std::optional<CooperativeMatrix>& matrix = device.info().cooperative_matrix;
+  if (!matrix) throw Error("device {} has no cooperative matrices", device.info().name);
+  if (options.storage != Storage::kFloat16)
+    throw Error("--matrices with fp32, expected fp16: the matrices have 16 bits");
+  Kernels kernels = options.kernels;
+  kernels.conv2d = [matrix = *matrix, other = kernels.conv2d](const Conv2dShape& shape) {
+    return shape.kernel == 5 ? other(shape) : first_matrix_guess(matrix, shape);
+  };
+  return kernels;
+}
+
 void run(const CompileArguments& arguments) {
   const auto device = Device::create({.selector = arguments.device, .pipeline_statistics = true});
   const Model model(find_model(arguments.model));
   const TileSize lrhs = lrhs_size(model, arguments.size), full = parse_size(arguments.size);
-  const FuserOptions options =
+  FuserOptions options =
       fuser_options(*device, model, kPrecisions.at(arguments.precision), KernelChoice::kAuto);
+  if (arguments.matrices) options.kernels = by_matrices(*device, options);
   const FusePlan plan = plan_fusion(model, lrhs.height, lrhs.width, device->info(), options);
   const std::vector<Compiled> kernels = compile_all(*device, plan.graph);
   double total_ms = 0;
@@ -176,6 +191,8 @@ void add_compile(CLI::App& app) {
   command->add_option("--precision", arguments->precision, "Compiles kernels of this precision")
       ->check(CLI::IsMember({"auto", "fp32", "fp16"}))
       ->capture_default_str();
+  command->add_flag("--matrices", arguments->matrices,
+                    "Compiles convolutions by cooperative matrices, where they can, instead of the defaults");
   command->add_flag("--json", arguments->json, "Prints one JSON object instead of text");
   command->footer(
       "Times are those of one thread without a pipeline cache of raymeld's; a driver may have its own.\n\n"
