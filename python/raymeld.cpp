@@ -10,6 +10,9 @@
 #include <mutex>
 #include <optional>
 #include <raymeld/raymeld.hpp>
+#include <span>
+#include <string_view>
+#include <vector>
 
 namespace py = pybind11;
 
@@ -303,10 +306,11 @@ PYBIND11_MODULE(raymeld, module) {
       .def("reset_history", &Fuser::reset_history,
            "Makes the next frame the first one of a sequence, as after a cut; with temporal.")
       .def("save_history", &Fuser::save_history,
-           "Returns as bytes what the last frame left for the next one; with temporal. Raises Error.")
+           "Returns as bytes what the last frame left for the next one; with temporal. Raises Error\n"
+           "and ValueError.")
       .def("load_history", &Fuser::load_history, py::arg("history"),
            "Makes the next frame go on with what save_history() returned for frames of the same size, scale\n"
-           "and layers. Raises Error.")
+           "and layers. Raises Error and ValueError.")
       .def_property_readonly("layers", &Fuser::layers, "The layers of HRLS that fuse() asks for.")
       .def_property_readonly("scale", &Fuser::scale)
       .def_property_readonly("precision", &Fuser::precision, "'fp32' or 'fp16'.")

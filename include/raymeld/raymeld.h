@@ -526,8 +526,9 @@ typedef struct raymeld_semaphores {
  * queue. Does not wait for that frame, but waits on the host for the one that was submitted frames_in_flight
  * frames before, if it is not done. Frames of raymeld_record() count among these, but the caller must wait
  * for them. The first call allocates. The whole frame runs after the semaphores that it waits for.
- * `semaphores` may be NULL. raymeld_take_status(), raymeld_fuse() and raymeld_fusion_destroy() wait for all
- * submitted frames. Returns RAYMELD_ERROR_DEVICE or RAYMELD_ERROR_DEVICE_LOST if a call of Vulkan fails. */
+ * `semaphores` may be NULL. raymeld_take_status(), raymeld_fuse(), raymeld_save_history(),
+ * raymeld_load_history() and raymeld_fusion_destroy() wait for all submitted frames. Returns
+ * RAYMELD_ERROR_DEVICE or RAYMELD_ERROR_DEVICE_LOST if a call of Vulkan fails. */
 RAYMELD_API raymeld_result raymeld_submit(raymeld_fusion fusion, const raymeld_frame* frame,
                                           const raymeld_semaphores* semaphores);
 

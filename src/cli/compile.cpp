@@ -130,7 +130,7 @@ Kernels by_matrices(const Device& device, const FuserOptions& options) {
   const std::optional<CooperativeMatrix>& matrix = device.info().cooperative_matrix;
   if (!matrix) throw Error("device {} has no cooperative matrices", device.info().name);
   if (options.storage != Storage::kFloat16)
-    throw Error("--matrices with fp32, expected fp16: the matrices have 16 bits");
+    throw Error("--matrices with fp32, expected fp16: cooperative matrices have 16 bits");
   Kernels kernels = options.kernels;
   kernels.conv2d = [matrix = *matrix, other = kernels.conv2d](const Conv2dShape& shape) {
     return shape.kernel == 5 ? other(shape) : first_matrix_guess(matrix, shape);

@@ -109,24 +109,25 @@ void Graph::add(Pass pass) {
   passes_.push_back(std::move(pass));
 }
 
-// Returns for each pass how many barriers precede it where no tensors share memory.
-std::vector<int> Graph::stages() {
+// Places all tensors and barriers as if no tensors shared memory. Returns for each pass how many barriers
+// precede it. A graph without passes has one stage, of its inputs.
+std::vector<int> Graph::place_apart() {
   uint64_t offset_bytes = 0;
   for (TensorRecord& tensor : tensors_) {
     tensor.offset_bytes = offset_bytes;
     offset_bytes += align(tensor.size_bytes);
   }
   place_barriers();
-  std::vector<int> result(passes_.size());
+  std::vector<int> result(std::max<size_t>(passes_.size(), 1));
   std::inclusive_scan(barriers_.begin(), barriers_.end(), result.begin(), std::plus<>(), 0);
   return result;
 }
 
 // Lifetimes count in stages, so that tensors which share memory add no barriers.
 void Graph::place_tensors() {
-  const std::vector<int> stages = this->stages();
+  const std::vector<int> stages = place_apart();
   const auto stage_of = [&](int pass) { return pass < 0 ? pass : stages[static_cast<size_t>(pass)]; };
-  const int last = static_cast<int>(passes_.size()) - 1;
+  const int last = static_cast<int>(stages.size()) - 1;
   std::vector<ArenaRequest> requests;
   for (const TensorRecord& tensor : tensors_) {
     const bool shares = !keep_ || tensor.scratch;

@@ -167,9 +167,9 @@ class Graph {
   // Adds a pass. Passes run in the order in which they were added.
   void add(Pass pass);
 
-  // Gives every tensor its place. Those share memory whose lifetimes a barrier separates that is needed in
-  // any case, but see keep(). kGuardBytes lie before and after them all, since vectors may begin or end
-  // outside of a tensor.
+  // Gives every tensor its place. Two tensors share memory only if a barrier that is needed anyway lies
+  // between their lifetimes, but see keep(). kGuardBytes lie before and after them all, since vectors may
+  // begin or end outside of a tensor.
   void plan();
   // Does the same, but with the places that the tensors have in the graph of the same network for larger
   // frames. It takes no more memory, whatever the size. Throws Error where the tensors do not fit there.
@@ -179,7 +179,7 @@ class Graph {
   std::span<const TensorRecord> tensors() const { return tensors_; }
   std::span<const ConstantRecord> constants() const { return constants_; }
   // Returns whether a barrier must come before pass i: since the last barrier a pass wrote memory that pass i
-  // touches, or read memory that it writes.
+  // touches, or read memory that it writes. After plan_within() tensors that share memory may add barriers.
   bool barrier_before(size_t i) const { return barriers_.at(i); }
   size_t barrier_count() const;
 
@@ -200,7 +200,7 @@ class Graph {
   uint64_t size_bytes(const Tensor& tensor) const;
 
  private:
-  std::vector<int> stages();
+  std::vector<int> place_apart();
   void place_tensors();
   void place_barriers();
   void check_places() const;

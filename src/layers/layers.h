@@ -239,6 +239,9 @@ struct Blend {
   std::optional<Tensor> shares = {};  // (h, w, 1), each pixel's own, in the place of `share`
 };
 
+// Counts the channels of light, albedo and normal.
+inline constexpr uint32_t kPooledChannels = 9;
+
 // Writes the means of 2 x 2 pixels of the first three channels of `in` (2 h, 2 w, C), which are light, and of
 // the last six, albedo and normal, to (h, w, 9). With `blend`, whose image is (h, w, 3), the light becomes
 // mean + share (other - mean).
@@ -270,17 +273,18 @@ void compose(Graph& graph, const std::string& name, const Tensor& rec, const Ten
 
 // These join a frame with the ones before it. A history is a buffer of the whole frame in the slots kLastSlot
 // and kNextSlot, in 32 bits: planes of the first `channels` channels of HRLS, of a count of frames and of the
-// fused image, and then three colors and a count of the size of LRHS. Radiance in it is scene linear, and the
-// color of HRLS is demodulated as light() does. The image in kMotionSlot has two channels, which lead from a
-// full-size pixel to the same point in the last frame, in pixels along x and y. Program::set_place() says
-// where the recording lies in the frame.
+// fused image, and then, above a scale of 1, three colors and a count of the size of LRHS. Radiance in it is
+// scene linear, and the color of HRLS is demodulated as light() does. The image in kMotionSlot has two
+// channels, which lead from a full-size pixel to the same point in the last frame, in pixels along x and y.
+// Program::set_place() says where the recording lies in the frame.
 
 // Returns the planes of a history that have the size of the frame.
 constexpr uint32_t history_planes(uint32_t channels) { return channels + 1 + 3; }
 
 // Returns the floats of a history.
 constexpr uint64_t history_floats(uint32_t height, uint32_t width, uint32_t channels, uint32_t scale) {
-  return uint64_t{height} * width * history_planes(channels) + uint64_t{height / scale} * (width / scale) * 4;
+  const uint64_t lrhs = scale > 1 ? uint64_t{height / scale} * (width / scale) : 0;
+  return uint64_t{height} * width * history_planes(channels) + 4 * lrhs;
 }
 
 // Writes the share (h, w, 1) of the history that is right in spite of changes of the light: exp(-16 d), where

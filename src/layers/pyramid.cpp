@@ -42,24 +42,24 @@ void cell_light(Graph& graph, const std::string& name, const Tensor& lrhs, const
 
 void pool(Graph& graph, const std::string& name, const Tensor& in, const Tensor& out,
           const std::optional<Blend>& blend) {
-  constexpr uint32_t kPooled = 9;
-  expect_shape(name, "the output", out, with_channels(out.shape, kPooled));
-  expect_shape(name, "the input", in, enlarged(out.shape, 2, std::max(in.shape.channels, kPooled)));
+  expect_shape(name, "the output", out, with_channels(out.shape, kPooledChannels));
+  expect_shape(name, "the input", in, enlarged(out.shape, 2, std::max(in.shape.channels, kPooledChannels)));
   if (blend) {
     expect_shape(name, "the other image", blend->other, with_channels(out.shape, 3));
     if (!(blend->share >= 0 && blend->share <= 1))
       throw Error("layer {}: a share of {}, expected 0 to 1", name, blend->share);
   }
-  const Tensor other = blend ? blend->other : in;  // which is then not read
+  // The input is bound in the place of what is not read.
+  const Tensor other = blend ? blend->other : in;
   const Tensor shares = blend && blend->shares ? *blend->shares : other;
   if (blend && blend->shares) expect_shape(name, "the shares", shares, with_channels(out.shape, 1));
   Pass pass = pass_of(graph, name, shaders::kPool, {in, other, shares}, out);
-  pass.bytes = traffic(graph, in.slice(0, kPooled)) + traffic(graph, out);
+  pass.bytes = traffic(graph, in.slice(0, kPooledChannels)) + traffic(graph, out);
   if (blend) pass.bytes += traffic(graph, other);
   if (blend && blend->shares) pass.bytes += traffic(graph, shares);
   pass.constants = {blend && blend->shares};
   pass.set_push(params::Pool{out.shape.height, out.shape.width, graph.plane(out), graph.plane(in),
-                             in.shape.channels - kPooled, blend ? blend->share : 0});
+                             in.shape.channels - kPooledChannels, blend ? blend->share : 0});
   pass.groups = element_groups(out.shape);
   graph.add(std::move(pass));
 }

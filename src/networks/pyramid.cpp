@@ -152,7 +152,7 @@ struct Pyramid {
   // Halves the image of the level before.
   Tensor pooled(uint32_t level, const Tensor& image, const std::optional<Blend>& blend) const {
     const std::string name = fmt::format("pool.{}", level);
-    const Tensor out = tensor(name, level, 9);
+    const Tensor out = tensor(name, level, kPooledChannels);
     pool(build.graph, name, image, out, blend);
     return out;
   }

@@ -177,14 +177,12 @@ Outputs pyramid_outputs(Run& run, const Architecture& a, const Frame& frame, Pre
   const Bounded lit = run.keep("light", light(slice(high, 0, 3), albedo, a.transfer, precision, decimated));
   const Bounded inputs = concat(lit, high);
   if (s > 1) cell = run.keep("cell_light", cell_light(low, albedo, a.transfer, s, phase, precision));
-  std::vector<Bounded> images{slice(inputs, 0, 12)}, lights{lit}, guides{slice(high, 3, 6)};
+  std::vector<Bounded> images{slice(inputs, 0, 12)};
   const double share = a.lrhs_certainty / (a.lrhs_certainty + s * s);
   for (int level = 1; level < levels; ++level) {
     const Bounded* other = 1 << level == s ? &cell : nullptr;
     const std::string number = std::to_string(level);
     images.push_back(run.keep("pool." + number, pool(images.back(), precision, other, share)));
-    lights.push_back(slice(images.back(), 0, 3));
-    guides.push_back(slice(images.back(), 3, 6));
   }
 
   const auto residual = [&](const std::string& name, const Bounded& x) {
@@ -203,21 +201,23 @@ Outputs pyramid_outputs(Run& run, const Architecture& a, const Frame& frame, Pre
     deep = run.conv_and_shuffle("up." + std::to_string(level), deep, 2);
     deep = run.conv("join." + std::to_string(level), concat(deep, skip));
   };
+  const auto guides = [&](int level) { return slice(images[level], images[level].value.c - 6, 6); };
+  const auto filtered = [&](int level, const Bounded& logits, const Bounded* coarse) {
+    const Bounded surfaces = guides(level);
+    return run.keep("filter." + std::to_string(level),
+                    kernel_filter(slice(images[level], 0, 3), logits, 5, precision, coarse, &surfaces));
+  };
   Bounded coarse;
   for (int level = levels - 1; level > 0; --level) {
     up(level, x[level]);
-    const std::string number = std::to_string(level);
-    const Bounded logits = run.conv("kernel." + number, deep, false);
-    coarse =
-        run.keep("filter." + number, kernel_filter(lights[level], logits, 5, precision,
-                                                   level + 1 < levels ? &coarse : nullptr, &guides[level]));
+    const Bounded logits = run.conv("kernel." + std::to_string(level), deep, false);
+    coarse = filtered(level, logits, level + 1 < levels ? &coarse : nullptr);
   }
   up(0, images[0]);
   const Bounded rec = run.conv("rec", deep, false);
-  const Bounded filtered =
-      run.keep("filter.0", kernel_filter(lights[0], slice(rec, 15, 28), 5, precision, &coarse, &guides[0]));
-  const Bounded fused = run.keep(
-      "compose", compose(slice(rec, 0, 15), filtered, guides[0], low, a.transfer, s, phase, precision));
+  const Bounded sharp = filtered(0, slice(rec, 15, 28), &coarse);
+  const Bounded fused =
+      run.keep("compose", compose(slice(rec, 0, 15), sharp, guides(0), low, a.transfer, s, phase, precision));
   const Bounded upsampled = self_weighted(above, s, phase);
   run.keep("output", decode(fitted(fused, hrls.h, hrls.w), nullptr, a.transfer, Precision::kFp32, exposure,
                             &upsampled, a.clip));

@@ -63,7 +63,7 @@ TEST_F(CliErrors, Usage) {
     expect_error({command, "--model", tiny_model(), "--size", "4000000000x64"},
                  {"1000000000 x 16", "to 65536"});
   expect_error({"compile", "--model", tiny_model(), "--size", "64x48", "--precision", "fp32", "--matrices"},
-               {"matrices"});
+               {"cooperative matrices"});
   for (const char* views : {"0", "-3", "two"})
     expect_error({"trade", "--data", "none", "--views", views}, {"--views", views});
   for (const char* bad : {"-1", "nan", "soon"}) expect_error({"tune", "--seconds", bad}, {"--seconds", bad});

@@ -410,19 +410,54 @@ TEST_F(FaultsTest, SmallerTilesGoOnWithTheLastFrame) {
   const auto image = [](int channels, uint64_t seed) {
     return floats(random_planes(channels, kHeight, kWidth, Fill::kUniform, seed));
   };
+  int submits = 0;
   for (const uint64_t frame : {1, 2, 3}) {
     const std::vector<float> hrls = image(9, frame), motion = image(2, 10 + frame);
     std::vector<float> values(size_t{3} * kHeight * kWidth), expected(values.size());
+    // The last submit fails, when all layers that write to the history have run.
     if (frame == 2)
-      interposed().fault = {.function = "vkQueueSubmit", .call = 3, .code = VK_ERROR_OUT_OF_DEVICE_MEMORY};
+      interposed().fault = {
+          .function = "vkQueueSubmit", .call = submits, .code = VK_ERROR_OUT_OF_DEVICE_MEMORY};
     interposed().failures = 0;
+    interposed().calls.clear();
+    EXPECT_EQ(fuser.plan().tiling.count() == 1, frame <= 2);
     fuser.fuse(nullptr, hrls.data(), values.data(), {}, 0, 0, motion.data());
     EXPECT_EQ(interposed().failures, frame == 2 ? 1 : 0);
     interposed().fault = {};
+    submits = interposed().calls["vkQueueSubmit"] - 1;  // the first frame's history is filled by another one
     other.fuse(nullptr, hrls.data(), expected.data(), {}, 0, 0, motion.data());
     EXPECT_TRUE(same_bits(values, expected)) << "frame " << frame;
   }
-  EXPECT_GT(fuser.plan().tiling.count(), 1u);
+}
+
+TEST_F(FaultsTest, AHistoryThatCannotBeLoadedLeavesTheLastOne) {
+  CallerDevice caller;
+  const std::unique_ptr<Device> device = Device::wrap(caller.external());
+  const Model model(golden_model_path("pyramid-x1"));
+  const FuserOptions options{
+      .temporal = true, .compute_variance = true, .samples = {.hrls = 1}, .exposure = 0.5f};
+  Fuser fuser(*device, model, 8, 8, options, cache());
+  const auto saved_after = [&](uint64_t seed) {
+    const std::vector<float> hrls = floats(random_planes(9, 8, 8, Fill::kUniform, seed)), motion(2 * 8 * 8);
+    std::vector<float> fused(3 * 8 * 8);
+    fuser.fuse(nullptr, hrls.data(), fused.data(), {}, 0, 0, motion.data());
+    std::vector<std::byte> saved(fuser.saved_history_bytes());
+    fuser.save_history(saved);
+    return saved;
+  };
+  const std::vector<std::byte> first = saved_after(1), second = saved_after(2);
+  ASSERT_NE(first, second);
+  std::vector<std::byte> now(first.size());
+  for (const char* function : {"vkAllocateMemory", "vkQueueSubmit", "vkWaitForFences"}) {
+    interposed().fault = {.function = function, .call = 1, .code = VK_ERROR_OUT_OF_DEVICE_MEMORY};
+    EXPECT_THROW(fuser.load_history(first), OutOfMemory) << function;
+    interposed().fault = {};
+    fuser.save_history(now);
+    EXPECT_EQ(now, second) << function;
+  }
+  fuser.load_history(first);
+  fuser.save_history(now);
+  EXPECT_EQ(now, first);
 }
 
 TEST_F(FaultsTest, NoMemoryAtAllIsAnErrorThatSaysHowMuchWasAsked) {

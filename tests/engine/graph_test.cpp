@@ -125,6 +125,32 @@ TEST(Barriers, ReusedMemoryNeedsNoMore) {
   EXPECT_NE(place("e"), place("c"));
 }
 
+// The smaller graph lacks the barrier after which f may write where d reads.
+TEST(Barriers, PlacesOfALargerGraphMayNeedMore) {
+  const auto build = [](bool chain) {
+    Hand hand(false);
+    const Tensor c = hand.add("c", {hand.a});
+    const Tensor d = hand.add("d", {c, hand.b});
+    hand.add("f", chain ? std::vector{d} : std::vector<Tensor>());
+    return hand;
+  };
+  Hand larger = build(true), smaller = build(false);
+  EXPECT_EQ(larger.barriers(), (Barriers{false, true, true}));
+  EXPECT_EQ(smaller.barriers(), (Barriers{false, true, false}));
+  smaller.graph.plan_within(larger.graph);
+  Barriers within;
+  for (size_t i = 0; i < 3; ++i) within.push_back(smaller.graph.barrier_before(i));
+  EXPECT_EQ(within, larger.barriers());
+}
+
+TEST(Graph, InputsHavePlacesWithoutPasses) {
+  Graph graph(Storage::kFloat32);
+  graph.input("a", kShape);
+  graph.plan();
+  EXPECT_EQ(graph.barrier_count(), 0u);
+  EXPECT_GE(graph.activation_bytes(), 2 * Graph::kGuardBytes + 4 * 4 * 2 * sizeof(float));
+}
+
 // Vectors of pixels may begin before a tensor and end after it.
 TEST(Graph, GuardsAreInFrontOfAndBehindAllTensors) {
   const TemporaryDirectory folder;
