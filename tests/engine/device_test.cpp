@@ -224,10 +224,10 @@ TEST_F(Validated, AMissingBarrierBetweenDispatchesIsReported) {
 TEST_F(Validated, AccessesBeyondABindingAreReported) {
   const std::unique_ptr<Device> device = make_device(Validation::kGpuAssisted);
   Graph large(Storage::kFloat32), small(Storage::kFloat32);
-  channel_means(large, "means", large.input("in", {128, 128, 1}), large.tensor("out", {1, 1, 1}));
-  const Tensor in = small.input("in", {8, 8, 1}), out = small.tensor("out", {1, 1, 1});
+  pool(large, "pool", large.input("in", {128, 128, 9}), large.tensor("out", {64, 64, 9}));
+  const Tensor in = small.input("in", {8, 8, 9}), out = small.tensor("out", {4, 4, 9});
   Pass pass = large.passes().front();
-  pass.bindings = {read_binding(in), write_binding(out)};
+  pass.bindings = {read_binding(in), read_binding(in), read_binding(in), write_binding(out)};
   small.add(std::move(pass));
   small.plan();
   PipelineCache cache(*device, {});
