@@ -190,6 +190,7 @@ TEST_F(SequenceTemporal, MotionIsFoundByNameOrNamed) {
 TEST_F(SequenceTemporal, WhatCannotBeJoinedIsRefused) {
   for (const int frame : {1, 2}) write(frame, 1, 0, kLayeredNames);
   expect_error(join("1-2"), {"high.0001.exr", "no motion vectors", "looked for motion", "--still"});
+  expect_error(join("1-2", {"--still", "--map", "motion-factors=1,1"}), {"no motion vectors"});
   write_shot(1, 2, 1);
   expect_error(join("1-2", {"--map", "motion=albedo.R"}), {"cannot map motion to 'albedo.R'"});
   expect_error(join("1-2", {"--map", "motion-factors=1"}), {"'motion-factors=1'", "two factors"});

@@ -312,7 +312,8 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
   require_layers(hrls_map,
                  split_layers(image_layers(architecture, absent, computes_variance), guides_map).first,
                  hrls.path().string());
-  if (arguments.temporal && !arguments.still) check_motion(hrls, hrls_map, hrls_windows.data);
+  if ((arguments.temporal && !arguments.still) || choice.motion_factors)
+    check_motion(hrls, hrls_map, hrls_windows.data);
   if (arguments.layers) {
     require_layers(lrhs_map, kSplitLight, lrhs.path().string());
     require_layers(hrls_map, kSplitLight, hrls.path().string());
