@@ -93,8 +93,8 @@ void Fuser::load_history(std::span<const std::byte> from, size_t sequence) {
     throw HistoryError("a history to load: the bytes are no saved history");
   const auto layers = from.subspan(sizeof(Header), std::min(from.size(), expected.begin()) - sizeof(Header));
   given.layers.assign(reinterpret_cast<const char*>(layers.data()), layers.size());
-  if (given.text() != expected.text())
-    throw HistoryError("a history to load has {}, expected {}", given.text(), expected.text());
+  const bool fits = given.header.channels == expected.header.channels && given.text() == expected.text();
+  if (!fits) throw HistoryError("a history to load has {}, expected {}", given.text(), expected.text());
   if (from.size() != saved_history_bytes())
     throw HistoryError("a history to load of {} bytes, expected {}", from.size(), saved_history_bytes());
   History& known = history(sequence);
