@@ -228,7 +228,6 @@ class Fuser {
   FuseReport run(const float* lrhs, const float* hrls, float* fused, float exposure,
                  const Progress& progress);
   History& history(size_t sequence);
-  void expect_history() const;
   static void bind_history(FrameBindings& frame, const History& history);
   void bind_host(Host& host);
   // Joins a frame of record() with the history of sequence 0.

@@ -17,40 +17,42 @@ namespace {
 
 struct Header {
   std::array<char, 8> kind{'r', 'a', 'y', 'm', 'e', 'l', 'd', '1'};
-  uint32_t scale = 0, channels = 0;
+  uint32_t scale = 0;
   TileSize frame = {}, last = {};  // the largest frame, and the last one: of no pixels where there was none
 
   bool is_empty() const { return last == TileSize{}; }
-  // Returns the floats that the last frame left.
-  uint64_t floats() const {
-    return is_empty() ? 0 : history_floats(scale * last.height, scale * last.width, channels, scale);
-  }
   bool is_sound() const {
     const bool fits = last.height <= frame.height && last.width <= frame.width;
     return kind == Header{}.kind && fits && (is_empty() || (last.height > 0 && last.width > 0));
   }
+  std::string frames() const {
+    return fmt::format("{} x {} LRHS pixels at a scale of {}", frame.width, frame.height, scale);
+  }
 };
 // Padding would be saved too, and hold any bytes.
-static_assert(sizeof(Header) == 32);
+static_assert(sizeof(Header) == 28);
 
 // Holds what all histories of a Fuser have in common.
 struct Format {
   Header header;
   std::string layers;
+  uint32_t channels = 0;
 
   size_t begin() const { return sizeof(Header) + layers.size(); }
-  std::string text() const {
-    return fmt::format("the layers {} and frames of {} x {} LRHS pixels at a scale of {}", layers,
-                       header.frame.width, header.frame.height, header.scale);
+  // Returns the bytes of floats that a frame of this size left.
+  uint64_t bytes(TileSize of) const {
+    const uint32_t scale = header.scale;
+    return sizeof(float) * history_floats(scale * of.height, scale * of.width, channels, scale);
   }
 };
 
+// Throws HistoryError where no history is kept.
 Format format_of(const Model& model, const FuserOptions& options, TileSize frame) {
+  if (!options.temporal) throw HistoryError("a history to save or load, expected a fusion that keeps one");
   const Architecture& a = model.architecture();
   const uint32_t channels = history_channels(model, options.phase, options.compute_variance);
   const std::span layers(a.hrls_layers.begin(), channels / 3);
-  return {{.scale = a.scale, .channels = channels, .frame = frame},
-          fmt::format("{}", fmt::join(layers, ","))};
+  return {{.scale = a.scale, .frame = frame}, fmt::format("{}", fmt::join(layers, ",")), channels};
 }
 
 }  // namespace
@@ -60,18 +62,13 @@ uint64_t Fuser::saved_history_bytes() const {
   return bytes > 0 ? format_of(model_, options_, plan_.tiling.frame).begin() + bytes : 0;
 }
 
-void Fuser::expect_history() const {
-  if (!options_.temporal) throw HistoryError("a history to save or load, expected a fusion that keeps one");
-}
-
 void Fuser::save_history(std::span<std::byte> to, size_t sequence) {
-  expect_history();
+  Format format = format_of(model_, options_, plan_.tiling.frame);
   if (to.size() != saved_history_bytes())
     throw HistoryError("{} bytes for a history, expected {}", to.size(), saved_history_bytes());
-  Format format = format_of(model_, options_, plan_.tiling.frame);
   const History& known = history(sequence);
   if (!known.is_empty) format.header.last = known.size;
-  const uint64_t bytes = sizeof(float) * format.header.floats();
+  const uint64_t bytes = format.bytes(format.header.last);
   const std::span<std::byte> content = to.subspan(format.begin());
   if (bytes > 0) {
     const Buffer host(device_, bytes, Memory::kReadback, "saved history");
@@ -85,27 +82,27 @@ void Fuser::save_history(std::span<std::byte> to, size_t sequence) {
 }
 
 void Fuser::load_history(std::span<const std::byte> from, size_t sequence) {
-  expect_history();
   const Format expected = format_of(model_, options_, plan_.tiling.frame);
-  Format given;
-  if (from.size() >= sizeof(Header)) std::memcpy(&given.header, from.data(), sizeof(Header));
-  if (from.size() < sizeof(Header) || !given.header.is_sound())
+  Header given;
+  if (from.size() >= sizeof(Header)) std::memcpy(&given, from.data(), sizeof(Header));
+  if (from.size() < sizeof(Header) || !given.is_sound())
     throw HistoryError("a history to load: the bytes are no saved history");
-  const auto layers = from.subspan(sizeof(Header), std::min(from.size(), expected.begin()) - sizeof(Header));
-  given.layers.assign(reinterpret_cast<const char*>(layers.data()), layers.size());
-  const bool fits = given.header.channels == expected.header.channels && given.text() == expected.text();
-  if (!fits) throw HistoryError("a history to load has {}, expected {}", given.text(), expected.text());
+  if (given.frames() != expected.header.frames())
+    throw HistoryError("a history to load is of {}, expected {}", given.frames(), expected.header.frames());
   if (from.size() != saved_history_bytes())
     throw HistoryError("a history to load of {} bytes, expected {}", from.size(), saved_history_bytes());
+  const auto layers = std::as_bytes(std::span(expected.layers));
+  if (!std::ranges::equal(from.subspan(sizeof(Header), layers.size()), layers))
+    throw HistoryError("a history to load is of other layers, expected {}", expected.layers);
   History& known = history(sequence);
-  if (const uint64_t bytes = sizeof(float) * given.header.floats(); bytes > 0) {
+  if (const uint64_t bytes = expected.bytes(given.last); bytes > 0) {
     const Buffer host(device_, bytes, Memory::kUpload, "saved history");
     std::memcpy(host.mapped(), from.data() + expected.begin(), bytes);
     host.flush();
     copy_now(device_, host.handle(), known.next.handle(), {0, 0, bytes}, "load a history");
   }
-  known.go_on(given.header.last);
-  known.is_empty = given.header.is_empty();
+  known.go_on(given.last);
+  known.is_empty = given.is_empty();
 }
 
 }  // namespace raymeld

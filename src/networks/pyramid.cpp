@@ -157,8 +157,8 @@ struct Pyramid {
     return out;
   }
 
-  // Returns what takes a share of the pooled light of a level: LRHS, at the level of its size. `samples` are
-  // those of HRLS where each pixel has its own.
+  // Returns what takes a share of the pooled light of a level: LRHS, at the level of its size. Adds the
+  // shares that depend on the `samples` of HRLS, where each pixel has its own.
   std::optional<Blend> blend(uint32_t level, const std::optional<Tensor>& lrhs,
                              const std::optional<Tensor>& samples) const {
     if (level != a.levels()) return {};

@@ -178,7 +178,7 @@ TEST_F(TemporalTest, ASavedHistoryGoesOnInAnotherFusion) {
   std::vector<std::byte> other = saved;
   other[0] = std::byte{'x'};
   EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, second.load_history(other), "no saved history");
-  for (size_t i = 8; i < 32; ++i) {  // the numbers in front
+  for (size_t i = 8; i < 32; ++i) {  // the numbers in front, and the first layer's name
     other = saved;
     other[i] ^= std::byte{0x40};
     EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, second.load_history(other), "a history to load");
