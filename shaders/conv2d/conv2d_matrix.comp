@@ -80,35 +80,49 @@ const uint kAcross = kColumns / kN, kPixels = kRows * kAcross;  // matrices of p
 // between the inputs are zero. So the channels of a step are in one input.
 uint first_padded() { return (p.channels_first + kStep - 1) / kStep * kStep; }
 
-// Sets a step of channels of a pixel, from channel i of an input that has `count`: zeros where channels end
-// early or, unless it is `inside`, for a pixel outside the image. Loads take no branch.
-#define LOAD_STEP(data, halves, i, count, y, x, inside)                                              \
-  [[unroll]] for (uint k = 0; k < kStep; ++k) {                                                      \
-    uint c = (i) + k;                                                                                \
-    bool present = (inside) && c < (count);                                                          \
-    uvec3 place = shuffled(kUnshuffle, c, y, x);                                                     \
-    uint at = address(place.x, place.y, place.z, p.plane_in, kUnshuffle * p.width);                  \
-    float16_t value = data[present ? at : 0];                                                        \
-    halves[k] = present ? value : float16_t(0.0);                                                    \
+// An invocation shares so many pixels.
+const uint kRounds = (kTilePixels + gl_WorkGroupSize.x - 1) / gl_WorkGroupSize.x;
+
+// Shares a step of channels, from channel i of an input that has `count`: zeros where channels end early, and
+// for pixels outside the image. Loads take no branch, so that they are in flight together; those of missing
+// channels read the last. An invocation's pixels are at `places` of a channel.
+#define SHARE_STEP(data, step, i, count, places, inside)                                        \
+  uvec4 present;                                                                                \
+  [[unroll]] for (uint k = 0; k < 4; ++k)                                                       \
+    present[k] = ((i) + 2 * k < (count) ? 0xffffu : 0) |                                        \
+                 ((i) + 2 * k + 1 < (count) ? 0xffff0000u : 0);                                 \
+  [[unroll]] for (uint round = 0; round < kRounds; ++round) {                                   \
+    float16_t halves[kStep];                                                                    \
+    [[unroll]] for (uint k = 0; k < kStep; ++k) {                                               \
+      uvec3 channel = shuffled(kUnshuffle, min((i) + k, (count) - 1), 0, 0);                    \
+      uint first = address(channel.x, channel.y, channel.z, p.plane_in, kUnshuffle * p.width);  \
+      halves[k] = data[first + places[round]];                                                  \
+    }                                                                                           \
+    uvec4 packed;                                                                               \
+    [[unroll]] for (uint k = 0; k < 4; ++k)                                                     \
+      packed[k] = packFloat2x16(f16vec2(halves[2 * k], halves[2 * k + 1])) & present[k];        \
+    uint pixel = round * gl_WorkGroupSize.x + gl_LocalInvocationIndex;                          \
+    if ((round + 1) * gl_WorkGroupSize.x <= kTilePixels || pixel < kTilePixels)                 \
+      tile[pixel * kPixelStride + step] = inside[round] ? packed : uvec4(0);                    \
   }
 
 void share_tile(uint first_channel, uint y0, uint x0) {
+  uint places[kRounds];
+  bool inside[kRounds];
+  [[unroll]] for (uint round = 0; round < kRounds; ++round) {
+    uint pixel = round * gl_WorkGroupSize.x + gl_LocalInvocationIndex;
+    uvec2 size = uvec2(p.width, p.height);
+    // Unsigned wrap-around serves both edges.
+    uvec2 at = uvec2(x0 + pixel % kTileWidth, y0 + pixel / kTileWidth) - kRadius, clamped = min(at, size - 1);
+    inside[round] = at == clamped;
+    places[round] = kUnshuffle * address(0, kUnshuffle * clamped.y, clamped.x, 0, p.width);
+  }
   [[unroll]] for (uint step = 0; step < kPixelSteps; ++step) {
     uint i = first_channel + step * kStep;
-    [[unroll]] for (uint first = 0; first < kTilePixels; first += gl_WorkGroupSize.x) {
-      uint pixel = first + gl_LocalInvocationIndex;
-      uint y = y0 + pixel / kTileWidth - kRadius, x = x0 + pixel % kTileWidth - kRadius;
-      bool inside = y < p.height && x < p.width;  // unsigned wrap-around serves both edges
-      float16_t halves[kStep];
-      if (kSecondInput != 0 && i >= first_padded()) {
-        LOAD_STEP(second_data, halves, i - first_padded(), p.channels_in - p.channels_first, y, x, inside)
-      } else {
-        LOAD_STEP(in_data, halves, i, p.channels_first, y, x, inside)
-      }
-      uvec4 packed;
-      [[unroll]] for (uint k = 0; k < 4; ++k)
-        packed[k] = packFloat2x16(f16vec2(halves[2 * k], halves[2 * k + 1]));
-      if (pixel < kTilePixels) tile[pixel * kPixelStride + step] = packed;
+    if (kSecondInput != 0 && i >= first_padded()) {
+      SHARE_STEP(second_data, step, i - first_padded(), p.channels_in - p.channels_first, places, inside)
+    } else {
+      SHARE_STEP(in_data, step, i, p.channels_first, places, inside)
     }
   }
 }
@@ -118,7 +132,8 @@ void share_weights(uint first) {
   [[unroll]] for (uint round = 0; round < kCount; round += gl_WorkGroupSize.x) {
     uint n = round + gl_LocalInvocationIndex;
     uvec4 values = weights[first + min(n, kCount - 1)];
-    if (n < kCount) block_weights[n / kWeightSteps * kWeightStride + n % kWeightSteps] = values;
+    if (round + gl_WorkGroupSize.x <= kCount || n < kCount)
+      block_weights[n / kWeightSteps * kWeightStride + n % kWeightSteps] = values;
   }
 }
 
@@ -141,7 +156,7 @@ const uint kStores = kM * kColumns / (kLanes * kRun), kShuffledRow = kColumns * 
 void store(uint o, uint y, uint x0, uint across, uint rest, float values[kRun]) {
   o += rest * kShuffle;
   uint left = kShuffle * x0 + across;
-  if (o >= p.channels_out || y >= p.height || left >= kShuffle * p.width) return;
+  if (any(greaterThanEqual(uvec3(o, y, left), uvec3(p.channels_out, p.height, kShuffle * p.width)))) return;
   uint at = address(o / (kShuffle * kShuffle), kShuffle * y + o / kShuffle % kShuffle, left, p.plane_out,
                     kShuffle * p.width);
   [[unroll]] for (uint j = 0; j < kRun; ++j) {
@@ -206,9 +221,14 @@ void main() {
         uint first = (n * kLanes + gl_SubgroupInvocationID) * kRun;
         uint across = first % kShuffledRow, rest = first / kShuffledRow;
         float values[kRun];
-        [[unroll]] for (uint j = 0; j < kRun; ++j) {
-          uint channel = rest * kShuffle + (across + j) % kShuffle, column = (across + j) / kShuffle;
-          values[j] = uintBitsToFloat(tile[own + channel * kSumStride + column / 4][column % 4]);
+        if (kShuffle == 1 && kRun == 4) {
+          uvec4 sums = tile[own + rest * kSumStride + across / 4];
+          [[unroll]] for (uint j = 0; j < kRun; ++j) values[j] = uintBitsToFloat(sums[j]);
+        } else {
+          [[unroll]] for (uint j = 0; j < kRun; ++j) {
+            uint channel = rest * kShuffle + (across + j) % kShuffle, column = (across + j) / kShuffle;
+            values[j] = uintBitsToFloat(tile[own + channel * kSumStride + column / 4][column % 4]);
+          }
         }
         store((block * kOutputs + o) * kM, y0 + first_row + row, x0, across, rest, values);
       }

@@ -35,10 +35,9 @@ uint saturated_here = 0;  // this invocation's values that were beyond 16 bits
 // arithmetic, which is not required.)
 float storable(float value) {
 #ifdef STORAGE_F16
-  if (abs(value) > 65504.0) {
-    ++saturated_here;
-    value = clamp(value, -65504.0, 65504.0);
-  }
+  bool beyond = abs(value) > 65504.0;
+  saturated_here += uint(beyond);
+  value = mix(value, clamp(value, -65504.0, 65504.0), beyond);
 #endif
   return value;
 }
