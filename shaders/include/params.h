@@ -346,6 +346,8 @@ struct Decode {
 // distances times these.
 #define RAYMELD_HISTORY_ALBEDO 40.0
 #define RAYMELD_HISTORY_NORMAL 10.0
+#define RAYMELD_HISTORY_MOTION 16.0  // how sharply a steady motion is told from another
+#define RAYMELD_HISTORY_STEADY 0.05  // how much the above count where motion is steady
 #define RAYMELD_HISTORY_LRHS 180.0
 #define RAYMELD_SHARPENED_SHARE 0.25  // of a new albedo or normal, where reading blurs the last ones
 #define RAYMELD_MOST_FRAMES 64.0  // that a pixel is the mean of

@@ -1,8 +1,10 @@
 // Joins encoded HRLS with what the last frame knew of the same points, and keeps the result for the next. The
 // history is read bilinearly where the motion leads. A pixel of it counts as far as its albedo and normal lie
-// within those of the 3x3 pixels around the pixel at hand, and as far as the light is still the same. Colors
-// are joined as demodulated radiance, without the fireflies of this frame. Albedo and normal are joined less
-// where reading between pixels blurs them. Each invocation computes a pixel.
+// within those of the 3x3 pixels around the pixel at hand, and as far as the light is still the same. Thin
+// things come and go among samples that move within the pixel, so albedo and normal matter less where the
+// last frame had the same motion: hardly anything has come into sight there. Colors are joined as demodulated
+// radiance, without the fireflies of this frame. Albedo and normal are joined less where reading between
+// pixels blurs them. Each invocation computes a pixel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -39,6 +41,12 @@ float linear_at(uint c, uvec2 at) { return to_linear(hrls_at(c, at), p.log_trans
 
 vec3 color_at(uvec2 at) { return vec3(linear_at(0, at), linear_at(1, at), linear_at(2, at)); }
 
+// Returns the motion of a pixel, which leads out of the frame where it is not finite.
+vec2 motion_at(uvec2 at) {
+  vec2 motion = vec2(frame_value(p.motion, 0, at), frame_value(p.motion, 1, at));
+  return is_finite(motion.x) && is_finite(motion.y) ? motion : vec2(1e9);
+}
+
 // Holds what the 3x3 pixels around one say of it.
 struct Around {
   float low[6], high[6];  // the range of albedo and normal
@@ -74,7 +82,7 @@ struct History {
 };
 
 History history_of(uvec2 own, Place place, uint plane, Around near) {
-  vec2 motion = vec2(frame_value(p.motion, 0, own), frame_value(p.motion, 1, own));
+  vec2 motion = motion_at(own);
   Taps taps = taps_at(vec2(own + uvec2(place.x, place.y)) + motion, uvec2(place.width, place.height));
   History result;
   float sum = 0.0;
@@ -84,12 +92,15 @@ History history_of(uvec2 own, Place place, uint plane, Around near) {
     uint element = taps.pixels[i].y * place.width + taps.pixels[i].x;
     float of_albedo = 0.0, of_normal = 0.0;
     [[unroll]] for (uint c = 0; c < 6; ++c) {
-      float unlike = beyond(last.v[(kGuides + c) * plane + element], near.low[c], near.high[c]);
-      of_albedo += c < 3 ? unlike : 0.0;
-      of_normal += c < 3 ? 0.0 : unlike;
+      float away = beyond(last.v[(kGuides + c) * plane + element], near.low[c], near.high[c]);
+      of_albedo += c < 3 ? away : 0.0;
+      of_normal += c < 3 ? 0.0 : away;
     }
-    float frames = last.v[p.channels * plane + element];
-    float likeness = exp(-(RAYMELD_HISTORY_ALBEDO * of_albedo + RAYMELD_HISTORY_NORMAL * of_normal));
+    vec2 before = vec2(last.v[p.channels * plane + element], last.v[(p.channels + 1) * plane + element]);
+    float steady = exp(-RAYMELD_HISTORY_MOTION * dot(before - motion, before - motion)) * (1.0 - result.blur);
+    float unlike = RAYMELD_HISTORY_ALBEDO * of_albedo + RAYMELD_HISTORY_NORMAL * of_normal;
+    float likeness = exp(-mix(1.0, RAYMELD_HISTORY_STEADY, steady) * unlike);
+    float frames = last.v[(p.channels + 2) * plane + element];
     float weight = frames > 0.0 ? taps.weights[i] * likeness : 0.0;
     result.elements[i] = element;
     result.shares[i] = weight;
@@ -144,7 +155,12 @@ void main() {
     if (is_radiance) joined = to_network(min(joined, p.clip), p.log_transfer);
     target.v[address(c, id.y, id.x, p.plane, p.width)] = STORAGE(storable(joined));
   }
-  if (is_kept) next.v[p.channels * plane + element] = frames + 1.0;
+  if (is_kept) {
+    vec2 motion = motion_at(own);
+    next.v[p.channels * plane + element] = motion.x;
+    next.v[(p.channels + 1) * plane + element] = motion.y;
+    next.v[(p.channels + 2) * plane + element] = frames + 1.0;
+  }
   float samples = clamp((frames + 1.0) * p.spp, 1.0, RAYMELD_MOST_SAMPLES);
   target.v[address(p.count_channel, id.y, id.x, p.plane, p.width)] = STORAGE(storable(log2(samples)));
   count_saturated();

@@ -42,7 +42,8 @@ struct Scene {
     const auto frames = [](double u) { return u < 0.25 ? 0 : std::floor(64 * u); };
     past_hrls = concat(past(3, frame, 6, light), past(3, frame, 7, [](double u) { return u; }));
     past_hrls = concat(past_hrls, past(3, frame, 8, [](double u) { return 2 * u - 1; }));
-    past_hrls = concat(past_hrls, concat(past(kOthers, frame, 9, light), past(1, frame, 10, frames)));
+    past_hrls = concat(past_hrls, concat(past(kOthers, frame, 9, light), past_motion()));
+    past_hrls = concat(past_hrls, past(1, frame, 10, frames));
     const Size small{frame.h / c.scale, frame.w / c.scale};
     past_lrhs = concat(past(3, small, 11, light), past(1, small, 12, frames));
     past_fused = past(3, frame, 13, light);
@@ -55,6 +56,22 @@ struct Scene {
     for (size_t i = 0; i < result.data.size(); ++i) {
       result.data[i] = std::round(24 * result.data[i]) / 8;
       if (i % 31 == 7) result.data[i] = i % 2 ? 1e9 : std::numeric_limits<double>::quiet_NaN();
+    }
+    return result;
+  }
+
+  // Returns motions of the last frame: that of a pixel where its own leads, or nearly, and other ones.
+  Planes past_motion() const {
+    Planes result(2, frame.h, frame.w);
+    for (size_t i = 0; i < result.data.size(); ++i) result.data[i] = double(i % 7) - 3;
+    for (int row = 0; row < motion.h; ++row) {
+      for (int column = 0; column < motion.w; ++column) {
+        const double to_x = std::floor(x + column + motion.at(0, row, column));
+        const double to_y = std::floor(y + row + motion.at(1, row, column));
+        if (!(to_x >= 0 && to_x < frame.w && to_y >= 0 && to_y < frame.h)) continue;
+        for (int i = 0; i < 2; ++i)
+          result.at(i, int(to_y), int(to_x)) = motion.at(i, row, column) + (column % 3) / 8.0;
+      }
     }
     return result;
   }
@@ -156,7 +173,7 @@ void check_accumulate(Check& check, const ImageTrial& c) {
       accumulate(run.graph(), "accumulate", hrls, out, options);
     };
     check.within(run_with_history(check, s, s.hrls, c.full(), s.hrls.c + 1, add, 0, s.frame,
-                                  Scene::kChannels + 1, 1, expected),
+                                  Scene::kChannels + 3, 1, expected),
                  expected, with_kept ? "with kept shares" : "");
   }
 }

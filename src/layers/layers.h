@@ -272,14 +272,14 @@ void compose(Graph& graph, const std::string& name, const Tensor& rec, const Ten
              float phase);
 
 // These join a frame with the ones before it. A history is a buffer of the whole frame in the slots kLastSlot
-// and kNextSlot, in 32 bits: planes of the first `channels` channels of HRLS, of a count of frames and of the
-// fused image, and then, above a scale of 1, three colors and a count of the size of LRHS. Radiance in it is
-// scene linear, and the color of HRLS is demodulated as light() does. The image in kMotionSlot has two
-// channels, which lead from a full-size pixel to the same point in the last frame, in pixels along x and y.
-// Program::set_place() says where the recording lies in the frame.
+// and kNextSlot, in 32 bits: planes of the first `channels` channels of HRLS, of the motion, of a count of
+// frames and of the fused image, and then, above a scale of 1, three colors and a count of the size of LRHS.
+// Radiance in it is scene linear, and the color of HRLS is demodulated as light() does. The image in
+// kMotionSlot has two channels, which lead from a full-size pixel to the same point in the last frame, in
+// pixels along x and y. Program::set_place() says where the recording lies in the frame.
 
 // Returns the planes of a history that have the size of the frame.
-constexpr uint32_t history_planes(uint32_t channels) { return channels + 1 + 3; }
+constexpr uint32_t history_planes(uint32_t channels) { return channels + 2 + 1 + 3; }
 
 // Returns the floats of a history.
 constexpr uint64_t history_floats(uint32_t height, uint32_t width, uint32_t channels, uint32_t scale) {
@@ -312,9 +312,10 @@ struct AccumulateOptions {
 // options.channels channels of `out` (H, W, N) get the result, and the last one the binary logarithm of the
 // samples behind it, from 0 to 4. A history of n frames and this frame are n / (n + 1) and 1 / (n + 1) of the
 // result. The history is read bilinearly where the motion leads. Each of its pixels counts by
-// exp(-40 a - 10 b), where a and b are the squared distances of its albedo and normal from the ranges that
-// the 3x3 pixels around the pixel have, and by the least that is kept of the four pixels of LRHS around. It
-// counts for 63 frames at most.
+// exp(-(1 - 0.95 s) (40 a + 10 b)), where a and b are the squared distances of its albedo and normal from the
+// ranges that the 3x3 pixels around the pixel have, and by the least that is kept of the four pixels of LRHS
+// around. Here s = exp(-16 m) (1 - blur), where m is the squared distance of its motion from the pixel's, and
+// reading blurs by 0 at a pixel and by 3/4 in the middle of four. It counts for 63 frames at most.
 void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const Tensor& out,
                 const AccumulateOptions& options);
 

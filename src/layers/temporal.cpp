@@ -76,7 +76,7 @@ void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const
                                    options.spp});
   pass.groups = pixel_groups(shape);
   pass.bytes = traffic(graph, hrls) + traffic(graph, out) +
-               static_cast<double>(shape.pixels() * (8 * (options.channels + 1) + 8));
+               static_cast<double>(shape.pixels() * (8 * (options.channels + 3) + 8));
   graph.add(std::move(pass));
 }
 
@@ -94,7 +94,7 @@ void settle(Graph& graph, const std::string& name, const Tensor& fused, const Te
                                height,
                                width,
                                graph.plane(out),
-                               options.channels + 1,
+                               options.channels + 3,
                                options.transfer == Transfer::kLog,
                                options.clip,
                                options.spp});

@@ -169,10 +169,11 @@ Bounded attend(const Bounded& x, const Bounded& logits, const Bounded& residual,
 // Holds what they read beside the frame.
 struct Past {
   const Planes& motion;  // (2, H, W), from each full-size pixel to the same point in the last frame
-  const Planes& hrls;    // the last frame's history (A + 1, frame height, frame width), with a count at last
-  const Planes& lrhs;    // (4, frame height / scale, frame width / scale), likewise
-  const Planes& fused;   // (3, frame height, frame width), the last fused image, scene linear
-  int y, x;              // the first full-size pixel of this part of the frame
+  const Planes&
+      hrls;  // the last frame's history (A + 3, frame height, frame width): motion and a count at last
+  const Planes& lrhs;   // (4, frame height / scale, frame width / scale), likewise
+  const Planes& fused;  // (3, frame height, frame width), the last fused image, scene linear
+  int y, x;             // the first full-size pixel of this part of the frame
   double exposure;
 };
 
@@ -184,12 +185,14 @@ struct Past {
 Bounded light_change(const Bounded& lrhs, const Past& past, Transfer transfer, int scale,
                      Precision precision);
 
-// Returns (2 A + 2, H, W): the first A channels of HRLS joined with the history, encoded, and the binary
+// Returns (2 A + 4, H, W): the first A channels of HRLS joined with the history, encoded, and the binary
 // logarithm of their samples, within 0 and 4, and then the history that is kept. The first channels are
 // color, albedo and normal, all others radiance; the history has demodulated radiance in the place of the
-// color. A pixel of the history counts by exp(-40 a - 10 b), with the squared distances a and b of its albedo
-// and normal from the ranges of the 3x3 pixels of HRLS, and by the least of the four pixels of `kept`
-// (1, H / scale, W / scale) around. Together the four pixels around a point count for 63 frames at most.
+// color. A pixel of the history counts by exp(-(1 - 0.95 s) (40 a + 10 b)), with the squared distances a and
+// b of its albedo and normal from the ranges of the 3x3 pixels of HRLS, and by the least of the four pixels
+// of `kept` (1, H / scale, W / scale) around. Here s = exp(-16 m) (1 - b'), with the squared distance m of
+// its motion from the pixel's, and b' as the blur of settle(). Together the four pixels around a point count
+// for 63 frames at most.
 Bounded accumulate(const Bounded& hrls, const Past& past, Transfer transfer, double clip, double spp,
                    Precision precision, const Bounded* kept = nullptr, int scale = 1);
 

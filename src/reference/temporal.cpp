@@ -9,6 +9,8 @@ namespace {
 constexpr double kMostFrames = 63, kMostLrhsFrames = 15, kMostSamples = 16;
 constexpr double kSharpenedShare = 0.25;
 constexpr double kHistoryAlbedo = 40, kHistoryNormal = 10, kHistoryLrhs = 180;
+constexpr double kHistoryMotion = 16, kHistorySteady = 0.05;
+constexpr double kNowhere = 1e9;  // a motion that leads out of the frame
 constexpr double kLightChange = 16, kLightNoise = 0.01, kLightErrors = 3, kLightFloor = 0.02;
 constexpr double kUnknownVariance = 1e30;
 constexpr double kLeastWeight = 1e-6;
@@ -206,15 +208,22 @@ template <typename T>
 std::vector<T> accumulate_at(const Bounded& hrls, const Past& past, Transfer transfer, double clip,
                              double spp, const T& kept, int y, int x) {
   using std::exp, std::max, std::min, std::log2, std::clamp;
-  const int channels = past.hrls.c - 1;
+  const int channels = past.hrls.c - 3;
   const auto taps = taps_before(past, y, x);
+  std::array<double, 2> motion{past.motion.at(0, y, x), past.motion.at(1, y, x)};
+  if (!std::isfinite(motion[0]) || !std::isfinite(motion[1])) motion = {kNowhere, kNowhere};
   const auto likeness = [&](const Tap& tap) {
     T albedo = 0, normal = 0;
     for (int c = 3; c < 9; ++c) {
       T& sum = c < 6 ? albedo : normal;
       sum = sum + beyond<T>(T(past.hrls.at(c, tap.y, tap.x)), range_around(hrls, c, y, x));
     }
-    return T(exp(-(T(kHistoryAlbedo) * albedo + T(kHistoryNormal) * normal)));
+    T moved = 0;
+    for (int c = 0; c < 2; ++c)
+      moved = moved + square(T(T(past.hrls.at(channels + c, tap.y, tap.x)) - T(motion[size_t(c)])));
+    const T steady = exp(T(-kHistoryMotion) * moved) * T(1 - blur_of(taps));
+    const T unlike = T(kHistoryAlbedo) * albedo + T(kHistoryNormal) * normal;
+    return T(exp(-(1 - steady + T(kHistorySteady) * steady) * unlike));
   };
   const Read<T> before = read<T>(past.hrls, channels, taps, likeness);
   const T frames = min(before.frames * kept, T(kMostFrames)), share = 1 / (frames + 1);
@@ -239,6 +248,7 @@ std::vector<T> accumulate_at(const Bounded& hrls, const Past& past, Transfer tra
   encoded.push_back(log2(T(clamp(T((frames + 1) * T(spp)), 1.0, kMostSamples))));
   for (int c = 0; c < channels; ++c)
     encoded.push_back(c < 3 || c >= 9 ? T(joined[size_t(c)] * T(1 / past.exposure)) : joined[size_t(c)]);
+  for (const double along : motion) encoded.push_back(T(along));
   encoded.push_back(frames + 1);
   return encoded;
 }
@@ -295,9 +305,9 @@ Bounded light_change(const Bounded& lrhs, const Past& past, Transfer transfer, i
 
 Bounded accumulate(const Bounded& hrls, const Past& past, Transfer transfer, double clip, double spp,
                    Precision precision, const Bounded* kept, int scale) {
-  const int h = hrls.value.h, w = hrls.value.w, channels = past.hrls.c - 1;
+  const int h = hrls.value.h, w = hrls.value.w, channels = past.hrls.c - 3;
   if (kept) expect_shape(*kept, 1, h / scale, w / scale);
-  Bounded result = exact(Planes(2 * channels + 2, h, w));
+  Bounded result = exact(Planes(2 * channels + 4, h, w));
   for (int y = 0; y < h; ++y) {
     for (int x = 0; x < w; ++x) {
       const auto result_at = [&]<typename T>(T) {

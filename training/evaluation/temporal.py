@@ -29,9 +29,11 @@ PICTURED = ("camera", "objects")  # sequences of which the picture has a row
 SETTLED = 4  # frames after which flicker is measured
 YOUNG = 4  # pixels that came into sight within so many frames are young
 UNLIKE = 0.15  # distance of albedo or normal from the range of the 3x3 pixels, beyond which a surface is another one
-SUMMED = ("flicker", "along", "young")  # as parts of those of frames by themselves
+SUMMED = ("flicker", "along", "young", "noise")  # as parts of those of frames by themselves
+STILL = 0.01  # pixels of motion, below which a pixel stands still
+LEAST_STILL = 0.05  # part of the pixels that must stand still for a figure of these
 COLUMNS = ("sequence", "model", "frame", "psnr_alone", "psnr", "flicker_alone", "flicker", "along_alone", "along")
-COLUMNS += ("young_share", "young_alone", "young", "psnr_svgf", "psnr_svgf_alone")
+COLUMNS += ("young_share", "young_alone", "young", "psnr_svgf", "psnr_svgf_alone", "noise_alone", "noise")
 
 
 def parse():
@@ -77,6 +79,12 @@ def flicker_along(now, last, motion):
     return flicker(numpy.where(inside, now, 0), numpy.where(inside, past, 0))
 
 
+def noise_of(errors, still):
+    """Returns the standard deviation over frames of the errors [N, 2, H, W, 3] in pixels that stand still [H, W]."""
+    away = errors - errors.mean(0)
+    return math.sqrt(max((away[:, 0] * away[:, 1])[:, still].mean(), 0))
+
+
 class Ages:
     """Counts for how many frames each pixel's surface has been in sight, by albedo and normal."""
 
@@ -112,7 +120,7 @@ def measure(folder, model_name):
     size = images.read(folder / "lrhs-0001.exr").shape[:2]
     options = {"sampling": "centered", "lrhs_spp": record["lrhs_spp"], "hrls_spp": record["hrls_spp"]}
     alone, joined = (raymeld.Fusion(model, *size, temporal=temporal, **options) for temporal in (False, True))
-    ages, last, rows, strips = Ages(), None, [], []
+    ages, last, rows, strips, settled, still = Ages(), None, [], [], [], True
     tuned = filters.TUNED["svgf"][2]
     svgf = baselines.TemporalSvgf(tuned)
     for frame in range(1, record["frames"] + 1):
@@ -131,11 +139,16 @@ def measure(folder, model_name):
         of_young = [float(square(error)[young].sum()) for error in errors]
         psnrs = [psnr(error) for error in errors]
         of_svgf = [psnr(errors_of(image, references)) for image in filtered]
-        values = (folder.name, model_name, frame, *psnrs, *changes, *along, young.mean(), *of_young, *of_svgf)
+        values = (folder.name, model_name, frame, *psnrs, *changes, *along, young.mean(), *of_young, *of_svgf, "", "")
         rows.append(dict(zip(COLUMNS, values)))
         strip = [layers["color"], *fused, filtered[0], (references[0] + references[1]) / 2]
         strips.append([numpy.uint8(pictures.srgb(image) * 255 + 0.5) for image in strip])
         last = errors
+        if frame > SETTLED:
+            settled.append(errors)
+            still &= (numpy.abs(motion) < STILL).all(-1)
+    if still.mean() >= LEAST_STILL:
+        rows[-1] |= {"noise" + by: noise_of(numpy.stack(e), still) for by, e in zip(("_alone", ""), zip(*settled))}
     return rows, strips
 
 
@@ -155,7 +168,7 @@ def write_video(path, strips):
 def table(rows):
     frames = [frame for frame in SHOWN if any(row["frame"] == frame for row in rows)]
     head = ["", *(f"frame {frame}" for frame in frames), f"SVGF, frame {SVGF_SHOWN}", "flicker"]
-    head += ["flicker along the motion", "newly in sight"]
+    head += ["flicker along the motion", "newly in sight", "noise in still pixels"]
     lines = []
     for name in dict.fromkeys(row["sequence"] for row in rows):
         by_frame = {row["frame"]: row for row in rows if row["sequence"] == name}
@@ -164,7 +177,7 @@ def table(rows):
             f"{by_frame[frame]['psnr_alone']:.2f} → {by_frame[frame]['psnr']:.2f}" if frame in by_frame else ""
             for frame in frames
         ]
-        sums = [[sum(row[key + by] for row in settled) for by in ("", "_alone")] for key in SUMMED]
+        sums = [[sum(row[key + by] or 0 for row in settled) for by in ("", "_alone")] for key in SUMMED]
         svgf = by_frame[SVGF_SHOWN]
         leads.append(f"{svgf['psnr_svgf_alone']:.2f} → {svgf['psnr_svgf']:.2f}")
         lines.append([name, *leads, *(f"{joined / alone:.2f}" if alone else "" for joined, alone in sums)])
