@@ -307,7 +307,7 @@ typedef struct raymeld_fusion_desc {
   uint32_t absent_layer_count RAYMELD_IS(0);
   /* VK_TRUE: each frame is joined with the ones before it, whose light it takes over where motion leads, so
    * that frames of few samples add up. A frame then needs its motion: see raymeld_frame and
-   * raymeld_fuse_next(). Takes two buffers for what is kept, of (3 for each layer but the variance, and 1)
+   * raymeld_fuse_next(). Takes two buffers for what is kept, of (3 for each layer but the variance, and 6)
    * floats a full-size pixel and 4 a pixel of LRHS. For pyramid networks that know the samples of a pixel
    * (raymeld_model_info), with an ordinary small render as LRHS and with compute_variance if the model reads
    * the variance. No tile is computed again in fp32. */

@@ -80,7 +80,7 @@ const uint kAcross = kColumns / kN, kPixels = kRows * kAcross;  // matrices of p
 // between the inputs are zero. So the channels of a step are in one input.
 uint first_padded() { return (p.channels_first + kStep - 1) / kStep * kStep; }
 
-// An invocation shares so many pixels.
+// An invocation shares at most so many pixels.
 const uint kRounds = (kTilePixels + gl_WorkGroupSize.x - 1) / gl_WorkGroupSize.x;
 
 // Shares a step of channels, from channel i of an input that has `count`: zeros where channels end early, and

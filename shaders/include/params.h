@@ -346,9 +346,12 @@ struct Decode {
 // distances times these.
 #define RAYMELD_HISTORY_ALBEDO 40.0
 #define RAYMELD_HISTORY_NORMAL 10.0
-#define RAYMELD_HISTORY_MOTION 16.0  // how sharply a steady motion is told from another
-#define RAYMELD_HISTORY_STEADY 0.05  // how much the above count where motion is steady
 #define RAYMELD_HISTORY_LRHS 180.0
+// Motion is steady by exp() of the squared distance of two motions times the first. The second is the part of
+// the distances of albedo and normal that counts where it is.
+#define RAYMELD_HISTORY_MOTION 16.0
+#define RAYMELD_HISTORY_STEADY 0.05
+#define RAYMELD_NOWHERE 1e9  // pixels of a motion that leads out of every frame
 #define RAYMELD_SHARPENED_SHARE 0.25  // of a new albedo or normal, where reading blurs the last ones
 #define RAYMELD_MOST_FRAMES 64.0  // that a pixel is the mean of
 #define RAYMELD_MOST_LRHS_FRAMES 16.0

@@ -44,7 +44,7 @@ vec3 color_at(uvec2 at) { return vec3(linear_at(0, at), linear_at(1, at), linear
 // Returns the motion of a pixel, which leads out of the frame where it is not finite.
 vec2 motion_at(uvec2 at) {
   vec2 motion = vec2(frame_value(p.motion, 0, at), frame_value(p.motion, 1, at));
-  return is_finite(motion.x) && is_finite(motion.y) ? motion : vec2(1e9);
+  return is_finite(motion.x) && is_finite(motion.y) ? motion : vec2(RAYMELD_NOWHERE);
 }
 
 // Holds what the 3x3 pixels around one say of it.
@@ -73,9 +73,10 @@ Around around(uvec2 own) {
   return result;
 }
 
-// Holds the elements of a plane of the history, their shares of its value, the frames behind it, and how much
-// it is blurred: 0 where it is read at a pixel, 3/4 in the middle of four.
+// Holds the motion to the history, the elements of a plane of it, their shares of its value, the frames behind
+// it, and how much it is blurred: 0 where it is read at a pixel, 3/4 in the middle of four.
 struct History {
+  vec2 motion;
   uint elements[4];
   float shares[4];
   float frames, blur;
@@ -85,6 +86,7 @@ History history_of(uvec2 own, Place place, uint plane, Around near) {
   vec2 motion = motion_at(own);
   Taps taps = taps_at(vec2(own + uvec2(place.x, place.y)) + motion, uvec2(place.width, place.height));
   History result;
+  result.motion = motion;
   float sum = 0.0;
   result.frames = 0.0;
   result.blur = blur_of(taps);
@@ -156,9 +158,8 @@ void main() {
     target.v[address(c, id.y, id.x, p.plane, p.width)] = STORAGE(storable(joined));
   }
   if (is_kept) {
-    vec2 motion = motion_at(own);
-    next.v[p.channels * plane + element] = motion.x;
-    next.v[(p.channels + 1) * plane + element] = motion.y;
+    next.v[p.channels * plane + element] = history.motion.x;
+    next.v[(p.channels + 1) * plane + element] = history.motion.y;
     next.v[(p.channels + 2) * plane + element] = frames + 1.0;
   }
   float samples = clamp((frames + 1.0) * p.spp, 1.0, RAYMELD_MOST_SAMPLES);

@@ -60,7 +60,8 @@ struct Scene {
     return result;
   }
 
-  // Returns motions of the last frame: that of a pixel where its own leads, or nearly, and other ones.
+  // Returns the motions of the last frame. Where the motion of a pixel leads, they are the same or differ by
+  // up to a quarter of a pixel; elsewhere they are other ones.
   Planes past_motion() const {
     Planes result(2, frame.h, frame.w);
     for (size_t i = 0; i < result.data.size(); ++i) result.data[i] = double(i % 7) - 3;

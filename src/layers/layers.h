@@ -315,7 +315,7 @@ struct AccumulateOptions {
 // exp(-(1 - 0.95 s) (40 a + 10 b)), where a and b are the squared distances of its albedo and normal from the
 // ranges that the 3x3 pixels around the pixel have, and by the least that is kept of the four pixels of LRHS
 // around. Here s = exp(-16 m) (1 - blur), where m is the squared distance of its motion from the pixel's, and
-// reading blurs by 0 at a pixel and by 3/4 in the middle of four. It counts for 63 frames at most.
+// reading blurs by 0 at a pixel and by 3/4 in the middle of four. The history counts for 63 frames at most.
 void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const Tensor& out,
                 const AccumulateOptions& options);
 

@@ -94,7 +94,7 @@ void settle(Graph& graph, const std::string& name, const Tensor& fused, const Te
                                height,
                                width,
                                graph.plane(out),
-                               options.channels + 3,
+                               history_planes(options.channels) - 3,
                                options.transfer == Transfer::kLog,
                                options.clip,
                                options.spp});

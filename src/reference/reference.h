@@ -169,11 +169,10 @@ Bounded attend(const Bounded& x, const Bounded& logits, const Bounded& residual,
 // Holds what they read beside the frame.
 struct Past {
   const Planes& motion;  // (2, H, W), from each full-size pixel to the same point in the last frame
-  const Planes&
-      hrls;  // the last frame's history (A + 3, frame height, frame width): motion and a count at last
-  const Planes& lrhs;   // (4, frame height / scale, frame width / scale), likewise
-  const Planes& fused;  // (3, frame height, frame width), the last fused image, scene linear
-  int y, x;             // the first full-size pixel of this part of the frame
+  const Planes& hrls;    // the last history (A + 3, frame height, frame width), with motion and a count last
+  const Planes& lrhs;    // (4, frame height / scale, frame width / scale), likewise
+  const Planes& fused;   // (3, frame height, frame width), the last fused image, scene linear
+  int y, x;              // the first full-size pixel of this part of the frame
   double exposure;
 };
 
@@ -190,16 +189,16 @@ Bounded light_change(const Bounded& lrhs, const Past& past, Transfer transfer, i
 // color, albedo and normal, all others radiance; the history has demodulated radiance in the place of the
 // color. A pixel of the history counts by exp(-(1 - 0.95 s) (40 a + 10 b)), with the squared distances a and
 // b of its albedo and normal from the ranges of the 3x3 pixels of HRLS, and by the least of the four pixels
-// of `kept` (1, H / scale, W / scale) around. Here s = exp(-16 m) (1 - b'), with the squared distance m of
-// its motion from the pixel's, and b' as the blur of settle(). Together the four pixels around a point count
+// of `kept` (1, H / scale, W / scale) around. Here s = exp(-16 m) (1 - blur), with the squared distance m
+// of its motion from the pixel's; settle() says what blurs. Together the four pixels around a point count
 // for 63 frames at most.
 Bounded accumulate(const Bounded& hrls, const Past& past, Transfer transfer, double clip, double spp,
                    Precision precision, const Bounded* kept = nullptr, int scale = 1);
 
 // Returns (6, H, W): the encoded fused image (3, H, W) mixed with the last one, and then that which is kept.
 // The last one is encoded, clamped to the range of the 3x3 pixels, and has the share
-// 0.6 (1 - 0.65 b) max(0, 1 - 1.01 spp / n), with the binary logarithm of n in `samples` (1, H, W), and b as
-// 1 minus the sum of the squares of the weights that it is read with.
+// 0.6 (1 - 0.65 b) max(0, 1 - 1.01 spp / n), with the binary logarithm of n in `samples` (1, H, W), and the
+// blur b as 1 minus the sum of the squares of the weights that it is read with.
 Bounded settle(const Bounded& fused, const Bounded& samples, const Past& past, Transfer transfer, double clip,
                double spp, Precision precision);
 

@@ -309,6 +309,24 @@ TEST_F(HistoryTest, AFrameThatIsNotFiniteLeavesTheHistory) {
   EXPECT_NE(saved(), before);
 }
 
+// Samples that miss a thin thing have another albedo. They keep their history unless the motion has changed.
+TEST_F(HistoryTest, AnotherAlbedoKeepsTheHistoryWhereTheMotionIsSteady) {
+  for (const char* name : kModels) {
+    SCOPED_TRACE(name);
+    const Model model(golden_model_path(name));
+    const auto difference_from_a_first_frame = [&](int motion) {
+      Frame frame = make_frame(model, motion, motion);
+      const auto albedo = frame.hrls.begin() + std::ptrdiff_t(3 * pixels_of(model));
+      std::for_each_n(albedo, 3 * pixels_of(model), [](float& value) { value += 0.4f; });
+      Fuser fuser = make_fuser(model, options_of(model, 1, true, false)),
+            alone = make_fuser(model, options_of(model, 1, true, false));
+      for (int i = 0; i < 3; ++i) fuse(fuser, model, make_frame(model));
+      return difference(fuse(fuser, model, frame), fuse(alone, model, frame));
+    };
+    EXPECT_LE(difference_from_a_first_frame(1), 0.05f * difference_from_a_first_frame(0));
+  }
+}
+
 // No pixel of such a frame was seen before, wherever its motion leads.
 TEST_F(HistoryTest, MotionThatLeadsNowhereIsAFirstFrame) {
   const Model model(golden_model_path("pyramid-x2"));

@@ -120,7 +120,7 @@ def measure(folder, model_name):
     size = images.read(folder / "lrhs-0001.exr").shape[:2]
     options = {"sampling": "centered", "lrhs_spp": record["lrhs_spp"], "hrls_spp": record["hrls_spp"]}
     alone, joined = (raymeld.Fusion(model, *size, temporal=temporal, **options) for temporal in (False, True))
-    ages, last, rows, strips, settled, still = Ages(), None, [], [], [], True
+    ages, last, rows, strips, settled, still = Ages(), None, [], [], [], numpy.True_
     tuned = filters.TUNED["svgf"][2]
     svgf = baselines.TemporalSvgf(tuned)
     for frame in range(1, record["frames"] + 1):
@@ -146,7 +146,8 @@ def measure(folder, model_name):
         last = errors
         if frame > SETTLED:
             settled.append(errors)
-            still &= (numpy.abs(motion) < STILL).all(-1)
+            # What has no normal is the background, which has no motion even where the camera moves.
+            still &= (numpy.abs(motion) < STILL).all(-1) & layers["normal"].any(-1)
     if still.mean() >= LEAST_STILL:
         rows[-1] |= {"noise" + by: noise_of(numpy.stack(e), still) for by, e in zip(("_alone", ""), zip(*settled))}
     return rows, strips
@@ -177,7 +178,7 @@ def table(rows):
             f"{by_frame[frame]['psnr_alone']:.2f} → {by_frame[frame]['psnr']:.2f}" if frame in by_frame else ""
             for frame in frames
         ]
-        sums = [[sum(row[key + by] or 0 for row in settled) for by in ("", "_alone")] for key in SUMMED]
+        sums = [[sum(row[key + by] for row in settled if row[key + by] != "" or key != "noise") for by in ("", "_alone")] for key in SUMMED]
         svgf = by_frame[SVGF_SHOWN]
         leads.append(f"{svgf['psnr_svgf_alone']:.2f} → {svgf['psnr_svgf']:.2f}")
         lines.append([name, *leads, *(f"{joined / alone:.2f}" if alone else "" for joined, alone in sums)])
