@@ -73,8 +73,8 @@ Around around(uvec2 own) {
   return result;
 }
 
-// Holds the motion to the history, the elements of a plane of it, their shares of its value, the frames behind
-// it, and how much it is blurred: 0 where it is read at a pixel, 3/4 in the middle of four.
+// Holds the motion to the history, the elements of a plane of it, their shares of its value, the frames
+// behind it, and how much it is blurred: 0 where it is read at a pixel, 3/4 in the middle of four.
 struct History {
   vec2 motion;
   uint elements[4];

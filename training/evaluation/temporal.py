@@ -29,7 +29,7 @@ PICTURED = ("camera", "objects")  # sequences of which the picture has a row
 SETTLED = 4  # frames after which flicker is measured
 YOUNG = 4  # pixels that came into sight within so many frames are young
 UNLIKE = 0.15  # distance of albedo or normal from the range of the 3x3 pixels, beyond which a surface is another one
-SUMMED = ("flicker", "along", "young", "noise")  # as parts of those of frames by themselves
+SUMMED = ("flicker", "along", "young")  # as parts of those of frames by themselves
 STILL = 0.01  # pixels of motion, below which a pixel stands still
 LEAST_STILL = 0.05  # part of the pixels that must stand still for a figure of these
 COLUMNS = ("sequence", "model", "frame", "psnr_alone", "psnr", "flicker_alone", "flicker", "along_alone", "along")
@@ -178,7 +178,8 @@ def table(rows):
             f"{by_frame[frame]['psnr_alone']:.2f} → {by_frame[frame]['psnr']:.2f}" if frame in by_frame else ""
             for frame in frames
         ]
-        sums = [[sum(row[key + by] for row in settled if row[key + by] != "" or key != "noise") for by in ("", "_alone")] for key in SUMMED]
+        sums = [[sum(row[key + by] for row in settled) for by in ("", "_alone")] for key in SUMMED]
+        sums.append([by_frame[max(by_frame)][key] or 0 for key in ("noise", "noise_alone")])
         svgf = by_frame[SVGF_SHOWN]
         leads.append(f"{svgf['psnr_svgf_alone']:.2f} → {svgf['psnr_svgf']:.2f}")
         lines.append([name, *leads, *(f"{joined / alone:.2f}" if alone else "" for joined, alone in sums)])
