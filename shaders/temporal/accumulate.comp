@@ -41,12 +41,6 @@ float linear_at(uint c, uvec2 at) { return to_linear(hrls_at(c, at), p.log_trans
 
 vec3 color_at(uvec2 at) { return vec3(linear_at(0, at), linear_at(1, at), linear_at(2, at)); }
 
-// Returns the motion of a pixel, which leads out of the frame where it is not finite.
-vec2 motion_at(uvec2 at) {
-  vec2 motion = vec2(frame_value(p.motion, 0, at), frame_value(p.motion, 1, at));
-  return is_finite(motion.x) && is_finite(motion.y) ? motion : vec2(RAYMELD_NOWHERE);
-}
-
 // Holds what the 3x3 pixels around one say of it.
 struct Around {
   float low[6], high[6];  // the range of albedo and normal
@@ -84,6 +78,7 @@ struct History {
 
 History history_of(uvec2 own, Place place, uint plane, Around near) {
   vec2 motion = motion_at(own);
+  if (!is_finite(motion.x) || !is_finite(motion.y)) motion = vec2(RAYMELD_NOWHERE);
   Taps taps = taps_at(vec2(own + uvec2(place.x, place.y)) + motion, uvec2(place.width, place.height));
   History result;
   result.motion = motion;

@@ -35,7 +35,7 @@ vec2 motion_of(uvec2 cell) {
   vec2 sum = vec2(0.0);
   for (uint i = 0; i < p.scale * p.scale; ++i) {
     uvec2 at = p.scale * cell + uvec2(i % p.scale, i / p.scale);
-    sum += vec2(frame_value(p.motion, 0, at), frame_value(p.motion, 1, at));
+    sum += motion_at(at);
   }
   return sum * p.mean_of_cell;
 }

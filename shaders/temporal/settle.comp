@@ -38,8 +38,7 @@ void main() {
   ivec2 last_pixel = ivec2(p.frame_width, p.frame_height) - 1;
   uvec2 own = min(id, uvec2(last_pixel));
 
-  vec2 motion = vec2(frame_value(p.motion, 0, own), frame_value(p.motion, 1, own));
-  Taps taps = taps_at(vec2(own + uvec2(place.x, place.y)) + motion, uvec2(place.width, place.height));
+  Taps taps = taps_at(vec2(own + uvec2(place.x, place.y)) + motion_at(own), uvec2(place.width, place.height));
   float known = taps.weights[0] + taps.weights[1] + taps.weights[2] + taps.weights[3];
   float now = p.spp / exp2(float(samples.v[address(0, own.y, own.x, p.plane, p.width)]));
   float sharp = 1.0 - RAYMELD_SETTLED_BLUR * blur_of(taps);
