@@ -77,7 +77,7 @@ class Fuser {
   Fuser(std::shared_ptr<raymeld::SharedModel> model, int64_t height, int64_t width,
         const std::string& precision, const std::string& kernels, const std::string& sampling, float lrhs_spp,
         float hrls_spp, uint64_t max_memory_bytes, float exposure, bool skip_unchanged, bool temporal,
-        const std::vector<std::string>& absent_layers, const std::string& device)
+        bool motion_depth, const std::vector<std::string>& absent_layers, const std::string& device)
       : model_(std::move(model)),
         height_(side(height, "height")),
         width_(side(width, "width")),
@@ -102,6 +102,7 @@ class Fuser {
     desc.exposure = exposure;
     desc.skip_unchanged = skip_unchanged;
     desc.temporal = temporal;
+    desc.motion_depth = motion_depth;
     for (const std::string& layer : absent_layers_) absent_.push_back(layer.c_str());
     desc.absent_layer_count = uint32_t(absent_.size());
     desc.absent_layers = absent_.data();
@@ -169,8 +170,9 @@ class Fuser {
     const size_t plane = full_height * full_width;
     std::vector<float> small(lrhs ? 3 * size_t{height_} * width_ : 0), large, fused(3 * plane);
     if (lrhs) copy_planes(*lrhs, "lrhs", height_, width_, small.data());
-    std::vector<float> moved(motion ? 2 * plane : 0);
-    if (motion) copy_planes(*motion, "motion", full_height, full_width, moved.data(), 2);
+    const uint32_t channels = desc_.motion_depth ? 4 : 2;
+    std::vector<float> moved(motion ? channels * plane : 0);
+    if (motion) copy_planes(*motion, "motion", full_height, full_width, moved.data(), channels);
     std::vector<std::string> needed = layers();
     const bool given_variance = reads_variance_ && hrls.contains("variance");
     if (given_variance && desc_.temporal)
@@ -280,18 +282,20 @@ PYBIND11_MODULE(raymeld, module) {
       "allows all\n"
       "that it has to give. With an exposure of 0, each frame gets the exposure that suits the model.\n"
       "skip_unchanged computes only the tiles that changed since the last frame. temporal joins each frame\n"
-      "with the ones before it, by the motion that fuse() then takes. absent_layers are the\n"
+      "with the ones before it, by the motion that fuse() then takes; with motion_depth it has depths.\n"
+      "absent_layers are the\n"
       "optional layers of the model that HRLS does not have. device is an index of devices(), a UUID\n"
       "or part of a name; '' is the first GPU, else a driver for CPUs.\n"
       "Raises Error and ValueError.")
       .def(py::init<std::shared_ptr<SharedModel>, int64_t, int64_t, const std::string&, const std::string&,
-                    const std::string&, float, float, uint64_t, float, bool, bool,
+                    const std::string&, float, float, uint64_t, float, bool, bool, bool,
                     const std::vector<std::string>&, const std::string&>(),
            py::arg("model"), py::arg("height"), py::arg("width"), py::kw_only(),
            py::arg("precision") = "auto", py::arg("kernels") = "auto", py::arg("sampling") = "model",
            py::arg("lrhs_spp") = 0.0f, py::arg("hrls_spp") = 0.0f, py::arg("max_memory_bytes") = 0,
            py::arg("exposure") = 0.0f, py::arg("skip_unchanged") = false, py::arg("temporal") = false,
-           py::arg("absent_layers") = std::vector<std::string>{}, py::arg("device") = "")
+           py::arg("motion_depth") = false, py::arg("absent_layers") = std::vector<std::string>{},
+           py::arg("device") = "")
       .def("__repr__", &Fuser::repr)
       .def(
           "fuse", &Fuser::fuse, py::arg("lrhs"), py::arg("hrls"), py::arg("motion") = py::none(),
@@ -300,7 +304,9 @@ PYBIND11_MODULE(raymeld, module) {
           "variance takes it from hrls, or else computes it from the color.\n"
           "With temporal, motion (scale * height, scale * width, 2) leads from each pixel to the same point "
           "in\n"
-          "the last frame, in pixels to the right and downwards.\n"
+          "the last frame, in pixels to the right and downwards. With motion_depth it has four channels: "
+          "also\n"
+          "the depth of that point in this frame and in the last one, which may be the same.\n"
           "Returns (scale * height, scale * width, 3). Other threads run while the device works.\n"
           "Raises Error, ValueError and KeyError.")
       .def("reset_history", &Fuser::reset_history,

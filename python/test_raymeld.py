@@ -168,6 +168,12 @@ class Test(unittest.TestCase):
         numpy.testing.assert_array_equal(other.fuse(self.lrhs, hrls, motion), third)
         with self.assertRaisesRegex(raymeld.Error, "bytes, expected"):
             other.load_history(saved[:-1])
+        deep = raymeld.Fusion(model, HEIGHT, WIDTH, sampling="centered", temporal=True, motion_depth=True)
+        depths = [numpy.concatenate([motion, numpy.full_like(motion, depth)], -1) for depth in (1, 1, 9)]
+        same, near, far = (deep.fuse(self.lrhs, hrls, with_depth) for with_depth in depths)
+        numpy.testing.assert_array_equal(same, first)
+        numpy.testing.assert_array_equal(near, second)
+        self.assertFalse((far == fusion.fuse(self.lrhs, hrls, motion)).all())
         nowhere = numpy.full_like(motion, numpy.nan)
         numpy.testing.assert_array_equal(fusion.fuse(self.lrhs, hrls, nowhere), first)
         with self.assertRaisesRegex(ValueError, r"motion has the shape .*, expected \(12, 16, 2\)"):

@@ -287,8 +287,8 @@ typedef struct raymeld_fusion_desc {
   float hrls_spp RAYMELD_IS(0);
   /* VK_TRUE: HRLS does not hold "variance"; the device computes it from the color if the model reads it. */
   VkBool32 compute_variance RAYMELD_IS(VK_FALSE);
-  /* Limits the memory that the fusion takes on the device, with the activations in `memory`. 0: as much as
-   * the device has. */
+  /* Limits the memory that the fusion takes on the device, with what lies in `memory` and `history_memory`.
+   * 0: as much as the device has. */
   uint64_t max_memory_bytes RAYMELD_IS(0);
   /* Gives the factor by which radiance is multiplied for the network and the output is divided, from 2^-24 to
    * 2^24. 0: the factor that suits the model, computed from each frame's LRHS. raymeld_fuse() computes it on
@@ -320,6 +320,16 @@ typedef struct raymeld_fusion_desc {
   VkDeviceMemory memory RAYMELD_IS(VK_NULL_HANDLE);
   VkDeviceSize memory_offset_bytes RAYMELD_IS(0);
   VkDeviceSize memory_size_bytes RAYMELD_IS(0);
+  /* Gives the caller's memory for what is kept with `temporal`, history_memory_size_bytes from
+   * history_memory_offset_bytes on, as raymeld_get_memory_needs() asks for it. It belongs to the fusion for
+   * as long as that lives. VK_NULL_HANDLE: raymeld allocates the memory. */
+  VkDeviceMemory history_memory RAYMELD_IS(VK_NULL_HANDLE);
+  VkDeviceSize history_memory_offset_bytes RAYMELD_IS(0);
+  VkDeviceSize history_memory_size_bytes RAYMELD_IS(0);
+  /* VK_TRUE, with `temporal`: motion has four channels; see raymeld_frame. Depths tell surfaces apart that
+   * have one albedo and one normal. */
+  VkBool32 motion_depth RAYMELD_IS(VK_FALSE);
+  uint32_t reserved RAYMELD_IS(0);
 } raymeld_fusion_desc;
 
 /* Says what raymeld_tune() measures. */
@@ -347,7 +357,8 @@ typedef struct raymeld_tune_desc {
 RAYMELD_API raymeld_result raymeld_tune(raymeld_context context, raymeld_model model,
                                         const raymeld_tune_desc* desc);
 
-/* Says what memory a fusion's activations need. They are most of what it takes on the device. */
+/* Says what memory a fusion's activations need, and what it keeps with `temporal`. They are most of what it
+ * takes on the device. */
 typedef struct raymeld_memory_needs {
   size_t struct_size RAYMELD_IS(sizeof(raymeld_memory_needs));
   VkDeviceSize size_bytes RAYMELD_IS(0);
@@ -356,6 +367,8 @@ typedef struct raymeld_memory_needs {
   uint32_t memory_type_bits RAYMELD_IS(0);
   /* VK_TRUE: the memory must be allocated with VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT. */
   VkBool32 device_address RAYMELD_IS(VK_FALSE);
+  /* Holds the bytes of what is kept, whose alignment and memory types are the same; 0 without `temporal`. */
+  VkDeviceSize history_size_bytes RAYMELD_IS(0);
 } raymeld_memory_needs;
 
 /* Computes the memory needs of the fusion that raymeld_fusion_create() would make of the same arguments.
@@ -467,7 +480,9 @@ typedef struct raymeld_frame {
   /* Leads from each full-size pixel to the same point in the last frame, in pixels to the right and
    * downwards: two channels, as large as hrls, and without what a jittered camera moves. Needed with
    * temporal, and NULL without. Where it is not finite there is no such point. If the inputs are Vulkan
-   * images, it is one. */
+   * images, it is one. With motion_depth it has two more channels: the depth of the point, and the depth that
+   * it had in the last frame, both in one unit, along the ray or along the view. Where only the first is
+   * known it may serve as both. What is not positive and finite says nothing. */
   const raymeld_image* motion RAYMELD_IS(NULL);
 } raymeld_frame;
 
@@ -560,8 +575,8 @@ RAYMELD_API raymeld_result raymeld_take_status(raymeld_fusion fusion, raymeld_st
 RAYMELD_API raymeld_result raymeld_fuse(raymeld_fusion fusion, const float* lrhs, const float* hrls,
                                         float* fused, raymeld_status* status);
 
-/* Does the same for the next frame of a sequence, with `temporal`: `motion` (2, s h, s w) is that of
- * raymeld_frame. A frame that fails leaves what is kept as it was. */
+/* Does the same for the next frame of a sequence, with `temporal`: `motion` (2, s h, s w), or (4, s h, s w)
+ * with `motion_depth`, is that of raymeld_frame. A frame that fails leaves what is kept as it was. */
 RAYMELD_API raymeld_result raymeld_fuse_next(raymeld_fusion fusion, const float* lrhs, const float* hrls,
                                              const float* motion, float* fused, raymeld_status* status);
 

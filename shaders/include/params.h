@@ -229,10 +229,10 @@ struct Accumulate {
   uint plane;
   uint channels;
   uint count_channel;
-  uint kept_height;
-  uint kept_width;
+  uint has_depth;  // 0: motion has two channels
+  uint change_height;
+  uint change_width;
   float inverse_scale;  // 0: nothing is said of the light
-  float phase;
   uint log_transfer;  // 0: linear
   float clip;
   float spp;  // samples of a pixel of this frame
@@ -342,27 +342,41 @@ struct Decode {
 #define RAYMELD_ALBEDO_AFFINITY 6.25
 #define RAYMELD_NORMAL_AFFINITY 2.25
 
-// A history joins as far as its albedo and normal are those around the pixel: by exp() of their squared
-// distances times these.
+// A history joins as far as its albedo, normal and depth are those around the pixel: by exp() of their
+// squared distances times these. The distance of depths is that of their logarithms beyond DEPTH_TOLERANCE,
+// from the range of those pixels whose motion is the same but for the square root of DEPTH_MOTION.
 #define RAYMELD_HISTORY_ALBEDO 40.0
 #define RAYMELD_HISTORY_NORMAL 10.0
-#define RAYMELD_HISTORY_LRHS 180.0
+#define RAYMELD_HISTORY_DEPTH 40.0
+#define RAYMELD_DEPTH_TOLERANCE 0.05
+#define RAYMELD_DEPTH_MOTION 0.25
 // Motion is steady by exp() of the squared distance of two motions times the first. The second is the part of
-// the distances of albedo and normal that counts where it is.
+// the other distances that counts where it is.
 #define RAYMELD_HISTORY_MOTION 16.0
 #define RAYMELD_HISTORY_STEADY 0.05
 #define RAYMELD_NOWHERE 1e9  // pixels of a motion that leads out of every frame
 #define RAYMELD_SHARPENED_SHARE 0.25  // of a new albedo or normal, where reading blurs the last ones
 #define RAYMELD_MOST_FRAMES 64.0  // that a pixel is the mean of
 #define RAYMELD_MOST_LRHS_FRAMES 16.0
-// Where the logarithm of the light has changed by more than LIGHT_NOISE and LIGHT_ERRORS standard errors, a
-// history is shortened by exp() of the rest times this.
-#define RAYMELD_LIGHT_CHANGE 16.0
-#define RAYMELD_LIGHT_NOISE 0.01
-#define RAYMELD_LIGHT_ERRORS 3.0
+// The logarithm of the light has changed by what is beyond LIGHT_NOISE and LIGHT_ERRORS standard errors. The
+// variance of the noise is LIGHT_SPREAD times the squared mean absolute deviation in the last frames, but at
+// least what neighbours say, and at most LIGHT_MOST_VARIANCE times that.
 #define RAYMELD_LIGHT_FLOOR 0.02  // added to luminance before its logarithm
+#define RAYMELD_LIGHT_NOISE 0.01
+#define RAYMELD_LIGHT_ERRORS 1.75
+#define RAYMELD_LIGHT_SPREAD 2.0
+#define RAYMELD_LIGHT_MOST_VARIANCE 12.0
+// A deviation counts up to the first times the mean one, and the second over the frames behind that but one.
+#define RAYMELD_LIGHT_OUTLIER 2.0
+#define RAYMELD_LIGHT_FIRST 0.002
+// By a change c the history of LRHS is shortened to exp(-LIGHT_LRHS |c|) of its frames, and that of HRLS to
+// exp(-|c| (LIGHT_CHANGE + LIGHT_LARGE |c|)).
+#define RAYMELD_LIGHT_LRHS 4.0
+#define RAYMELD_LIGHT_CHANGE 8.0
+#define RAYMELD_LIGHT_LARGE 20.0
+#define RAYMELD_LIGHT_MOST 1.0  // the largest change by which a history's radiance is corrected
 #define RAYMELD_SETTLED 0.6        // most of the last fused image in the next
-#define RAYMELD_SETTLED_BLUR 0.65  // how much less that is where reading blurs it
+#define RAYMELD_SETTLED_BLUR 0.8   // how much less that is where reading blurs it
 #define RAYMELD_SETTLED_MARGIN 1.01  // a logarithm in 16 bits makes samples a little too many
 #define RAYMELD_MOST_SAMPLES 16.0  // that networks were trained with
 

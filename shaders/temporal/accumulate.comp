@@ -1,10 +1,10 @@
 // Joins encoded HRLS with what the last frame knew of the same points, and keeps the result for the next. The
-// history is read bilinearly where the motion leads. A pixel of it counts as far as its albedo and normal lie
-// within those of the 3x3 pixels around the pixel at hand, and as far as the light is still the same. Thin
-// things come and go among samples that move within the pixel, so albedo and normal matter less where the
-// last frame had the same motion: hardly anything has come into sight there. Colors are joined as demodulated
-// radiance, without the fireflies of this frame. Albedo and normal are joined less where reading between
-// pixels blurs them. Each invocation computes a pixel.
+// history is read bilinearly where the motion leads. A pixel of it counts as far as its albedo, normal and
+// depth lie within those of the 3x3 pixels around the pixel at hand. Thin things come and go among samples
+// that move within the pixel, so these matter less where the last frame had the same motion: hardly anything
+// has come into sight there. Where the light has changed, the history's radiance is corrected, and counts for
+// fewer frames. Colors are joined as demodulated radiance, without the fireflies of this frame. Albedo and
+// normal are joined less where reading between pixels blurs them. Each invocation computes a pixel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -21,14 +21,14 @@ layout(local_size_x = 64, local_size_y = 2) in;
 #include "invocation.glsl"
 layout(push_constant) uniform Push {
   ADDRESS(Floats, last) ADDRESS(Floats, next) ADDRESS(Floats, exposure)
-  ADDRESS(Values, hrls) ADDRESS(Values, kept) ADDRESS(Values, target)
+  ADDRESS(Values, hrls) ADDRESS(Values, change) ADDRESS(Values, target)
   Accumulate p;
 };
 BUFFER(2, readonly, Last, float, last)
 BUFFER(3, , Next, float, next)
 BUFFER(4, readonly, Exposure, float, exposure)
 BUFFER(5, readonly, Hrls, STORAGE, hrls)
-BUFFER(6, readonly, Kept, STORAGE, kept)
+BUFFER(6, readonly, Change, STORAGE, change)
 BUFFER(7, writeonly, Target, STORAGE, target)
 #include "place.glsl"
 
@@ -67,6 +67,30 @@ Around around(uvec2 own) {
   return result;
 }
 
+bool is_depth(float depth) { return depth > 0.0 && is_finite(depth); }
+
+// Returns the range of the logarithms of the depths that the 3x3 pixels around one had in the last frame, or
+// of all numbers where the depth is not known. Those that do not move along with it lie on other surfaces.
+vec2 depths_around(uvec2 own) {
+  vec2 all = vec2(-1e30, 1e30);
+  if (p.has_depth == 0) return all;
+  float now = frame_value(p.motion, 2, own), before = frame_value(p.motion, 3, own);
+  if (!is_depth(now) || !is_depth(before)) return all;
+  vec2 motion = motion_at(own);
+  float low = now, high = now;
+  [[unroll]] for (uint i = 0; i < 9; ++i) {
+    ivec2 at = ivec2(own) + ivec2(i % 3, i / 3) - 1;
+    uvec2 inside = uvec2(clamp(at, ivec2(0), ivec2(p.frame_width, p.frame_height) - 1));
+    float depth = frame_value(p.motion, 2, inside);
+    vec2 away = motion_at(inside) - motion;
+    if (!is_depth(depth) || !(dot(away, away) <= RAYMELD_DEPTH_MOTION)) continue;
+    low = min(low, depth);
+    high = max(high, depth);
+  }
+  float since = log(before) - log(now);
+  return vec2(log(low) + since - RAYMELD_DEPTH_TOLERANCE, log(high) + since + RAYMELD_DEPTH_TOLERANCE);
+}
+
 // Holds the motion to the history, the elements of a plane of it, their shares of its value, the frames
 // behind it, and how much it is blurred: 0 where it is read at a pixel, 3/4 in the middle of four.
 struct History {
@@ -80,6 +104,7 @@ History history_of(uvec2 own, Place place, uint plane, Around near) {
   vec2 motion = motion_at(own);
   if (!is_finite(motion.x) || !is_finite(motion.y)) motion = vec2(RAYMELD_NOWHERE);
   Taps taps = taps_at(vec2(own + uvec2(place.x, place.y)) + motion, uvec2(place.width, place.height));
+  vec2 depths = depths_around(own);
   History result;
   result.motion = motion;
   float sum = 0.0;
@@ -95,9 +120,12 @@ History history_of(uvec2 own, Place place, uint plane, Around near) {
     }
     vec2 before = vec2(last.v[p.channels * plane + element], last.v[(p.channels + 1) * plane + element]);
     float steady = exp(-RAYMELD_HISTORY_MOTION * dot(before - motion, before - motion)) * (1.0 - result.blur);
-    float unlike = RAYMELD_HISTORY_ALBEDO * of_albedo + RAYMELD_HISTORY_NORMAL * of_normal;
+    float depth = last.v[(p.channels + 2) * plane + element];
+    float of_depth = is_depth(depth) ? beyond(log(depth), depths.x, depths.y) : 0.0;
+    float unlike = RAYMELD_HISTORY_ALBEDO * of_albedo + RAYMELD_HISTORY_NORMAL * of_normal +
+                   RAYMELD_HISTORY_DEPTH * of_depth;
     float likeness = exp(-mix(1.0, RAYMELD_HISTORY_STEADY, steady) * unlike);
-    float frames = last.v[(p.channels + 2) * plane + element];
+    float frames = last.v[(p.channels + 3) * plane + element];
     float weight = frames > 0.0 ? taps.weights[i] * likeness : 0.0;
     result.elements[i] = element;
     result.shares[i] = weight;
@@ -108,12 +136,17 @@ History history_of(uvec2 own, Place place, uint plane, Around near) {
   return result;
 }
 
-// Returns the least share that the LRHS pixels around one leave.
-float kept_at(uvec2 own) {
-  Bilinear at = bilinear_at(own, p.phase, p.inverse_scale, uvec2(p.kept_width, p.kept_height));
-  uint low = at.low.y * p.kept_width, high = at.high.y * p.kept_width;
-  return min(min(float(kept.v[low + at.low.x]), float(kept.v[low + at.high.x])),
-             min(float(kept.v[high + at.low.x]), float(kept.v[high + at.high.x])));
+// Returns the factor of the history's radiance and that of its frames where the light has changed.
+vec2 factors_at(uvec2 own) {
+  float phase = 0.5 / p.inverse_scale - 0.5;
+  Bilinear at = bilinear_at(own, phase, p.inverse_scale, uvec2(p.change_width, p.change_height));
+  uint low = at.low.y * p.change_width, high = at.high.y * p.change_width;
+  vec4 changes = vec4(change.v[low + at.low.x], change.v[low + at.high.x], change.v[high + at.low.x],
+                      change.v[high + at.high.x]);
+  vec4 sizes = abs(changes);
+  float most = max(max(sizes.x, sizes.y), max(sizes.z, sizes.w));
+  float corrected = clamp(blended(at, changes), -RAYMELD_LIGHT_MOST, RAYMELD_LIGHT_MOST);
+  return vec2(exp(corrected), exp(-most * (RAYMELD_LIGHT_CHANGE + RAYMELD_LIGHT_LARGE * most)));
 }
 
 void main() {
@@ -125,9 +158,9 @@ void main() {
   uvec2 own = min(id, uvec2(p.frame_width, p.frame_height) - 1);
   Around near = around(own);
   History history = history_of(own, place, plane, near);
-  float frames = history.frames;
-  if (p.inverse_scale > 0.0) frames *= kept_at(own);
-  frames = min(frames, RAYMELD_MOST_FRAMES - 1.0);
+  vec2 factors = vec2(1.0);
+  if (p.inverse_scale > 0.0) factors = factors_at(own);
+  float frames = min(history.frames * factors.y, RAYMELD_MOST_FRAMES - 1.0);
   float share = 1.0 / (frames + 1.0);
   float guide_share = max(share, min(0.5 * history.blur, RAYMELD_SHARPENED_SHARE));
 
@@ -142,10 +175,12 @@ void main() {
     float past = 0.0;
     [[unroll]] for (uint i = 0; i < 4; ++i)
       past += history.shares[i] * last.v[c * plane + history.elements[i]];
-    if (is_radiance) past *= factor;
+    if (is_radiance) past *= factor * factors.x;
     float value = is_radiance ? linear_at(c, own) : hrls_at(c, own);
     if (is_color) value = value * near.firefly / (hrls_at(kGuides + c, own) + RAYMELD_ALBEDO_FLOOR);
-    float joined = frames > 0.0 ? past + (is_radiance ? share : guide_share) * (value - past) : value;
+    // The history's radiance may be so bright that a difference from it would leave nothing of this frame's.
+    float joined = is_radiance ? share * (frames * past + value) : past + guide_share * (value - past);
+    if (frames <= 0.0) joined = value;
     if (is_kept) next.v[c * plane + element] = is_radiance ? joined * inverse : joined;
     if (c >= kGuides && c < kGuides + 3) light[c - kGuides] = joined + RAYMELD_ALBEDO_FLOOR;
     if (is_color) joined *= light[c];
@@ -155,7 +190,8 @@ void main() {
   if (is_kept) {
     next.v[p.channels * plane + element] = history.motion.x;
     next.v[(p.channels + 1) * plane + element] = history.motion.y;
-    next.v[(p.channels + 2) * plane + element] = frames + 1.0;
+    next.v[(p.channels + 2) * plane + element] = p.has_depth != 0 ? frame_value(p.motion, 2, own) : 0.0;
+    next.v[(p.channels + 3) * plane + element] = frames + 1.0;
   }
   float samples = clamp((frames + 1.0) * p.spp, 1.0, RAYMELD_MOST_SAMPLES);
   target.v[address(p.count_channel, id.y, id.x, p.plane, p.width)] = STORAGE(storable(log2(samples)));

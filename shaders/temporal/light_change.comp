@@ -1,8 +1,8 @@
-// Writes how much of the history is still right where the light has changed: exp() of minus the change of the
-// logarithm of LRHS's luminance since the last frames, the mean of 3x3 pixels, beyond what may be noise.
-// Noise differs from pixel to pixel and light changes in many alike, so the standard error of the mean change
-// tells them apart. LRHS has a history of its own for that, which is kept for the next frame. Each invocation
-// computes a pixel.
+// Writes by how much the light has changed: the change of the logarithm of LRHS's luminance since the last
+// frames, the mean of 3x3 pixels, beyond what may be noise. Noise differs from pixel to pixel and light
+// changes in many alike, so the standard error of the mean change tells them apart. Nine pixels often seem to
+// have less noise than they have, so the deviations of the last frames count as well. LRHS has a history of
+// its own for that, which is kept for the next frame. Each invocation computes a pixel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -28,7 +28,12 @@ BUFFER(5, readonly, Lrhs, STORAGE, lrhs)
 BUFFER(6, writeonly, Target, STORAGE, target)
 #include "place.glsl"
 
-float lrhs_at(uint c, uvec2 at) { return float(lrhs.v[address(c, at.y, at.x, p.plane, p.width)]); }
+vec3 color_at(uvec2 at) {
+  vec3 color;
+  [[unroll]] for (uint c = 0; c < 3; ++c)
+    color[c] = to_linear(float(lrhs.v[address(c, at.y, at.x, p.plane, p.width)]), p.log_transfer);
+  return color;
+}
 
 // Returns the mean motion of a cell, in pixels of LRHS.
 vec2 motion_of(uvec2 cell) {
@@ -54,23 +59,41 @@ float variance_along(float values[9], bool known[9], int dx, int dy) {
   return count > 0.0 ? sum / count : 1e30;
 }
 
-// Returns the change of the light in pixels of which some are known, as a logarithm, beyond what may be
-// noise. An edge that moves differs from pixel to pixel as well, but not along the edge.
-float change_beyond_noise(float now[9], float before[9], bool known[9]) {
-  float count = 0.0, mean_now = 0.0, mean_before = 0.0, changes[9];
+// Returns the variance in that of four directions where it is least. An edge differs from pixel to pixel, but
+// not along the edge.
+float variance_of(float values[9], bool known[9]) {
+  float level = variance_along(values, known, 1, 0), upright = variance_along(values, known, 0, 1);
+  float falling = variance_along(values, known, 1, 1), rising = variance_along(values, known, -1, 1);
+  return min(min(level, upright), min(falling, rising));
+}
+
+// Holds what 3x3 pixels say of the light, some of which are not `known` in the last frames.
+struct Around {
+  float now[9], before[9];  // the luminance
+  float deviations[9];      // its mean absolute deviation in the last frames
+  bool known[9];
+};
+
+// Returns the change of the light as a logarithm, beyond what may be noise, and the deviation of the middle
+// pixel from the mean change.
+vec2 change_beyond_noise(Around around) {
+  float count = 0.0, now = 0.0, before = 0.0, spread = 0.0, changes[9];
   [[unroll]] for (uint i = 0; i < 9; ++i) {
-    count += known[i] ? 1.0 : 0.0;
-    mean_now += known[i] ? now[i] : 0.0;
-    mean_before += known[i] ? before[i] : 0.0;
-    changes[i] = now[i] - before[i];
+    count += around.known[i] ? 1.0 : 0.0;
+    now += around.known[i] ? around.now[i] : 0.0;
+    before += around.known[i] ? around.before[i] : 0.0;
+    spread += around.known[i] ? around.deviations[i] * around.deviations[i] : 0.0;
+    changes[i] = around.now[i] - around.before[i];
   }
-  if (count < 2.0) return 0.0;
-  mean_now = mean_now / count + RAYMELD_LIGHT_FLOOR;
-  mean_before = mean_before / count + RAYMELD_LIGHT_FLOOR;
-  float variance = min(min(variance_along(changes, known, 1, 0), variance_along(changes, known, 0, 1)),
-                       min(variance_along(changes, known, -1, 1), variance_along(changes, known, 1, 1)));
-  float error = RAYMELD_LIGHT_ERRORS * sqrt(variance / count) / min(mean_now, mean_before);
-  return max(abs(log(mean_now) - log(mean_before)) - RAYMELD_LIGHT_NOISE - error, 0.0);
+  if (count < 2.0) return vec2(0.0);
+  now /= count;
+  before /= count;
+  float variance = variance_of(changes, around.known);
+  variance = clamp(RAYMELD_LIGHT_SPREAD * spread / count, variance, RAYMELD_LIGHT_MOST_VARIANCE * variance);
+  float error = RAYMELD_LIGHT_ERRORS * sqrt(variance / count) / (min(now, before) + RAYMELD_LIGHT_FLOOR);
+  float change = log(now + RAYMELD_LIGHT_FLOOR) - log(before + RAYMELD_LIGHT_FLOOR);
+  return vec2(sign(change) * max(abs(change) - RAYMELD_LIGHT_NOISE - error, 0.0),
+              abs(changes[4] - (now - before)));
 }
 
 void main() {
@@ -82,53 +105,49 @@ void main() {
   uint plane = size.x * size.y, first = p.planes * place.width * place.height;
   uvec2 own = min(id, uvec2(p.frame_width, p.frame_height) - 1);
 
-  float now[9], before[9];
-  bool known[9];
-  vec3 low = vec3(0.0), high = vec3(0.0), past = vec3(0.0);
-  [[unroll]] for (int i = 0; i < 9; ++i) {
-    ivec2 near = ivec2(own) + ivec2(i % 3, i / 3) - 1;
-    uvec2 at = uvec2(clamp(near, ivec2(0), ivec2(p.frame_width, p.frame_height) - 1));
-    now[i] = 0.0;
-    [[unroll]] for (uint c = 0; c < 3; ++c) {
-      float value = lrhs_at(c, at);
-      now[i] += kLuminance[c] * to_linear(value, p.log_transfer);
-      low[c] = i == 0 ? value : min(low[c], value);
-      high[c] = i == 0 ? value : max(high[c], value);
-    }
-  }
-  vec2 point = vec2(own + origin) + motion_of(own);
+  Around around;
+  vec3 past = vec3(0.0);
   float frames = 0.0;
+  vec2 point = vec2(own + origin) + motion_of(own);
   [[unroll]] for (int i = 0; i < 9; ++i) {
-    Taps taps = taps_at(point + vec2(i % 3, i / 3) - 1.0, size);
-    float weights = 0.0;
+    ivec2 away = ivec2(i % 3, i / 3) - 1;
+    uvec2 at = uvec2(clamp(ivec2(own) + away, ivec2(0), ivec2(p.frame_width, p.frame_height) - 1));
+    around.now[i] = dot(color_at(at), kLuminance);
+    Taps taps = taps_at(point + vec2(away), size);
+    float weights = 0.0, deviation = 0.0;
     vec3 color = vec3(0.0);
     [[unroll]] for (uint k = 0; k < 4; ++k) {
       uint element = first + taps.pixels[k].y * size.x + taps.pixels[k].x;
-      float count = last.v[3 * plane + element], weight = count > 0.0 ? taps.weights[k] : 0.0;
+      float count = last.v[4 * plane + element], weight = count > 0.0 ? taps.weights[k] : 0.0;
       weights += weight;
       frames += i == 4 ? weight * count : 0.0;
       [[unroll]] for (uint c = 0; c < 3; ++c) color[c] += weight * last.v[c * plane + element];
+      deviation += weight * last.v[3 * plane + element];
     }
-    color *= factor / max(weights, 1e-6);
-    before[i] = dot(color, kLuminance);
-    known[i] = weights > 0.0;
-    if (i == 4) past = color;
+    float share = factor / max(weights, 1e-6);
+    around.before[i] = dot(color * share, kLuminance);
+    around.deviations[i] = deviation * share;
+    around.known[i] = weights > 0.0;
+    if (i == 4) past = color * share;
   }
 
-  float unlike = 0.0, share = exp(-RAYMELD_LIGHT_CHANGE * change_beyond_noise(now, before, known));
-  [[unroll]] for (uint c = 0; c < 3; ++c)
-    unlike += beyond(to_network(past[c], p.log_transfer), low[c], high[c]);
-  frames = min(frames * share * exp(-RAYMELD_HISTORY_LRHS * unlike), RAYMELD_MOST_LRHS_FRAMES - 1.0);
+  vec2 change = change_beyond_noise(around);
   uvec2 core = p.scale * own - uvec2(place.core_x, place.core_y);
   if (id == own && core.x < place.core_width && core.y < place.core_height) {
+    float mean = around.deviations[4];
+    float most = RAYMELD_LIGHT_OUTLIER * mean + RAYMELD_LIGHT_FIRST / max(frames - 1.0, 1e-6);
+    float deviation = mean + (min(change.y, most) - mean) / max(frames, 1.0);
+    bool known = frames > 0.0;
+    frames = min(frames * exp(-RAYMELD_LIGHT_LRHS * abs(change.x)), RAYMELD_MOST_LRHS_FRAMES - 1.0);
     uint element = first + (own.y + origin.y) * size.x + own.x + origin.x;
-    [[unroll]] for (uint c = 0; c < 3; ++c) {
-      float value = to_linear(lrhs_at(c, own), p.log_transfer);
-      float joined = frames > 0.0 ? past[c] + (value - past[c]) / (frames + 1.0) : value;
-      next.v[c * plane + element] = joined * inverse;
-    }
-    next.v[3 * plane + element] = frames + 1.0;
+    vec3 color = color_at(own), joined = known ? (frames * past + color) / (frames + 1.0) : color;
+    [[unroll]] for (uint c = 0; c < 3; ++c) next.v[c * plane + element] = joined[c] * inverse;
+    // In a first frame the neighbours tell.
+    bool all[9] = bool[9](true, true, true, true, true, true, true, true, true);
+    if (!known) deviation = sqrt(RAYMELD_LIGHT_SPREAD * variance_of(around.now, all));
+    next.v[3 * plane + element] = deviation * inverse;
+    next.v[4 * plane + element] = frames + 1.0;
   }
-  target.v[address(0, id.y, id.x, p.plane, p.width)] = STORAGE(storable(share));
+  target.v[address(0, id.y, id.x, p.plane, p.width)] = STORAGE(storable(change.x));
   count_saturated();
 }

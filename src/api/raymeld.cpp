@@ -264,10 +264,14 @@ FuserOptions options_of(const raymeld_fusion_desc& desc, const ContextState& con
   options.constants = absent_layers(desc, model);
   options.compute_variance = desc.compute_variance;
   options.temporal = desc.temporal;
+  options.motion_depth = desc.motion_depth;
   options.compute_exposure = desc.exposure == 0 && !desc.skip_unchanged;
   // Only raymeld_fuse() computes tiles again in fp32. It takes no images of Vulkan, and keeps one history.
   if (options.frame_images.any() || desc.temporal) options.fp32_kernels.reset();
   if (desc.memory) options.scratch = {desc.memory, desc.memory_offset_bytes, desc.memory_size_bytes};
+  if (desc.history_memory)
+    options.history_memory = {desc.history_memory, desc.history_memory_offset_bytes,
+                              desc.history_memory_size_bytes};
   options.phase = lrhs_phase(centered, model.architecture().scale);
   options.samples = {desc.lrhs_spp, desc.hrls_spp};
   return options;
@@ -281,6 +285,10 @@ void check_desc(const raymeld_fusion_desc& desc) {
   check_given_exposure(desc.exposure);
   check_samples(desc.lrhs_spp, "lrhs_spp");
   check_samples(desc.hrls_spp, "hrls_spp");
+  for (const auto& [is_given, name] : {std::pair(desc.motion_depth != 0, "motion_depth"),
+                                       {desc.history_memory != nullptr, "history_memory"}})
+    if (is_given && !desc.temporal)
+      throw InvalidArgument("{} is given without temporal, expected both", name);
   if (desc.skip_unchanged && desc.temporal)
     throw InvalidArgument("skip_unchanged and temporal are both set, expected one of them");
   if (desc.skip_unchanged && (desc.input_images || desc.output_image))
@@ -369,8 +377,9 @@ void check_renders(const Model& model, const void* lrhs, const void* hrls) {
 }
 
 // Returns the images of a frame by slot; `shapes` are those of a tile.
-FrameBindings bindings_of(const raymeld_frame& frame, const std::array<Shape, 3>& shapes, FrameImages images,
-                          std::span<const char* const> layers) {
+FrameBindings bindings_of(const raymeld_frame& frame, const std::array<Shape, 3>& shapes,
+                          const FuserOptions& options, std::span<const char* const> layers) {
+  const FrameImages images = options.frame_images;
   FrameBindings bindings;
   if (shapes[0].channels > 0)
     bindings[kLrhsSlot] = binding_of(frame.lrhs, shapes[0], images.inputs, false, {"lrhs"});
@@ -383,7 +392,7 @@ FrameBindings bindings_of(const raymeld_frame& frame, const std::array<Shape, 3>
   bindings[kFusedSlot] = binding_of(frame.fused, shapes[2], images.output, true, {"fused"});
   if (frame.motion) {
     bindings[kMotionSlot] =
-        binding_of(frame.motion, motion_shape(shapes[2]), images.inputs, false, {"motion"});
+        binding_of(frame.motion, motion_shape(shapes[2], options), images.inputs, false, {"motion"});
   }
   return bindings;
 }
@@ -649,14 +658,16 @@ raymeld_result raymeld_get_memory_needs(raymeld_context context, raymeld_model m
     const Model& of = given(model, "model").state->model;
     const raymeld_fusion_desc asked = read(given(desc, "desc"), "raymeld_fusion_desc");
     check_desc(asked);
-    const FusePlan plan =
-        plan_fusion(of, asked.height, asked.width, on.device->info(), options_of(asked, on, of));
+    const FuserOptions options = options_of(asked, on, of);
+    const FusePlan plan = plan_fusion(of, asked.height, asked.width, on.device->info(), options);
     const VkMemoryRequirements memory = Buffer::requirements(*on.device, plan.graph.activation_bytes());
     raymeld_memory_needs known;
     known.size_bytes = memory.size;
     known.alignment_bytes = memory.alignment;
     known.memory_type_bits = memory.memoryTypeBits;
     known.device_address = on.device->info().buffer_device_address;
+    known.history_size_bytes =
+        history_requirements(*on.device, of, {asked.height, asked.width}, options).size;
     write(known, given(needs, "needs"), "raymeld_memory_needs");
   });
 }
@@ -756,7 +767,7 @@ raymeld_result raymeld_record(raymeld_fusion fusion, VkCommandBuffer commands, c
           size.width, size.height);
     const auto shapes =
         frame_shapes(made.model->model, size, made.options.constants, made.options.compute_variance);
-    const FrameBindings images = bindings_of(asked, shapes, made.options.frame_images, made.layers);
+    const FrameBindings images = bindings_of(asked, shapes, made.options, made.layers);
     made.fuser.record(commands, images, asked.exposure != 0 ? asked.exposure : made.options.exposure, size);
   });
 }

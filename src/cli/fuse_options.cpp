@@ -87,7 +87,7 @@ void add_files(CLI::App& command, Task of, FuseArguments& a) {
           "--map", a.map,
           "Maps channels to layers: a preset (generic, cycles, arnold, pbrt, renderman), LAYER=PREFIX, "
           "LAYER=CHANNEL,CHANNEL,CHANNEL, viewlayer=NAME, view=NAME, motion=PREFIX, "
-          "motion=CHANNEL,CHANNEL or motion-factors=X,Y; may be repeated")
+          "motion=CHANNEL,CHANNEL, motion-factors=X,Y or depth=CHANNEL; may be repeated")
       ->type_name("ITEM")
       ->allow_extra_args(false);
 }

@@ -33,19 +33,24 @@ struct Scene {
     hrls = concat(concat(c.radiance(3, c.full(), 1), guides), c.radiance(kOthers + 2, c.full(), 4));
     lrhs = c.radiance(3, c.size, 5);
     motion = drawn_motion();
+    if (c.seed % 2) motion = concat(motion, drawn_depths());
     const auto past = [&](int channels, const Size& of, uint64_t salt, const auto& value) {
       const Planes image = c.image(channels, of, salt, value);
       return reference::planes(channels, of.h, of.w, reference::floats(image));
     };
     const auto light = [&](double u) { return c.clip() * std::pow(u, 4) / exposure; };
+    const auto deviation = [&](double u) { return light(u) / 8; };
+    // Most depths are like each other, and some are none.
+    const auto depth = [](double u) { return u < 0.1 ? 0 : u < 0.2 ? 1e30 : std::exp(0.4 * u); };
     // A quarter of the pixels have no history.
     const auto frames = [](double u) { return u < 0.25 ? 0 : std::floor(64 * u); };
     past_hrls = concat(past(3, frame, 6, light), past(3, frame, 7, [](double u) { return u; }));
     past_hrls = concat(past_hrls, past(3, frame, 8, [](double u) { return 2 * u - 1; }));
     past_hrls = concat(past_hrls, concat(past(kOthers, frame, 9, light), past_motion()));
-    past_hrls = concat(past_hrls, past(1, frame, 10, frames));
+    past_hrls = concat(past_hrls, concat(past(1, frame, 14, depth), past(1, frame, 10, frames)));
     const Size small{frame.h / c.scale, frame.w / c.scale};
-    past_lrhs = concat(past(3, small, 11, light), past(1, small, 12, frames));
+    past_lrhs = concat(past(3, small, 11, light), past(1, small, 15, deviation));
+    past_lrhs = concat(past_lrhs, past(1, small, 12, frames));
     past_fused = past(3, frame, 13, light);
   }
 
@@ -56,6 +61,17 @@ struct Scene {
     for (size_t i = 0; i < result.data.size(); ++i) {
       result.data[i] = std::round(24 * result.data[i]) / 8;
       if (i % 31 == 7) result.data[i] = i % 2 ? 1e9 : std::numeric_limits<double>::quiet_NaN();
+    }
+    return result;
+  }
+
+  // Returns depths in both frames that are exact in floats, some of which are none.
+  Planes drawn_depths() const {
+    Planes result =
+        reference::random_planes(2, c.full().h, c.full().w, reference::Fill::kUniform, c.seed + 41);
+    for (size_t i = 0; i < result.data.size(); ++i) {
+      result.data[i] = double(float(std::exp(0.2 + 0.2 * result.data[i])));
+      if (i % 37 == 5) result.data[i] = i % 2 ? -1 : std::numeric_limits<double>::infinity();
     }
     return result;
   }
@@ -152,30 +168,32 @@ void check_light_change(Check& check, const ImageTrial& c) {
   };
   check.within(
       run_with_history(check, s, s.lrhs, c.size, 1, add, s.past_hrls.data.size() + s.past_fused.data.size(),
-                       {s.past_lrhs.h, s.past_lrhs.w}, 4, c.scale, expected),
+                       {s.past_lrhs.h, s.past_lrhs.w}, 5, c.scale, expected),
       expected);
 }
 
 void check_accumulate(Check& check, const ImageTrial& c) {
   const Scene s(c);
-  const Planes kept = c.image(1, c.size, 20, [](double u) { return u; });
+  // The light has not changed in half of the pixels.
+  const Planes change = c.image(1, c.size, 20, [](double u) { return u < 0.5 ? 0 : 3 * (u - 0.75); });
   const float spp = c.seed % 3 == 0 ? 1.0f : 2.5f;
-  for (const bool with_kept : {false, true}) {
-    const Bounded all = exact(kept);
+  for (const bool with_change : {false, true}) {
+    const Bounded all = exact(change);
     const Bounded expected = reference::accumulate(exact(s.hrls), s.past(), c.expected_transfer(), c.clip(),
-                                                   spp, c.precision, with_kept ? &all : nullptr, c.scale);
+                                                   spp, c.precision, with_change ? &all : nullptr, c.scale);
     const auto add = [&](LayerRun& run, const Tensor& hrls, const Tensor& out) {
       AccumulateOptions options{.transfer = c.transfer(),
                                 .clip = float(c.clip()),
                                 .spp = spp,
                                 .channels = Scene::kChannels,
+                                .has_depth = s.motion.c == 4,
                                 .scale = uint32_t(c.scale)};
-      if (with_kept) options.kept = run.input("kept", kept);
+      if (with_change) options.change = run.input("change", change);
       accumulate(run.graph(), "accumulate", hrls, out, options);
     };
     check.within(run_with_history(check, s, s.hrls, c.full(), s.hrls.c + 1, add, 0, s.frame,
-                                  Scene::kChannels + 3, 1, expected),
-                 expected, with_kept ? "with kept shares" : "");
+                                  Scene::kChannels + 4, 1, expected),
+                 expected, with_change ? "with a change of the light" : "");
   }
 }
 

@@ -14,7 +14,7 @@ class CutFinder {
  public:
   // Returns whether a frame begins a new shot: its motion leads hardly any cell into the last frame, or most
   // to one that looks otherwise. `lrhs` is (3, h, w), and hrls (3 layers, s h, s w) has these layers;
-  // `motion` (2, s h, s w) is that of Fuser::fuse(). The first frame is no cut.
+  // `motion` is that of Fuser::fuse(). The first frame is no cut.
   bool is_cut(const Image& lrhs, const Image& hrls, std::span<const std::string> layers, const Image& motion);
 
   // Makes the next frame the first one.

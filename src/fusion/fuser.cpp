@@ -12,7 +12,21 @@ FrameBuffer dense_view(const Buffer& buffer, const Shape& shape) {
   return {buffer.handle(), 0, 1, shape.width, static_cast<uint32_t>(shape.pixels())};
 }
 
+// Returns the offset of a second buffer behind one with these requirements.
+uint64_t place_after(const VkMemoryRequirements& needs) {
+  return (needs.size + needs.alignment - 1) / needs.alignment * needs.alignment;
+}
+
 }  // namespace
+
+VkMemoryRequirements history_requirements(const Device& device, const Model& model, TileSize frame,
+                                          const FuserOptions& options) {
+  const uint64_t bytes = history_bytes(model, frame, device.info(), options);
+  if (bytes == 0) return {};
+  VkMemoryRequirements needs = Buffer::requirements(device, bytes);
+  needs.size += place_after(needs);
+  return needs;
+}
 
 // Does `work` with ever smaller tiles for as long as the device has no memory for it.
 template <typename Work>
@@ -108,7 +122,8 @@ uint64_t Fuser::allocated_bytes() const {
                                            host_->motion.size_bytes() + host_->fused.size_bytes()
                                      : 0;
   uint64_t histories_bytes = 0;
-  for (const auto& [sequence, history] : histories_) histories_bytes += 2 * history.last.size_bytes();
+  for (const auto& [sequence, history] : histories_)
+    histories_bytes += history.last.allocated_bytes() + history.next.allocated_bytes();
   return (program_ ? program_->allocated_bytes() : 0) + frame_bytes + histories_bytes +
          (wide_ ? wide_->allocated_bytes() : 0);
 }
@@ -203,7 +218,7 @@ void Fuser::prepare_host() {
   };
   make(host->lrhs, shapes[0], "lrhs");
   make(host->hrls, shapes[1], "hrls");
-  if (options_.temporal) make(host->motion, motion_shape(shapes[2]), "motion");
+  if (options_.temporal) make(host->motion, motion_shape(shapes[2], options_), "motion");
   host->fused = Buffer(device_, frame_bytes(shapes[2]), Memory::kReadback, "fused");
   bind_host(*host);
   if (options_.profile) host->timestamps.emplace(device_, uint32_t(plan_.graph.passes().size()));
@@ -219,7 +234,7 @@ void Fuser::bind_host(Host& host) {
   FrameBindings frame = bindings(dense_view(host.lrhs, shapes[0]), dense_view(host.hrls, shapes[1]),
                                  dense_view(host.fused, shapes[2]));
   if (options_.temporal) {
-    const Shape motion = motion_shape(shapes[2]);
+    const Shape motion = motion_shape(shapes[2], options_);
     frame[kMotionSlot] = {dense_view(host.motion, motion), motion};
     bind_history(frame, history_ ? *history_ : history(0));
   }
@@ -248,9 +263,18 @@ Fuser::History& Fuser::history(size_t sequence) {
   const auto found = histories_.find(sequence);
   if (found != histories_.end()) return found->second;
   const uint64_t bytes = history_bytes(model_, plan_.tiling.frame, device_.info(), options_);
-  History made{Buffer(device_, bytes, Memory::kDevice, "history"),
-               Buffer(device_, bytes, Memory::kDevice, "next history")};
-  return histories_.emplace(sequence, std::move(made)).first->second;
+  const auto made = [&]() -> History {
+    if (!options_.history_memory)
+      return {Buffer(device_, bytes, Memory::kDevice, "history"),
+              Buffer(device_, bytes, Memory::kDevice, "next history")};
+    if (sequence != 0) throw Error("a history of sequence {} in the caller's memory, expected 0", sequence);
+    const uint64_t taken = place_after(Buffer::requirements(device_, bytes));
+    const MemoryRange first = *options_.history_memory;
+    const MemoryRange second{first.memory, first.offset_bytes + taken,
+                             first.size_bytes - std::min(taken, first.size_bytes)};
+    return {Buffer(device_, bytes, first, "history"), Buffer(device_, bytes, second, "next history")};
+  };
+  return histories_.emplace(sequence, made()).first->second;
 }
 
 void Fuser::reset_history(size_t sequence) {
@@ -309,7 +333,7 @@ void Fuser::check_sizes(const Image& lrhs, const Image& hrls, const Image& motio
   };
   check_size("LRHS", lrhs, shapes[0]);
   check_size("HRLS", hrls, shapes[1]);
-  if (options_.temporal) check_size("motion", motion, motion_shape(shapes[2]));
+  if (options_.temporal) check_size("motion", motion, motion_shape(shapes[2], options_));
 }
 
 FuseReport Fuser::fuse(const Image& lrhs, const Image& hrls, Image& fused, const Progress& progress,

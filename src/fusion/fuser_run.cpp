@@ -61,7 +61,7 @@ FuseReport Fuser::run(const float* lrhs, const float* hrls, float* fused, float 
     upload(low, host_->lrhs);
     upload(high, host_->hrls);
     if (history_) {
-      const Shape shape = motion_shape(image_shapes(tiling.tile)[2]);
+      const Shape shape = motion_shape(image_shapes(tiling.tile)[2], options_);
       upload(window(motion_, shape, model_.architecture().scale, at), host_->motion);
       program_->set_place(kHostSet, place_of(at, tiling.frame));
     }

@@ -20,8 +20,10 @@ Graph make_graph(const Model& model, TileSize tile, const FuserOptions& options,
                  const StorageExponents& exponents, const Conv2dChoice& choose) {
   Graph graph(options.storage, options.kernels.addressed, options.keep_activations, options.frame_images);
   graph.read_vectors(options.kernels.vector);
+  std::optional<Joining> joining;
+  if (options.temporal) joining = {options.settles, options.motion_depth};
   network(graph, model, tile.height, tile.width, options.phase, choose, exponents, options.constants,
-          options.compute_variance, options.samples, options.temporal, options.settles);
+          options.compute_variance, options.samples, joining);
   return graph;
 }
 
@@ -31,7 +33,7 @@ std::vector<Shape> buffer_shapes(const Model& model, TileSize tile, const FuserO
   std::vector<Shape> shapes;
   if (!options.frame_images.inputs) shapes = {lrhs, hrls};
   if (!options.frame_images.output) shapes.push_back(fused);
-  if (options.temporal && !options.frame_images.inputs) shapes.push_back(motion_shape(fused));
+  if (options.temporal && !options.frame_images.inputs) shapes.push_back(motion_shape(fused, options));
   return shapes;
 }
 

@@ -55,6 +55,8 @@ struct FuserOptions {
   bool temporal = false;
   // Also mixes the fused image with that of the last frame: see settle(). It matters only with `temporal`.
   bool settles = true;
+  // Frames have the depth of each pixel's point beside its motion. It matters only with `temporal`.
+  bool motion_depth = false;
   ConstantLayers constants = {};  // HRLS layers with one value, which no image holds
   // Makes the device compute the color's variance where the model reads it; no image holds it.
   bool compute_variance = false;
@@ -65,6 +67,8 @@ struct FuserOptions {
   // Is the caller's memory for activations, except those of tiles that are computed again in 32 bits. Nothing
   // in it is kept from one frame to the next.
   std::optional<MemoryRange> scratch = {};
+  // Is the caller's memory for the history of sequence 0, the only one there then is.
+  std::optional<MemoryRange> history_memory = {};
   FrameImages frame_images = {};  // record() alone takes such images
   // Keeps every layer's output readable after a frame; needs memory for all of them and a frame of one tile.
   bool keep_activations = false;
@@ -120,7 +124,9 @@ uint64_t history_bytes(const Model& model, TileSize frame, const DeviceInfo& dev
                        const FuserOptions& options);
 
 // Returns the shape of a tile's motion, whose fused image has this shape.
-inline Shape motion_shape(const Shape& fused) { return {fused.height, fused.width, 2}; }
+inline Shape motion_shape(const Shape& fused, const FuserOptions& options) {
+  return {fused.height, fused.width, options.motion_depth ? 4u : 2u};
+}
 
 // Returns the shapes of a tile's images as frames bring and take them: LRHS, HRLS by image_layers(), fused.
 // A render that the model does not read has no channels.

@@ -51,6 +51,13 @@ std::optional<std::array<std::string, 2>> ChannelGroups::pair(const std::string&
   return std::nullopt;
 }
 
+std::optional<std::string> ChannelGroups::depth(const std::string& prefix) const {
+  if (find(prefix, "X") || find(prefix, "x")) return std::nullopt;
+  for (const char* name : {"Z", "z", "V", "v"})
+    if (const auto found = find(prefix, name)) return found;
+  return std::nullopt;
+}
+
 bool ChannelGroups::is_luminance_chroma(const std::string& prefix) const {
   return find(prefix, "Y") && (find(prefix, "RY") || find(prefix, "BY"));
 }

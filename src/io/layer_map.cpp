@@ -53,6 +53,13 @@ std::optional<MotionSource> find_motion(const LayerPreset& preset, const Scope& 
   return std::nullopt;
 }
 
+std::optional<std::string> find_depth(const LayerPreset& preset, const Scope& scope,
+                                      const ChannelGroups& groups) {
+  for (std::string_view pass : preset.motion.depths)
+    if (const auto channel = groups.depth(prefix_of(scope, pass))) return channel;
+  return std::nullopt;
+}
+
 LayerMap apply(const LayerPreset& preset, const Scope& scope, const ChannelGroups& groups) {
   LayerMap map{std::string(preset.name),
                scope.view_layer,
@@ -60,7 +67,8 @@ LayerMap apply(const LayerPreset& preset, const Scope& scope, const ChannelGroup
                {},
                {},
                find_alpha(preset, scope, groups),
-               find_motion(preset, scope, groups)};
+               find_motion(preset, scope, groups),
+               find_depth(preset, scope, groups)};
   for (const LayerRecipe& recipe : preset.recipes) {
     const std::string layer(recipe.layer);
     if (map.layers.contains(layer)) continue;
@@ -187,17 +195,19 @@ void apply_overrides(const LayerChoice& choice, const ChannelGroups& groups, Lay
   for (const auto& [layer, value] : choice.overrides) {
     if (layer == "motion") {
       map.motion = overridden_motion(value, groups);
-    } else if (layer != "alpha") {
+    } else if (layer != "alpha" && layer != "depth") {
       map.layers[layer] = {LayerRule::kRead, {overridden(layer, value, groups)}, ""};
       if (layer == "color") map.alpha = groups.alpha(value), map.others.clear();
     }
   }
   if (map.motion && choice.motion_factors) map.motion->factors = *choice.motion_factors;
-  const auto alpha = choice.overrides.find("alpha");
-  if (alpha == choice.overrides.end()) return;
-  if (!groups.has_channel(alpha->second))
-    throw Error("cannot map alpha: there is no channel '{}'", alpha->second);
-  map.alpha = alpha->second;
+  for (const auto& [name, channel] : {std::pair("alpha", &map.alpha), {"depth", &map.depth}}) {
+    const auto found = choice.overrides.find(name);
+    if (found == choice.overrides.end()) continue;
+    if (!groups.has_channel(found->second))
+      throw Error("cannot map {}: there is no channel '{}'", name, found->second);
+    *channel = found->second;
+  }
 }
 
 std::map<std::string, std::string> looked_for(const LayerChoice& choice, const ChannelGroups& groups) {

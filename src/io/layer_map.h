@@ -42,8 +42,8 @@ struct LayerChoice {
   std::string preset;      // cycles, pbrt, arnold, renderman or generic
   std::string view_layer;  // Blender's `Layer` in `Layer.Pass.View.Channel`
   std::string view;
-  // Maps a layer to a prefix, a channel or three channels separated by commas, "alpha" to a channel, and
-  // "motion" to a prefix or two channels.
+  // Maps a layer to a prefix, a channel or three channels separated by commas, "alpha" and "depth" to a
+  // channel, and "motion" to a prefix or two channels.
   std::map<std::string, std::string> overrides;
   std::optional<std::array<float, 2>> motion_factors = {};  // instead of those of the preset
 };
@@ -56,13 +56,14 @@ struct LayerMap {
   std::map<std::string, std::string> looked_for;  // the names tried for each layer, for messages
   std::optional<std::string> alpha;               // the channel that belongs to color
   std::optional<MotionSource> motion = {};
-  std::vector<std::string> others = {};  // options for other view layers and views with a color
-  std::string has = {};                  // the groups of channels in the file, for messages
+  std::optional<std::string> depth = {};  // the channel; it matters beside motion
+  std::vector<std::string> others = {};   // options for other view layers and views with a color
+  std::string has = {};                   // the groups of channels in the file, for messages
 };
 
 // Reads `cycles`, `viewlayer=NAME`, `view=NAME`, `albedo=PREFIX`, `albedo=CHANNEL,CHANNEL,CHANNEL`,
-// `alpha=CHANNEL`, `motion=PREFIX`, `motion=CHANNEL,CHANNEL` and `motion-factors=X,Y`. Throws Error, naming
-// the item.
+// `alpha=CHANNEL`, `depth=CHANNEL`, `motion=PREFIX`, `motion=CHANNEL,CHANNEL` and `motion-factors=X,Y`.
+// Throws Error, naming the item.
 LayerChoice parse_layer_choice(std::span<const std::string> items);
 
 // Finds the layers among the channels of a file. Takes the preset, view layer and view that give a color and

@@ -18,11 +18,11 @@ LayerPreset generic() {
               {"specular", kRead, {{"specular", "Specular"}}},
               {"variance", kRead, {{"variance", "Variance"}}},
           },
-          {{"motion", "Motion"}}};
+          {{"motion", "Motion"}, {1, 1}, {"depth", "Depth", ""}}};
 }
 
 // Blender 2.8 to 4.x shorten the pass names; later releases spell them out. X and Y of Vector lead to the
-// last frame, with Y upwards.
+// last frame, with Y upwards. Like albedo and normal, Denoising Depth looks through mirrors.
 LayerPreset cycles() {
   return {
       "cycles",
@@ -40,7 +40,7 @@ LayerPreset cycles() {
            kEquation2,
            {{"GlossCol", "Glossy Color"}, {"GlossDir", "Glossy Direct"}, {"GlossInd", "Glossy Indirect"}}},
       },
-      {{"Vector"}, {1, -1}}};
+      {{"Vector"}, {1, -1}, {"Denoising Depth", "Depth"}}};
 }
 
 LayerPreset pbrt() {
@@ -68,7 +68,7 @@ LayerPreset arnold() {
               {"specular", kSum, {{"specular_direct"}, {"specular_indirect"}}},
               {"variance", kRead, {{"variance"}}},
           },
-          {{"motionvector"}, {-1, 1}}};
+          {{"motionvector"}, {-1, 1}, {""}}};
 }
 
 LayerPreset renderman() {
@@ -82,7 +82,7 @@ LayerPreset renderman() {
               {"specular", kRead, {{"specular"}}},
               {"specular", kSum, {{"directSpecular"}, {"indirectSpecular"}}},
           },
-          {{"backward", "motionBack"}}};
+          {{"backward", "motionBack"}, {1, 1}, {""}}};
 }
 
 }  // namespace

@@ -29,6 +29,7 @@ std::vector<std::string> recipe_texts(const LayerRecipe& recipe);
 struct MotionRecipe {
   std::vector<std::string_view> passes;  // those that fit, best first
   std::array<float, 2> factors = {1, 1};
+  std::vector<std::string_view> depths = {};  // passes of one channel, best first
 };
 
 // Says how one renderer names its passes. The first of a layer's recipes that the file can fulfil counts.

@@ -83,11 +83,11 @@ LayerChoice parse_layer_choice(std::span<const std::string> items) {
       choice.view = value;
     else if (key == "motion-factors")
       choice.motion_factors = parse_factors(item, value);
-    else if (key == "alpha" || key == "motion" || is_layer(key))
+    else if (key == "alpha" || key == "depth" || key == "motion" || is_layer(key))
       choice.overrides[key] = value;
     else
-      throw Error("cannot map layers by '{}': there is no layer '{}'; there are alpha, motion, {}", item, key,
-                  fmt::join(kLayerNames, ", "));
+      throw Error("cannot map layers by '{}': there is no layer '{}'; there are alpha, depth, motion, {}",
+                  item, key, fmt::join(kLayerNames, ", "));
   }
   return choice;
 }
@@ -107,6 +107,7 @@ std::string layer_map_text(const LayerMap& map) {
   if (map.motion)
     text += fmt::format("\n  {:<8} {}, times {:g}, {:g}", "motion", fmt::join(map.motion->channels, ", "),
                         map.motion->factors[0], map.motion->factors[1]);
+  if (map.motion) text += fmt::format("\n  {:<8} {}", "depth", map.depth.value_or("-"));
   return text + '\n';
 }
 

@@ -76,11 +76,16 @@ Image load_layers(ExrFile& file, const LayerMap& map, std::span<const std::strin
 
 Image load_motion(ExrFile& file, const LayerMap& map) {
   const auto& [channels, factors] = *map.motion;
-  const Planes planes(file, {channels[0], channels[1]});
-  Image result(planes.width(), planes.height(), 2);
+  std::vector<std::string> names(channels.begin(), channels.end());
+  if (map.depth) names.push_back(*map.depth);
+  const Planes planes(file, names);
+  Image result(planes.width(), planes.height(), 4);
   for (int c = 0; c < 2; ++c)
     std::transform(planes.at(channels[c]), planes.at(channels[c]) + result.plane_size(), result.plane(c),
                    [factor = factors[c]](float value) { return factor * value; });
+  // The file does not say which depth a point had in the last frame.
+  for (int c = 2; map.depth && c < 4; ++c)
+    std::copy_n(planes.at(*map.depth), result.plane_size(), result.plane(c));
   return result;
 }
 

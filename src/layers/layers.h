@@ -272,28 +272,30 @@ void compose(Graph& graph, const std::string& name, const Tensor& rec, const Ten
              float phase);
 
 // These join a frame with the ones before it. A history is a buffer of the whole frame in the slots kLastSlot
-// and kNextSlot, in 32 bits: planes of the first `channels` channels of HRLS, of the motion, of a count of
-// frames and of the fused image, and then, above a scale of 1, three colors and a count of the size of LRHS.
-// Radiance in it is scene linear, and the color of HRLS is demodulated as light() does. The image in
-// kMotionSlot has two channels, which lead from a full-size pixel to the same point in the last frame, in
-// pixels along x and y. Program::set_place() says where the recording lies in the frame.
+// and kNextSlot, in 32 bits: planes of the first `channels` channels of HRLS, of the motion, of the depth, of
+// a count of frames and of the fused image, and then, above a scale of 1, three colors, a deviation and a
+// count of the size of LRHS. Radiance in it is scene linear, and the color of HRLS is demodulated as light()
+// does. The image in kMotionSlot has two channels, which lead from a full-size pixel to the same point in the
+// last frame, in pixels along x and y. Two more may hold the depth of that point in this frame and in the
+// last one; depths that are not positive and finite say nothing. Program::set_place() says where the
+// recording lies in the frame.
 
 // Returns the planes of a history that have the size of the frame.
-constexpr uint32_t history_planes(uint32_t channels) { return channels + 2 + 1 + 3; }
+constexpr uint32_t history_planes(uint32_t channels) { return channels + 2 + 1 + 1 + 3; }
 
 // Returns the floats of a history.
 constexpr uint64_t history_floats(uint32_t height, uint32_t width, uint32_t channels, uint32_t scale) {
   const uint64_t lrhs = scale > 1 ? uint64_t{height / scale} * (width / scale) : 0;
-  return uint64_t{height} * width * history_planes(channels) + 4 * lrhs;
+  return uint64_t{height} * width * history_planes(channels) + 5 * lrhs;
 }
 
-// Writes the share (h, w, 1) of the history that is right in spite of changes of the light: exp(-16 d), where
-// d is how far the logarithms of 0.02 + the luminance of LRHS (h, w, 3), encoded, now and in the history,
-// both means over 3x3 pixels, are further apart than 0.01 and three standard errors of their difference. The
-// variance of the differences is taken from neighbours, in that of four directions where it is least, so that
-// an edge that moves is no noise. The share is 1 where there is no history. Joins LRHS to a history of its
-// own, which counts by this share and by exp(-180 q), where q is the squared distance of its encoded color
-// from the range of the 3x3 pixels of LRHS, and for 15 frames at most.
+// Writes the change of the light (h, w, 1): the difference of the logarithms of 0.02 + the luminance of LRHS
+// (h, w, 3), encoded, now and in the history, both means over 3x3 pixels, beyond 0.01 and 1.75 standard
+// errors of what is noise, and 0 where there is no history. The variance of the noise is twice the squared
+// mean absolute deviation in the last frames. It is at least that among the pixels and at most 12 times as
+// large; among these it is that in the direction of four where it is least, so that an edge that moves is no
+// noise. Joins LRHS and its deviation to a history of its own, which counts by exp(-4 |change|), for 15
+// frames at most.
 void light_change(Graph& graph, const std::string& name, const Tensor& lrhs, const Tensor& out,
                   Transfer transfer, uint32_t scale, uint32_t channels,
                   const std::optional<FrameSize>& frame = {});
@@ -301,10 +303,11 @@ void light_change(Graph& graph, const std::string& name, const Tensor& lrhs, con
 struct AccumulateOptions {
   Transfer transfer = Transfer::kLinear;
   float clip = 0;
-  float spp = 1;          // samples of a pixel of this frame
-  uint32_t channels = 9;  // those that are accumulated; the others are not written, but for the count
-  std::optional<Tensor> kept = {};  // (h, w, 1), the result of light_change()
-  uint32_t scale = 1;               // of `kept`
+  float spp = 1;           // samples of a pixel of this frame
+  uint32_t channels = 9;   // those that are accumulated; the others are not written, but for the count
+  bool has_depth = false;  // motion has depths
+  std::optional<Tensor> change = {};  // (h, w, 1), the result of light_change()
+  uint32_t scale = 1;                 // of `change`
   std::optional<FrameSize> frame = {};
 };
 
@@ -312,10 +315,14 @@ struct AccumulateOptions {
 // options.channels channels of `out` (H, W, N) get the result, and the last one the binary logarithm of the
 // samples behind it, from 0 to 4. A history of n frames and this frame are n / (n + 1) and 1 / (n + 1) of the
 // result. The history is read bilinearly where the motion leads. Each of its pixels counts by
-// exp(-(1 - 0.95 s) (40 a + 10 b)), where a and b are the squared distances of its albedo and normal from the
-// ranges that the 3x3 pixels around the pixel have, and by the least that is kept of the four pixels of LRHS
-// around. Here s = exp(-16 m) (1 - blur), where m is the squared distance of its motion from the pixel's, and
-// reading blurs by 0 at a pixel and by 3/4 in the middle of four. The history counts for 63 frames at most.
+// exp(-(1 - 0.95 s) (40 a + 10 b + 40 d)), where a, b and d are the squared distances of its albedo, normal
+// and depth from the ranges that the 3x3 pixels around the pixel have. The distance of depths is that of
+// their logarithms beyond 0.05, and 0 where one is not known; pixels whose motion differs from the pixel's by
+// more than half a pixel do not count for their range. Here s = exp(-16 m) (1 - blur), where m is the squared
+// distance of its motion from the pixel's, and reading blurs by 0 at a pixel and by 3/4 in the middle of
+// four. The history counts for 63 frames at most. By a change c of the light its radiance is multiplied by
+// exp(c), |c| <= 1, and its frames by exp(-|c| (8 + 20 |c|)), for the largest |c| of the four pixels of LRHS
+// around.
 void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const Tensor& out,
                 const AccumulateOptions& options);
 
@@ -329,7 +336,7 @@ struct SettleOptions {
 
 // Mixes the encoded fused image (H, W, 3) with that of the last frame and keeps it, as it was, for the next.
 // The last one is read bilinearly where the motion leads and clamped to the range of the 3x3 pixels. Its
-// share is 0.6 (1 - 0.65 b) max(0, 1 - 1.01 spp / n). Here `samples` (H, W, 1) has the binary logarithm of
+// share is 0.6 (1 - 0.8 b) max(0, 1 - 1.01 spp / n). Here `samples` (H, W, 1) has the binary logarithm of
 // the n samples that accumulate() counted, and b is how much reading blurs: 0 at a pixel, 3/4 in the middle
 // of four. The share is 0 where the motion leads out of the frame.
 void settle(Graph& graph, const std::string& name, const Tensor& fused, const Tensor& samples,

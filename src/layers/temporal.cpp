@@ -42,22 +42,22 @@ void light_change(Graph& graph, const std::string& name, const Tensor& lrhs, con
                                     1 / static_cast<float>(scale * scale * scale)});
   pass.groups = pixel_groups(shape);
   pass.bytes = traffic(graph, lrhs) + traffic(graph, out) +
-               static_cast<double>(shape.pixels() * (8 * scale * scale + 32));
+               static_cast<double>(shape.pixels() * (8 * scale * scale + 40));
   graph.add(std::move(pass));
 }
 
 void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const Tensor& out,
                 const AccumulateOptions& options) {
   const Shape shape = hrls.shape;
-  const auto [kept, scale] = std::pair(options.kept, options.scale);
+  const auto [change, scale] = std::pair(options.change, options.scale);
   expect_shape(name, "the output", out, with_channels(shape, out.shape.channels));
   const uint32_t most = std::min(shape.channels, out.shape.channels - 1);
   if (options.channels < 9 || options.channels > most)
     throw Error("layer {}: {} channels to accumulate, expected 9 to {}", name, options.channels, most);
-  if (kept) expect_shape(name, "HRLS", hrls, enlarged(kept->shape, scale, shape.channels));
-  if (kept) expect_shape(name, "what is kept", *kept, with_channels(kept->shape, 1));
+  if (change) expect_shape(name, "HRLS", hrls, enlarged(change->shape, scale, shape.channels));
+  if (change) expect_shape(name, "the change of the light", *change, with_channels(change->shape, 1));
   Pass pass = pass_with_history(graph, name, shaders::kAccumulate, shaders::kAccumulateImage,
-                                {hrls, kept.value_or(hrls)}, out);
+                                {hrls, change.value_or(hrls)}, out);
   const auto [height, width] = frame_size(name, hrls, options.frame);
   pass.set_push(params::Accumulate{{},
                                    shape.height,
@@ -67,16 +67,17 @@ void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const
                                    graph.plane(hrls),
                                    options.channels,
                                    out.shape.channels - 1,
-                                   kept ? kept->shape.height : 0,
-                                   kept ? kept->shape.width : 0,
-                                   kept ? 1 / static_cast<float>(scale) : 0,
-                                   (static_cast<float>(scale) - 1) / 2,
+                                   options.has_depth,
+                                   change ? change->shape.height : 0,
+                                   change ? change->shape.width : 0,
+                                   change ? 1 / static_cast<float>(scale) : 0,
                                    options.transfer == Transfer::kLog,
                                    options.clip,
                                    options.spp});
   pass.groups = pixel_groups(shape);
-  pass.bytes = traffic(graph, hrls) + traffic(graph, out) +
-               static_cast<double>(shape.pixels() * (8 * (options.channels + 3) + 8));
+  pass.bytes =
+      traffic(graph, hrls) + traffic(graph, out) +
+      static_cast<double>(shape.pixels() * (8 * (options.channels + 4) + (options.has_depth ? 16 : 8)));
   graph.add(std::move(pass));
 }
 

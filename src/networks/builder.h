@@ -14,7 +14,7 @@ struct Builder {
   const HrlsChannels& hrls_channels;
   SampleCounts samples = {};
   uint32_t history_channels = 0;  // HRLS channels that history_channels() returned; 0: no history is kept
-  bool settles = false;           // the fused image is mixed with that of the last frame
+  Joining joining = {};           // matters where a history is kept
   ActivationEstimate* estimate = nullptr;  // follows the convolutions, unless null
   const Architecture& a = model.architecture();
 

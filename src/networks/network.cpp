@@ -44,7 +44,7 @@ double encoded(Transfer transfer, float radiance) {
 
 void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase,
              const Conv2dChoice& choose, const StorageExponents& exponents, const ConstantLayers& constants,
-             bool compute_variance, const SampleCounts& samples, bool temporal, bool settles) {
+             bool compute_variance, const SampleCounts& samples, const std::optional<Joining>& joining) {
   check_constant_layers(model, constants);
   const HrlsChannels channels = hrls_channels(model.architecture(), constants, compute_variance);
   Builder build{
@@ -54,8 +54,8 @@ void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, 
       .exponents = exponents,
       .hrls_channels = channels,
       .samples = samples,
-      .history_channels = temporal ? history_channels(model, phase, channels.variance.has_value()) : 0,
-      .settles = temporal && settles};
+      .history_channels = joining ? history_channels(model, phase, channels.variance.has_value()) : 0,
+      .joining = joining.value_or(Joining{})};
   functions_of(model.architecture().kind).add(build, height, width, phase);
 }
 

@@ -6,18 +6,24 @@
 
 namespace raymeld {
 
+// Says how a frame is joined with the ones before it.
+struct Joining {
+  bool settles = true;        // the fused image is mixed with that of the last frame: see settle()
+  bool motion_depth = false;  // the motion has depths: see accumulate()
+};
+
 // Adds the whole network to the graph. It reads LRHS (height, width, 3) in kLrhsSlot, if at all, and the K
 // channels of image_layers() of HRLS (s height, s width, K) in kHrlsSlot, if K is not 0, or, as images, each
 // layer in its layer_slot(). It writes the fused image (s height, s width, 3). `phase` says where LRHS
 // samples lie in their s x s full-size pixels (see DecodeOptions), and `choose` how each convolution is
 // computed. `exponents` are those of the tensors that it makes. `compute_variance` is that of image_layers().
-// `samples` matter to a model that knows_spp. With `temporal` HRLS is joined with the frames before it: see
-// accumulate(); history_channels() says for which models that is possible. With `settles` so is the fused
-// image: see settle(). Throws an Error that names the layer.
+// `samples` matter to a model that knows_spp. With `joining` HRLS is joined with the frames before it: see
+// accumulate(); history_channels() says for which models that is possible. Throws an Error that names the
+// layer.
 void network(Graph& graph, const Model& model, uint32_t height, uint32_t width, float phase,
              const Conv2dChoice& choose = conv2d_direct, const StorageExponents& exponents = {},
              const ConstantLayers& constants = {}, bool compute_variance = false,
-             const SampleCounts& samples = {}, bool temporal = false, bool settles = true);
+             const SampleCounts& samples = {}, const std::optional<Joining>& joining = {});
 
 // Returns the channels of HRLS of which a history is kept. Throws an Error that names the model unless it is
 // a pyramid network that knows_spp, whose variance, if it reads any, is computed by the device and its last

@@ -62,11 +62,12 @@ struct Pyramid {
                               .clip = a.clip,
                               .spp = hrls_spp,
                               .channels = channels,
+                              .has_depth = build.joining.motion_depth,
                               .scale = a.scale,
                               .frame = full_frame};
     if (lrhs) {
-      options.kept = build.tensor("light_change", height, width, 1);
-      light_change(graph, "light_change", lrhs->slice(0, 3), *options.kept, a.transfer, a.scale, channels,
+      options.change = build.tensor("light_change", height, width, 1);
+      light_change(graph, "light_change", lrhs->slice(0, 3), *options.change, a.transfer, a.scale, channels,
                    low_frame);
     }
     accumulate(graph, "accumulate", hrls, inputs.slice(3, layers + 1), options);
@@ -230,7 +231,7 @@ struct Pyramid {
     const Tensor fused = tensor("compose", 0, 3);
     compose(graph, "compose", rec.slice(0, kComposed), sharp, guides_of(images[0]),
             lrhs ? lrhs->slice(0, 3) : color, fused, a.transfer, a.scale, phase);
-    const Tensor shown = build.settles ? settled(fused, *samples) : fused;
+    const Tensor shown = samples && build.joining.settles ? settled(fused, *samples) : fused;
     decode(graph, "decode", shown, {a.transfer, nullptr, a.scale, phase, &bright, a.clip, full_frame});
   }
 };

@@ -168,36 +168,43 @@ Bounded attend(const Bounded& x, const Bounded& logits, const Bounded& residual,
 
 // Holds what they read beside the frame.
 struct Past {
-  const Planes& motion;  // (2, H, W), from each full-size pixel to the same point in the last frame
-  const Planes& hrls;    // the last history (A + 3, frame height, frame width), with motion and a count last
-  const Planes& lrhs;    // (4, frame height / scale, frame width / scale), likewise
-  const Planes& fused;   // (3, frame height, frame width), the last fused image, scene linear
-  int y, x;              // the first full-size pixel of this part of the frame
+  const Planes& motion;  // (2, H, W), from each full-size pixel to the same point in the last frame; in (4,
+                         // H, W) its depths in this frame and in the last one follow
+  const Planes&
+      hrls;  // the last history (A + 4, frame height, frame width): motion, depth and a count follow
+  const Planes& lrhs;   // (5, frame height / scale, frame width / scale): color, deviation and count
+  const Planes& fused;  // (3, frame height, frame width), the last fused image, scene linear
+  int y, x;             // the first full-size pixel of this part of the frame
   double exposure;
 };
 
-// Returns (5, h, w): the share of the history that is right, exp(-16 max(0, d - 0.01 - 3 e)) of the
-// difference d of the logarithms of 0.02 + luminance now and then, means over 3x3 pixels, with the standard
-// error e, and then the history of LRHS that is kept. It counts by that share and by exp(-180 q), where q is
-// the squared distance of the encoded history from the range of the 3x3 pixels of LRHS, for 15 frames at
-// most.
+// Returns (6, h, w): the change of the light, and then the history of LRHS that is kept. The change is the
+// difference d of the logarithms of 0.02 + luminance now and then, means over the n of the 3x3 pixels that
+// are known, where its size is larger than 0.01 + 1.75 sqrt(v / n) / (0.02 + l), less that. Here l is the
+// smaller of the luminances, and v is twice the mean squared deviation in the history, but at least the
+// variance among the pixels, in that of four directions where it is least, and at most 12 times that. The
+// history counts by exp(-4 |change|), for 15 frames at most. Its deviation is the mean over the frames of the
+// distance of the pixel's own change from that of the 3x3 pixels, which counts up to twice the mean and 0.002
+// over the frames but one; in a first frame it is the root of twice such a variance of the luminance.
 Bounded light_change(const Bounded& lrhs, const Past& past, Transfer transfer, int scale,
                      Precision precision);
 
-// Returns (2 A + 4, H, W): the first A channels of HRLS joined with the history, encoded, and the binary
+// Returns (2 A + 5, H, W): the first A channels of HRLS joined with the history, encoded, and the binary
 // logarithm of their samples, within 0 and 4, and then the history that is kept. The first channels are
 // color, albedo and normal, all others radiance; the history has demodulated radiance in the place of the
-// color. A pixel of the history counts by exp(-(1 - 0.95 s) (40 a + 10 b)), with the squared distances a and
-// b of its albedo and normal from the ranges of the 3x3 pixels of HRLS, and by the least of the four pixels
-// of `kept` (1, H / scale, W / scale) around. Here s = exp(-16 m) (1 - blur), with the squared distance m
-// of its motion from the pixel's; settle() says what blurs. Together the four pixels around a point count
-// for 63 frames at most.
+// color. A pixel of the history counts by exp(-(1 - 0.95 s) (40 a + 10 b + 40 d)), with the squared distances
+// of its albedo, normal and depth from the ranges of the 3x3 pixels of HRLS. The distance of depths is that
+// of logarithms beyond 0.05, where they are known, from the range of the pixels whose motion is within half a
+// pixel of that of the one. Here s = exp(-16 m) (1 - blur), with the squared distance m of its motion from
+// the pixel's; settle() says what blurs. Together the four pixels around a point count for 63 frames at most.
+// Their radiance is multiplied by exp(c), where c is interpolated from `change` (1, H / scale, W / scale) and
+// clamped to [-1, 1], and their frames by exp(-m (8 + 20 m)), where m is the largest |change| around.
 Bounded accumulate(const Bounded& hrls, const Past& past, Transfer transfer, double clip, double spp,
-                   Precision precision, const Bounded* kept = nullptr, int scale = 1);
+                   Precision precision, const Bounded* change = nullptr, int scale = 1);
 
 // Returns (6, H, W): the encoded fused image (3, H, W) mixed with the last one, and then that which is kept.
 // The last one is encoded, clamped to the range of the 3x3 pixels, and has the share
-// 0.6 (1 - 0.65 b) max(0, 1 - 1.01 spp / n), with the binary logarithm of n in `samples` (1, H, W), and the
+// 0.6 (1 - 0.8 b) max(0, 1 - 1.01 spp / n), with the binary logarithm of n in `samples` (1, H, W), and the
 // blur b as 1 minus the sum of the squares of the weights that it is read with.
 Bounded settle(const Bounded& fused, const Bounded& samples, const Past& past, Transfer transfer, double clip,
                double spp, Precision precision);

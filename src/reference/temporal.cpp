@@ -1,5 +1,6 @@
 // Computes the layers that join a frame with the ones before it.
 #include <array>
+#include <optional>
 
 #include "reference/elements.h"
 
@@ -8,13 +9,16 @@ namespace {
 
 constexpr double kMostFrames = 63, kMostLrhsFrames = 15, kMostSamples = 16;
 constexpr double kSharpenedShare = 0.25;
-constexpr double kHistoryAlbedo = 40, kHistoryNormal = 10, kHistoryLrhs = 180;
+constexpr double kHistoryAlbedo = 40, kHistoryNormal = 10, kHistoryDepth = 40;
+constexpr double kDepthTolerance = 0.05, kDepthMotion = 0.25;
 constexpr double kHistoryMotion = 16, kHistorySteady = 0.05;
 constexpr double kNowhere = 1e9;  // a motion that leads out of the frame
-constexpr double kLightChange = 16, kLightNoise = 0.01, kLightErrors = 3, kLightFloor = 0.02;
+constexpr double kLightFloor = 0.02, kLightNoise = 0.01, kLightErrors = 1.75;
+constexpr double kLightSpread = 2, kLightMostVariance = 12, kLightOutlier = 2, kLightFirst = 0.002;
+constexpr double kLightLrhs = 4, kLightChange = 8, kLightLarge = 20, kLightMost = 1;
 constexpr double kUnknownVariance = 1e30;
 constexpr double kLeastWeight = 1e-6;
-constexpr double kSettled = 0.6, kSettledBlur = 0.65, kSettledMargin = 1.01;
+constexpr double kSettled = 0.6, kSettledBlur = 0.8, kSettledMargin = 1.01;
 
 struct Tap {
   int y, x;
@@ -57,7 +61,7 @@ struct Range {
 // Returns whether LRHS's history has a frame at a point.
 bool is_known(const Past& past, const std::array<Tap, 4>& taps) {
   return std::ranges::any_of(
-      taps, [&](const Tap& tap) { return tap.weight > 0 && past.lrhs.at(3, tap.y, tap.x) > 0; });
+      taps, [&](const Tap& tap) { return tap.weight > 0 && past.lrhs.at(4, tap.y, tap.x) > 0; });
 }
 
 // Returns the range of a channel's 3x3 pixels around one.
@@ -126,46 +130,77 @@ T variance_along(const std::array<T, 9>& values, const std::array<bool, 9>& know
   return count > 0 ? T(sum / T(count)) : T(kUnknownVariance);
 }
 
-// Returns the change of the light in the 3x3 pixels around one since the last frames, as a logarithm, beyond
-// what may be noise. (row, column) is where the pixel was.
+// Returns the variance in that of four directions where it is least.
 template <typename T>
-T change_beyond_noise(const Bounded& lrhs, const Past& past, Transfer transfer, int y, int x, double row,
-                      double column) {
-  using std::log, std::max, std::min, std::sqrt;
+T variance_of(const std::array<T, 9>& values, const std::array<bool, 9>& known) {
+  using std::min;
+  T variance = variance_along(values, known, 0, 1);
+  for (const int dx : {0, 1, -1}) variance = min(variance, variance_along(values, known, 1, dx));
+  return variance;
+}
+
+// Returns the luminance of the 3x3 pixels around one.
+template <typename T>
+std::array<T, 9> luminances_around(const Bounded& lrhs, Transfer transfer, int y, int x) {
+  std::array<T, 9> result{0, 0, 0, 0, 0, 0, 0, 0, 0};
+  for (int i = 0; i < 9; ++i) {
+    const int row = std::clamp(y + i / 3 - 1, 0, lrhs.value.h - 1);
+    const int column = std::clamp(x + i % 3 - 1, 0, lrhs.value.w - 1);
+    const auto channel = [&](int c) { return invert(transfer, at(lrhs, c, row, column).as<T>()); };
+    result[size_t(i)] = luminance(channel(0), channel(1), channel(2));
+  }
+  return result;
+}
+
+// Holds by how much the light has changed, as a logarithm beyond what may be noise, and how far the pixel's
+// own change is from the mean one.
+template <typename T>
+struct Change {
+  T light = 0, residual = 0;
+};
+
+// Returns the change of the 3x3 pixels around one since the last frames. (row, column) is where the pixel
+// was.
+template <typename T>
+Change<T> change_beyond_noise(const Bounded& lrhs, const Past& past, Transfer transfer, int y, int x,
+                              double row, double column) {
+  using std::abs, std::clamp, std::log, std::max, std::min, std::sqrt;
+  const std::array<T, 9> lights = luminances_around<T>(lrhs, transfer, y, x);
   std::array<T, 9> changes{0, 0, 0, 0, 0, 0, 0, 0, 0};
   std::array<bool, 9> known{};
-  T now = 0, before = 0;
+  T now = 0, before = 0, spread = 0;
   for (int i = 0; i < 9; ++i) {
     const int dy = i / 3 - 1, dx = i % 3 - 1;
     const auto taps = taps_at(row + dy, column + dx, past.lrhs.h, past.lrhs.w);
     known[size_t(i)] = is_known(past, taps);
     if (!known[size_t(i)]) continue;
-    const int near_y = std::clamp(y + dy, 0, lrhs.value.h - 1);
-    const int near_x = std::clamp(x + dx, 0, lrhs.value.w - 1);
-    const auto channel = [&](int c) { return invert(transfer, at(lrhs, c, near_y, near_x).as<T>()); };
-    const Read<T> then = read<T>(past.lrhs, 3, taps, [](const Tap&) { return T(1); });
-    const T light = luminance(channel(0), channel(1), channel(2));
+    const Read<T> then = read<T>(past.lrhs, 4, taps, [](const Tap&) { return T(1); });
+    const T light = lights[size_t(i)];
     const T past_light = luminance(then.planes[0], then.planes[1], then.planes[2]) * T(past.exposure);
     now = now + light;
     before = before + past_light;
+    spread = spread + square(T(then.planes[3] * T(past.exposure)));
     changes[size_t(i)] = light - past_light;
   }
   const auto count = double(std::ranges::count(known, true));
-  if (count < 2) return 0;
-  now = now / T(count) + T(kLightFloor);
-  before = before / T(count) + T(kLightFloor);
-  T variance = variance_along(changes, known, 0, 1);
-  for (const int dx : {0, 1, -1}) variance = min(variance, variance_along(changes, known, 1, dx));
-  const T error = T(kLightErrors) * sqrt(T(variance / T(count))) / min(now, before);
-  const T change = log(now) - log(before);
-  return max(T(max(change, T(-change)) - T(kLightNoise) - error), T(0));
+  if (count < 2) return {};
+  now = now / T(count);
+  before = before / T(count);
+  T variance = variance_of(changes, known);
+  variance = min(T(max(T(kLightSpread) * spread / T(count), variance)), T(T(kLightMostVariance) * variance));
+  const T error = T(kLightErrors) * sqrt(T(variance / T(count))) / (min(now, before) + kLightFloor);
+  const T change = log(T(now + kLightFloor)) - log(T(before + kLightFloor));
+  const T up = max(T(change - T(kLightNoise) - error), T(0));
+  const T down = max(T(T(0) - change - T(kLightNoise) - error), T(0));
+  const T away = changes[4] - (now - before);
+  return {up - down, max(away, T(T(0) - away))};
 }
 
 // Returns what light_change() returns for a pixel.
 template <typename T>
-std::array<T, 5> light_change_at(const Bounded& lrhs, const Past& past, Transfer transfer, int scale, int y,
+std::array<T, 6> light_change_at(const Bounded& lrhs, const Past& past, Transfer transfer, int scale, int y,
                                  int x) {
-  using std::exp, std::max, std::min;
+  using std::exp, std::max, std::min, std::sqrt;
   double down = 0, right = 0;
   for (int i = 0; i < scale * scale; ++i) {
     right += past.motion.at(0, scale * y + i / scale, scale * x + i % scale);
@@ -174,41 +209,89 @@ std::array<T, 5> light_change_at(const Bounded& lrhs, const Past& past, Transfer
   const double cubed = scale * scale * scale;
   const double row = y + past.y / scale + down / cubed, column = x + past.x / scale + right / cubed;
   const auto taps = taps_at(row, column, past.lrhs.h, past.lrhs.w);
-  Read<T> before = read<T>(past.lrhs, 3, taps, [](const Tap&) { return T(1); });
-  T unlike = 0;
-  for (int c = 0; c < 3; ++c) {
-    T& value = before.planes[size_t(c)];
-    value = value * T(past.exposure);
-    unlike = unlike + beyond<T>(apply(transfer, value), range_around(lrhs, c, y, x));
-  }
-  const T share = exp(T(-kLightChange) * change_beyond_noise<T>(lrhs, past, transfer, y, x, row, column));
-  const T frames = min(before.frames * share * exp(T(-kHistoryLrhs) * unlike), T(kMostLrhsFrames));
+  const Read<T> before = read<T>(past.lrhs, 4, taps, [](const Tap&) { return T(1); });
+  const Change<T> change = change_beyond_noise<T>(lrhs, past, transfer, y, x, row, column);
+  const T size = max(change.light, T(T(0) - change.light)), mean = before.planes[3] * T(past.exposure);
+  const T most = T(kLightOutlier) * mean + T(kLightFirst) / max(T(before.frames - 1), T(kLeastWeight));
+  const T deviation = mean + (min(change.residual, most) - mean) / max(before.frames, T(1));
+  const T frames = min(before.frames * exp(T(-kLightLrhs) * size), T(kMostLrhsFrames));
   const bool known = is_known(past, taps);
-  std::array<T, 5> result{share, 0, 0, 0, frames + 1};
+  std::array<T, 6> result{change.light, 0, 0, 0, 0, frames + 1};
   for (int c = 0; c < 3; ++c) {
-    const T value = invert(transfer, at(lrhs, c, y, x).as<T>()), &known_value = before.planes[size_t(c)];
-    const T joined = known ? T(known_value + (value - known_value) / (frames + 1)) : value;
+    const T value = invert(transfer, at(lrhs, c, y, x).as<T>());
+    const T known_value = before.planes[size_t(c)] * T(past.exposure);
+    const T joined = known ? T((frames * known_value + value) / (frames + 1)) : value;
     result[size_t(c) + 1] = joined * T(1 / past.exposure);
   }
+  std::array<bool, 9> all{};
+  all.fill(true);
+  const T of_first = sqrt(T(T(kLightSpread) * variance_of(luminances_around<T>(lrhs, transfer, y, x), all)));
+  result[4] = (known ? deviation : of_first) * T(1 / past.exposure);
   return result;
 }
 
-// Returns the least share that the centred LRHS pixels around a full-size one leave.
+// Holds the factors of a history's radiance and of its frames where the light has changed.
 template <typename T>
-T least_share(const Bounded& kept, int scale, int y, int x) {
-  using std::min;
-  T least = std::numeric_limits<double>::infinity();
-  for (const Corner& corner : corners(kept, 0, y, x, scale, (scale - 1) / 2.0))
-    least = min(least, Element{corner.value, corner.bound}.as<T>());
-  return least;
+struct Factors {
+  T radiance = 1, frames = 1;
+};
+
+// Returns the factors by the changes of the centred LRHS pixels around a full-size one.
+template <typename T>
+Factors<T> factors_at(const Bounded& changes, int scale, int y, int x) {
+  using std::clamp, std::exp, std::max;
+  T most = 0, blended = 0;
+  for (const Corner& corner : corners(changes, 0, y, x, scale, (scale - 1) / 2.0)) {
+    const T change = Element{corner.value, corner.bound}.as<T>();
+    most = max(most, T(max(change, T(T(0) - change))));
+    blended = blended + T(corner.factor) * change;
+  }
+  return {exp(clamp(blended, -kLightMost, kLightMost)),
+          exp(T(0) - most * (T(kLightChange) + T(kLightLarge) * most))};
 }
 
-// Returns what accumulate() returns for a pixel. `kept` is the share that the light leaves.
+bool is_depth(double depth) { return depth > 0 && std::isfinite(depth); }
+
+// Holds depths around a pixel in this frame, and that of the pixel in both frames.
+struct Depths {
+  Range now;
+  double own, before;
+
+  // Returns the squared distance of a depth in the last frame from the range, by logarithms.
+  template <typename T>
+  T beyond(double depth) const {
+    using std::log, std::max;
+    const T since = log(T(before)) - log(T(own)), other = log(T(depth));
+    const T high = log(T(now.high)) + since + kDepthTolerance,
+            low = log(T(now.low)) + since - kDepthTolerance;
+    return square(T(max(T(other - high), T(0)) + max(T(low - other), T(0))));
+  }
+};
+
+// Returns the depths of the 3x3 pixels around one that move with it, or nothing where its own is not known.
+std::optional<Depths> depths_around(const Past& past, int y, int x) {
+  const Planes& motion = past.motion;
+  if (motion.c < 4 || !is_depth(motion.at(2, y, x)) || !is_depth(motion.at(3, y, x))) return std::nullopt;
+  Range depths{motion.at(2, y, x), motion.at(2, y, x)};
+  for (int i = 0; i < 9; ++i) {
+    const int row = std::clamp(y + i / 3 - 1, 0, motion.h - 1);
+    const int column = std::clamp(x + i % 3 - 1, 0, motion.w - 1);
+    double away = 0;
+    for (int c = 0; c < 2; ++c) away += square(motion.at(c, row, column) - motion.at(c, y, x));
+    const double depth = motion.at(2, row, column);
+    if (!is_depth(depth) || !(away <= kDepthMotion)) continue;
+    depths = {std::min(depths.low, depth), std::max(depths.high, depth)};
+  }
+  return Depths{depths, motion.at(2, y, x), motion.at(3, y, x)};
+}
+
+// Returns what accumulate() returns for a pixel.
 template <typename T>
 std::vector<T> accumulate_at(const Bounded& hrls, const Past& past, Transfer transfer, double clip,
-                             double spp, const T& kept, int y, int x) {
+                             double spp, const Factors<T>& factors, int y, int x) {
   using std::exp, std::max, std::min, std::log2, std::clamp;
-  const int channels = past.hrls.c - 3;
+  const int channels = past.hrls.c - 4;
+  const std::optional<Depths> depths = depths_around(past, y, x);
   const auto taps = taps_before(past, y, x);
   std::array<double, 2> motion{past.motion.at(0, y, x), past.motion.at(1, y, x)};
   if (!std::isfinite(motion[0]) || !std::isfinite(motion[1])) motion = {kNowhere, kNowhere};
@@ -222,11 +305,13 @@ std::vector<T> accumulate_at(const Bounded& hrls, const Past& past, Transfer tra
     for (int c = 0; c < 2; ++c)
       moved = moved + square(T(T(past.hrls.at(channels + c, tap.y, tap.x)) - T(motion[size_t(c)])));
     const T steady = exp(T(-kHistoryMotion) * moved) * T(1 - blur_of(taps));
-    const T unlike = T(kHistoryAlbedo) * albedo + T(kHistoryNormal) * normal;
+    T unlike = T(kHistoryAlbedo) * albedo + T(kHistoryNormal) * normal;
+    if (const double depth = past.hrls.at(channels + 2, tap.y, tap.x); depths && is_depth(depth))
+      unlike = unlike + T(kHistoryDepth) * depths->beyond<T>(depth);
     return T(exp(-(1 - steady + T(kHistorySteady) * steady) * unlike));
   };
   const Read<T> before = read<T>(past.hrls, channels, taps, likeness);
-  const T frames = min(before.frames * kept, T(kMostFrames)), share = 1 / (frames + 1);
+  const T frames = min(before.frames * factors.frames, T(kMostFrames)), share = 1 / (frames + 1);
   const T guide_share = max(share, T(std::min(blur_of(taps) / 2, kSharpenedShare)));
   const T firefly = firefly_limit<T>(hrls, transfer, y, x);
   std::vector<T> joined, encoded;
@@ -235,10 +320,11 @@ std::vector<T> accumulate_at(const Bounded& hrls, const Past& past, Transfer tra
     T value = at(hrls, c, y, x).as<T>(), then = before.planes[size_t(c)];
     if (is_radiance) {
       value = invert(transfer, value);
-      then = then * T(past.exposure);
+      then = then * T(past.exposure) * factors.radiance;
     }
     if (c < 3) value = value * firefly / (at(hrls, c + 3, y, x).as<T>() + kAlbedoFloor);
-    joined.push_back(then + (is_radiance ? share : guide_share) * (value - then));
+    joined.push_back(is_radiance ? T(share * (frames * then + value))
+                                 : T(then + guide_share * (value - then)));
   }
   for (int c = 0; c < channels; ++c) {
     T value = joined[size_t(c)];
@@ -249,6 +335,7 @@ std::vector<T> accumulate_at(const Bounded& hrls, const Past& past, Transfer tra
   for (int c = 0; c < channels; ++c)
     encoded.push_back(c < 3 || c >= 9 ? T(joined[size_t(c)] * T(1 / past.exposure)) : joined[size_t(c)]);
   for (const double along : motion) encoded.push_back(T(along));
+  encoded.push_back(T(past.motion.c < 4 ? 0 : past.motion.at(2, y, x)));
   encoded.push_back(frames + 1);
   return encoded;
 }
@@ -293,7 +380,7 @@ Bounded light_change(const Bounded& lrhs, const Past& past, Transfer transfer, i
                      Precision precision) {
   const int h = lrhs.value.h, w = lrhs.value.w;
   expect_shape(lrhs, 3, h, w);
-  Bounded result = exact(Planes(5, h, w));
+  Bounded result = exact(Planes(6, h, w));
   for (int y = 0; y < h; ++y) {
     for (int x = 0; x < w; ++x) {
       store_all(result, y, x, light_change_at<double>(lrhs, past, transfer, scale, y, x),
@@ -304,15 +391,15 @@ Bounded light_change(const Bounded& lrhs, const Past& past, Transfer transfer, i
 }
 
 Bounded accumulate(const Bounded& hrls, const Past& past, Transfer transfer, double clip, double spp,
-                   Precision precision, const Bounded* kept, int scale) {
-  const int h = hrls.value.h, w = hrls.value.w, channels = past.hrls.c - 3;
-  if (kept) expect_shape(*kept, 1, h / scale, w / scale);
-  Bounded result = exact(Planes(2 * channels + 4, h, w));
+                   Precision precision, const Bounded* change, int scale) {
+  const int h = hrls.value.h, w = hrls.value.w, channels = past.hrls.c - 4;
+  if (change) expect_shape(*change, 1, h / scale, w / scale);
+  Bounded result = exact(Planes(2 * channels + 5, h, w));
   for (int y = 0; y < h; ++y) {
     for (int x = 0; x < w; ++x) {
       const auto result_at = [&]<typename T>(T) {
-        const T share = kept ? least_share<T>(*kept, scale, y, x) : T(1);
-        return accumulate_at<T>(hrls, past, transfer, clip, spp, share, y, x);
+        const Factors<T> factors = change ? factors_at<T>(*change, scale, y, x) : Factors<T>{};
+        return accumulate_at<T>(hrls, past, transfer, clip, spp, factors, y, x);
       };
       store_all(result, y, x, result_at(0.0), result_at(Interval(0)), channels + 1, precision);
     }

@@ -594,46 +594,25 @@ TEST_F(ApiTest, ActivationsMayLieInTheCallersMemory) {
   const std::vector<float> expected = fuse(own, subject_).values;
   caller.take_calls();
   const raymeld_memory_needs needs = memory_needs(context, model, desc_);
-  VkPhysicalDeviceMemoryProperties types;
-  caller.vk().GetPhysicalDeviceMemoryProperties(caller.external().physical_device, &types);
-  uint32_t type = 0;
-  constexpr VkMemoryPropertyFlags kSeen =
-      VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
-  while (type < types.memoryTypeCount &&
-         (!(needs.memory_type_bits & 1u << type) || (types.memoryTypes[type].propertyFlags & kSeen) != kSeen))
-    ++type;
-  if (type == types.memoryTypeCount) GTEST_SKIP() << "activations may not lie in memory that the host sees";
   EXPECT_FALSE(caller.take_calls().contains("vkAllocateMemory"));
   EXPECT_GT(needs.size_bytes, 0u);
+  EXPECT_EQ(needs.history_size_bytes, 0u);
 
   // The memory lies in the middle of a larger block.
-  const VkDevice device = caller.external().device;
-  const VkDeviceSize offset = 3 * needs.alignment_bytes;
-  auto flags = vk_struct<VkMemoryAllocateFlagsInfo>(VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_FLAGS_INFO);
-  flags.flags = needs.device_address ? VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT : 0;
-  auto info = vk_struct<VkMemoryAllocateInfo>(VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO, &flags);
-  info.allocationSize = offset + needs.size_bytes + 4096;
-  info.memoryTypeIndex = type;
-  VkDeviceMemory memory = VK_NULL_HANDLE;
-  check(caller.vk().AllocateMemory(device, &info, nullptr, &memory), "allocating");
-  desc_.memory = memory;
+  const VkDeviceSize offset = 3 * needs.alignment_bytes, end = offset + needs.size_bytes;
+  const CallerMemory memory(caller, end + 4096, needs.memory_type_bits, needs.device_address);
+  if (memory.is_null()) GTEST_SKIP() << "activations may not lie in memory that the host sees";
+  desc_.memory = memory.handle();
   desc_.memory_offset_bytes = offset;
   desc_.memory_size_bytes = needs.size_bytes;
-  void* mapped = nullptr;
-  check(caller.vk().MapMemory(device, memory, 0, VK_WHOLE_SIZE, 0, &mapped), "mapping");
-  auto* const bytes = static_cast<uint8_t*>(mapped);
-  std::memset(bytes, 0xff, info.allocationSize);
   {
     Fusion fusion(context, model, desc_);
     EXPECT_EQ(fuse(fusion, subject_).values, expected);
     EXPECT_LT(fusion.info().memory_bytes + needs.size_bytes / 2, own.info().memory_bytes);
-    const auto is_untouched = [&](VkDeviceSize begin, VkDeviceSize end) {
-      return std::all_of(bytes + begin, bytes + end, [](uint8_t byte) { return byte == 0xff; });
-    };
-    EXPECT_TRUE(is_untouched(0, offset));
-    EXPECT_FALSE(is_untouched(offset, offset + needs.size_bytes));
-    EXPECT_TRUE(is_untouched(offset + needs.size_bytes, info.allocationSize));
-    std::memset(bytes, 0x7f, info.allocationSize);  // nothing is kept between frames
+    EXPECT_TRUE(memory.is_untouched(0, offset));
+    EXPECT_FALSE(memory.is_untouched(offset, end));
+    EXPECT_TRUE(memory.is_untouched(end, end + 4096));
+    std::ranges::fill(memory.bytes(), uint8_t{0x7f});  // nothing is kept between frames
     EXPECT_EQ(fuse(fusion, subject_).values, expected);
   }
   desc_.memory_size_bytes -= 1;
@@ -641,7 +620,6 @@ TEST_F(ApiTest, ActivationsMayLieInTheCallersMemory) {
   desc_.memory_size_bytes += 1;
   desc_.memory_offset_bytes += 4;
   EXPECT_FAILURE(RAYMELD_ERROR_DEVICE, Fusion(context, model, desc_), "at a multiple of");
-  caller.vk().FreeMemory(device, memory, nullptr);
 }
 
 // Planning such sizes would take all of the host's memory.

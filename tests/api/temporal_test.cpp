@@ -19,6 +19,16 @@ constexpr uint32_t kHeight = 9, kWidth = 14, kScale = 2;
 struct Frame {
   Planes lrhs, hrls, motion;
 
+  // Returns the frame with depths from 1 to 2, some of which are unlike those of other frames.
+  Frame with_depth(uint64_t seed) const {
+    Frame result = *this;
+    const Planes depth = noise(1, uint32_t(hrls.h), uint32_t(hrls.w), seed + 200);
+    for (int i = 0; i < 2; ++i)
+      for (const double value : depth.data) result.motion.data.push_back(1 + value);
+    result.motion.c = 4;
+    return result;
+  }
+
   explicit Frame(uint64_t seed, uint32_t height = kHeight, uint32_t width = kWidth)
       : lrhs(noise(3, height, width, seed)),
         hrls(noise(9, kScale * height, kScale * width, seed + 100)),
@@ -57,8 +67,8 @@ class TemporalTest : public testing::Test {
   }
 
   // Returns what raymeld_fuse_next() makes of frames of a sequence.
-  std::vector<std::vector<float>> expected(const std::vector<Frame>& frames) const {
-    raymeld_fusion_desc of = desc();
+  std::vector<std::vector<float>> expected(const std::vector<Frame>& frames,
+                                           raymeld_fusion_desc of = desc()) const {
     of.height = uint32_t(frames[0].lrhs.h);
     of.width = uint32_t(frames[0].lrhs.w);
     Fusion fusion(context_, model_, of);
@@ -123,6 +133,35 @@ TEST_F(TemporalTest, SubmittedFramesHaveTheSameBits) {
   std::vector<Frame> more = frames();
   more.emplace_back(6);
   EXPECT_TRUE(same_bits(fuse(fusion, more.back()), expected(more).back()));
+}
+
+TEST_F(TemporalTest, HistoryMayLieInTheCallersMemory) {
+  const auto alone = expected(frames());
+  raymeld_fusion_desc of = desc();
+  const raymeld_memory_needs needs = memory_needs(context_, model_, of);
+  Fusion own(context_, model_, of);
+  fuse(own, frames()[0]);
+  const VkDeviceSize offset = 3 * needs.alignment_bytes, end = offset + needs.history_size_bytes;
+  const CallerMemory memory(caller_, end + 4096, needs.memory_type_bits, needs.device_address);
+  if (memory.is_null()) GTEST_SKIP() << "a history may not lie in memory that the host sees";
+  of.history_memory = memory.handle();
+  of.history_memory_offset_bytes = offset;
+  of.history_memory_size_bytes = needs.history_size_bytes;
+  {
+    Fusion fusion(context_, model_, of);
+    for (size_t i = 0; i < alone.size(); ++i) EXPECT_TRUE(same_bits(fuse(fusion, frames()[i]), alone[i]));
+    const uint64_t kept = 2 * (own.info().history_bytes - 100);  // a saved one begins with a few words
+    EXPECT_GE(needs.history_size_bytes, kept);
+    EXPECT_LE(fusion.info().memory_bytes + kept, own.info().memory_bytes);
+    EXPECT_TRUE(memory.is_untouched(0, offset));
+    for (const VkDeviceSize half : {offset, offset + needs.history_size_bytes / 2})
+      EXPECT_FALSE(memory.is_untouched(half, half + needs.history_size_bytes / 2));
+    EXPECT_TRUE(memory.is_untouched(end, end + 4096));
+  }
+  of.history_memory_size_bytes -= 1;
+  EXPECT_FAILURE(RAYMELD_ERROR_DEVICE, Fusion(context_, model_, of), "caller's memory", "expected");
+  of.temporal = VK_FALSE;
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, Fusion(context_, model_, of), "history_memory", "temporal");
 }
 
 TEST_F(TemporalTest, RecordingAllocatesNothing) {
@@ -215,7 +254,8 @@ std::vector<std::byte> texels_of(const Planes& image, int first) {
   for (int y = 0; y < image.h; ++y) {
     for (int x = 0; x < image.w; ++x) {
       for (int c = first; c < first + 4; ++c) {
-        const float value = c < std::min(image.c, first + 3) ? float(image.at(c, y, x)) : 0;
+        const float value =
+            c < (image.c == 4 ? 4 : std::min(image.c, first + 3)) ? float(image.at(c, y, x)) : 0;
         const auto* begin = reinterpret_cast<const std::byte*>(&value);
         bytes.insert(bytes.end(), begin, begin + sizeof(value));
       }
@@ -224,13 +264,43 @@ std::vector<std::byte> texels_of(const Planes& image, int first) {
   return bytes;
 }
 
-TEST_F(TemporalTest, FramesOfVulkanImagesHaveTheSameBits) {
-  const auto alone = expected(frames());
+std::vector<Frame> deep_frames() {
+  std::vector<Frame> all;
+  for (const Frame& frame : frames()) all.push_back(frame.with_depth(all.size()));
+  return all;
+}
+
+TEST_F(TemporalTest, DepthTellsSurfacesApart) {
   raymeld_fusion_desc of = desc();
+  of.motion_depth = VK_TRUE;
+  const std::vector<Frame> deep = deep_frames();
+  const auto alone = expected(deep, of);
+  EXPECT_FALSE(same_bits(alone[1], expected(frames())[1])) << "depth must matter";
+  Fusion fusion(context_, model_, of);
+  const auto submitted = submit(fusion, deep);
+  for (size_t i = 0; i < alone.size(); ++i)
+    EXPECT_TRUE(same_bits(floats(submitted[i]->fused.read()), alone[i])) << "frame " << i;
+
+  // Depths that are none say nothing.
+  std::vector<Frame> flat = deep;
+  for (Frame& frame : flat) {
+    const size_t pixels = frame.motion.data.size() / 4;
+    std::fill_n(frame.motion.data.begin() + std::ptrdiff_t(2 * pixels), pixels, -1);
+  }
+  EXPECT_TRUE(same_bits(expected(flat, of)[1], expected(frames())[1]));
+  of.temporal = VK_FALSE;
+  EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, Fusion(context_, model_, of), "motion_depth", "temporal");
+}
+
+TEST_F(TemporalTest, FramesOfVulkanImagesHaveTheSameBits) {
+  raymeld_fusion_desc of = desc();
+  of.motion_depth = VK_TRUE;
+  const std::vector<Frame> deep = deep_frames();
+  const auto alone = expected(deep, of);
   of.input_images = VK_TRUE;
   Fusion fusion(context_, model_, of);
-  for (size_t i = 0; i < frames().size(); ++i) {
-    const Frame& frame = frames()[i];
+  for (size_t i = 0; i < deep.size(); ++i) {
+    const Frame& frame = deep[i];
     std::vector<std::unique_ptr<CallerImage>> made;
     const auto image = [&](const Planes& planes, int first) {
       made.push_back(std::make_unique<CallerImage>(*device_, VK_FORMAT_R32G32B32A32_SFLOAT,

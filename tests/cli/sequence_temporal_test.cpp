@@ -187,6 +187,29 @@ TEST_F(SequenceTemporal, MotionIsFoundByNameOrNamed) {
   EXPECT_EQ(images("1-2", {"--map", "motion=ViewLayer.Vector"}).at(2), named);
 }
 
+TEST_F(SequenceTemporal, DepthIsFoundByNameOrNamed) {
+  std::vector<std::string> names = kMovedNames;
+  const size_t depth = names.size();
+  names.push_back("depth.Z");
+  const auto write_depths = [&](float first, float second) {
+    for (const int frame : {1, 2}) {
+      write(frame);
+      Image high = read(high_name(frame), kMovedNames);
+      Image deep(high.width, high.height, int(names.size()));
+      std::ranges::copy(high.data, deep.data.begin());
+      std::fill_n(deep.plane(int(depth)), deep.plane_size(), frame == 1 ? first : second);
+      write_image(folder_ / high_name(frame), names, deep);
+    }
+  };
+  write_depths(2, 2);
+  const size_t same = images("1-2").at(2);
+  write_depths(2, 4);
+  EXPECT_NE(images("1-2").at(2), same);
+  EXPECT_EQ(images("1-2", {"--still"}).at(2), same) << "nothing moves, so that no depth matters";
+  EXPECT_EQ(images("1-2", {"--map", "depth=motion.X"}).at(2), same) << "0 is no depth";
+  expect_error(join("1-2", {"--map", "depth=nope"}), {"cannot map depth", "no channel 'nope'"});
+}
+
 TEST_F(SequenceTemporal, WhatCannotBeJoinedIsRefused) {
   for (const int frame : {1, 2}) write(frame, 1, 0, kLayeredNames);
   expect_error(join("1-2"), {"high.0001.exr", "no motion vectors", "looked for motion", "--still"});

@@ -327,6 +327,31 @@ TEST_F(HistoryTest, AnotherAlbedoKeepsTheHistoryWhereTheMotionIsSteady) {
   }
 }
 
+// What has the albedo and the normal of the last frame's surface, but another depth, was not seen before.
+TEST_F(HistoryTest, ASurfaceOfAnotherDepthBeginsAnew) {
+  for (const char* name : kModels) {
+    SCOPED_TRACE(name);
+    const Model model(golden_model_path(name));
+    FuserOptions options = options_of(model, 1, true, false);
+    options.motion_depth = true;
+    const auto at_depth = [&](Frame frame, float now, float before) {
+      for (const float depth : {now, before})
+        frame.motion.insert(frame.motion.end(), pixels_of(model), depth);
+      return frame;
+    };
+    const auto difference_from_a_first_frame = [&](float now, float before) {
+      Fuser fuser = make_fuser(model, options), alone = make_fuser(model, options);
+      for (int i = 0; i < 3; ++i) fuse(fuser, model, at_depth(make_frame(model), 2, 2));
+      const Frame frame = at_depth(make_frame(model, 1, 1), now, before);
+      return difference(fuse(fuser, model, frame), fuse(alone, model, frame));
+    };
+    const float kept = difference_from_a_first_frame(3, 2);  // it has come nearer
+    EXPECT_LE(difference_from_a_first_frame(3, 3), 0.05f * kept);
+    EXPECT_EQ(difference_from_a_first_frame(2.05f, 2.05f), kept) << "within the tolerance";
+    EXPECT_EQ(difference_from_a_first_frame(3, 0), kept) << "it is not known";
+  }
+}
+
 // No pixel of such a frame was seen before, wherever its motion leads.
 TEST_F(HistoryTest, MotionThatLeadsNowhereIsAFirstFrame) {
   const Model model(golden_model_path("pyramid-x2"));

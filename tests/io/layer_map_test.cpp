@@ -413,25 +413,33 @@ TEST(Motion, EachPresetSaysWhereItLeads) {
   struct Case {
     const char *channels[2], *preset;
     std::array<float, 2> factors;
+    const char* depth;
   };
   const Case cases[] = {
-      {{"ViewLayer.Vector.X", "ViewLayer.Vector.Y"}, "cycles", {1, -1}},
-      {{"motionvector.R", "motionvector.G"}, "arnold", {-1, 1}},
-      {{"backward.r", "backward.g"}, "renderman", {1, 1}},
-      {{"motion.U", "motion.V"}, "generic", {1, 1}},
+      {{"ViewLayer.Vector.X", "ViewLayer.Vector.Y"}, "cycles", {1, -1}, "ViewLayer.Denoising Depth.Z"},
+      {{"motionvector.R", "motionvector.G"}, "arnold", {-1, 1}, "Z"},
+      {{"backward.r", "backward.g"}, "renderman", {1, 1}, "z"},
+      {{"motion.U", "motion.V"}, "generic", {1, 1}, "depth.Z"},
   };
-  for (const auto& [channels, preset, factors] : cases) {
-    const Names names = Names{"R", "G", "B", "Ci.r", "Ci.g", "Ci.b", channels[0], channels[1]};
+  for (const auto& [channels, preset, factors, depth] : cases) {
+    const Names names = Names{"R", "G", "B", "Ci.r", "Ci.g", "Ci.b", channels[0], channels[1], depth};
     LayerChoice choice;
     choice.preset = preset;
     const LayerMap map = map_layers(names, choice);
     ASSERT_TRUE(map.motion) << preset;
     EXPECT_EQ(map.motion->channels, (std::array<std::string, 2>{channels[0], channels[1]})) << preset;
     EXPECT_EQ(map.motion->factors, factors) << preset;
+    EXPECT_EQ(map.depth, depth) << preset;
+    choice.overrides["depth"] = "G";
+    EXPECT_EQ(map_layers(names, choice).depth, "G") << preset;
+    choice.overrides["depth"] = "nope";
+    EXPECT_ERROR(map_layers(names, choice), "cannot map depth", "'nope'");
+    choice.overrides.clear();
     choice.motion_factors = {2, 3};
     EXPECT_EQ(map_layers(names, choice).motion->factors, (std::array{2.0f, 3.0f})) << preset;
   }
   EXPECT_FALSE(map_layers(Names{"R", "G", "B", "Vector.X"}).motion);
+  EXPECT_FALSE(map_layers(Names{"R", "G", "B", "X", "Y", "Z"}).depth) << "these are one group";
 }
 
 }  // namespace

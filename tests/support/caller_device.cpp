@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <atomic>
 #include <utility>
 
@@ -129,5 +130,36 @@ CallerDevice::~CallerDevice() {
 }
 
 std::map<std::string, int> CallerDevice::take_calls() { return std::exchange(interposed().calls, {}); }
+
+CallerMemory::CallerMemory(const CallerDevice& device, VkDeviceSize size_bytes, uint32_t type_bits,
+                           bool device_address)
+    : device_(device) {
+  const VulkanFunctions& vk = device.vk();
+  VkPhysicalDeviceMemoryProperties types;
+  vk.GetPhysicalDeviceMemoryProperties(device.external().physical_device, &types);
+  constexpr VkMemoryPropertyFlags kSeen =
+      VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
+  uint32_t type = 0;
+  while (type < types.memoryTypeCount &&
+         (!(type_bits & 1u << type) || (types.memoryTypes[type].propertyFlags & kSeen) != kSeen))
+    ++type;
+  if (type == types.memoryTypeCount) return;
+  auto flags = vk_struct<VkMemoryAllocateFlagsInfo>(VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_FLAGS_INFO);
+  flags.flags = device_address ? VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT : 0;
+  auto info = vk_struct<VkMemoryAllocateInfo>(VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO, &flags);
+  info.allocationSize = size_bytes;
+  info.memoryTypeIndex = type;
+  check(vk.AllocateMemory(device.external().device, &info, nullptr, &memory_), "allocating");
+  void* mapped = nullptr;
+  check(vk.MapMemory(device.external().device, memory_, 0, VK_WHOLE_SIZE, 0, &mapped), "mapping");
+  bytes_ = {static_cast<uint8_t*>(mapped), size_bytes};
+  std::ranges::fill(bytes_, uint8_t{0xff});
+}
+
+CallerMemory::~CallerMemory() { device_.vk().FreeMemory(device_.external().device, memory_, nullptr); }
+
+bool CallerMemory::is_untouched(VkDeviceSize begin, VkDeviceSize end) const {
+  return std::ranges::all_of(bytes_.subspan(begin, end - begin), [](uint8_t byte) { return byte == 0xff; });
+}
 
 }  // namespace raymeld::test

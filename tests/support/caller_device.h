@@ -1,6 +1,7 @@
 #pragma once
 
 #include <map>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -30,6 +31,27 @@ class CallerDevice {
   ExternalDevice external_;
   VkDebugUtilsMessengerEXT messenger_ = VK_NULL_HANDLE;
   std::vector<std::string> messages_;
+};
+
+// Holds memory of the caller's device that the host sees, every byte of which is 0xff at first.
+class CallerMemory {
+ public:
+  // Takes one of the memory types in `type_bits`; is_null() if the host sees none of them.
+  CallerMemory(const CallerDevice& device, VkDeviceSize size_bytes, uint32_t type_bits, bool device_address);
+  ~CallerMemory();
+  CallerMemory(const CallerMemory&) = delete;
+  CallerMemory& operator=(const CallerMemory&) = delete;
+
+  bool is_null() const { return !memory_; }
+  VkDeviceMemory handle() const { return memory_; }
+  std::span<uint8_t> bytes() const { return bytes_; }
+  // Returns whether bytes [begin, end) are as at first.
+  bool is_untouched(VkDeviceSize begin, VkDeviceSize end) const;
+
+ private:
+  const CallerDevice& device_;
+  VkDeviceMemory memory_ = VK_NULL_HANDLE;
+  std::span<uint8_t> bytes_;
 };
 
 }  // namespace raymeld::test

@@ -150,7 +150,7 @@ struct ShownInputs {
 
 struct FuseImages {
   Image lrhs, hrls;                   // the canvas: (3, h, w) and (K, s h, s w) or empty, all finite
-  Image motion;                       // (2, s h, s w) of the canvas, see Fuser::fuse(); empty unless temporal
+  Image motion;                       // (4, s h, s w) of the canvas, see Fuser::fuse(); empty unless temporal
   ShownInputs shown;                  // empty unless the fused image is compared with them
   ConstantLayers constants;           // constant and absent layers, which `hrls` does not hold
   float exposure = 1;                 // the whole frame's exposure, see FuserOptions

@@ -155,17 +155,19 @@ void check_motion(const ExrFile& hrls, const LayerMap& map, const Imath::Box2i& 
   if (!map.motion)
     throw Error("{}\n  --map motion=PREFIX names them, and --still says that nothing moves",
                 no_motion_text(map, hrls.path().string()));
-  for (const std::string& name : map.motion->channels) {
-    const Imath::Box2i window = hrls.header(hrls.channel(name).part).dataWindow();
+  const auto check_window = [&](const char* layer, const std::string& channel) {
+    const Imath::Box2i window = hrls.header(hrls.channel(channel).part).dataWindow();
     if (window != color)
-      throw Error("HRLS '{}': the motion has another data window than the color, {} instead of {}",
-                  hrls.path().string(), window_text(window), window_text(color));
-  }
+      throw Error("HRLS '{}': the {} has another data window than the color, {} instead of {}",
+                  hrls.path().string(), layer, window_text(window), window_text(color));
+  };
+  for (const std::string& name : map.motion->channels) check_window("motion", name);
+  if (map.depth) check_window("depth", *map.depth);
 }
 
-// Returns the motion of the canvas, (2, H, W).
+// Returns the motion of the canvas with its depth, (4, H, W).
 Image motion_of(FuseFiles& files, const FuseArguments& arguments) {
-  if (arguments.still) return Image(width_of(files.canvas.hrls), height_of(files.canvas.hrls), 2);
+  if (arguments.still) return Image(width_of(files.canvas.hrls), height_of(files.canvas.hrls), 4);
   return seen_through(load_motion(files.hrls, files.hrls_map), files.hrls_windows.data, files.canvas.hrls);
 }
 

@@ -70,7 +70,7 @@ FuserOptions options_of(const FuseArguments& arguments, const FuseFiles& files, 
                                        arguments.overflow == Overflow::kRedo);
   options.max_memory_bytes = arguments.max_memory_mib << 20;
   options.skip_unchanged = arguments.skip_unchanged;
-  options.temporal = arguments.temporal;
+  options.temporal = options.motion_depth = arguments.temporal;
   options.compute_variance = files.computes_variance;
   if (options.temporal) options.fp32_kernels.reset();  // a history allows no tile to be computed again
   options.constants = constants;
