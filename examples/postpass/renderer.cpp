@@ -24,7 +24,7 @@ raymeld_fusion_desc fusion_desc(vk::Extent2D small, uint32_t scale, const Render
   desc.lrhs_spp = float(lrhs_samples_of(options, scale));
   desc.hrls_spp = float(options.hrls_samples);
   desc.compute_variance = VK_TRUE;
-  desc.temporal = options.history;
+  desc.temporal = desc.motion_depth = options.history;
   return desc;
 }
 
@@ -36,7 +36,7 @@ std::array<Buffer, kShown> make_buffers(const Device& device, vk::Extent2D small
   buffers[kConstants] = make_buffer(device, sizeof(Constants));
   buffers[kLrhs] = make_buffer(device, bytes(small, 3));
   buffers[kHrls] = make_buffer(device, bytes(full, kHrlsChannels));
-  buffers[kMotion] = make_buffer(device, bytes(full, 2));
+  buffers[kMotion] = make_buffer(device, bytes(full, 4));
   buffers[kFused] = make_buffer(device, bytes(full, 3));
   buffers[kAccumulated] = make_buffer(device, bytes(full, 3));
   return buffers;

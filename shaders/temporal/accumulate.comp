@@ -1,6 +1,6 @@
 // Joins encoded HRLS with what the last frame knew of the same points, and keeps the result for the next. The
 // history is read bilinearly where the motion leads. A pixel of it counts as far as its albedo, normal and
-// depth lie within those of the 3x3 pixels around the pixel at hand. Thin things come and go among samples
+// depth lie within those of pixels around the pixel at hand. Thin things come and go among samples
 // that move within the pixel, so these matter less where the last frame had the same motion: hardly anything
 // has come into sight there. Where the light has changed, the history's radiance is corrected, and counts for
 // fewer frames. Colors are joined as demodulated radiance, without the fireflies of this frame. Albedo and
@@ -69,8 +69,8 @@ Around around(uvec2 own) {
 
 bool is_depth(float depth) { return depth > 0.0 && is_finite(depth); }
 
-// Returns the range of the logarithms of the depths that the 3x3 pixels around one had in the last frame, or
-// of all numbers where the depth is not known. Those that do not move along with it lie on other surfaces.
+// Returns the range of the logarithms of the depths that a pixel and the four beside it had in the last frame,
+// or of all numbers where its depth is not known. Those that do not move with it lie on other surfaces.
 vec2 depths_around(uvec2 own) {
   vec2 all = vec2(-1e30, 1e30);
   if (p.has_depth == 0) return all;
@@ -78,7 +78,7 @@ vec2 depths_around(uvec2 own) {
   if (!is_depth(now) || !is_depth(before)) return all;
   vec2 motion = motion_at(own);
   float low = now, high = now;
-  [[unroll]] for (uint i = 0; i < 9; ++i) {
+  [[unroll]] for (uint i = 1; i < 9; i += 2) {
     ivec2 at = ivec2(own) + ivec2(i % 3, i / 3) - 1;
     uvec2 inside = uvec2(clamp(at, ivec2(0), ivec2(p.frame_width, p.frame_height) - 1));
     float depth = frame_value(p.motion, 2, inside);

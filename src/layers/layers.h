@@ -295,7 +295,7 @@ constexpr uint64_t history_floats(uint32_t height, uint32_t width, uint32_t chan
 // mean absolute deviation in the last frames. It is at least that among the pixels and at most 12 times as
 // large; among these it is that in the direction of four where it is least, so that an edge that moves is no
 // noise. Joins LRHS and its deviation to a history of its own, which counts by exp(-4 |change|), for 15
-// frames at most.
+// frames at most. In a first frame the neighbours tell the deviation.
 void light_change(Graph& graph, const std::string& name, const Tensor& lrhs, const Tensor& out,
                   Transfer transfer, uint32_t scale, uint32_t channels,
                   const std::optional<FrameSize>& frame = {});
@@ -316,13 +316,13 @@ struct AccumulateOptions {
 // samples behind it, from 0 to 4. A history of n frames and this frame are n / (n + 1) and 1 / (n + 1) of the
 // result. The history is read bilinearly where the motion leads. Each of its pixels counts by
 // exp(-(1 - 0.95 s) (40 a + 10 b + 40 d)), where a, b and d are the squared distances of its albedo, normal
-// and depth from the ranges that the 3x3 pixels around the pixel have. The distance of depths is that of
-// their logarithms beyond 0.05, and 0 where one is not known; pixels whose motion differs from the pixel's by
-// more than half a pixel do not count for their range. Here s = exp(-16 m) (1 - blur), where m is the squared
-// distance of its motion from the pixel's, and reading blurs by 0 at a pixel and by 3/4 in the middle of
-// four. The history counts for 63 frames at most. By a change c of the light its radiance is multiplied by
-// exp(c), |c| <= 1, and its frames by exp(-|c| (8 + 20 |c|)), for the largest |c| of the four pixels of LRHS
-// around.
+// and depth from the ranges that pixels around the pixel have: 3x3 for albedo and normal, and for depth the
+// pixel and those of the four beside it whose motion is within half a pixel of its own. The distance of
+// depths is that of their logarithms beyond 0.05, and 0 where one is not known. Here s = exp(-16 m) (1 -
+// blur), where m is the squared distance of its motion from the pixel's, and reading blurs by 0 at a pixel
+// and by 3/4 in the middle of four. The history counts for 63 frames at most. By a change c of the light its
+// radiance is multiplied by exp(c), |c| <= 1, and its frames by exp(-|c| (8 + 20 |c|)), for the largest |c|
+// of the four pixels of LRHS around.
 void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const Tensor& out,
                 const AccumulateOptions& options);
 

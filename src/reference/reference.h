@@ -168,10 +168,11 @@ Bounded attend(const Bounded& x, const Bounded& logits, const Bounded& residual,
 
 // Holds what they read beside the frame.
 struct Past {
-  const Planes& motion;  // (2, H, W), from each full-size pixel to the same point in the last frame; in (4,
-                         // H, W) its depths in this frame and in the last one follow
-  const Planes&
-      hrls;  // the last history (A + 4, frame height, frame width): motion, depth and a count follow
+  // (2, H, W), from each full-size pixel to the same point in the last frame. Its depths in this frame and in
+  // the last one may follow.
+  const Planes& motion;
+  // The last history (A + 4, frame height, frame width), whose last planes are motion, depth and a count.
+  const Planes& hrls;
   const Planes& lrhs;   // (5, frame height / scale, frame width / scale): color, deviation and count
   const Planes& fused;  // (3, frame height, frame width), the last fused image, scene linear
   int y, x;             // the first full-size pixel of this part of the frame
@@ -193,12 +194,13 @@ Bounded light_change(const Bounded& lrhs, const Past& past, Transfer transfer, i
 // logarithm of their samples, within 0 and 4, and then the history that is kept. The first channels are
 // color, albedo and normal, all others radiance; the history has demodulated radiance in the place of the
 // color. A pixel of the history counts by exp(-(1 - 0.95 s) (40 a + 10 b + 40 d)), with the squared distances
-// of its albedo, normal and depth from the ranges of the 3x3 pixels of HRLS. The distance of depths is that
-// of logarithms beyond 0.05, where they are known, from the range of the pixels whose motion is within half a
-// pixel of that of the one. Here s = exp(-16 m) (1 - blur), with the squared distance m of its motion from
-// the pixel's; settle() says what blurs. Together the four pixels around a point count for 63 frames at most.
-// Their radiance is multiplied by exp(c), where c is interpolated from `change` (1, H / scale, W / scale) and
-// clamped to [-1, 1], and their frames by exp(-m (8 + 20 m)), where m is the largest |change| around.
+// of its albedo, normal and depth from the ranges of pixels of HRLS around: of 3x3 for albedo and normal, and
+// for depth of the pixel and those of the four beside it whose motion is within half a pixel of its own. The
+// distance of depths is that of logarithms beyond 0.05, and 0 where one is not known. Here
+// s = exp(-16 m) (1 - blur), with the squared distance m of its motion from the pixel's; settle() says what
+// blurs. Together the four pixels around a point count for 63 frames at most. Their radiance is multiplied by
+// exp(c), where c is interpolated from `change` (1, H / scale, W / scale) and clamped to [-1, 1], and their
+// frames by exp(-m (8 + 20 m)), where m is the largest |change| around.
 Bounded accumulate(const Bounded& hrls, const Past& past, Transfer transfer, double clip, double spp,
                    Precision precision, const Bounded* change = nullptr, int scale = 1);
 

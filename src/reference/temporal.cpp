@@ -268,12 +268,13 @@ struct Depths {
   }
 };
 
-// Returns the depths of the 3x3 pixels around one that move with it, or nothing where its own is not known.
+// Returns the depths of a pixel and of those of the four beside it that move with it, or nothing where its
+// own is not known.
 std::optional<Depths> depths_around(const Past& past, int y, int x) {
   const Planes& motion = past.motion;
   if (motion.c < 4 || !is_depth(motion.at(2, y, x)) || !is_depth(motion.at(3, y, x))) return std::nullopt;
   Range depths{motion.at(2, y, x), motion.at(2, y, x)};
-  for (int i = 0; i < 9; ++i) {
+  for (int i = 1; i < 9; i += 2) {
     const int row = std::clamp(y + i / 3 - 1, 0, motion.h - 1);
     const int column = std::clamp(x + i % 3 - 1, 0, motion.w - 1);
     double away = 0;

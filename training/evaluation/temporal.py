@@ -47,10 +47,14 @@ def parse():
 
 
 def read_motion(path):
-    """Reads Cycles's Vector pass, whose y points upwards, as pixels to the right and downwards [H, W, 2]."""
+    """Reads Cycles's Vector pass, whose y points upwards, as pixels to the right and downwards, and its depth twice.
+
+    So these are the four channels [H, W, 4] that a fusion takes as its motion.
+    """
     exr = images.Exr.read(path)
     vector = {exr.channels[i][-1]: exr.pixels[..., i] for i in exr.indices(lambda layer: layer == "Vector")}
-    return numpy.stack([vector["X"], -vector["Y"]], -1)
+    (depth,) = (exr.pixels[..., i] for i in exr.indices(lambda layer: layer == "Denoising Depth"))
+    return numpy.stack([vector["X"], -vector["Y"], depth, depth], -1)
 
 
 def errors_of(image, references):
@@ -119,15 +123,17 @@ def measure(folder, model_name):
     model = raymeld.Model(model_name)
     size = images.read(folder / "lrhs-0001.exr").shape[:2]
     options = {"sampling": "centered", "lrhs_spp": record["lrhs_spp"], "hrls_spp": record["hrls_spp"]}
-    alone, joined = (raymeld.Fusion(model, *size, temporal=temporal, **options) for temporal in (False, True))
+    alone = raymeld.Fusion(model, *size, **options)
+    joined = raymeld.Fusion(model, *size, temporal=True, motion_depth=True, **options)
     ages, last, rows, strips, settled, still = Ages(), None, [], [], [], numpy.True_
     tuned = filters.TUNED["svgf"][2]
     svgf = baselines.TemporalSvgf(tuned)
     for frame in range(1, record["frames"] + 1):
         path = folder / f"hrls-{frame:04}.exr"
         layers = dict(zip(LAYERS, images.layers(path, LAYERS)))
-        lrhs, motion = images.read(folder / f"lrhs-{frame:04}.exr"), read_motion(path)
-        fused = [alone.fuse(lrhs, layers), joined.fuse(lrhs, layers, motion)]
+        lrhs, deep_motion = images.read(folder / f"lrhs-{frame:04}.exr"), read_motion(path)
+        motion = deep_motion[..., :2]
+        fused = [alone.fuse(lrhs, layers), joined.fuse(lrhs, layers, deep_motion)]
         number = frame if record["moving"] else 1
         references = [images.read(folder / f"reference-{part}-{number:04}.exr") for part in "ab"]
         color, albedo, normal = images.layers(folder / f"plain-{frame:04}.exr", LAYERS[:3])

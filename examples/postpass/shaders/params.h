@@ -15,7 +15,7 @@ struct vec4 {
 const uint kConstants = 0;
 const uint kLrhs = 1;         // (3, height / scale, width / scale)
 const uint kHrls = 2;         // (15, height, width): color, albedo, normal, diffuse, specular
-const uint kMotion = 3;       // (2, height, width): pixels to the same point in the last frame
+const uint kMotion = 3;       // (4, height, width): raymeld_frame::motion, with depths
 const uint kFused = 4;        // (3, height, width)
 const uint kAccumulated = 5;  // (3, height, width): the sum of HRLS colors
 const uint kShown = 6;        // a storage image: sRGB

@@ -136,13 +136,15 @@ Path trace(Ray ray) {
   return path;
 }
 
-// Returns the pixels that lead from a pixel's first surface, at its centre, to its place in the last frame.
-vec2 motion_of(vec2 centre, vec2 size) {
+// Returns the pixels that lead from a pixel's first surface, at its centre, to its place in the last frame, and
+// its depths in this frame and in the last one.
+vec4 motion_of(vec2 centre, vec2 size) {
   const Ray ray = Ray(constants.camera.position.xyz, direction_of(constants.camera, centre, size));
   const Hit hit = intersect(ray);
-  const vec3 last = last_place(ray.origin + hit.t * ray.direction, hit.object);
-  const vec3 place = project(constants.last_camera, last, size);
-  return place.z > 0 ? place.xy - centre : vec2(1e30);  // behind the camera is out of the frame
+  const vec3 point = ray.origin + hit.t * ray.direction;
+  const vec3 place = project(constants.last_camera, last_place(point, hit.object), size);
+  const vec2 moved = place.z > 0 ? place.xy - centre : vec2(1e30);  // behind the camera is out of the frame
+  return vec4(moved, project(constants.camera, point, size).z, place.z);
 }
 
 void main() {
@@ -178,6 +180,6 @@ void main() {
     hrls[at(kSpecular + c, pixel, size)] = sum.specular[c] / samples;
   }
   if (!kFull || constants.has_motion == 0) return;
-  const vec2 moved = motion_of(vec2(pixel) + 0.5, vec2(size));
-  for (uint c = 0; c < 2; ++c) motion[at(c, pixel, size)] = moved[c];
+  const vec4 moved = motion_of(vec2(pixel) + 0.5, vec2(size));
+  for (uint c = 0; c < 4; ++c) motion[at(c, pixel, size)] = moved[c];
 }
