@@ -69,8 +69,9 @@ Around around(uvec2 own) {
 
 bool is_depth(float depth) { return depth > 0.0 && is_finite(depth); }
 
-// Returns the range of the logarithms of the depths that a pixel and the four beside it had in the last frame,
-// or of all numbers where its depth is not known. Those that do not move with it lie on other surfaces.
+// Returns the range of the logarithms of the depths that a pixel and the four beside it had in the last
+// frame, or of all numbers where its depth is not known. Those that do not move with it lie on other
+// surfaces.
 vec2 depths_around(uvec2 own) {
   vec2 all = vec2(-1e30, 1e30);
   if (p.has_depth == 0) return all;

@@ -136,8 +136,8 @@ Path trace(Ray ray) {
   return path;
 }
 
-// Returns the pixels that lead from a pixel's first surface, at its centre, to its place in the last frame, and
-// its depths in this frame and in the last one.
+// Returns the pixels that lead from a pixel's first surface, at its centre, to its place in the last frame,
+// and its depths in this frame and in the last one.
 vec4 motion_of(vec2 centre, vec2 size) {
   const Ray ray = Ray(constants.camera.position.xyz, direction_of(constants.camera, centre, size));
   const Hit hit = intersect(ray);
