@@ -307,8 +307,8 @@ typedef struct raymeld_fusion_desc {
   uint32_t absent_layer_count RAYMELD_IS(0);
   /* VK_TRUE: each frame is joined with the ones before it, whose light it takes over where motion leads, so
    * that frames of few samples add up. A frame then needs its motion: see raymeld_frame and
-   * raymeld_fuse_next(). Takes two buffers for what is kept, of (3 for each layer but the variance, and 6)
-   * floats a full-size pixel and 4 a pixel of LRHS. For pyramid networks that know the samples of a pixel
+   * raymeld_fuse_next(). Takes two buffers for what is kept, of (3 for each layer but the variance, and 7)
+   * floats a full-size pixel and 6 a pixel of LRHS. For pyramid networks that know the samples of a pixel
    * (raymeld_model_info), with an ordinary small render as LRHS and with compute_variance if the model reads
    * the variance. No tile is computed again in fp32. */
   VkBool32 temporal RAYMELD_IS(VK_FALSE);
@@ -482,7 +482,8 @@ typedef struct raymeld_frame {
    * temporal, and NULL without. Where it is not finite there is no such point. If the inputs are Vulkan
    * images, it is one. With motion_depth it has two more channels: the depth of the point, and the depth that
    * it had in the last frame, both in one unit, along the ray or along the view. Where only the first is
-   * known it may serve as both. What is not positive and finite says nothing. */
+   * known it may serve as both. What is not positive and finite says nothing. The value_scale of an image
+   * counts for depths as well, so it must be positive, and value_bias 0. */
   const raymeld_image* motion RAYMELD_IS(NULL);
 } raymeld_frame;
 

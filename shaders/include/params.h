@@ -204,8 +204,9 @@ struct Place {
   uint core_y, core_x, core_height, core_width;  // the pixels, from the first one, whose history is kept
 };
 
-// A history has `planes` planes of the frame's size, and then three colors and a count of the size of LRHS.
-// height, width and plane are those of LRHS, of which the frame has frame_height x frame_width.
+// A history has `planes` planes of the frame's size, and then six of the size of LRHS: color, deviation, the
+// change that is left, and a count. height, width and plane are those of LRHS, of which the frame has
+// frame_height x frame_width.
 struct LightChange {
   FRAME_VIEW motion;
   uint height;
@@ -232,6 +233,7 @@ struct Accumulate {
   uint has_depth;  // 0: motion has two channels
   uint change_height;
   uint change_width;
+  uint change_plane;
   float inverse_scale;  // 0: nothing is said of the light
   uint log_transfer;  // 0: linear
   float clip;
@@ -358,20 +360,18 @@ struct Decode {
 #define RAYMELD_SHARPENED_SHARE 0.25  // of a new albedo or normal, where reading blurs the last ones
 #define RAYMELD_MOST_FRAMES 64.0  // that a pixel is the mean of
 #define RAYMELD_MOST_LRHS_FRAMES 16.0
-// The logarithm of the light has changed by what is beyond LIGHT_NOISE and LIGHT_ERRORS standard errors. The
+// A change of the logarithm of the light is noise up to LIGHT_NOISE and LIGHT_ERRORS standard errors. The
 // variance of the noise is LIGHT_SPREAD times the squared mean absolute deviation in the last frames, but at
 // least what neighbours say, and at most LIGHT_MOST_VARIANCE times that.
 #define RAYMELD_LIGHT_FLOOR 0.02  // added to luminance before its logarithm
 #define RAYMELD_LIGHT_NOISE 0.01
-#define RAYMELD_LIGHT_ERRORS 1.75
+#define RAYMELD_LIGHT_ERRORS 1.85
 #define RAYMELD_LIGHT_SPREAD 2.0
 #define RAYMELD_LIGHT_MOST_VARIANCE 12.0
 // A deviation counts up to the first times the mean one, and the second over the frames behind that but one.
 #define RAYMELD_LIGHT_OUTLIER 2.0
 #define RAYMELD_LIGHT_FIRST 0.002
-// By a change c the history of LRHS is shortened to exp(-LIGHT_LRHS |c|) of its frames, and that of HRLS to
-// exp(-|c| (LIGHT_CHANGE + LIGHT_LARGE |c|)).
-#define RAYMELD_LIGHT_LRHS 4.0
+// By a new change c the history of HRLS is shortened to exp(-c (LIGHT_CHANGE + LIGHT_LARGE c)) of its frames.
 #define RAYMELD_LIGHT_CHANGE 8.0
 #define RAYMELD_LIGHT_LARGE 20.0
 #define RAYMELD_LIGHT_MOST 1.0  // the largest change by which a history's radiance is corrected

@@ -137,17 +137,22 @@ History history_of(uvec2 own, Place place, uint plane, Around near) {
   return result;
 }
 
+// Returns a channel of the change of the light in the four pixels of LRHS around.
+vec4 changes_at(Bilinear at, uint plane) {
+  uint low = plane + at.low.y * p.change_width, high = plane + at.high.y * p.change_width;
+  return vec4(change.v[low + at.low.x], change.v[low + at.high.x], change.v[high + at.low.x],
+              change.v[high + at.high.x]);
+}
+
 // Returns the factor of the history's radiance and that of its frames where the light has changed.
 vec2 factors_at(uvec2 own) {
   float phase = 0.5 / p.inverse_scale - 0.5;
   Bilinear at = bilinear_at(own, phase, p.inverse_scale, uvec2(p.change_width, p.change_height));
-  uint low = at.low.y * p.change_width, high = at.high.y * p.change_width;
-  vec4 changes = vec4(change.v[low + at.low.x], change.v[low + at.high.x], change.v[high + at.low.x],
-                      change.v[high + at.high.x]);
-  vec4 sizes = abs(changes);
-  float most = max(max(sizes.x, sizes.y), max(sizes.z, sizes.w));
-  float corrected = clamp(blended(at, changes), -RAYMELD_LIGHT_MOST, RAYMELD_LIGHT_MOST);
-  return vec2(exp(corrected), exp(-most * (RAYMELD_LIGHT_CHANGE + RAYMELD_LIGHT_LARGE * most)));
+  float mean = blended(at, changes_at(at, 0));
+  vec4 grown = changes_at(at, p.change_plane);
+  float most = max(max(grown.x, grown.y), max(grown.z, grown.w));
+  return vec2(exp(clamp(mean, -RAYMELD_LIGHT_MOST, RAYMELD_LIGHT_MOST)),
+              exp(-most * (RAYMELD_LIGHT_CHANGE + RAYMELD_LIGHT_LARGE * most)));
 }
 
 void main() {

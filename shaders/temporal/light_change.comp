@@ -1,8 +1,9 @@
-// Writes by how much the light has changed: the change of the logarithm of LRHS's luminance since the last
-// frames, the mean of 3x3 pixels, beyond what may be noise. Noise differs from pixel to pixel and light
-// changes in many alike, so the standard error of the mean change tells them apart. Nine pixels often seem to
-// have less noise than they have, so the deviations of the last frames count as well. LRHS has a history of
-// its own for that, which is kept for the next frame. Each invocation computes a pixel.
+// Writes by how much the light has changed since the last frame, and how much of that is new. The light is
+// the logarithm of LRHS's luminance, the mean of 3x3 pixels, against a history of its own. Noise differs from
+// pixel to pixel and light changes in many alike, so the standard error of the mean change tells them apart.
+// Nine pixels often seem to have less noise than they have, so the deviations of the last frames count as
+// well. The history lags behind the light, so it holds too what was written for it in earlier frames. Each
+// invocation computes a pixel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "params.h"
@@ -74,9 +75,15 @@ struct Around {
   bool known[9];
 };
 
-// Returns the change of the light as a logarithm, beyond what may be noise, and the deviation of the middle
-// pixel from the mean change.
-vec2 change_beyond_noise(Around around) {
+// Holds the change of the light, as a logarithm, that is not noise; what of it the history will not have
+// caught up with when it has joined this frame; and the deviation of the middle pixel from the mean change.
+struct Change {
+  float light, left, residual;
+};
+
+// Returns the change where the history has so many frames. It is 0 up to the error of the mean, and most of
+// the mean change from twice the error on.
+Change change_of(Around around, float frames) {
   float count = 0.0, now = 0.0, before = 0.0, spread = 0.0, changes[9];
   [[unroll]] for (uint i = 0; i < 9; ++i) {
     count += around.known[i] ? 1.0 : 0.0;
@@ -85,15 +92,18 @@ vec2 change_beyond_noise(Around around) {
     spread += around.known[i] ? around.deviations[i] * around.deviations[i] : 0.0;
     changes[i] = around.now[i] - around.before[i];
   }
-  if (count < 2.0) return vec2(0.0);
+  if (count < 2.0) return Change(0.0, 0.0, around.deviations[4]);
   now /= count;
   before /= count;
   float variance = variance_of(changes, around.known);
   variance = clamp(RAYMELD_LIGHT_SPREAD * spread / count, variance, RAYMELD_LIGHT_MOST_VARIANCE * variance);
   float error = RAYMELD_LIGHT_ERRORS * sqrt(variance / count) / (min(now, before) + RAYMELD_LIGHT_FLOOR);
+  float noise = (error + RAYMELD_LIGHT_NOISE) * (error + RAYMELD_LIGHT_NOISE);
   float change = log(now + RAYMELD_LIGHT_FLOOR) - log(before + RAYMELD_LIGHT_FLOOR);
-  return vec2(sign(change) * max(abs(change) - RAYMELD_LIGHT_NOISE - error, 0.0),
-              abs(changes[4] - (now - before)));
+  float share = max(1.0 - noise / max(change * change, 1e-12), 0.0);
+  float joined = (frames * before + now) / (frames + 1.0);
+  float left = log(now + RAYMELD_LIGHT_FLOOR) - log(joined + RAYMELD_LIGHT_FLOOR);
+  return Change(share * change, share * left, abs(changes[4] - (now - before)));
 }
 
 void main() {
@@ -107,47 +117,51 @@ void main() {
 
   Around around;
   vec3 past = vec3(0.0);
-  float frames = 0.0;
+  float frames = 0.0, corrected = 0.0;
   vec2 point = vec2(own + origin) + motion_of(own);
   [[unroll]] for (int i = 0; i < 9; ++i) {
     ivec2 away = ivec2(i % 3, i / 3) - 1;
     uvec2 at = uvec2(clamp(ivec2(own) + away, ivec2(0), ivec2(p.frame_width, p.frame_height) - 1));
     around.now[i] = dot(color_at(at), kLuminance);
     Taps taps = taps_at(point + vec2(away), size);
-    float weights = 0.0, deviation = 0.0;
+    float weights = 0.0, deviation = 0.0, left = 0.0;
     vec3 color = vec3(0.0);
     [[unroll]] for (uint k = 0; k < 4; ++k) {
       uint element = first + taps.pixels[k].y * size.x + taps.pixels[k].x;
-      float count = last.v[4 * plane + element], weight = count > 0.0 ? taps.weights[k] : 0.0;
+      float count = last.v[5 * plane + element], weight = count > 0.0 ? taps.weights[k] : 0.0;
       weights += weight;
       frames += i == 4 ? weight * count : 0.0;
       [[unroll]] for (uint c = 0; c < 3; ++c) color[c] += weight * last.v[c * plane + element];
       deviation += weight * last.v[3 * plane + element];
+      left += weight * last.v[4 * plane + element];
     }
     float share = factor / max(weights, 1e-6);
     around.before[i] = dot(color * share, kLuminance);
     around.deviations[i] = deviation * share;
     around.known[i] = weights > 0.0;
     if (i == 4) past = color * share;
+    if (i == 4) corrected = left / max(weights, 1e-6);
   }
 
-  vec2 change = change_beyond_noise(around);
+  frames = min(frames, RAYMELD_MOST_LRHS_FRAMES - 1.0);
+  Change change = change_of(around, frames);
   uvec2 core = p.scale * own - uvec2(place.core_x, place.core_y);
   if (id == own && core.x < place.core_width && core.y < place.core_height) {
     float mean = around.deviations[4];
     float most = RAYMELD_LIGHT_OUTLIER * mean + RAYMELD_LIGHT_FIRST / max(frames - 1.0, 1e-6);
-    float deviation = mean + (min(change.y, most) - mean) / max(frames, 1.0);
-    bool known = frames > 0.0;
-    frames = min(frames * exp(-RAYMELD_LIGHT_LRHS * abs(change.x)), RAYMELD_MOST_LRHS_FRAMES - 1.0);
-    uint element = first + (own.y + origin.y) * size.x + own.x + origin.x;
-    vec3 color = color_at(own), joined = known ? (frames * past + color) / (frames + 1.0) : color;
-    [[unroll]] for (uint c = 0; c < 3; ++c) next.v[c * plane + element] = joined[c] * inverse;
+    float deviation = mean + (min(change.residual, most) - mean) / max(frames, 1.0);
     // In a first frame the neighbours tell.
     bool all[9] = bool[9](true, true, true, true, true, true, true, true, true);
-    if (!known) deviation = sqrt(RAYMELD_LIGHT_SPREAD * variance_of(around.now, all));
+    if (frames <= 0.0) deviation = sqrt(RAYMELD_LIGHT_SPREAD * variance_of(around.now, all));
+    vec3 color = color_at(own), joined = frames > 0.0 ? (frames * past + color) / (frames + 1.0) : color;
+    uint element = first + (own.y + origin.y) * size.x + own.x + origin.x;
+    [[unroll]] for (uint c = 0; c < 3; ++c) next.v[c * plane + element] = joined[c] * inverse;
     next.v[3 * plane + element] = deviation * inverse;
-    next.v[4 * plane + element] = frames + 1.0;
+    next.v[4 * plane + element] = change.left;
+    next.v[5 * plane + element] = frames + 1.0;
   }
-  target.v[address(0, id.y, id.x, p.plane, p.width)] = STORAGE(storable(change.x));
+  float earlier = corrected * sign(change.light), grown = max(abs(change.light) - max(earlier, 0.0), 0.0);
+  target.v[address(0, id.y, id.x, p.plane, p.width)] = STORAGE(storable(change.light - corrected));
+  target.v[address(1, id.y, id.x, p.plane, p.width)] = STORAGE(storable(grown));
   count_saturated();
 }

@@ -393,6 +393,12 @@ FrameBindings bindings_of(const raymeld_frame& frame, const std::array<Shape, 3>
   if (frame.motion) {
     bindings[kMotionSlot] =
         binding_of(frame.motion, motion_shape(shapes[2], options), images.inputs, false, {"motion"});
+    const FrameTexture& texture = bindings[kMotionSlot].texture;
+    if (texture.view && options.motion_depth && (texture.scale < 0 || texture.bias != 0))
+      throw InvalidArgument(
+          "motion: value_scale is {} and value_bias {}, expected a positive one and 0 with "
+          "motion_depth",
+          texture.scale, texture.bias);
   }
   return bindings;
 }

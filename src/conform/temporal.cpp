@@ -49,8 +49,9 @@ struct Scene {
     past_hrls = concat(past_hrls, concat(past(kOthers, frame, 9, light), past_motion()));
     past_hrls = concat(past_hrls, concat(past(1, frame, 14, depth), past(1, frame, 10, frames)));
     const Size small{frame.h / c.scale, frame.w / c.scale};
+    const auto left = [](double u) { return u < 0.4 ? 0 : 3 * (u - 0.7); };
     past_lrhs = concat(past(3, small, 11, light), past(1, small, 15, deviation));
-    past_lrhs = concat(past_lrhs, past(1, small, 12, frames));
+    past_lrhs = concat(past_lrhs, concat(past(1, small, 16, left), past(1, small, 12, frames)));
     past_fused = past(3, frame, 13, light);
   }
 
@@ -167,15 +168,16 @@ void check_light_change(Check& check, const ImageTrial& c) {
     light_change(run.graph(), "light_change", lrhs, out, c.transfer(), uint32_t(c.scale), Scene::kChannels);
   };
   check.within(
-      run_with_history(check, s, s.lrhs, c.size, 1, add, s.past_hrls.data.size() + s.past_fused.data.size(),
-                       {s.past_lrhs.h, s.past_lrhs.w}, 5, c.scale, expected),
+      run_with_history(check, s, s.lrhs, c.size, 2, add, s.past_hrls.data.size() + s.past_fused.data.size(),
+                       {s.past_lrhs.h, s.past_lrhs.w}, 6, c.scale, expected),
       expected);
 }
 
 void check_accumulate(Check& check, const ImageTrial& c) {
   const Scene s(c);
   // The light has not changed in half of the pixels.
-  const Planes change = c.image(1, c.size, 20, [](double u) { return u < 0.5 ? 0 : 3 * (u - 0.75); });
+  const Planes change = concat(c.image(1, c.size, 20, [](double u) { return u < 0.5 ? 0 : 3 * (u - 0.75); }),
+                               c.image(1, c.size, 21, [](double u) { return u < 0.5 ? 0 : u - 0.5; }));
   const float spp = c.seed % 3 == 0 ? 1.0f : 2.5f;
   for (const bool with_change : {false, true}) {
     const Bounded all = exact(change);

@@ -52,7 +52,8 @@ std::optional<std::array<std::string, 2>> ChannelGroups::pair(const std::string&
 }
 
 std::optional<std::string> ChannelGroups::depth(const std::string& prefix) const {
-  if (find(prefix, "X") || find(prefix, "x")) return std::nullopt;
+  for (const char* other : {"X", "x", "U", "u"})
+    if (find(prefix, other)) return std::nullopt;
   for (const char* name : {"Z", "z", "V", "v"})
     if (const auto found = find(prefix, name)) return found;
   return std::nullopt;

@@ -25,7 +25,7 @@ class ChannelGroups {
   std::optional<std::string> alpha(const std::string& prefix) const;
   // Returns the names of the prefix's X, Y, its U, V or its R, G, in either case.
   std::optional<std::array<std::string, 2>> pair(const std::string& prefix) const;
-  // Returns the name of the prefix's Z or V, in either case, unless Z belongs to a triple.
+  // Returns the name of the prefix's Z or V, in either case, unless there is an X or a U.
   std::optional<std::string> depth(const std::string& prefix) const;
   // Returns whether the prefix has Y with RY or BY, which is not a grey picture.
   bool is_luminance_chroma(const std::string& prefix) const;

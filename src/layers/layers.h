@@ -273,12 +273,12 @@ void compose(Graph& graph, const std::string& name, const Tensor& rec, const Ten
 
 // These join a frame with the ones before it. A history is a buffer of the whole frame in the slots kLastSlot
 // and kNextSlot, in 32 bits: planes of the first `channels` channels of HRLS, of the motion, of the depth, of
-// a count of frames and of the fused image, and then, above a scale of 1, three colors, a deviation and a
-// count of the size of LRHS. Radiance in it is scene linear, and the color of HRLS is demodulated as light()
-// does. The image in kMotionSlot has two channels, which lead from a full-size pixel to the same point in the
-// last frame, in pixels along x and y. Two more may hold the depth of that point in this frame and in the
-// last one; depths that are not positive and finite say nothing. Program::set_place() says where the
-// recording lies in the frame.
+// a count of frames and of the fused image, and then, above a scale of 1, six of the size of LRHS: its color,
+// deviation, change that is left, and count of frames. Radiance in it is scene linear, and the color of HRLS
+// is demodulated as light() does. The image in kMotionSlot has two channels, which lead from a full-size
+// pixel to the same point in the last frame, in pixels along x and y. Two more may hold the depth of that
+// point in this frame and in the last one; depths that are not positive and finite say nothing.
+// Program::set_place() says where the recording lies in the frame.
 
 // Returns the planes of a history that have the size of the frame.
 constexpr uint32_t history_planes(uint32_t channels) { return channels + 2 + 1 + 1 + 3; }
@@ -286,16 +286,17 @@ constexpr uint32_t history_planes(uint32_t channels) { return channels + 2 + 1 +
 // Returns the floats of a history.
 constexpr uint64_t history_floats(uint32_t height, uint32_t width, uint32_t channels, uint32_t scale) {
   const uint64_t lrhs = scale > 1 ? uint64_t{height / scale} * (width / scale) : 0;
-  return uint64_t{height} * width * history_planes(channels) + 5 * lrhs;
+  return uint64_t{height} * width * history_planes(channels) + 6 * lrhs;
 }
 
-// Writes the change of the light (h, w, 1): the difference of the logarithms of 0.02 + the luminance of LRHS
-// (h, w, 3), encoded, now and in the history, both means over 3x3 pixels, beyond 0.01 and 1.75 standard
-// errors of what is noise, and 0 where there is no history. The variance of the noise is twice the squared
-// mean absolute deviation in the last frames. It is at least that among the pixels and at most 12 times as
-// large; among these it is that in the direction of four where it is least, so that an edge that moves is no
-// noise. Joins LRHS and its deviation to a history of its own, which counts by exp(-4 |change|), for 15
-// frames at most. In a first frame the neighbours tell the deviation.
+// Writes the change of the light (h, w, 2) by LRHS (h, w, 3), encoded, and a history of its own, of up to 15
+// frames: by how much the logarithm of 0.02 + luminance, the mean of 3x3 pixels, has changed since the last
+// frame, and how much of that is new. Of the change d against the history max(0, 1 - e^2 / d^2) counts, where
+// e is 0.01 and 1.85 standard errors of d. The variance of the noise is twice the squared mean absolute
+// deviation in the last frames. It is at least that among the pixels and at most 12 times as large; among
+// these it is that in the direction of four where it is least, so that an edge that moves is no noise. In a
+// first frame the neighbours tell the deviation. The history also keeps what is left of the change when it
+// has joined the frame, which the next frame's change does not hold again. Without a history the change is 0.
 void light_change(Graph& graph, const std::string& name, const Tensor& lrhs, const Tensor& out,
                   Transfer transfer, uint32_t scale, uint32_t channels,
                   const std::optional<FrameSize>& frame = {});
@@ -306,7 +307,7 @@ struct AccumulateOptions {
   float spp = 1;           // samples of a pixel of this frame
   uint32_t channels = 9;   // those that are accumulated; the others are not written, but for the count
   bool has_depth = false;  // motion has depths
-  std::optional<Tensor> change = {};  // (h, w, 1), the result of light_change()
+  std::optional<Tensor> change = {};  // (h, w, 2), the result of light_change()
   uint32_t scale = 1;                 // of `change`
   std::optional<FrameSize> frame = {};
 };
@@ -321,8 +322,8 @@ struct AccumulateOptions {
 // depths is that of their logarithms beyond 0.05, and 0 where one is not known. Here s = exp(-16 m) (1 -
 // blur), where m is the squared distance of its motion from the pixel's, and reading blurs by 0 at a pixel
 // and by 3/4 in the middle of four. The history counts for 63 frames at most. By a change c of the light its
-// radiance is multiplied by exp(c), |c| <= 1, and its frames by exp(-|c| (8 + 20 |c|)), for the largest |c|
-// of the four pixels of LRHS around.
+// radiance is multiplied by exp(c), |c| <= 1, and its frames by exp(-g (8 + 20 g)), where g is the most that
+// is new in the four pixels of LRHS around.
 void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const Tensor& out,
                 const AccumulateOptions& options);
 

@@ -25,7 +25,7 @@ Pass pass_with_history(const Graph& graph, const std::string& name, const Forms&
 void light_change(Graph& graph, const std::string& name, const Tensor& lrhs, const Tensor& out,
                   Transfer transfer, uint32_t scale, uint32_t channels,
                   const std::optional<FrameSize>& frame) {
-  const Shape shape = with_channels(out.shape, 1);
+  const Shape shape = with_channels(out.shape, 2);
   expect_shape(name, "LRHS", lrhs, with_channels(shape, 3));
   expect_shape(name, "the output", out, shape);
   Pass pass = pass_with_history(graph, name, shaders::kLightChange, shaders::kLightChangeImage, {lrhs}, out);
@@ -55,7 +55,7 @@ void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const
   if (options.channels < 9 || options.channels > most)
     throw Error("layer {}: {} channels to accumulate, expected 9 to {}", name, options.channels, most);
   if (change) expect_shape(name, "HRLS", hrls, enlarged(change->shape, scale, shape.channels));
-  if (change) expect_shape(name, "the change of the light", *change, with_channels(change->shape, 1));
+  if (change) expect_shape(name, "the change of the light", *change, with_channels(change->shape, 2));
   Pass pass = pass_with_history(graph, name, shaders::kAccumulate, shaders::kAccumulateImage,
                                 {hrls, change.value_or(hrls)}, out);
   const auto [height, width] = frame_size(name, hrls, options.frame);
@@ -70,6 +70,7 @@ void accumulate(Graph& graph, const std::string& name, const Tensor& hrls, const
                                    options.has_depth,
                                    change ? change->shape.height : 0,
                                    change ? change->shape.width : 0,
+                                   change ? graph.plane(*change) : 0,
                                    change ? 1 / static_cast<float>(scale) : 0,
                                    options.transfer == Transfer::kLog,
                                    options.clip,

@@ -66,7 +66,7 @@ struct Pyramid {
                               .scale = a.scale,
                               .frame = full_frame};
     if (lrhs) {
-      options.change = build.tensor("light_change", height, width, 1);
+      options.change = build.tensor("light_change", height, width, 2);
       light_change(graph, "light_change", lrhs->slice(0, 3), *options.change, a.transfer, a.scale, channels,
                    low_frame);
     }

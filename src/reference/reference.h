@@ -173,34 +173,39 @@ struct Past {
   const Planes& motion;
   // The last history (A + 4, frame height, frame width), whose last planes are motion, depth and a count.
   const Planes& hrls;
-  const Planes& lrhs;   // (5, frame height / scale, frame width / scale): color, deviation and count
+  // (6, frame height / scale, frame width / scale): color, deviation, the change that is left, and a count.
+  const Planes& lrhs;
   const Planes& fused;  // (3, frame height, frame width), the last fused image, scene linear
   int y, x;             // the first full-size pixel of this part of the frame
   double exposure;
 };
 
-// Returns (6, h, w): the change of the light, and then the history of LRHS that is kept. The change is the
-// difference d of the logarithms of 0.02 + luminance now and then, means over the n of the 3x3 pixels that
-// are known, where its size is larger than 0.01 + 1.75 sqrt(v / n) / (0.02 + l), less that. Here l is the
-// smaller of the luminances, and v is twice the mean squared deviation in the history, but at least the
-// variance among the pixels, in that of four directions where it is least, and at most 12 times that. The
-// history counts by exp(-4 |change|), for 15 frames at most. Its deviation is the mean over the frames of the
-// distance of the pixel's own change from that of the 3x3 pixels, which counts up to twice the mean and 0.002
-// over the frames but one; in a first frame it is the root of twice such a variance of the luminance.
+// Returns (8, h, w): the change of the light since the last frame, how much of it is new, and then the
+// history of LRHS that is kept. The change is g d - a, where d is the difference of the logarithms of 0.02 +
+// luminance now and in the history, means over the n of the 3x3 pixels that are known, and g = max(0, 1 - (e
+// + 0.01)^2 / d^2). Here e is 1.85 sqrt(v / n) / (0.02 + l) with the smaller luminance l, and v is twice the
+// mean squared deviation in the history, but at least the variance among the pixels, in that of four
+// directions where it is least, and at most 12 times that. What was left in the last frame is a; g d is new
+// as far as it goes beyond a. The change that is left is g times the difference of luminance now from what
+// the history has when it has joined this frame, of which it has 15 at most. Its deviation is the mean over
+// the frames of the distance of the pixel's own change from that of the 3x3 pixels, which counts up to twice
+// the mean and 0.002 over the frames but one; in a first frame it is the root of twice such a variance of the
+// luminance.
 Bounded light_change(const Bounded& lrhs, const Past& past, Transfer transfer, int scale,
                      Precision precision);
 
 // Returns (2 A + 5, H, W): the first A channels of HRLS joined with the history, encoded, and the binary
 // logarithm of their samples, within 0 and 4, and then the history that is kept. The first channels are
 // color, albedo and normal, all others radiance; the history has demodulated radiance in the place of the
-// color. A pixel of the history counts by exp(-(1 - 0.95 s) (40 a + 10 b + 40 d)), with the squared distances
-// of its albedo, normal and depth from the ranges of pixels of HRLS around: of 3x3 for albedo and normal, and
-// for depth of the pixel and those of the four beside it whose motion is within half a pixel of its own. The
-// distance of depths is that of logarithms beyond 0.05, and 0 where one is not known. Here
-// s = exp(-16 m) (1 - blur), with the squared distance m of its motion from the pixel's; settle() says what
-// blurs. Together the four pixels around a point count for 63 frames at most. Their radiance is multiplied by
-// exp(c), where c is interpolated from `change` (1, H / scale, W / scale) and clamped to [-1, 1], and their
-// frames by exp(-m (8 + 20 m)), where m is the largest |change| around.
+// color. A pixel of the history counts by exp(-(1 - 0.95 s) (40 a + 10 b + 40 d)), where a, b and d are the
+// squared distances of its albedo, normal and depth from the ranges of pixels of HRLS around: of 3x3 for
+// albedo and normal, and for depth of the pixel and those of the four beside it whose motion is within half a
+// pixel of its own. The distance of depths is that of logarithms beyond 0.05, and 0 where one is not known.
+// Here s = exp(-16 m) (1 - blur), with the squared distance m of its motion from the pixel's; settle() says
+// what blurs. Together the four pixels around a point count for 63 frames at most. Their radiance is
+// multiplied by exp(c), where c is interpolated from the first channel of `change` (2, H / scale, W / scale)
+// and clamped to
+// [-1, 1], and their frames by exp(-g (8 + 20 g)), where g is the largest value of the second channel around.
 Bounded accumulate(const Bounded& hrls, const Past& past, Transfer transfer, double clip, double spp,
                    Precision precision, const Bounded* change = nullptr, int scale = 1);
 

@@ -13,11 +13,11 @@ constexpr double kHistoryAlbedo = 40, kHistoryNormal = 10, kHistoryDepth = 40;
 constexpr double kDepthTolerance = 0.05, kDepthMotion = 0.25;
 constexpr double kHistoryMotion = 16, kHistorySteady = 0.05;
 constexpr double kNowhere = 1e9;  // a motion that leads out of the frame
-constexpr double kLightFloor = 0.02, kLightNoise = 0.01, kLightErrors = 1.75;
+constexpr double kLightFloor = 0.02, kLightNoise = 0.01, kLightErrors = 1.85;
 constexpr double kLightSpread = 2, kLightMostVariance = 12, kLightOutlier = 2, kLightFirst = 0.002;
-constexpr double kLightLrhs = 4, kLightChange = 8, kLightLarge = 20, kLightMost = 1;
+constexpr double kLightChange = 8, kLightLarge = 20, kLightMost = 1;
 constexpr double kUnknownVariance = 1e30;
-constexpr double kLeastWeight = 1e-6;
+constexpr double kLeastWeight = 1e-6, kLeastSquare = 1e-12;
 constexpr double kSettled = 0.6, kSettledBlur = 0.8, kSettledMargin = 1.01;
 
 struct Tap {
@@ -61,7 +61,7 @@ struct Range {
 // Returns whether LRHS's history has a frame at a point.
 bool is_known(const Past& past, const std::array<Tap, 4>& taps) {
   return std::ranges::any_of(
-      taps, [&](const Tap& tap) { return tap.weight > 0 && past.lrhs.at(4, tap.y, tap.x) > 0; });
+      taps, [&](const Tap& tap) { return tap.weight > 0 && past.lrhs.at(5, tap.y, tap.x) > 0; });
 }
 
 // Returns the range of a channel's 3x3 pixels around one.
@@ -152,19 +152,18 @@ std::array<T, 9> luminances_around(const Bounded& lrhs, Transfer transfer, int y
   return result;
 }
 
-// Holds by how much the light has changed, as a logarithm beyond what may be noise, and how far the pixel's
-// own change is from the mean one.
+// Holds what light_change() says of a pixel; see its shader.
 template <typename T>
 struct Change {
-  T light = 0, residual = 0;
+  T light = 0, left = 0, residual = 0;
 };
 
 // Returns the change of the 3x3 pixels around one since the last frames. (row, column) is where the pixel
-// was.
+// was; of it the history knows so many `frames` and this deviation.
 template <typename T>
-Change<T> change_beyond_noise(const Bounded& lrhs, const Past& past, Transfer transfer, int y, int x,
-                              double row, double column) {
-  using std::abs, std::clamp, std::log, std::max, std::min, std::sqrt;
+Change<T> change_of(const Bounded& lrhs, const Past& past, Transfer transfer, int y, int x, double row,
+                    double column, const T& frames, const T& deviation) {
+  using std::log, std::max, std::min, std::sqrt;
   const std::array<T, 9> lights = luminances_around<T>(lrhs, transfer, y, x);
   std::array<T, 9> changes{0, 0, 0, 0, 0, 0, 0, 0, 0};
   std::array<bool, 9> known{};
@@ -183,24 +182,24 @@ Change<T> change_beyond_noise(const Bounded& lrhs, const Past& past, Transfer tr
     changes[size_t(i)] = light - past_light;
   }
   const auto count = double(std::ranges::count(known, true));
-  if (count < 2) return {};
+  if (count < 2) return {0, 0, deviation};
   now = now / T(count);
   before = before / T(count);
   T variance = variance_of(changes, known);
   variance = min(T(max(T(kLightSpread) * spread / T(count), variance)), T(T(kLightMostVariance) * variance));
   const T error = T(kLightErrors) * sqrt(T(variance / T(count))) / (min(now, before) + kLightFloor);
   const T change = log(T(now + kLightFloor)) - log(T(before + kLightFloor));
-  const T up = max(T(change - T(kLightNoise) - error), T(0));
-  const T down = max(T(T(0) - change - T(kLightNoise) - error), T(0));
-  const T away = changes[4] - (now - before);
-  return {up - down, max(away, T(T(0) - away))};
+  const T share = max(T(1 - square(T(error + kLightNoise)) / max(square(change), T(kLeastSquare))), T(0));
+  const T joined = (frames * before + now) / (frames + 1);
+  const T left = log(T(now + kLightFloor)) - log(T(joined + kLightFloor)), away = changes[4] - (now - before);
+  return {share * change, share * left, max(away, T(T(0) - away))};
 }
 
 // Returns what light_change() returns for a pixel.
 template <typename T>
-std::array<T, 6> light_change_at(const Bounded& lrhs, const Past& past, Transfer transfer, int scale, int y,
+std::array<T, 8> light_change_at(const Bounded& lrhs, const Past& past, Transfer transfer, int scale, int y,
                                  int x) {
-  using std::exp, std::max, std::min, std::sqrt;
+  using std::max, std::min, std::sqrt;
   double down = 0, right = 0;
   for (int i = 0; i < scale * scale; ++i) {
     right += past.motion.at(0, scale * y + i / scale, scale * x + i % scale);
@@ -209,24 +208,29 @@ std::array<T, 6> light_change_at(const Bounded& lrhs, const Past& past, Transfer
   const double cubed = scale * scale * scale;
   const double row = y + past.y / scale + down / cubed, column = x + past.x / scale + right / cubed;
   const auto taps = taps_at(row, column, past.lrhs.h, past.lrhs.w);
-  const Read<T> before = read<T>(past.lrhs, 4, taps, [](const Tap&) { return T(1); });
-  const Change<T> change = change_beyond_noise<T>(lrhs, past, transfer, y, x, row, column);
-  const T size = max(change.light, T(T(0) - change.light)), mean = before.planes[3] * T(past.exposure);
-  const T most = T(kLightOutlier) * mean + T(kLightFirst) / max(T(before.frames - 1), T(kLeastWeight));
-  const T deviation = mean + (min(change.residual, most) - mean) / max(before.frames, T(1));
-  const T frames = min(before.frames * exp(T(-kLightLrhs) * size), T(kMostLrhsFrames));
+  const Read<T> before = read<T>(past.lrhs, 5, taps, [](const Tap&) { return T(1); });
+  const T mean = before.planes[3] * T(past.exposure), corrected = before.planes[4];
+  const T frames = min(before.frames, T(kMostLrhsFrames));
+  const Change<T> change = change_of<T>(lrhs, past, transfer, y, x, row, column, frames, mean);
+  const T most = T(kLightOutlier) * mean + T(kLightFirst) / max(T(frames - 1), T(kLeastWeight));
   const bool known = is_known(past, taps);
-  std::array<T, 6> result{change.light, 0, 0, 0, 0, frames + 1};
+  std::array<bool, 9> all{};
+  all.fill(true);
+  const T deviation =
+      known ? T(mean + (min(change.residual, most) - mean) / max(frames, T(1)))
+            : sqrt(T(T(kLightSpread) * variance_of(luminances_around<T>(lrhs, transfer, y, x), all)));
+  const T up = max(change.light, T(0)) - max(corrected, T(0));
+  const T falling = max(T(T(0) - change.light), T(0)) - max(T(T(0) - corrected), T(0));
+  std::array<T, 8> result{change.light - corrected, max(T(max(up, falling)), T(0)), 0, 0, 0, 0, 0, 0};
   for (int c = 0; c < 3; ++c) {
     const T value = invert(transfer, at(lrhs, c, y, x).as<T>());
     const T known_value = before.planes[size_t(c)] * T(past.exposure);
     const T joined = known ? T((frames * known_value + value) / (frames + 1)) : value;
-    result[size_t(c) + 1] = joined * T(1 / past.exposure);
+    result[size_t(c) + 2] = joined * T(1 / past.exposure);
   }
-  std::array<bool, 9> all{};
-  all.fill(true);
-  const T of_first = sqrt(T(T(kLightSpread) * variance_of(luminances_around<T>(lrhs, transfer, y, x), all)));
-  result[4] = (known ? deviation : of_first) * T(1 / past.exposure);
+  result[5] = deviation * T(1 / past.exposure);
+  result[6] = change.left;
+  result[7] = frames + 1;
   return result;
 }
 
@@ -240,13 +244,12 @@ struct Factors {
 template <typename T>
 Factors<T> factors_at(const Bounded& changes, int scale, int y, int x) {
   using std::clamp, std::exp, std::max;
-  T most = 0, blended = 0;
-  for (const Corner& corner : corners(changes, 0, y, x, scale, (scale - 1) / 2.0)) {
-    const T change = Element{corner.value, corner.bound}.as<T>();
-    most = max(most, T(max(change, T(T(0) - change))));
-    blended = blended + T(corner.factor) * change;
-  }
-  return {exp(clamp(blended, -kLightMost, kLightMost)),
+  const auto corners_of = [&](int c) { return corners(changes, c, y, x, scale, (scale - 1) / 2.0); };
+  T most = 0, mean = 0;
+  for (const Corner& light : corners_of(0))
+    mean = mean + T(light.factor) * Element{light.value, light.bound}.as<T>();
+  for (const Corner& grown : corners_of(1)) most = max(most, Element{grown.value, grown.bound}.as<T>());
+  return {exp(clamp(mean, -kLightMost, kLightMost)),
           exp(T(0) - most * (T(kLightChange) + T(kLightLarge) * most))};
 }
 
@@ -369,9 +372,8 @@ std::array<T, 6> settle_at(const Bounded& fused, const Bounded& samples, const P
 // Stores values of type double with the intervals that they lie in; from channel `wide` on in 32 bits.
 void store_all(Bounded& result, int y, int x, const auto& values, const auto& ranges, int wide,
                Precision precision) {
-  for (int c = 0; c < result.value.c; ++c) {
-    store(result, c, y, x, within(values[size_t(c)], ranges[size_t(c)]),
-          c < wide ? precision : Precision::kFp32);
+  for (size_t c = 0; c < values.size(); ++c) {
+    store(result, int(c), y, x, within(values[c], ranges[c]), int(c) < wide ? precision : Precision::kFp32);
   }
 }
 
@@ -381,11 +383,11 @@ Bounded light_change(const Bounded& lrhs, const Past& past, Transfer transfer, i
                      Precision precision) {
   const int h = lrhs.value.h, w = lrhs.value.w;
   expect_shape(lrhs, 3, h, w);
-  Bounded result = exact(Planes(6, h, w));
+  Bounded result = exact(Planes(8, h, w));
   for (int y = 0; y < h; ++y) {
     for (int x = 0; x < w; ++x) {
       store_all(result, y, x, light_change_at<double>(lrhs, past, transfer, scale, y, x),
-                light_change_at<Interval>(lrhs, past, transfer, scale, y, x), 1, precision);
+                light_change_at<Interval>(lrhs, past, transfer, scale, y, x), 2, precision);
     }
   }
   return result;
@@ -394,7 +396,7 @@ Bounded light_change(const Bounded& lrhs, const Past& past, Transfer transfer, i
 Bounded accumulate(const Bounded& hrls, const Past& past, Transfer transfer, double clip, double spp,
                    Precision precision, const Bounded* change, int scale) {
   const int h = hrls.value.h, w = hrls.value.w, channels = past.hrls.c - 4;
-  if (change) expect_shape(*change, 1, h / scale, w / scale);
+  if (change) expect_shape(*change, 2, h / scale, w / scale);
   Bounded result = exact(Planes(2 * channels + 5, h, w));
   for (int y = 0; y < h; ++y) {
     for (int x = 0; x < w; ++x) {

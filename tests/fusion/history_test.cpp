@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "error_of.h"
 #include "fusion/fuser.h"
@@ -79,6 +80,15 @@ class HistoryTest : public GpuTest {
     return frame;
   }
 
+  // Returns the frame with depths from 1 to 2, equal ones in both frames.
+  static Frame with_depth(Frame frame, uint64_t seed) {
+    const auto pixels = frame.motion.size() / 2;
+    const reference::Planes noise = random_planes(1, 1, int(pixels), Fill::kUniform, 100 * seed + 4);
+    for (int i = 0; i < 2; ++i)
+      for (const double u : noise.data) frame.motion.push_back(float(1.5 + 0.5 * u));
+    return frame;
+  }
+
   static std::vector<float> fuse(Fuser& fuser, const Model& model, const Frame& frame, bool temporal = true,
                                  size_t sequence = 0) {
     std::vector<float> fused(3 * pixels_of(model, fuser.plan().tiling.frame));
@@ -147,13 +157,14 @@ TEST_F(HistoryTest, TilesGiveTheSameBits) {
     for (const Storage storage : {Storage::kFloat32, Storage::kFloat16}) {
       FuserOptions options = options_of(model, 1, true);
       options.storage = storage;
+      options.motion_depth = true;
       Fuser whole = make_fuser(model, options, size);
       options.max_memory_bytes = whole.plan().peak_bytes() - whole.plan().graph.activation_bytes() / 3;
       Fuser parts = make_fuser(model, options, size);
       EXPECT_EQ(whole.plan().tiling.count(), 1u);
       EXPECT_GT(parts.plan().tiling.count(), 1u);
       for (const int frame : {0, 1, 2}) {
-        const Frame made = make_noise(model, uint64_t(frame), size);
+        const Frame made = with_depth(make_noise(model, uint64_t(frame), size), uint64_t(frame));
         EXPECT_TRUE(same_bits(fuse(whole, model, made), fuse(parts, model, made))) << "frame " << frame;
       }
     }
@@ -236,6 +247,29 @@ TEST_F(HistoryTest, ChangedLightShortensTheHistory) {
     return difference(fuse(fuser, model, frame), fuse(alone, model, frame));
   };
   EXPECT_LE(error_after(2), 0.1f * error_after(1.005f)) << "a two-hundredth is within what may be noise";
+}
+
+// After a step of the light each frame must be that of the new light: neither may the old one stay, nor may
+// the step count again while LRHS's history catches up.
+TEST_F(HistoryTest, AStepOfTheLightIsFollowedAtOnce) {
+  const Model model(golden_model_path("pyramid-x2"));
+  for (const float step : {1.1f, 0.9f, 1.3f, 3.0f, 0.2f}) {
+    SCOPED_TRACE(step);
+    const Frame before = make_frame(model);
+    Frame after = before;
+    for (float& value : after.lrhs) value *= step;
+    std::for_each_n(after.hrls.begin(), 3 * pixels_of(model), [&](float& value) { value *= step; });
+    Fuser fuser = make_fuser(model, options_of(model, 1, true, false)),
+          steady = make_fuser(model, options_of(model, 1, true, false));
+    std::vector<float> truth;
+    for (int i = 0; i < 20; ++i) fuse(fuser, model, before);
+    for (int i = 0; i < 20; ++i) truth = fuse(steady, model, after);
+    const auto mean = [](const std::vector<float>& image) {
+      return std::accumulate(image.begin(), image.end(), 0.0) / double(image.size());
+    };
+    for (int frame = 1; frame <= 20; ++frame)
+      EXPECT_NEAR(mean(fuse(fuser, model, after)) / mean(truth), 1, 0.02) << "frame " << frame;
+  }
 }
 
 // LRHS of other noise, which changes single pixels by up to a third, keeps most of the history.
@@ -345,7 +379,7 @@ TEST_F(HistoryTest, ASurfaceOfAnotherDepthBeginsAnew) {
       const Frame frame = at_depth(make_frame(model, 1, 1), now, before);
       return difference(fuse(fuser, model, frame), fuse(alone, model, frame));
     };
-    const float kept = difference_from_a_first_frame(3, 2);  // it has come nearer
+    const float kept = difference_from_a_first_frame(3, 2);  // it has gone away
     EXPECT_LE(difference_from_a_first_frame(3, 3), 0.05f * kept);
     EXPECT_EQ(difference_from_a_first_frame(2.05f, 2.05f), kept) << "within the tolerance";
     EXPECT_EQ(difference_from_a_first_frame(3, 0), kept) << "it is not known";

@@ -440,6 +440,10 @@ TEST(Motion, EachPresetSaysWhereItLeads) {
   }
   EXPECT_FALSE(map_layers(Names{"R", "G", "B", "Vector.X"}).motion);
   EXPECT_FALSE(map_layers(Names{"R", "G", "B", "X", "Y", "Z"}).depth) << "these are one group";
+  EXPECT_FALSE(map_layers(Names{"R", "G", "B", "U", "V"}).depth);
+  EXPECT_EQ(
+      map_layers(Names{"Combined.R", "Combined.G", "Combined.B", "Vector.X", "Vector.Y", "Depth.V"}).depth,
+      "Depth.V");
 }
 
 }  // namespace

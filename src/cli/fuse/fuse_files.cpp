@@ -150,19 +150,23 @@ LayerMap map_guides(const ExrFile& file, const LayerChoice& choice, const ExrFil
   return map;
 }
 
-// Throws Error unless HRLS has motion vectors, as large as the color.
-void check_motion(const ExrFile& hrls, const LayerMap& map, const Imath::Box2i& color) {
+// Throws Error unless HRLS has motion vectors, and a depth that was named, as large as the color. Another
+// depth of another size is not taken.
+void check_motion(const ExrFile& hrls, const LayerChoice& choice, const Imath::Box2i& color, LayerMap& map) {
   if (!map.motion)
     throw Error("{}\n  --map motion=PREFIX names them, and --still says that nothing moves",
                 no_motion_text(map, hrls.path().string()));
+  const auto window_of = [&](const std::string& channel) {
+    return hrls.header(hrls.channel(channel).part).dataWindow();
+  };
   const auto check_window = [&](const char* layer, const std::string& channel) {
-    const Imath::Box2i window = hrls.header(hrls.channel(channel).part).dataWindow();
-    if (window != color)
+    if (const Imath::Box2i window = window_of(channel); window != color)
       throw Error("HRLS '{}': the {} has another data window than the color, {} instead of {}",
                   hrls.path().string(), layer, window_text(window), window_text(color));
   };
   for (const std::string& name : map.motion->channels) check_window("motion", name);
-  if (map.depth) check_window("depth", *map.depth);
+  if (choice.overrides.contains("depth")) check_window("depth", *map.depth);
+  if (map.depth && window_of(*map.depth) != color) map.depth.reset();
 }
 
 // Returns the motion of the canvas with its depth, (4, H, W).
@@ -315,7 +319,7 @@ FuseFiles open_files(const FuseArguments& arguments, LastModel& models) {
                  split_layers(image_layers(architecture, absent, computes_variance), guides_map).first,
                  hrls.path().string());
   if ((arguments.temporal && !arguments.still) || choice.motion_factors)
-    check_motion(hrls, hrls_map, hrls_windows.data);
+    check_motion(hrls, choice, hrls_windows.data, hrls_map);
   if (arguments.layers) {
     require_layers(lrhs_map, kSplitLight, lrhs.path().string());
     require_layers(hrls_map, kSplitLight, hrls.path().string());
