@@ -286,7 +286,7 @@ void check_desc(const raymeld_fusion_desc& desc) {
   check_samples(desc.lrhs_spp, "lrhs_spp");
   check_samples(desc.hrls_spp, "hrls_spp");
   for (const auto& [is_given, name] : {std::pair(desc.motion_depth != 0, "motion_depth"),
-                                       {desc.history_memory != nullptr, "history_memory"}})
+                                       {desc.history_memory != VK_NULL_HANDLE, "history_memory"}})
     if (is_given && !desc.temporal)
       throw InvalidArgument("{} is given without temporal, expected both", name);
   if (desc.skip_unchanged && desc.temporal)

@@ -311,7 +311,8 @@ TEST_F(TemporalTest, FramesOfVulkanImagesHaveTheSameBits) {
       at.view = made.back()->view();
       return at;
     };
-    const raymeld_image lrhs = image(frame.lrhs, 0), motion = image(frame.motion, 0);
+    const raymeld_image lrhs = image(frame.lrhs, 0);
+    raymeld_image motion = image(frame.motion, 0);
     const std::array<raymeld_image, 3> hrls{image(frame.hrls, 0), image(frame.hrls, 3), image(frame.hrls, 6)};
     const FrameImage fused(*device_, Shape{uint32_t(frame.hrls.h), uint32_t(frame.hrls.w), 3});
     const raymeld_image out = image_at(fused);
@@ -320,6 +321,9 @@ TEST_F(TemporalTest, FramesOfVulkanImagesHaveTheSameBits) {
     asked.hrls = hrls.data();
     asked.motion = &motion;
     asked.fused = &out;
+    motion.value_bias = 0.5f;
+    EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.submit(asked), "motion", "value_bias");
+    motion.value_bias = 0;
     fusion.submit(asked);
     fusion.take_status();
     EXPECT_TRUE(same_bits(floats(fused.read()), alone[i])) << "frame " << i;
