@@ -82,8 +82,8 @@ struct Change {
 };
 
 // Returns the change where the history has so many frames. It is 0 up to the error of the mean, and most of
-// the mean change from twice the error on.
-Change change_of(Around around, float frames) {
+// the mean change from twice the error on. What was `corrected` in earlier frames is no noise.
+Change change_of(Around around, float frames, float corrected) {
   float count = 0.0, now = 0.0, before = 0.0, spread = 0.0, changes[9];
   [[unroll]] for (uint i = 0; i < 9; ++i) {
     count += around.known[i] ? 1.0 : 0.0;
@@ -92,7 +92,7 @@ Change change_of(Around around, float frames) {
     spread += around.known[i] ? around.deviations[i] * around.deviations[i] : 0.0;
     changes[i] = around.now[i] - around.before[i];
   }
-  if (count < 2.0) return Change(0.0, 0.0, around.deviations[4]);
+  if (count < 2.0) return Change(corrected, corrected, around.deviations[4]);
   now /= count;
   before /= count;
   float variance = variance_of(changes, around.known);
@@ -100,7 +100,8 @@ Change change_of(Around around, float frames) {
   float error = RAYMELD_LIGHT_ERRORS * sqrt(variance / count) / (min(now, before) + RAYMELD_LIGHT_FLOOR);
   float noise = (error + RAYMELD_LIGHT_NOISE) * (error + RAYMELD_LIGHT_NOISE);
   float change = log(now + RAYMELD_LIGHT_FLOOR) - log(before + RAYMELD_LIGHT_FLOOR);
-  float share = max(1.0 - noise / max(change * change, 1e-12), 0.0);
+  float square = max(change * change, 1e-12), known = clamp(corrected * change / square, 0.0, 1.0);
+  float share = max(1.0 - noise / square, known);
   float joined = (frames * before + now) / (frames + 1.0);
   float left = log(now + RAYMELD_LIGHT_FLOOR) - log(joined + RAYMELD_LIGHT_FLOOR);
   return Change(share * change, share * left, abs(changes[4] - (now - before)));
@@ -144,7 +145,7 @@ void main() {
   }
 
   frames = min(frames, RAYMELD_MOST_LRHS_FRAMES - 1.0);
-  Change change = change_of(around, frames);
+  Change change = change_of(around, frames, corrected);
   uvec2 core = p.scale * own - uvec2(place.core_x, place.core_y);
   if (id == own && core.x < place.core_width && core.y < place.core_height) {
     float mean = around.deviations[4];

@@ -296,7 +296,8 @@ constexpr uint64_t history_floats(uint32_t height, uint32_t width, uint32_t chan
 // deviation in the last frames. It is at least that among the pixels and at most 12 times as large; among
 // these it is that in the direction of four where it is least, so that an edge that moves is no noise. In a
 // first frame the neighbours tell the deviation. The history also keeps what is left of the change when it
-// has joined the frame, which the next frame's change does not hold again. Without a history the change is 0.
+// has joined the frame. That is no noise, and the next frame's change does not hold it again. Without a
+// history the change is 0.
 void light_change(Graph& graph, const std::string& name, const Tensor& lrhs, const Tensor& out,
                   Transfer transfer, uint32_t scale, uint32_t channels,
                   const std::optional<FrameSize>& frame = {});

@@ -182,14 +182,15 @@ struct Past {
 
 // Returns (8, h, w): the change of the light since the last frame, how much of it is new, and then the
 // history of LRHS that is kept. The change is g d - a, where d is the difference of the logarithms of 0.02 +
-// luminance now and in the history, means over the n of the 3x3 pixels that are known, and g = max(0, 1 - (e
-// + 0.01)^2 / d^2). Here e is 1.85 sqrt(v / n) / (0.02 + l) with the smaller luminance l, and v is twice the
-// mean squared deviation in the history, but at least the variance among the pixels, in that of four
-// directions where it is least, and at most 12 times that. What was left in the last frame is a; g d is new
-// as far as it goes beyond a. The change that is left is g times the difference of luminance now from what
-// the history has when it has joined this frame, of which it has 15 at most. Its deviation is the mean over
-// the frames of the distance of the pixel's own change from that of the 3x3 pixels, which counts up to twice
-// the mean and 0.002 over the frames but one; in a first frame it is the root of twice such a variance of the
+// luminance now and in the history, means over the n of the 3x3 pixels that are known, a is what was left in
+// the last frame, and g = max(1 - (e + 0.01)^2 / d^2, min(max(a / d, 0), 1)). Here e is 1.85 sqrt(v / n) /
+// (0.02 + l) with the smaller luminance l, and v is twice the mean squared deviation in the history, but at
+// least the variance among the pixels, in that of four directions where it is least, and at most 12 times
+// that. What of g d goes beyond a is new. Where fewer than two pixels are known, g d is a. What is left for
+// the next frame is g times the difference of the logarithms now and in the history that has joined the
+// frame, of 15 frames at most before. The deviation that is kept is the mean over the frames of the distance
+// of the pixel's own change from that of the 3x3 pixels. A distance counts up to twice the mean and 0.002
+// over the frames but one. In a first frame the deviation is the root of twice such a variance of the
 // luminance.
 Bounded light_change(const Bounded& lrhs, const Past& past, Transfer transfer, int scale,
                      Precision precision);

@@ -162,8 +162,8 @@ struct Change {
 // was; of it the history knows so many `frames` and this deviation.
 template <typename T>
 Change<T> change_of(const Bounded& lrhs, const Past& past, Transfer transfer, int y, int x, double row,
-                    double column, const T& frames, const T& deviation) {
-  using std::log, std::max, std::min, std::sqrt;
+                    double column, const T& frames, const T& deviation, const T& corrected) {
+  using std::clamp, std::log, std::max, std::min, std::sqrt;
   const std::array<T, 9> lights = luminances_around<T>(lrhs, transfer, y, x);
   std::array<T, 9> changes{0, 0, 0, 0, 0, 0, 0, 0, 0};
   std::array<bool, 9> known{};
@@ -182,14 +182,16 @@ Change<T> change_of(const Bounded& lrhs, const Past& past, Transfer transfer, in
     changes[size_t(i)] = light - past_light;
   }
   const auto count = double(std::ranges::count(known, true));
-  if (count < 2) return {0, 0, deviation};
+  if (count < 2) return {corrected, corrected, deviation};
   now = now / T(count);
   before = before / T(count);
   T variance = variance_of(changes, known);
   variance = min(T(max(T(kLightSpread) * spread / T(count), variance)), T(T(kLightMostVariance) * variance));
   const T error = T(kLightErrors) * sqrt(T(variance / T(count))) / (min(now, before) + kLightFloor);
   const T change = log(T(now + kLightFloor)) - log(T(before + kLightFloor));
-  const T share = max(T(1 - square(T(error + kLightNoise)) / max(square(change), T(kLeastSquare))), T(0));
+  const T squared = max(square(change), T(kLeastSquare));
+  const T share = max(T(1 - square(T(error + kLightNoise)) / squared),
+                      T(clamp(T(corrected * change / squared), 0.0, 1.0)));
   const T joined = (frames * before + now) / (frames + 1);
   const T left = log(T(now + kLightFloor)) - log(T(joined + kLightFloor)), away = changes[4] - (now - before);
   return {share * change, share * left, max(away, T(T(0) - away))};
@@ -211,7 +213,7 @@ std::array<T, 8> light_change_at(const Bounded& lrhs, const Past& past, Transfer
   const Read<T> before = read<T>(past.lrhs, 5, taps, [](const Tap&) { return T(1); });
   const T mean = before.planes[3] * T(past.exposure), corrected = before.planes[4];
   const T frames = min(before.frames, T(kMostLrhsFrames));
-  const Change<T> change = change_of<T>(lrhs, past, transfer, y, x, row, column, frames, mean);
+  const Change<T> change = change_of<T>(lrhs, past, transfer, y, x, row, column, frames, mean, corrected);
   const T most = T(kLightOutlier) * mean + T(kLightFirst) / max(T(frames - 1), T(kLeastWeight));
   const bool known = is_known(past, taps);
   std::array<bool, 9> all{};
