@@ -293,40 +293,44 @@ TEST_F(TemporalTest, DepthTellsSurfacesApart) {
 }
 
 TEST_F(TemporalTest, FramesOfVulkanImagesHaveTheSameBits) {
-  raymeld_fusion_desc of = desc();
-  of.motion_depth = VK_TRUE;
-  const std::vector<Frame> deep = deep_frames();
-  const auto alone = expected(deep, of);
-  of.input_images = VK_TRUE;
-  Fusion fusion(context_, model_, of);
-  for (size_t i = 0; i < deep.size(); ++i) {
-    const Frame& frame = deep[i];
-    std::vector<std::unique_ptr<CallerImage>> made;
-    const auto image = [&](const Planes& planes, int first) {
-      made.push_back(std::make_unique<CallerImage>(*device_, VK_FORMAT_R32G32B32A32_SFLOAT,
-                                                   uint32_t(planes.w), uint32_t(planes.h),
-                                                   VK_IMAGE_USAGE_SAMPLED_BIT));
-      made.back()->write(texels_of(planes, first), VK_IMAGE_LAYOUT_GENERAL);
-      raymeld_image at;
-      at.view = made.back()->view();
-      return at;
-    };
-    const raymeld_image lrhs = image(frame.lrhs, 0);
-    raymeld_image motion = image(frame.motion, 0);
-    const std::array<raymeld_image, 3> hrls{image(frame.hrls, 0), image(frame.hrls, 3), image(frame.hrls, 6)};
-    const FrameImage fused(*device_, Shape{uint32_t(frame.hrls.h), uint32_t(frame.hrls.w), 3});
-    const raymeld_image out = image_at(fused);
-    raymeld_frame asked;
-    asked.lrhs = &lrhs;
-    asked.hrls = hrls.data();
-    asked.motion = &motion;
-    asked.fused = &out;
-    motion.value_bias = 0.5f;
-    EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.submit(asked), "motion", "value_bias");
-    motion.value_bias = 0;
-    fusion.submit(asked);
-    fusion.take_status();
-    EXPECT_TRUE(same_bits(floats(fused.read()), alone[i])) << "frame " << i;
+  for (const bool depth : {false, true}) {
+    SCOPED_TRACE(depth);
+    raymeld_fusion_desc of = desc();
+    of.motion_depth = depth;
+    const std::vector<Frame> made = depth ? deep_frames() : frames();
+    const auto alone = expected(made, of);
+    of.input_images = VK_TRUE;
+    Fusion fusion(context_, model_, of);
+    for (size_t i = 0; i < made.size(); ++i) {
+      const Frame& frame = made[i];
+      std::vector<std::unique_ptr<CallerImage>> of_frame;
+      const auto image = [&](const Planes& planes, int first) {
+        of_frame.push_back(std::make_unique<CallerImage>(*device_, VK_FORMAT_R32G32B32A32_SFLOAT,
+                                                         uint32_t(planes.w), uint32_t(planes.h),
+                                                         VK_IMAGE_USAGE_SAMPLED_BIT));
+        of_frame.back()->write(texels_of(planes, first), VK_IMAGE_LAYOUT_GENERAL);
+        raymeld_image at;
+        at.view = of_frame.back()->view();
+        return at;
+      };
+      const raymeld_image lrhs = image(frame.lrhs, 0);
+      raymeld_image motion = image(frame.motion, 0);
+      const std::array<raymeld_image, 3> hrls{image(frame.hrls, 0), image(frame.hrls, 3),
+                                              image(frame.hrls, 6)};
+      const FrameImage fused(*device_, Shape{uint32_t(frame.hrls.h), uint32_t(frame.hrls.w), 3});
+      const raymeld_image out = image_at(fused);
+      raymeld_frame asked;
+      asked.lrhs = &lrhs;
+      asked.hrls = hrls.data();
+      asked.motion = &motion;
+      asked.fused = &out;
+      motion.value_bias = 0.5f;
+      if (depth) EXPECT_FAILURE(RAYMELD_ERROR_INVALID_ARGUMENT, fusion.submit(asked), "motion", "value_bias");
+      motion.value_bias = 0;
+      fusion.submit(asked);
+      fusion.take_status();
+      EXPECT_TRUE(same_bits(floats(fused.read()), alone[i])) << "frame " << i;
+    }
   }
 }
 
