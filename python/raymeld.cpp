@@ -283,9 +283,8 @@ PYBIND11_MODULE(raymeld, module) {
       "that it has to give. With an exposure of 0, each frame gets the exposure that suits the model.\n"
       "skip_unchanged computes only the tiles that changed since the last frame. temporal joins each frame\n"
       "with the ones before it, by the motion that fuse() then takes; with motion_depth it has depths.\n"
-      "absent_layers are the\n"
-      "optional layers of the model that HRLS does not have. device is an index of devices(), a UUID\n"
-      "or part of a name; '' is the first GPU, else a driver for CPUs.\n"
+      "absent_layers are the optional layers of the model that HRLS does not have. device is an index of\n"
+      "devices(), a UUID or part of a name; '' is the first GPU, else a driver for CPUs.\n"
       "Raises Error and ValueError.")
       .def(py::init<std::shared_ptr<SharedModel>, int64_t, int64_t, const std::string&, const std::string&,
                     const std::string&, float, float, uint64_t, float, bool, bool, bool,

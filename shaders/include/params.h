@@ -371,7 +371,7 @@ struct Decode {
 // A deviation counts up to the first times the mean one, and the second over the frames behind that but one.
 #define RAYMELD_LIGHT_OUTLIER 2.0
 #define RAYMELD_LIGHT_FIRST 0.002
-// By a new change c the history of HRLS is shortened to exp(-c (LIGHT_CHANGE + LIGHT_LARGE c)) of its frames.
+// A new change c shortens the history of HRLS to exp(-c (LIGHT_CHANGE + LIGHT_LARGE c)) of its frames.
 #define RAYMELD_LIGHT_CHANGE 8.0
 #define RAYMELD_LIGHT_LARGE 20.0
 #define RAYMELD_LIGHT_MOST 1.0  // the largest change by which a history's radiance is corrected

@@ -143,8 +143,9 @@ class Fuser {
   // Does the same on planar, dense memory of the caller's, whose sizes are not checked.
   // `motion` (2, s h, s w), which FuserOptions::temporal needs, leads from each pixel to the same point in
   // the last frame of the sequence, in pixels along x and y; where it is not finite there is no such point.
-  // With FuserOptions::motion_depth (4, s h, s w), the depths of the point in this frame and in the last one
-  // follow; what is not positive and finite says nothing. A frame that throws leaves the history as it was.
+  // It is (4, s h, s w) with FuserOptions::motion_depth: the depths of the point in this frame and in the
+  // last one follow; what is not positive and finite says nothing. A frame that throws leaves the history as
+  // it was.
   FuseReport fuse(const float* lrhs, const float* hrls, float* fused, const Progress& progress = {},
                   float exposure = 0, size_t sequence = 0, const float* motion = nullptr);
 

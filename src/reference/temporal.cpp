@@ -158,13 +158,13 @@ struct Change {
   T light = 0, left = 0, residual = 0;
 };
 
-// Returns the change of the 3x3 pixels around one since the last frames. (row, column) is where the pixel
-// was; of it the history knows so many `frames` and this deviation.
+// Returns the change of the 3x3 pixels around one, which have these luminances, since the last frames.
+// (row, column) is where the pixel was; of it the history knows so many `frames`, this deviation and what was
+// `corrected` already.
 template <typename T>
-Change<T> change_of(const Bounded& lrhs, const Past& past, Transfer transfer, int y, int x, double row,
-                    double column, const T& frames, const T& deviation, const T& corrected) {
+Change<T> change_of(const std::array<T, 9>& lights, const Past& past, double row, double column,
+                    const T& frames, const T& deviation, const T& corrected) {
   using std::clamp, std::log, std::max, std::min, std::sqrt;
-  const std::array<T, 9> lights = luminances_around<T>(lrhs, transfer, y, x);
   std::array<T, 9> changes{0, 0, 0, 0, 0, 0, 0, 0, 0};
   std::array<bool, 9> known{};
   T now = 0, before = 0, spread = 0;
@@ -213,14 +213,14 @@ std::array<T, 8> light_change_at(const Bounded& lrhs, const Past& past, Transfer
   const Read<T> before = read<T>(past.lrhs, 5, taps, [](const Tap&) { return T(1); });
   const T mean = before.planes[3] * T(past.exposure), corrected = before.planes[4];
   const T frames = min(before.frames, T(kMostLrhsFrames));
-  const Change<T> change = change_of<T>(lrhs, past, transfer, y, x, row, column, frames, mean, corrected);
+  const std::array<T, 9> lights = luminances_around<T>(lrhs, transfer, y, x);
+  const Change<T> change = change_of<T>(lights, past, row, column, frames, mean, corrected);
   const T most = T(kLightOutlier) * mean + T(kLightFirst) / max(T(frames - 1), T(kLeastWeight));
   const bool known = is_known(past, taps);
   std::array<bool, 9> all{};
   all.fill(true);
-  const T deviation =
-      known ? T(mean + (min(change.residual, most) - mean) / max(frames, T(1)))
-            : sqrt(T(T(kLightSpread) * variance_of(luminances_around<T>(lrhs, transfer, y, x), all)));
+  const T deviation = known ? T(mean + (min(change.residual, most) - mean) / max(frames, T(1)))
+                            : sqrt(T(T(kLightSpread) * variance_of(lights, all)));
   const T up = max(change.light, T(0)) - max(corrected, T(0));
   const T falling = max(T(T(0) - change.light), T(0)) - max(T(T(0) - corrected), T(0));
   std::array<T, 8> result{change.light - corrected, max(T(max(up, falling)), T(0)), 0, 0, 0, 0, 0, 0};
